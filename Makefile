@@ -1,0 +1,47 @@
+# make demo: the main job on real physics, results in out/    make test: every test
+# Both set up .venv by themselves. PYTHON chooses the interpreter (3.11 or newer).
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/.ready
+
+.PHONY: setup demo test lint check bench lock clean
+
+demo: setup
+	$(BIN)/neuroanimator demo --out out
+
+test: setup
+	$(BIN)/pytest
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+check: lint test
+
+bench: setup
+	$(BIN)/python benchmarks/pendulum.py
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "NeuroAnimator needs Python 3.11 or newer; $(PYTHON) is older. Try: make PYTHON=python3.12 demo"; exit 1; }
+	@if command -v uv >/dev/null; then \
+	  uv venv --quiet --allow-existing --python $(PYTHON) .venv \
+	  && uv pip install --quiet --python $(BIN)/python --require-hashes -r constraints.txt \
+	  && uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .; \
+	else \
+	  { $(PYTHON) -m venv .venv || { echo "No venv module. On Debian: apt-get install python3-venv"; exit 1; }; } \
+	  && $(BIN)/python -m pip install --quiet --require-hashes -r constraints.txt \
+	  && $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .; \
+	fi
+	@touch $@
+
+# Pins every package with its hashes; run after changing dependencies. Needs uv.
+lock:
+	uv pip compile pyproject.toml --group dev --group build --universal --python-version 3.11 --generate-hashes \
+	  --no-emit-index-url --no-annotate --quiet --output-file constraints.txt
+
+clean:
+	rm -rf .venv out

@@ -1,0 +1,74 @@
+"""Simulate, pick, store: resumable, and the same bytes for any number of threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from neuroanimator.data import transitions
+from neuroanimator.data.sampling import sample_controls
+from neuroanimator.data.transitions import DatasetConfig, claim_folder, read_shard
+from neuroanimator.errors import BadFileError
+from neuroanimator.files import locked, remove_stale, write_tensors
+from neuroanimator.systems import load_system
+from neuroanimator.systems.system import System
+
+
+def generate(
+    config: DatasetConfig, folder: Path, *, threads: int | None = None, on_shard: Callable[[], None] = lambda: None
+) -> int:
+    """Fill `folder` with the dataset `config` describes; return how many runs blew up and were dropped.
+
+    Shards already there are kept, damaged ones made again. `on_shard` is called as each is done.
+    """
+    system = load_system(config.system)
+    with locked(folder):
+        remove_stale(folder)
+        claim_folder(folder, config)
+        blow_ups = 0
+        for shard in range(config.shards):
+            blow_ups += _ensure_shard(system, config, folder, shard, threads or os.cpu_count() or 1)
+            on_shard()
+    return blow_ups
+
+
+def _ensure_shard(system: System, config: DatasetConfig, folder: Path, shard: int, threads: int) -> int:
+    try:
+        return int(read_shard(folder, config, shard)[1]["blow_ups"])
+    except BadFileError:
+        tensors, blow_ups = make_shard(system, config, shard, threads)
+    metadata = {"kind": "shard", "config": config.hash, "shard": shard, "blow_ups": blow_ups}
+    write_tensors(config.shard_path(folder, shard), tensors, metadata)
+    return blow_ups
+
+
+def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) -> tuple[dict[str, np.ndarray], int]:
+    """Return shard number `shard` and how many of its runs blew up: a function of its arguments alone."""
+    rng = np.random.default_rng([config.seed, shard])
+    count = min(transitions.RUNS_PER_SHARD, config.runs - shard * transitions.RUNS_PER_SHARD)
+    dt = config.substeps * system.physics_dt
+    starts = system.sample_starts(rng, count)
+    limit = system.control_limit
+    controls = np.stack([sample_controls(rng, transitions.RUN_STEPS, dt, limit) for _ in range(count)])
+    picks = np.stack([sample_picks(rng) for _ in range(count)])
+    runs = system.simulate(starts, controls, dt, threads=threads)
+    alive = runs.is_alive
+    tensors = {
+        "states": runs.states[alive].astype(np.float32),
+        "controls": controls[alive].astype(np.float32),
+        "picks": picks[alive].astype(np.int32),
+    }
+    return tensors, int(count - alive.sum())
+
+
+def sample_picks(rng: np.random.Generator) -> np.ndarray:
+    """Return the super steps (P,) of one run that become examples, 1 to 5 apart (eq. 8)."""
+    last = transitions.RUN_STEPS - transitions.LONGEST_UNROLL
+    while True:
+        gaps = rng.integers(1, transitions.LARGEST_GAP + 1, transitions.PICKS_PER_RUN)
+        picks = np.cumsum(gaps) - 1
+        if picks[-1] <= last:
+            return picks

@@ -1,0 +1,47 @@
+"""Controls worth learning from: random, bounded, never idle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SMOOTH_SHARE, HELD_SHARE = 0.6, 0.25
+"""Shares of runs with smooth and with held (piecewise constant) controls; the rest jump at every super step."""
+
+WAVES = 3
+"""Sinusoids summed in a smooth control."""
+
+FASTEST_WAVE = 1.5
+"""[Hz] Motors of arms and muscles of animals seldom reverse faster."""
+
+SMALLEST_SCALE = 0.2
+"""Least share of the control limit a run uses: an idle control teaches nothing."""
+
+LONGEST_HOLD = 0.6
+"""[s] Longest a held control stays."""
+
+
+def sample_controls(rng: np.random.Generator, steps: int, dt: float, limit: np.ndarray) -> np.ndarray:
+    """Return one run's controls (steps, C), each entry held for `dt` [s] and within ±`limit`."""
+    kind = rng.random()
+    if kind < SMOOTH_SHARE:
+        shape = _smooth(rng, steps, dt, len(limit))
+    elif kind < SMOOTH_SHARE + HELD_SHARE:
+        shape = _held(rng, steps, dt, len(limit))
+    else:
+        shape = rng.uniform(-1, 1, (steps, len(limit)))
+    return shape * rng.uniform(SMALLEST_SCALE, 1) * limit
+
+
+def _smooth(rng: np.random.Generator, steps: int, dt: float, size: int) -> np.ndarray:
+    """Sums of sinusoids, pressed into ±1 so that strong ones saturate as optimised controls do."""
+    time = np.arange(steps) * dt
+    frequency = rng.uniform(0.1, FASTEST_WAVE, (WAVES, 1, size))
+    phase = rng.uniform(0, 2 * np.pi, (WAVES, 1, size))
+    height = rng.normal(size=(WAVES, 1, size)) * rng.uniform(0.3, 1.5)
+    return np.tanh((height * np.sin(2 * np.pi * frequency * time[:, None] + phase)).sum(axis=0))
+
+
+def _held(rng: np.random.Generator, steps: int, dt: float, size: int) -> np.ndarray:
+    hold = int(rng.integers(2, max(3, round(LONGEST_HOLD / dt) + 1)))
+    values = rng.uniform(-1, 1, (steps // hold + 1, size))
+    return np.repeat(values, hold, axis=0)[:steps]

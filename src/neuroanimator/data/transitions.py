@@ -1,0 +1,156 @@
+"""The store of transitions: a folder of shards, and what is read back from it.
+
+A shard holds whole runs and, per run, the super steps picked as training examples, Δt to 5Δt
+apart (the seminar paper's eq. 8). Keeping the run lets training unroll from a picked step.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.files import canonical_json, read_tensors, write_whole
+from neuroanimator.systems import load_system
+from neuroanimator.systems.system import System
+
+CONFIG_NAME = "dataset.json"
+RUN_STEPS = 40
+"""Length of a run in super steps."""
+PICKS_PER_RUN = 12
+"""Training examples per run: on average every third super step."""
+LARGEST_GAP = 5
+"""Super steps between two picks, at most (eq. 8)."""
+LONGEST_UNROLL = 4
+"""Super steps that follow every pick within its run."""
+RUNS_PER_SHARD = 256
+
+
+class DatasetConfig(BaseModel):
+    """Everything the bytes of a dataset depend on."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    system: str
+    substeps: int = Field(50, ge=1, le=1000)
+    count: int = Field(100_000, ge=1, le=100_000_000)
+    seed: int = Field(0, ge=0, lt=2**31)
+    mujoco: str = mujoco.__version__
+
+    @property
+    def runs(self) -> int:
+        """Runs simulated: enough for `count` picks."""
+        return -(-self.count // PICKS_PER_RUN)
+
+    @property
+    def shards(self) -> int:
+        """Files the runs are stored in."""
+        return -(-self.runs // RUNS_PER_SHARD)
+
+    @property
+    def hash(self) -> str:
+        """Sixteen hex digits that name this configuration."""
+        return hashlib.sha256(canonical_json(self.model_dump()).encode()).hexdigest()[:16]
+
+    def shard_path(self, folder: Path, shard: int) -> Path:
+        """Return where shard number `shard` lies."""
+        return folder / f"shard-{shard:05d}.safetensors"
+
+
+def first_fault(error: ValidationError) -> str:
+    """Return pydantic's first complaint as one line naming the field."""
+    fault = error.errors()[0]
+    field = ".".join(str(part) for part in fault["loc"])
+    return f"{field}: {fault['msg'].lower()}, came {fault['input']!r}"
+
+
+def dataset_config(**values: Any) -> DatasetConfig:
+    """Return a checked configuration; ArgumentError names a wrong field."""
+    try:
+        config = DatasetConfig(**values)
+    except ValidationError as error:
+        raise ArgumentError(f"{first_fault(error)}.") from error
+    system = load_system(config.system)
+    system.truth.steps(config.substeps * system.physics_dt)
+    return config
+
+
+def claim_folder(folder: Path, config: DatasetConfig) -> None:
+    """Mark `folder` as holding `config`; refuse a folder that holds another one."""
+    path = folder / CONFIG_NAME
+    if not path.exists():
+        write_whole(path, (json.dumps(config.model_dump(), indent=2) + "\n").encode())
+        return
+    held = read_config(folder)
+    if held != config:
+        old, new = held.model_dump(), config.model_dump()
+        changes = ", ".join(f"{key} {old[key]} there, {new[key]} asked" for key in new if old[key] != new[key])
+        raise BadFileError(f"{folder} holds another dataset ({changes}). Choose another --out, or the same values.")
+
+
+def read_config(folder: Path) -> DatasetConfig:
+    """Return the configuration of the dataset in `folder`."""
+    path = folder / CONFIG_NAME
+    try:
+        return DatasetConfig.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise BadFileError(f"{folder} is not a dataset: no {CONFIG_NAME}. Make one with 'generate'.") from error
+    except ValidationError as error:
+        raise BadFileError(f"{path} is damaged: {first_fault(error)}. Generate the dataset again.") from error
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """A dataset in memory: windows of consecutive super steps, one per pick.
+
+    `states` (N, H+1, S), `controls` (N, H, C), `run` (N,): which run each window comes from.
+    H is `LONGEST_UNROLL`; the first step of a window is its training example.
+    """
+
+    config: DatasetConfig
+    system: System
+    states: np.ndarray
+    controls: np.ndarray
+    run: np.ndarray
+    blow_ups: int
+
+    def where(self, mask: np.ndarray) -> Transitions:
+        """Return the windows `mask` (N,) selects."""
+        parts = self.states[mask], self.controls[mask], self.run[mask]
+        return Transitions(self.config, self.system, *parts, self.blow_ups)
+
+
+def read_transitions(folder: Path) -> Transitions:
+    """Return every transition in `folder`; BadFileError if a shard is missing or damaged."""
+    config = read_config(folder)
+    windows = [_read_windows(folder, config, shard) for shard in range(config.shards)]
+    states, controls, run = (np.concatenate([part[i] for part in windows]) for i in range(3))
+    blow_ups = sum(part[3] for part in windows)
+    return Transitions(config, load_system(config.system), states, controls, run, blow_ups)
+
+
+def read_shard(folder: Path, config: DatasetConfig, shard: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return one shard's (tensors, metadata), checked to belong to `config`."""
+    path = config.shard_path(folder, shard)
+    tensors, metadata = read_tensors(path, "shard")
+    if metadata.get("config") != config.hash or metadata.get("shard") != shard:
+        raise BadFileError(f"{path} belongs to another dataset. Generate into an empty folder.")
+    return tensors, metadata
+
+
+def _read_windows(folder: Path, config: DatasetConfig, shard: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    tensors, metadata = read_shard(folder, config, shard)
+    states, controls, picks = tensors["states"], tensors["controls"], tensors["picks"]
+    rows = np.arange(len(states))[:, None, None]
+    steps = picks[:, :, None] + np.arange(LONGEST_UNROLL + 1)
+    run = np.repeat(np.arange(len(states)) + shard * RUNS_PER_SHARD, picks.shape[1])
+    windows = states[rows, steps].reshape(-1, LONGEST_UNROLL + 1, states.shape[-1])
+    held = controls[rows, steps[..., :-1]].reshape(-1, LONGEST_UNROLL, controls.shape[-1])
+    return windows, held, run, int(metadata["blow_ups"])

@@ -1,0 +1,118 @@
+"""One emulator, one safetensors file: everything needed to use it, nothing executable."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from neuroanimator.emulator.emulator import Domain, Emulator, Identity
+from neuroanimator.emulator.features import Features
+from neuroanimator.emulator.network import NETWORKS, make_network
+from neuroanimator.emulator.normaliser import Normaliser
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.systems.layout import Layout
+from neuroanimator.systems.skeleton import Skeleton
+
+FORMAT = 1
+"""Raised whenever an older reader would misunderstand a file."""
+
+WIDEST_LAYER = 4096
+"""Widest hidden layer read from a file: bounds what a hostile header can make us allocate."""
+
+
+def tensors_of(tree: Any) -> dict[str, np.ndarray]:
+    """Return every array in a pytree under its dotted path."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(eqx.filter(tree, eqx.is_array))
+    return {jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
+
+
+def with_tensors(tree: Any, tensors: dict[str, np.ndarray]) -> Any:
+    """Return `tree` with its arrays replaced; ValueError unless names and shapes are exactly the same."""
+    paths, structure = jax.tree_util.tree_flatten_with_path(tree)
+    names = [jax.tree_util.keystr(path) for path, _ in paths]
+    if set(names) != set(tensors):
+        wrong = sorted(set(names) ^ set(tensors))[0]
+        raise ValueError(f"tensor '{wrong[:60]}' is missing or not expected")
+    for name, (_, leaf) in zip(names, paths, strict=True):
+        if tensors[name].shape != leaf.shape:
+            raise ValueError(f"tensor '{name}' has shape {tensors[name].shape}; wanted {leaf.shape}")
+    arrays = [jax.numpy.asarray(tensors[name]) for name in names]
+    return jax.tree_util.tree_unflatten(structure, arrays)
+
+
+def save(emulator: Emulator, path: Path, provenance: dict[str, Any] | None = None) -> None:
+    """Write `emulator`; `provenance` says what it was trained on and how (any JSON)."""
+    write_tensors(path, tensors_of(emulator), {**describe(emulator), "provenance": provenance or {}})
+
+
+def describe(emulator: Emulator) -> dict[str, Any]:
+    """Return the metadata that, with the tensors, makes up the emulator."""
+    identity, features, network = emulator.identity, emulator.features, emulator.network
+    kind = next(name for name, maker in NETWORKS.items() if type(network) is maker)
+    return {
+        "kind": "emulator",
+        "format": FORMAT,
+        "system": identity.system,
+        "state": identity.state.to_json(),
+        "control": identity.control.to_json(),
+        "control_limit": list(identity.control_limit),
+        "substeps": identity.substeps,
+        "dt": identity.dt,
+        "skeleton": identity.skeleton.to_json(),
+        "features": {"rows": features.angles.shape[0], "plain": list(features.plain), "is_odd": features.is_odd},
+        "network": {"kind": kind, "widths": list(network.widths)},
+    }
+
+
+def load(path: Path) -> Emulator:
+    """Return the emulator at `path`, every name, shape and number checked."""
+    tensors, metadata = read_tensors(path, "emulator")
+    if metadata.get("format") != FORMAT:
+        raise BadFileError(
+            f"{path} has format {metadata.get('format')!r}; this version reads {FORMAT}. Upgrade NeuroAnimator."
+        )
+    try:
+        return with_tensors(jax.eval_shape(lambda: blank(metadata)), tensors)
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError, ArgumentError) as error:
+        raise BadFileError(f"{path} is not a usable emulator: {error}. Train it again.") from error
+
+
+def read_metadata(path: Path) -> dict[str, Any]:
+    """Return what the file at `path` says about itself."""
+    return read_tensors(path, "emulator")[1]
+
+
+def blank(metadata: dict[str, Any]) -> Emulator:
+    """Return an emulator of the described structure with zeros for weights."""
+    state, control = Layout.from_json(metadata["state"]), Layout.from_json(metadata["control"])
+    described = metadata["features"]
+    zeros = jax.numpy.zeros
+    plain = tuple(int(entry) for entry in described["plain"])
+    rows, widths = int(described["rows"]), tuple(int(width) for width in metadata["network"]["widths"])
+    if max(state.size, control.size, rows, *widths) > WIDEST_LAYER or len(metadata["control_limit"]) != control.size:
+        raise ValueError("sizes out of range")
+    if any(not 0 <= entry < state.size for entry in plain):
+        raise ValueError("features: a plain entry lies outside the state")
+    features = Features(zeros((rows, state.size)), plain, bool(described["is_odd"]))
+    numbers, key = len(plain) + control.size, jax.random.key(0)
+    network = make_network(metadata["network"]["kind"], *features.sizes(control.size), state.size, widths, key)
+    return Emulator(
+        features=features,
+        normaliser=Normaliser(zeros(numbers), zeros(numbers), zeros(state.size), zeros(state.size)),
+        network=network,
+        domain=Domain(zeros(numbers), zeros(numbers)),
+        identity=Identity(
+            system=str(metadata["system"]),
+            state=state,
+            control=control,
+            control_limit=tuple(float(limit) for limit in metadata["control_limit"]),
+            substeps=int(metadata["substeps"]),
+            dt=float(metadata["dt"]),
+            skeleton=Skeleton.from_json(metadata["skeleton"]),
+        ),
+    )

@@ -1,0 +1,116 @@
+"""The emulator: features → normaliser → network → one super step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.emulator.features import Features
+from neuroanimator.emulator.network import Network
+from neuroanimator.emulator.normaliser import Normaliser
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.layout import Layout
+from neuroanimator.systems.skeleton import Skeleton
+
+UNROLL = 4
+"""Super steps compiled into one loop body: 10 % faster than one; eight gain nothing more."""
+
+
+class Domain(eqx.Module):
+    """The range of every plain feature (speeds, then controls) seen in training."""
+
+    low: Float[Array, " K"]
+    high: Float[Array, " K"]
+
+    def covers(self, plain: Float[Array, " K"]) -> Array:
+        """Return whether every entry of `plain` lies in the range."""
+        return jnp.all((plain >= self.low) & (plain <= self.high))
+
+
+class Identity(eqx.Module):
+    """What an emulator stands for: fixed facts, no weights."""
+
+    system: str = eqx.field(static=True)
+    state: Layout = eqx.field(static=True)
+    control: Layout = eqx.field(static=True)
+    control_limit: tuple[float, ...] = eqx.field(static=True)
+    substeps: int = eqx.field(static=True)
+    dt: float = eqx.field(static=True)
+    """Time one super step covers [s]."""
+    skeleton: Skeleton = eqx.field(static=True)
+
+
+class Emulator(eqx.Module):
+    """A network that leaps a system one super step ahead: s + change(s, u) (SIGGRAPH 98, eq. 7)."""
+
+    features: Features
+    normaliser: Normaliser
+    network: Network
+    domain: Domain
+    identity: Identity
+
+    @property
+    def dt(self) -> float:
+        """Time one super step covers [s]."""
+        return self.identity.dt
+
+    def step(self, state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " S"]:
+        """Return the state `dt` seconds later. Differentiable, unchecked: for use inside jit."""
+        plain = self.normaliser.forward(self.features.plain_of(state, control))
+        return state + self.normaliser.inverse(self.network(*self.features.streams(state, plain)))
+
+    def rollout(self, state: Float[Array, "*B S"], controls: Float[Array, "*B T C"]) -> Float[Array, "*B T+1 S"]:
+        """Return the trajectory from `state` under `controls`, the start included; batched if both are.
+
+        Raises ArgumentError for wrong shapes and for numbers that are not finite.
+        """
+        state, controls = self._checked(state, controls)
+        return _rollout_batch(self, state, controls) if state.ndim == 2 else _rollout(self, state, controls)
+
+    def covers(self, state: Float[Array, " S"], control: Float[Array, " C"]) -> bool:
+        """Return whether (state, control) lies in the range this emulator was trained on."""
+        return bool(self.domain.covers(self.features.plain_of(jnp.asarray(state), jnp.asarray(control))))
+
+    def save(self, path: str | Path) -> None:
+        """Write the emulator as one `.safetensors` file."""
+        from neuroanimator.emulator.artifact import save
+
+        save(self, Path(path))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Emulator:
+        """Return the emulator in the file at `path`; BadFileError says what is wrong with it."""
+        from neuroanimator.emulator.artifact import load
+
+        return load(Path(path))
+
+    def _checked(self, state, controls) -> tuple[Array, Array]:
+        state = self.identity.state.check(np.asarray(state), "state")
+        controls = self.identity.control.check(np.asarray(controls), "control")
+        if state.ndim not in (1, 2) or controls.ndim != state.ndim + 1 or state.shape[:-1] != controls.shape[:-2]:
+            raise ArgumentError(
+                f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "
+                f"came {state.shape} with {controls.shape}."
+            )
+        kind = self.normaliser.change_scale.dtype
+        return jnp.asarray(state, kind), jnp.asarray(controls, kind)
+
+
+def rollout(emulator: Emulator, state: Float[Array, " S"], controls: Float[Array, "T C"]) -> Float[Array, "T+1 S"]:
+    """Return the trajectory from `state`, start included. For use inside jit, grad and vmap."""
+
+    def advance(state, control):
+        following = emulator.step(state, control)
+        return following, following
+
+    _, states = jax.lax.scan(advance, state, controls, unroll=UNROLL)
+    return jnp.concatenate([state[None], states])
+
+
+_rollout = eqx.filter_jit(rollout)
+_rollout_batch = eqx.filter_jit(eqx.filter_vmap(rollout, in_axes=(None, 0, 0)))

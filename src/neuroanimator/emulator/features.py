@@ -1,0 +1,57 @@
+"""What the network sees of a state and a control."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.systems.system import Structure
+
+
+class Features(eqx.Module):
+    """Sines and cosines of angles now and where they would coast to, and plain numbers as they are.
+
+    Coasting (angle + Δt · rate) shows the network which way gravity will pull at the end of the
+    super step; without it the error is a third larger.
+    """
+
+    angles: Float[Array, "P S"]
+    """Each row: the combination of state entries whose sine and cosine are features."""
+    plain: tuple[int, ...] = eqx.field(static=True)
+    is_odd: bool = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, structure: Structure, state_size: int, dt: float) -> Features:
+        """Return the features that fit `structure` for a super step of `dt` [s]."""
+        now = np.array(structure.angles, dtype=float).reshape(-1, state_size)
+        coast = np.eye(state_size)
+        for position, rate in structure.rates:
+            coast[position, rate] = dt
+        angles = jnp.asarray(np.concatenate([now, now @ coast]), dtype=jnp.float32)
+        return cls(angles, structure.plain, structure.is_odd)
+
+    def sizes(self, controls: int) -> tuple[int, int]:
+        """Return the lengths of (odd, even) for a control of `controls` entries."""
+        angles, plain = self.angles.shape[0], len(self.plain) + controls
+        return (angles + plain, angles) if self.is_odd else (2 * angles + plain + 1, 2 * angles + plain)
+
+    def plain_of(self, state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " K"]:
+        """Return the numbers that enter as they are, not yet normalised."""
+        return jnp.concatenate([state[np.array(self.plain, dtype=int)], control])
+
+    def streams(
+        self, state: Float[Array, " S"], plain: Float[Array, " K"]
+    ) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
+        """Return (odd, even): what changes sign in the mirror and what does not.
+
+        Without a mirror symmetry both hold everything, and a constant 1 in the odd part lets the
+        network have an offset.
+        """
+        angle = self.angles @ state
+        sine, cosine = jnp.sin(angle), jnp.cos(angle)
+        if self.is_odd:
+            return jnp.concatenate([sine, plain]), cosine
+        everything = jnp.concatenate([sine, cosine, plain])
+        return jnp.append(everything, 1.0), everything

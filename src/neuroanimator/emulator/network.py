@@ -1,0 +1,129 @@
+"""Networks from (odd, even) features to the normalised change of state.
+
+Both treat the two streams so that negating the odd one negates the answer, exactly and at no
+cost: a mirrored motion is emulated by the mirrored numbers.
+"""
+
+from __future__ import annotations
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from neuroanimator.errors import ArgumentError
+
+
+class Network(eqx.Module):
+    """A map (odd, even) → normalised change of state, odd in its first argument."""
+
+    @property
+    @abc.abstractmethod
+    def widths(self) -> tuple[int, ...]:
+        """Units in each hidden layer."""
+
+    @abc.abstractmethod
+    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]: ...
+
+
+class Classic(Network):
+    """One hidden layer of logistic units with biases, as in 1998.
+
+    σ(e + o) - σ(e - o) is odd in o; it is the network of 1998 minus its mirror image.
+    """
+
+    odd_in: Float[Array, "O H"]
+    even_in: Float[Array, "E H"]
+    bias: Float[Array, " H"]
+    out: Float[Array, "H S"]
+
+    def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray):
+        if len(widths) != 1:
+            raise ArgumentError(f"widths: the classic network has one hidden layer, came {list(widths)}.")
+        keys = jax.random.split(key, 3)
+        self.odd_in = _weights(keys[0], odd, widths[0])
+        self.even_in = _weights(keys[1], even, widths[0])
+        self.bias = jnp.zeros(widths[0])
+        self.out = _weights(keys[2], widths[0], out)
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        return (self.bias.shape[0],)
+
+    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+        pushed, level = odd @ self.odd_in, even @ self.even_in + self.bias
+        return (jax.nn.sigmoid(level + pushed) - jax.nn.sigmoid(level - pushed)) @ self.out
+
+
+class GatedLayer(eqx.Module):
+    """Products of a saturating and a linear part.
+
+    tanh(odd) · linear(even) is odd again; tanh(odd) · linear(odd) and tanh(even) are even. Torque
+    times inverse inertia and speed times speed, which mechanics is made of, are such products.
+    """
+
+    odd_in: Float[Array, "O 3*H"]
+    """Side by side, because one product is faster than three: tanh of the odd units, tanh and factor of pairs."""
+    even_in: Float[Array, "E 2*H"]
+    """Side by side: factor of the odd units, tanh of the even units."""
+    bias: Float[Array, " 2*H"]
+
+    def __init__(self, odd: int, even: int, half: int, *, key: PRNGKeyArray):
+        keys = jax.random.split(key)
+        self.odd_in = _weights(keys[0], odd, 3 * half)
+        self.even_in = _weights(keys[1], even, 2 * half)
+        self.bias = jnp.concatenate([jnp.ones(half), jnp.zeros(half)])
+
+    def __call__(
+        self, odd: Float[Array, " O"], even: Float[Array, " E"]
+    ) -> tuple[Float[Array, " H"], Float[Array, " H"]]:
+        turn, pair, factor = jnp.split(odd @ self.odd_in, 3)
+        gate, level = jnp.split(even @ self.even_in + self.bias, 2)
+        return jnp.tanh(turn) * gate, jnp.tanh(pair) * factor + jnp.tanh(level)
+
+
+class Gated(Network):
+    """Layers of gated units, then a linear map. The default."""
+
+    layers: tuple[GatedLayer, ...]
+    out: Float[Array, "H S"]
+
+    def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray):
+        if any(width % 2 for width in widths):
+            raise ArgumentError(f"widths: gated layers are half odd, half even units; came {list(widths)}, want even.")
+        keys = jax.random.split(key, len(widths) + 1)
+        layers = []
+        for width, layer_key in zip(widths, keys[1:], strict=True):
+            layers.append(GatedLayer(odd, even, width // 2, key=layer_key))
+            odd = even = width // 2
+        self.layers = tuple(layers)
+        self.out = 0.1 * _weights(keys[0], odd, out)
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        return tuple(layer.bias.shape[0] for layer in self.layers)
+
+    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+        for layer in self.layers:
+            odd, even = layer(odd, even)
+        return odd @ self.out
+
+
+NETWORKS: dict[str, type[Classic] | type[Gated]] = {"classic": Classic, "gated": Gated}
+DEFAULT_WIDTHS = {"classic": (40,), "gated": (48, 48, 48)}
+
+
+def make_network(kind: str, odd: int, even: int, out: int, widths: tuple[int, ...], key: PRNGKeyArray) -> Network:
+    """Return a fresh network of `kind` with hidden layers of `widths` units."""
+    if any(width < 1 for width in widths):
+        raise ArgumentError(f"widths: wanted at least 1 unit in every hidden layer, came {list(widths)}.")
+    if kind not in NETWORKS:
+        raise ArgumentError(f"No network called '{kind}'. Networks: {', '.join(sorted(NETWORKS))}.")
+    return NETWORKS[kind](odd, even, out, widths, key=key)
+
+
+def _weights(key: PRNGKeyArray, rows: int, columns: int) -> Float[Array, "rows columns"]:
+    """Normal weights that keep numbers of order one of order one."""
+    return jax.random.normal(key, (rows, columns)) / jnp.sqrt(rows)

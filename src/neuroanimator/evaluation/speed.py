@@ -1,0 +1,137 @@
+"""How fast: compiled against compiled, one core against one core, interleaved in one process."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from neuroanimator.emulator.emulator import Emulator, rollout
+from neuroanimator.evaluation.accuracy import TestSet, scheme_error
+from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.system import Scheme
+
+PHYSICS_STEPS = 20_000
+"""Length of the timed run: the measure of the 1998 table."""
+
+TIMED_SUPER_STEPS = 8_000
+"""Super steps in one timed call of the emulator, so that the call itself (30 µs from Python) does not count."""
+
+REPEATS = 9
+"""Timings of each side; the median is reported."""
+
+OPPONENT_INTEGRATORS = ("euler", "implicitfast", "implicit", "rk4")
+OPPONENT_DIVISIONS = (1, 2, 3, 4, 5, 8, 10, 16, 20, 25, 40, 50)
+"""Physics steps per super step tried for each integrator, besides the system's own."""
+
+
+@dataclass(frozen=True)
+class Opponent:
+    """One way to step the physics through a super step."""
+
+    scheme: Scheme
+    error: float
+    """One-step error against fine physics, over the change's standard deviation."""
+    seconds: float
+    """Time for one super step [s]."""
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Both speed-ups, one core, one trajectory."""
+
+    emulator_seconds: float
+    """Per super step."""
+    physics_seconds: float
+    """Per physics step of the system's own scheme."""
+    nominal: float
+    """`PHYSICS_STEPS` of the system's own scheme against the super steps that replace them."""
+    equal_error: float
+    """Against the fastest physics whose error is no larger than the emulator's."""
+    rival: Opponent
+    """That fastest physics."""
+    opponents: tuple[Opponent, ...]
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Keep this process on one core, where the system allows it."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+def measure_speed(emulator: Emulator, test: TestSet, error: float) -> Speed:
+    """Return the speed-ups of an emulator whose one-step error is `error`."""
+    system = test.system
+    assert isinstance(system, MujocoSystem)
+    with one_core():
+        play = {kind: physics_player(system, kind) for kind in OPPONENT_INTEGRATORS}
+        each = interleaved({"emulator": emulator_player(emulator), **play})
+    per_super_step = each["emulator"] / TIMED_SUPER_STEPS
+    per_step = {kind: each[kind] / PHYSICS_STEPS for kind in OPPONENT_INTEGRATORS}
+    schemes = {Scheme(kind, test.dt / parts) for kind in OPPONENT_INTEGRATORS for parts in OPPONENT_DIVISIONS}
+    opponents = [
+        Opponent(scheme, scheme_error(test, scheme), per_step[scheme.integrator] * scheme.steps(test.dt))
+        for scheme in sorted(schemes | {system.scheme, system.truth}, key=lambda scheme: (scheme.integrator, scheme.dt))
+    ]
+    rival = min((o for o in opponents if o.error <= error), key=lambda o: o.seconds)
+    own = per_step[system.scheme.integrator]
+    nominal = own * emulator.identity.substeps / per_super_step
+    return Speed(per_super_step, own, nominal, rival.seconds / per_super_step, rival, tuple(opponents))
+
+
+def interleaved(players: dict[str, Callable[[], None]]) -> dict[str, float]:
+    """Return each player's median time [s], all played in turn so that a slow moment hits all."""
+    times: dict[str, list[float]] = {name: [] for name in players}
+    for _ in range(REPEATS):
+        for name, play in players.items():
+            began = time.perf_counter()
+            play()
+            times[name].append(time.perf_counter() - began)
+    return {name: float(np.median(spans)) for name, spans in times.items()}
+
+
+def emulator_player(emulator: Emulator) -> Callable[[], None]:
+    """Return a function that takes `TIMED_SUPER_STEPS` super steps, already compiled."""
+    rng = np.random.default_rng(0)
+    identity = emulator.identity
+    shape = (TIMED_SUPER_STEPS, identity.control.size)
+    controls = jnp.asarray(rng.uniform(-0.3, 0.3, shape) * identity.control_limit, jnp.float32)
+    start = jnp.zeros(identity.state.size)
+    arrays, rest = eqx.partition(emulator, eqx.is_array)
+    run = jax.jit(lambda arrays, state, controls: rollout(eqx.combine(arrays, rest), state, controls))
+    run(arrays, start, controls)
+    return lambda: run(arrays, start, controls).block_until_ready()
+
+
+def physics_player(system: MujocoSystem, integrator: str) -> Callable[[], None]:
+    """Return a function that runs `PHYSICS_STEPS` steps of MuJoCo inside C, under a random control.
+
+    A step's cost does not depend on its length, so each integrator is timed at the system's own.
+    """
+    model = system.model_with(Scheme(integrator, system.physics_dt))
+    data = mujoco.MjData(model)
+    share = np.random.default_rng(0).uniform(-0.3, 0.3, (1, 1, system.control.size))
+    kind, signal = system.drive(share * system.control_limit)
+    mujoco.mj_setState(model, data, signal[0, 0], int(kind))
+
+    def play() -> None:
+        data.qpos[:], data.qvel[:] = 0.0, 0.0
+        mujoco.mj_step(model, data, nstep=PHYSICS_STEPS)
+
+    return play

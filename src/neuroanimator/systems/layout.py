@@ -1,0 +1,66 @@
+"""Vectors with named slices and units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuroanimator.errors import ArgumentError
+
+
+@dataclass(frozen=True)
+class Slice:
+    """`size` consecutive entries of a vector, all in `unit`."""
+
+    name: str
+    size: int
+    unit: str
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The named parts of a vector, in order."""
+
+    slices: tuple[Slice, ...]
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return sum(part.size for part in self.slices)
+
+    @property
+    def names(self) -> list[str]:
+        """One name per entry: `velocity[2] rad/s`."""
+        return [f"{part.name}[{i}] {part.unit}" for part in self.slices for i in range(part.size)]
+
+    def index(self, name: str) -> slice:
+        """Return where the part called `name` lies in the vector."""
+        start = 0
+        for part in self.slices:
+            if part.name == name:
+                return slice(start, start + part.size)
+            start += part.size
+        valid = ", ".join(part.name for part in self.slices)
+        raise ArgumentError(f"No part called '{name}'. Parts: {valid}.")
+
+    def check(self, vector: np.ndarray, label: str) -> np.ndarray:
+        """Return `vector` as float64 if its last axis fits and every number is finite."""
+        array = np.asarray(vector, dtype=np.float64)
+        if array.ndim == 0 or array.shape[-1] != self.size:
+            raise ArgumentError(
+                f"{label}: wanted {self.size} numbers ({', '.join(self.names)}), came shape {array.shape}."
+            )
+        if not np.isfinite(array).all():
+            entry = int(np.argwhere(~np.isfinite(array))[0][-1])
+            raise ArgumentError(f"{label}: {self.names[entry]} is not finite. Give finite numbers only.")
+        return array
+
+    def to_json(self) -> list[list]:
+        """Return `[[name, size, unit], ...]`."""
+        return [[part.name, part.size, part.unit] for part in self.slices]
+
+    @classmethod
+    def from_json(cls, rows: list[list]) -> Layout:
+        """Return the layout `to_json` wrote."""
+        return cls(tuple(Slice(str(name), int(size), str(unit)) for name, size, unit in rows))

@@ -1,0 +1,119 @@
+"""Rigid bodies: a System whose physics is MuJoCo's."""
+
+from __future__ import annotations
+
+from importlib import resources
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from neuroanimator.systems.skeleton import Bone, Skeleton
+from neuroanimator.systems.system import Runs, Scheme, System
+
+INTEGRATORS = {
+    "euler": mujoco.mjtIntegrator.mjINT_EULER,
+    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "rk4": mujoco.mjtIntegrator.mjINT_RK4,
+}
+
+BLOW_UP_SPEED = 1e3
+"""A joint faster than this has left physics [rad/s]: a hundred times what any start or motor gives."""
+
+STEPS_IN_MEMORY = 2_000_000
+"""Physics steps kept at once while simulating; bounds memory to about 150 MB."""
+
+
+def load_model(file_name: str) -> mujoco.MjModel:
+    """Return the model of an MJCF file shipped in the package."""
+    with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
+        return mujoco.MjModel.from_xml_path(str(folder / file_name))
+
+
+def skeleton_of(model: mujoco.MjModel) -> Skeleton:
+    """Return the hinged capsules of `model`, for drawing them without MuJoCo."""
+    bones = []
+    for body in range(1, model.nbody):
+        joint, geom = model.body_jntadr[body], model.body_geomadr[body]
+        half = model.geom_size[geom][1] * _z_axis(model.geom_quat[geom])
+        bones.append(
+            Bone(
+                name=model.body(body).name,
+                parent=int(model.body_parentid[body]) - 1,
+                offset=_numbers(model.body_pos[body]),
+                axis=_numbers(model.jnt_axis[joint]),
+                angle=int(model.jnt_qposadr[joint]),
+                start=_numbers(model.geom_pos[geom] - half),
+                end=_numbers(model.geom_pos[geom] + half),
+                radius=float(model.geom_size[geom][0]),
+                colour=_numbers(model.geom_rgba[geom]),
+            )
+        )
+    return Skeleton(tuple(bones))
+
+
+def _z_axis(quaternion: np.ndarray) -> np.ndarray:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix[2::3]
+
+
+def _numbers(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(round(float(value), 9) + 0.0 for value in values)
+
+
+class MujocoSystem(System):
+    """A MuJoCo model whose state is (qpos, qvel), driven by motors or by forces on its bodies.
+
+    Subclasses set the fields of `System`, `model`, and `pushes`: per control a (body, axis) pair
+    naming the world-frame force it is [N]; empty where the controls are the model's own actuators.
+    """
+
+    model: mujoco.MjModel
+    pushes: tuple[tuple[str, int], ...] = ()
+
+    def model_with(self, scheme: Scheme) -> mujoco.MjModel:
+        """Return a copy of the model that steps by `scheme`."""
+        model = self.model.__copy__()
+        model.opt.timestep = scheme.dt
+        model.opt.integrator = INTEGRATORS[scheme.integrator]
+        return model
+
+    def simulate(
+        self, starts: np.ndarray, controls: np.ndarray, dt: float, *, scheme: Scheme | None = None, threads: int = 1
+    ) -> Runs:
+        starts = self.state.check(starts, "state")
+        controls = self.check_controls(controls)
+        scheme = scheme or self.truth
+        substeps = scheme.steps(dt)
+        model = self.model_with(scheme)
+        workers = [mujoco.MjData(model) for _ in range(threads)]
+        runs = np.empty((len(starts), controls.shape[1] + 1, self.state.size))
+        runs[:, 0] = starts
+        batch = max(1, STEPS_IN_MEMORY // (substeps * max(1, controls.shape[1])))
+        for first in range(0, len(starts), batch):
+            rows = slice(first, first + batch)
+            runs[rows, 1:] = self._rollout(model, workers, starts[rows], controls[rows], substeps)
+        return Runs(runs, self.is_sane(runs))
+
+    def is_sane(self, runs: np.ndarray) -> np.ndarray:
+        """Return (B,) False for each run (B, T+1, S) that is not finite or impossibly fast."""
+        speeds = np.abs(runs[..., self.model.nq :])
+        return np.isfinite(runs).all(axis=(1, 2)) & (speeds < BLOW_UP_SPEED).all(axis=(1, 2))
+
+    def _rollout(self, model, workers, starts, controls, substeps) -> np.ndarray:
+        initial = np.concatenate([np.zeros((len(starts), 1)), starts], axis=1)  # MuJoCo's state leads with time
+        kind, signal = self.drive(controls)
+        signal = np.repeat(signal, substeps, axis=1)
+        states, _ = rollout.rollout(model, workers, initial, signal, control_spec=int(kind))
+        return states[:, substeps - 1 :: substeps, 1:]
+
+    def drive(self, controls: np.ndarray) -> tuple[mujoco.mjtState, np.ndarray]:
+        """Return which part of MuJoCo's input the controls are, and their values there."""
+        if not self.pushes:
+            return mujoco.mjtState.mjSTATE_CTRL, controls
+        wrenches = np.zeros((*controls.shape[:2], self.model.nbody, 6))
+        for entry, (body, axis) in enumerate(self.pushes):
+            wrenches[:, :, self.model.body(body).id, axis] = controls[..., entry]
+        return mujoco.mjtState.mjSTATE_XFRC_APPLIED, wrenches.reshape(*controls.shape[:2], -1)

@@ -1,0 +1,69 @@
+"""Where a training run stands, on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import optax
+
+from neuroanimator.emulator.artifact import tensors_of, with_tensors
+from neuroanimator.emulator.network import Network
+from neuroanimator.errors import BadFileError
+from neuroanimator.files import read_tensors, write_tensors
+
+NAME = "checkpoint.safetensors"
+
+
+class Progress(NamedTuple):
+    """Everything the rest of a run depends on."""
+
+    network: Network
+    optimizer_state: Any
+    best: Network
+    """The network with the lowest validation error so far."""
+    best_error: float
+    chunk: int
+    """Chunks done."""
+    stale: int
+    """Reports since the best one."""
+
+    @classmethod
+    def fresh(cls, network: Network, optimizer: optax.GradientTransformation) -> Progress:
+        """Return the progress of a run that has not begun."""
+        return cls(network, optimizer.init(network), network, 1e30, 0, 0)  # pyright: ignore[reportArgumentType]
+
+    def judged(self, error: float) -> Progress:
+        """Return the progress after a validation that found `error`."""
+        if error < self.best_error:
+            return self._replace(best=self.network, best_error=error, stale=0)
+        return self._replace(stale=self.stale + 1)
+
+
+def write_checkpoint(folder: Path, identity: str, progress: Progress) -> None:
+    """Replace the checkpoint in `folder` as a whole."""
+    tensors = tensors_of((progress.network, progress.optimizer_state, progress.best))
+    numbers = {"best_error": progress.best_error, "chunk": progress.chunk, "stale": progress.stale}
+    write_tensors(folder / NAME, tensors, {"kind": "checkpoint", "identity": identity, **numbers})
+
+
+def read_checkpoint(folder: Path, identity: str, fresh: Progress) -> Progress:
+    """Return the progress stored in `folder`, or `fresh` if there is none.
+
+    BadFileError if it belongs to other data or another configuration.
+    """
+    path = folder / NAME
+    if not path.exists():
+        return fresh
+    tensors, metadata = read_tensors(path, "checkpoint")
+    if metadata.get("identity") != identity:
+        raise BadFileError(
+            f"{folder} holds a run with other data or settings. Choose another --out, or remove that folder."
+        )
+    try:
+        arrays = with_tensors((fresh.network, fresh.optimizer_state, fresh.best), tensors)
+    except ValueError as error:
+        raise BadFileError(f"{path} is damaged: {error}. Remove {folder} to train anew.") from error
+    network, optimizer_state, best = jax.tree.map(jax.numpy.asarray, arrays)
+    return Progress(network, optimizer_state, best, *(metadata[key] for key in ("best_error", "chunk", "stale")))

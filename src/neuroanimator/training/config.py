@@ -1,0 +1,64 @@
+"""How to train: every choice the resulting weights depend on, besides the data."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from neuroanimator.data.transitions import LONGEST_UNROLL, first_fault
+from neuroanimator.emulator.network import DEFAULT_WIDTHS
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files import canonical_json
+
+UPDATES_PER_CHUNK = 250
+"""Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""
+
+DEFAULT_RATES = {"muon": 1e-2, "adam": 5e-3, "momentum": 2e-2}
+
+
+class TrainingConfig(BaseModel):
+    """A training run: single super steps first, then a share of updates unrolled over several."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    network: Literal["gated", "classic"] = "gated"
+    widths: tuple[int, ...] = ()
+    optimizer: Literal["muon", "adam", "momentum"] = "muon"
+    learning_rate: float = Field(0.0, ge=0, lt=10, allow_inf_nan=False)
+    updates: int = Field(40_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
+    batch: int = Field(512, ge=4, le=65_536)
+    unroll: int = Field(LONGEST_UNROLL, ge=1, le=LONGEST_UNROLL)
+    unroll_share: float = Field(0.2, ge=0, le=1)
+    validation_share: float = Field(0.05, gt=0, lt=0.9)
+    patience: int = Field(25, ge=1)
+    seed: int = Field(0, ge=0, lt=2**31)
+
+    @property
+    def hash(self) -> str:
+        """Sixteen hex digits that name this configuration."""
+        return hashlib.sha256(canonical_json(self.model_dump()).encode()).hexdigest()[:16]
+
+    @property
+    def chunks(self) -> int:
+        """Compiled calls in the whole run."""
+        return -(-self.updates // UPDATES_PER_CHUNK)
+
+    def unroll_at(self, chunk: int) -> int:
+        """Return how many super steps the loss of chunk number `chunk` spans."""
+        return self.unroll if chunk >= round(self.chunks * (1 - self.unroll_share)) else 1
+
+
+def training_config(**values: Any) -> TrainingConfig:
+    """Return a checked configuration with the network's and optimiser's defaults filled in."""
+    try:
+        config = TrainingConfig(**values)
+    except ValidationError as error:
+        raise ArgumentError(f"{first_fault(error)}.") from error
+    defaults: dict[str, Any] = {}
+    if not config.widths:
+        defaults["widths"] = DEFAULT_WIDTHS[config.network]
+    if config.learning_rate == 0:
+        defaults["learning_rate"] = DEFAULT_RATES[config.optimizer]
+    return config.model_copy(update=defaults)

@@ -1,0 +1,31 @@
+"""What training minimises and what it reports."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from neuroanimator.emulator.emulator import Emulator, rollout
+
+
+def squared_error(
+    emulator: Emulator, states: Float[Array, "N H+1 S"], controls: Float[Array, "N H C"]
+) -> Float[Array, " H S"]:
+    """Return the mean squared error after 1..H super steps, in units of the change's standard deviation."""
+    found = jax.vmap(rollout, in_axes=(None, 0, 0))(emulator, states[:, 0], controls)
+    off = (found[:, 1:] - states[:, 1:]) / emulator.normaliser.change_scale
+    return jnp.mean(off**2, axis=0)
+
+
+def unrolled_loss(
+    emulator: Emulator, states: Float[Array, "N H+1 S"], controls: Float[Array, "N H C"]
+) -> Float[Array, ""]:
+    """Return the squared error averaged over the super steps k of the windows, weighted by 1/k².
+
+    For H = 1 this is the seminar paper's eq. 5; a longer window teaches the network to take its
+    own output as input, which is how it will be used. Errors grow about as k, so the weights give
+    every step an equal say.
+    """
+    weights = jnp.arange(1, controls.shape[1] + 1) ** -2.0
+    return jnp.mean(squared_error(emulator, states, controls), axis=1) @ (weights / weights.sum())

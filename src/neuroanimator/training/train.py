@@ -1,0 +1,196 @@
+"""Fit an emulator to transitions; killed and started again it ends with the same bytes."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.data.transitions import Transitions
+from neuroanimator.emulator.artifact import save
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.network import Network
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files import locked, remove_stale, write_whole
+from neuroanimator.training.build import build_emulator
+from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
+from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
+from neuroanimator.training.loss import squared_error, unrolled_loss
+from neuroanimator.training.optimizer import make_optimizer
+
+CHUNKS_PER_REPORT = 4
+"""Chunks between two validations, lines of metrics and checkpoints."""
+
+MOST_VALIDATION = 8192
+"""Windows used for validation, at most: more would slow training and change no digit that matters."""
+
+
+class Report(NamedTuple):
+    """One line of `metrics.jsonl`."""
+
+    update: int
+    loss: float
+    error: float
+    """Root mean square one-step error on validation runs, over the change's standard deviation."""
+    unrolled_error: float
+    """The same after the longest unroll."""
+    seconds: float
+    """Since this process began training [s]."""
+
+
+def train(
+    data: Transitions,
+    config: TrainingConfig,
+    out: Path,
+    *,
+    start_from: Emulator | None = None,
+    on_report: Callable[[Report], None] = lambda report: None,
+) -> Emulator:
+    """Train on `data`, write the best emulator by validation to `out` and return it.
+
+    Checkpoints and `metrics.jsonl` lie in `run_folder(out)`; a run found there is continued.
+    """
+    folder = run_folder(out)
+    with locked(folder):
+        remove_stale(folder)
+        run = _Run.prepare(data, config, folder, start_from)
+        while not run.is_over:
+            on_report(run.advance())
+        emulator = run.best
+        save(emulator, out, {"dataset": data.config.model_dump(), "training": config.model_dump(mode="json")})
+    return emulator
+
+
+def run_folder(out: Path) -> Path:
+    """Return the folder that holds checkpoints and metrics of the emulator at `out`."""
+    return out.with_name(out.name.removesuffix(".safetensors") + ".run")
+
+
+@dataclass
+class _Run:
+    """A training run between two reports."""
+
+    config: TrainingConfig
+    folder: Path
+    base: Emulator
+    progress: Progress
+    training: tuple[Array, Array]
+    validation: tuple[Array, Array]
+    identity: str
+    began: float = field(default_factory=time.monotonic)
+
+    @classmethod
+    def prepare(cls, data: Transitions, config: TrainingConfig, folder: Path, start_from: Emulator | None) -> _Run:
+        held_out = validation_mask(data.run, config)
+        if not held_out.any() or held_out.all():
+            raise ArgumentError(f"count: {data.config.count} transitions are too few to train on; wanted some hundred.")
+        learn, check = data.where(~held_out), data.where(held_out)
+        base = start_from or build_emulator(learn, config)
+        identity = f"{data.config.hash}-{config.hash}"
+        fresh = Progress.fresh(base.network, make_optimizer(config))
+        progress = read_checkpoint(folder, identity, fresh)
+        _trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
+        few = slice(MOST_VALIDATION)
+        training = jnp.asarray(learn.states), jnp.asarray(learn.controls)
+        validation = jnp.asarray(check.states[few]), jnp.asarray(check.controls[few])
+        return cls(config, folder, base, progress, training, validation, identity)
+
+    @property
+    def is_over(self) -> bool:
+        return self.progress.chunk >= self.config.chunks or self.progress.stale >= self.config.patience
+
+    @property
+    def best(self) -> Emulator:
+        return eqx.tree_at(lambda emulator: emulator.network, self.base, self.progress.best)
+
+    def advance(self) -> Report:
+        """Train until the next report, then validate, log and checkpoint."""
+        progress, losses = self.progress, []
+        while True:
+            network, state, loss = _train_chunk(
+                self.config, self.base, progress.network, progress.optimizer_state, *self.training,
+                jnp.asarray(progress.chunk), self.config.unroll_at(progress.chunk),
+            )  # fmt: skip
+            losses.append(float(loss))
+            progress = progress._replace(network=network, optimizer_state=state, chunk=progress.chunk + 1)
+            if progress.chunk % CHUNKS_PER_REPORT == 0 or progress.chunk >= self.config.chunks:
+                break
+        by_step = np.sqrt(_validate(self.base, progress.network, *self.validation).mean(axis=1))
+        self.progress = progress.judged(float(by_step[-1]))
+        seconds = time.monotonic() - self.began
+        update = progress.chunk * UPDATES_PER_CHUNK
+        report = Report(update, float(np.mean(losses)), float(by_step[0]), float(by_step[-1]), seconds)
+        with open(self.folder / "metrics.jsonl", "a") as file:
+            file.write(json.dumps(report._asdict()) + "\n")
+        write_checkpoint(self.folder, self.identity, self.progress)
+        return report
+
+
+def validation_mask(run: np.ndarray, config: TrainingConfig) -> np.ndarray:
+    """Return (N,) True for windows whose whole run is kept for validation."""
+    runs = np.unique(run)
+    chosen = np.random.default_rng([config.seed, 1]).permutation(runs)[: max(1, round(len(runs) * config.validation_share))]
+    return np.isin(run, chosen)
+
+
+@eqx.filter_jit
+def _train_chunk(
+    config: TrainingConfig,
+    base: Emulator,
+    network: Network,
+    optimizer_state: Any,
+    states: Float[Array, "N H+1 S"],
+    controls: Float[Array, "N H C"],
+    chunk: Array,  # an array: a plain int would be compiled in, and every chunk compiled anew
+    unroll: int,
+) -> tuple[Network, Any, Float[Array, ""]]:
+    """Return (network, optimiser state, mean loss) after one chunk of updates.
+
+    Batches follow from the seed and the chunk's number alone, so that a resumed run sees the same.
+    """
+    optimizer = make_optimizer(config)
+    size = max(1, config.batch // unroll)
+    key = jax.random.fold_in(jax.random.key(config.seed), chunk)
+    batches = jax.random.randint(key, (UPDATES_PER_CHUNK, size), 0, states.shape[0])
+
+    def loss_of(network: Network, rows: Array) -> Array:
+        emulator = eqx.tree_at(lambda emulator: emulator.network, base, network)
+        return unrolled_loss(emulator, states[rows, : unroll + 1], controls[rows, :unroll])
+
+    def update(carry, rows):
+        network, optimizer_state = carry
+        loss, gradient = jax.value_and_grad(loss_of)(network, rows)
+        step, optimizer_state = optimizer.update(gradient, optimizer_state, network)
+        return (eqx.apply_updates(network, step), optimizer_state), loss
+
+    (network, optimizer_state), losses = jax.lax.scan(update, (network, optimizer_state), batches)
+    return network, optimizer_state, losses.mean()
+
+
+@eqx.filter_jit
+def _validate(base: Emulator, network: Network, states: Array, controls: Array) -> Array:
+    return squared_error(eqx.tree_at(lambda emulator: emulator.network, base, network), states, controls)
+
+
+def _trim_metrics(folder: Path, update: int) -> None:
+    """Drop lines a killed run logged after its last checkpoint."""
+    path = folder / "metrics.jsonl"
+    if path.exists():
+        lines = [line for line in path.read_text().splitlines() if _logged_by(line, update)]
+        write_whole(path, "".join(line + "\n" for line in lines).encode())
+
+
+def _logged_by(line: str, update: int) -> bool:
+    try:
+        return json.loads(line)["update"] <= update
+    except (ValueError, KeyError, TypeError):
+        return False
