@@ -1,0 +1,67 @@
+"""NeuroAnimator: learn a physics model once, then animate and control it at a fraction of the cost."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from neuroanimator.animation.clip import Clip, make_clip
+    from neuroanimator.control.descend import descend
+    from neuroanimator.control.objective import Objective, stand_upright
+    from neuroanimator.control.replay import is_upright, replay
+    from neuroanimator.control.synthesise import synthesise
+    from neuroanimator.data.generate import generate
+    from neuroanimator.data.transitions import dataset_config, read_transitions
+    from neuroanimator.emulator.emulator import Emulator
+    from neuroanimator.errors import NeuroAnimatorError
+    from neuroanimator.evaluation.evaluate import evaluate
+    from neuroanimator.evaluation.report import write_report
+    from neuroanimator.export.gltf import write_glb
+    from neuroanimator.export.table import read_clip, write_clip
+    from neuroanimator.export.video import write_video
+    from neuroanimator.shipped import find_emulator
+    from neuroanimator.systems import load_system
+    from neuroanimator.training.config import training_config
+    from neuroanimator.training.train import train
+
+# Loaded on first use, so that `neuroanimator --help` does not wait for JAX and MuJoCo.
+_HOMES = {
+    "Clip": "animation.clip",
+    "Emulator": "emulator.emulator",
+    "NeuroAnimatorError": "errors",
+    "Objective": "control.objective",
+    "dataset_config": "data.transitions",
+    "descend": "control.descend",
+    "evaluate": "evaluation.evaluate",
+    "find_emulator": "shipped",
+    "generate": "data.generate",
+    "is_upright": "control.replay",
+    "load_system": "systems",
+    "make_clip": "animation.clip",
+    "read_clip": "export.table",
+    "read_transitions": "data.transitions",
+    "replay": "control.replay",
+    "stand_upright": "control.objective",
+    "synthesise": "control.synthesise",
+    "train": "training.train",
+    "training_config": "training.config",
+    "write_clip": "export.table",
+    "write_glb": "export.gltf",
+    "write_report": "evaluation.report",
+    "write_video": "export.video",
+}
+
+__all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
+    "Clip", "Emulator", "NeuroAnimatorError", "Objective",
+    "load_system", "dataset_config", "generate", "read_transitions", "training_config", "train",
+    "find_emulator", "evaluate", "write_report",
+    "stand_upright", "descend", "replay", "synthesise", "is_upright",
+    "make_clip", "read_clip", "write_clip", "write_glb", "write_video",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"neuroanimator has no '{name}'")
+    return getattr(import_module(f"neuroanimator.{_HOMES[name]}"), name)

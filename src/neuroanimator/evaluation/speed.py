@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from neuroanimator.emulator.emulator import Emulator, rollout
+from neuroanimator.emulator.emulator import UNROLL, Emulator
 from neuroanimator.evaluation.accuracy import TestSet, scheme_error
 from neuroanimator.systems.mujoco import MujocoSystem
 from neuroanimator.systems.system import Scheme
@@ -87,7 +87,9 @@ def measure_speed(emulator: Emulator, test: TestSet, error: float) -> Speed:
     schemes = {Scheme(kind, test.dt / parts) for kind in OPPONENT_INTEGRATORS for parts in OPPONENT_DIVISIONS}
     opponents = [
         Opponent(scheme, scheme_error(test, scheme), per_step[scheme.integrator] * scheme.steps(test.dt))
-        for scheme in sorted(schemes | {system.scheme, system.truth}, key=lambda scheme: (scheme.integrator, scheme.dt))
+        for scheme in sorted(
+            schemes | {system.scheme, system.truth}, key=lambda scheme: (scheme.integrator, scheme.dt)
+        )
     ]
     rival = min((o for o in opponents if o.error <= error), key=lambda o: o.seconds)
     own = per_step[system.scheme.integrator]
@@ -107,14 +109,24 @@ def interleaved(players: dict[str, Callable[[], None]]) -> dict[str, float]:
 
 
 def emulator_player(emulator: Emulator) -> Callable[[], None]:
-    """Return a function that takes `TIMED_SUPER_STEPS` super steps, already compiled."""
+    """Return a function that takes `TIMED_SUPER_STEPS` super steps, already compiled.
+
+    Like MuJoCo's loop it keeps the last state only.
+    """
     rng = np.random.default_rng(0)
     identity = emulator.identity
     shape = (TIMED_SUPER_STEPS, identity.control.size)
     controls = jnp.asarray(rng.uniform(-0.3, 0.3, shape) * identity.control_limit, jnp.float32)
     start = jnp.zeros(identity.state.size)
     arrays, rest = eqx.partition(emulator, eqx.is_array)
-    run = jax.jit(lambda arrays, state, controls: rollout(eqx.combine(arrays, rest), state, controls))
+
+    @jax.jit
+    def run(arrays, state, controls):
+        step = eqx.combine(arrays, rest).step
+        return jax.lax.scan(
+            lambda state, control: (step(state, control), None), state, controls, unroll=UNROLL
+        )[0]
+
     run(arrays, start, controls)
     return lambda: run(arrays, start, controls).block_until_ready()
 

@@ -81,7 +81,13 @@ class MujocoSystem(System):
         return model
 
     def simulate(
-        self, starts: np.ndarray, controls: np.ndarray, dt: float, *, scheme: Scheme | None = None, threads: int = 1
+        self,
+        starts: np.ndarray,
+        controls: np.ndarray,
+        dt: float,
+        *,
+        scheme: Scheme | None = None,
+        threads: int = 1,
     ) -> Runs:
         starts = self.state.check(starts, "state")
         controls = self.check_controls(controls)
@@ -103,7 +109,9 @@ class MujocoSystem(System):
         return np.isfinite(runs).all(axis=(1, 2)) & (speeds < BLOW_UP_SPEED).all(axis=(1, 2))
 
     def _rollout(self, model, workers, starts, controls, substeps) -> np.ndarray:
-        initial = np.concatenate([np.zeros((len(starts), 1)), starts], axis=1)  # MuJoCo's state leads with time
+        initial = np.concatenate(
+            [np.zeros((len(starts), 1)), starts], axis=1
+        )  # MuJoCo's state leads with time
         kind, signal = self.drive(controls)
         signal = np.repeat(signal, substeps, axis=1)
         states, _ = rollout.rollout(model, workers, initial, signal, control_spec=int(kind))

@@ -96,7 +96,13 @@ class System(abc.ABC):
 
     @abc.abstractmethod
     def simulate(
-        self, starts: np.ndarray, controls: np.ndarray, dt: float, *, scheme: Scheme | None = None, threads: int = 1
+        self,
+        starts: np.ndarray,
+        controls: np.ndarray,
+        dt: float,
+        *,
+        scheme: Scheme | None = None,
+        threads: int = 1,
     ) -> Runs:
         """Return the runs from `starts` (B, S) under `controls` (B, T, C), each held for `dt` [s].
 

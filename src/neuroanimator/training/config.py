@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+import tomllib
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from neuroanimator.data.transitions import LONGEST_UNROLL, first_fault
 from neuroanimator.emulator.network import DEFAULT_WIDTHS
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import canonical_json
 
 UPDATES_PER_CHUNK = 250
 """Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""
 
-DEFAULT_RATES = {"muon": 1e-2, "adam": 5e-3, "momentum": 2e-2}
+DEFAULT_RATES = {"muon": 5e-3, "adam": 5e-3, "momentum": 2e-2}
 
 
 class TrainingConfig(BaseModel):
@@ -62,3 +64,11 @@ def training_config(**values: Any) -> TrainingConfig:
     if config.learning_rate == 0:
         defaults["learning_rate"] = DEFAULT_RATES[config.optimizer]
     return config.model_copy(update=defaults)
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """Return the settings in a TOML file, not yet checked."""
+    try:
+        return tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise BadFileError(f"{path} is not a readable TOML file: {error}.") from error

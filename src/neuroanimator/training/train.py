@@ -20,7 +20,7 @@ from neuroanimator.emulator.artifact import save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files import locked, remove_stale, write_whole
+from neuroanimator.files import digest, locked, remove_stale, write_whole
 from neuroanimator.training.build import build_emulator
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
@@ -89,13 +89,18 @@ class _Run:
     began: float = field(default_factory=time.monotonic)
 
     @classmethod
-    def prepare(cls, data: Transitions, config: TrainingConfig, folder: Path, start_from: Emulator | None) -> _Run:
+    def prepare(
+        cls, data: Transitions, config: TrainingConfig, folder: Path, start_from: Emulator | None
+    ) -> _Run:
         held_out = validation_mask(data.run, config)
         if not held_out.any() or held_out.all():
-            raise ArgumentError(f"count: {data.config.count} transitions are too few to train on; wanted some hundred.")
+            raise ArgumentError(
+                f"count: {data.config.count} transitions are too few to train on; wanted some hundred."
+            )
         learn, check = data.where(~held_out), data.where(held_out)
         base = start_from or build_emulator(learn, config)
-        identity = f"{data.config.hash}-{config.hash}"
+        contents = {"states": data.states, "controls": data.controls, "network": _first_leaf(base)}
+        identity = f"{digest(contents)[:16]}-{config.hash}"
         fresh = Progress.fresh(base.network, make_optimizer(config))
         progress = read_checkpoint(folder, identity, fresh)
         _trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
@@ -138,7 +143,9 @@ class _Run:
 def validation_mask(run: np.ndarray, config: TrainingConfig) -> np.ndarray:
     """Return (N,) True for windows whose whole run is kept for validation."""
     runs = np.unique(run)
-    chosen = np.random.default_rng([config.seed, 1]).permutation(runs)[: max(1, round(len(runs) * config.validation_share))]
+    chosen = np.random.default_rng([config.seed, 1]).permutation(runs)[
+        : max(1, round(len(runs) * config.validation_share))
+    ]
     return np.isin(run, chosen)
 
 
@@ -179,6 +186,10 @@ def _train_chunk(
 @eqx.filter_jit
 def _validate(base: Emulator, network: Network, states: Array, controls: Array) -> Array:
     return squared_error(eqx.tree_at(lambda emulator: emulator.network, base, network), states, controls)
+
+
+def _first_leaf(base: Emulator) -> np.ndarray:
+    return np.asarray(jax.tree.leaves(base.network)[0])
 
 
 def _trim_metrics(folder: Path, update: int) -> None:

@@ -1,0 +1,19 @@
+"""`demo`: the main job, from physics to a controlled pendulum."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EXAMPLE = "neuroanimator demo --out out"
+
+
+def run(
+    out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")] = Path("out"),
+) -> None:
+    """Learn a three-link pendulum, measure it, swing it up, prove it on MuJoCo, draw it. About three minutes."""
+    from neuroanimator.demo import run_demo
+
+    run_demo(out)

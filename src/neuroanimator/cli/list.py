@@ -1,0 +1,18 @@
+"""`list`: systems and the emulators that ship."""
+
+from __future__ import annotations
+
+EXAMPLE = "neuroanimator list"
+
+
+def run() -> None:
+    """List the systems and the ready-made emulators."""
+    from neuroanimator.cli.table import print_rows
+    from neuroanimator.shipped import SHIPPED, shipped_path
+    from neuroanimator.systems import SYSTEMS
+
+    print("Systems")
+    print_rows((f"  {name}", text) for name, text in SYSTEMS.items())
+    print("\nReady-made emulators")
+    present = [(system, n) for system, n in sorted(SHIPPED) if shipped_path(system, n).is_file()]
+    print_rows((f"  {system}-{n}", f"leaps {n} physics steps at a time") for system, n in present)

@@ -1,0 +1,54 @@
+"""The command line: `neuroanimator VERB`."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from neuroanimator.cli import animate, control, demo, doctor, evaluate, export, generate, info, train
+from neuroanimator.cli import list as list_
+from neuroanimator.errors import NeuroAnimatorError
+
+app = typer.Typer(
+    name="neuroanimator",
+    help="Learn a physics model once, then animate and control it at a fraction of the cost.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+VERBS = {
+    "demo": demo, "doctor": doctor, "list": list_, "generate": generate, "train": train, "evaluate": evaluate,
+    "animate": animate, "control": control, "export": export, "info": info,
+}  # fmt: skip
+for verb, module in VERBS.items():
+    app.command(verb, epilog=f"Example: {module.EXAMPLE}")(module.run)
+
+
+def main() -> None:
+    """Run the command line; end with the exit code the error asks for and never with a traceback."""
+    try:
+        app()
+    except NeuroAnimatorError as error:
+        fail(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        fail("Interrupted. Nothing is lost: the same command goes on where it stopped.", 130)
+    except MemoryError:
+        fail("Out of memory. Ask for less at once.", 4)
+    except OSError as error:
+        fail(f"{error.strerror or error}: {error.filename or ''}", 4)
+    except Exception as error:
+        if os.environ.get("NEUROANIMATOR_DEBUG"):
+            raise
+        fail(
+            f"Unexpected {type(error).__name__}: {error}. NEUROANIMATOR_DEBUG=1 shows where; please report it.",
+            1,
+        )
+
+
+def fail(message: str, code: int) -> None:
+    """Print one line on stderr and end with `code`."""
+    print(f"neuroanimator: {' '.join(message.split())}", file=sys.stderr)
+    sys.exit(code)

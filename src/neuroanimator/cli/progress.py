@@ -1,0 +1,48 @@
+"""Progress bars: on stderr, and only on a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+
+class Bar:
+    """One bar; does nothing where there is no terminal."""
+
+    def __init__(self, progress: Progress | None, title: str, total: int):
+        self._progress = progress
+        self._task = progress.add_task(title, total=total, note="") if progress else None
+
+    def advance_to(self, done: int, note: str = "") -> None:
+        """Show `done` of the total, with a short note behind the bar."""
+        if self._progress is not None and self._task is not None:
+            self._progress.update(self._task, completed=done, note=note)
+
+
+@contextmanager
+def progress_bar(title: str, total: int) -> Iterator[Bar]:
+    """Show a bar of `total` units with rate and time left while the block runs."""
+    if not sys.stderr.isatty():
+        yield Bar(None, title, total)
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        yield Bar(progress, title, total)

@@ -1,0 +1,68 @@
+"""`train`: fit an emulator to a dataset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
+
+
+def run(
+    data: Annotated[Path, typer.Argument(help="Folder made by 'generate'.")],
+    out: Annotated[Path, typer.Option(help="File for the emulator.")],
+    config: Annotated[Path | None, typer.Option(help="TOML file with any of the settings below.")] = None,
+    network: Annotated[
+        str | None, typer.Option(help="gated (default) or classic, the network of 1998.")
+    ] = None,
+    widths: Annotated[str | None, typer.Option(help="Units in each hidden layer, such as 96,64.")] = None,
+    optimizer: Annotated[
+        str | None, typer.Option(help="muon (default), adam, or momentum as in 1998.")
+    ] = None,
+    learning_rate: Annotated[float | None, typer.Option(help="Highest learning rate.")] = None,
+    updates: Annotated[
+        int | None, typer.Option(help="Weight updates (default 40000, half a minute).")
+    ] = None,
+    batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,
+    unroll: Annotated[
+        int | None, typer.Option(help="Super steps the last updates look ahead, 1 to 4.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of weights, split and batches.")] = None,
+) -> None:
+    """Train an emulator. Killed and started again it goes on and ends with the same bytes."""
+    from neuroanimator.cli.progress import progress_bar
+    from neuroanimator.cli.table import print_rows
+    from neuroanimator.data.transitions import read_transitions
+    from neuroanimator.training.config import UPDATES_PER_CHUNK, read_settings, training_config
+    from neuroanimator.training.train import Report, run_folder, train
+
+    named = {"network": network, "optimizer": optimizer, "learning_rate": learning_rate, "updates": updates}
+    named |= {"batch": batch, "unroll": unroll, "seed": seed, "widths": _numbers(widths)}
+    settings: dict[str, Any] = read_settings(config) if config else {}
+    settings |= {key: value for key, value in named.items() if value is not None}
+    checked = training_config(**settings)
+    last: list[Report] = []
+    with progress_bar("updates", checked.chunks * UPDATES_PER_CHUNK) as bar:
+
+        def on_report(report: Report) -> None:
+            last[:] = [report]
+            bar.advance_to(
+                report.update, f"error {report.error:.4f}, {report.update / report.seconds:,.0f}/s"
+            )
+
+        train(read_transitions(data), checked, out, on_report=on_report)
+    rows: list[tuple[str, object]] = [("emulator", out), ("metrics", run_folder(out) / "metrics.jsonl")]
+    if last:
+        rows += [("one-step error (validation)", f"{last[0].error:.4f}"), ("updates", last[0].update)]
+    print_rows(rows)
+
+
+def _numbers(text: str | None) -> tuple[int, ...] | None:
+    from neuroanimator.errors import ArgumentError
+
+    try:
+        return None if text is None else tuple(int(part) for part in text.split(","))
+    except ValueError as error:
+        raise ArgumentError(f"widths: wanted numbers such as 96,64, came '{text}'.") from error

@@ -1,0 +1,21 @@
+"""What a synthesis achieved, as rows to print."""
+
+from __future__ import annotations
+
+from neuroanimator.control.replay import is_upright
+from neuroanimator.control.synthesise import Synthesis
+
+
+def outcome_rows(found: Synthesis) -> list[tuple[str, object]]:
+    """Return names and values, the physics' verdict last."""
+    descent, outcome = found.descent, found.outcome
+    return [
+        ("method", descent.method),
+        ("iterations", descent.iterations),
+        ("synthesis", f"{descent.seconds:.2f} s"),
+        ("refinements on physics", found.refinements),
+        ("J on emulator", f"{outcome.cost_emulator:.3f}"),
+        ("J on physics", f"{outcome.cost_physics:.3f}"),
+        ("gap", f"{outcome.gap:+.3f}"),
+        ("upright on the true physics", "yes" if is_upright(outcome.physical[-1]) else "no"),
+    ]

@@ -1,0 +1,116 @@
+"""From a goal to a controller proved on the physics: descend, replay, refine, again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuroanimator.control.descend import Descent, descend
+from neuroanimator.control.objective import GOALS, Objective
+from neuroanimator.control.refine import transitions_near
+from neuroanimator.control.replay import Replay, replay
+from neuroanimator.data.transitions import Transitions
+from neuroanimator.emulator.artifact import describe
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems import load_system
+from neuroanimator.systems.system import System
+from neuroanimator.training.config import training_config
+from neuroanimator.training.train import train
+
+LARGE_GAP = 0.5
+"""A gap of J above this is worth refining: half of what one end-state number off by its scale costs."""
+NEARBY = 4_000
+"""Physics windows added per refinement: 0.8 s of data in about two seconds."""
+LONGEST = 20.0
+"""[s] Longest motion searched for."""
+REFINING_UPDATES = 5_000
+REFINING_RATE = 1e-3
+
+
+@dataclass(frozen=True)
+class Synthesis:
+    """A controller and how it came about."""
+
+    emulator: Emulator
+    """The one that found it: refined if refining was needed."""
+    descent: Descent
+    outcome: Replay
+    refinements: int
+
+
+def synthesise(
+    emulator: Emulator,
+    system: System,
+    objective: Objective,
+    start: np.ndarray,
+    *,
+    steps: int,
+    method: str = "gauss-newton",
+    iterations: int = 20,
+    data: Transitions | None = None,
+    workplace: Path | None = None,
+    refinements: int = 2,
+    on_refine: Callable[[float], None] = lambda gap: None,
+) -> Synthesis:
+    """Return the best controller by its J on the physics, among the first and up to `refinements` more.
+
+    Refining needs `data` (what the emulator was trained on) and a `workplace` folder for checkpoints.
+    """
+    done = 0
+    descent = descend(emulator, objective, start, steps=steps, method=method, iterations=iterations)
+    best = Synthesis(emulator, descent, replay(emulator, system, objective, start, descent.controls), 0)
+    found = best
+    while data is not None and workplace is not None and done < refinements and found.outcome.gap > LARGE_GAP:
+        on_refine(found.outcome.gap)
+        done += 1
+        data = transitions_near(data, found.outcome.physical, found.descent.controls, count=NEARBY, seed=done)
+        refined = _train_on(found.emulator, data, workplace / f"refined-{done}.emulator.safetensors")
+        descent = descend(
+            refined,
+            objective,
+            start,
+            steps=steps,
+            method=method,
+            iterations=iterations,
+            first=found.descent.controls,
+        )
+        found = Synthesis(refined, descent, replay(refined, system, objective, start, descent.controls), done)
+        if found.outcome.cost_physics < best.outcome.cost_physics:
+            best = found
+    return best
+
+
+def synthesise_goal(
+    emulator: Emulator, goal: str, seconds: float, *, effort_weight: float = 1.0, **options: Any
+) -> Synthesis:
+    """Return the controller that reaches the named `goal` from rest in `seconds`; options as `synthesise`."""
+    if goal not in GOALS:
+        raise ArgumentError(f"No goal called '{goal}'. Goals: {', '.join(sorted(GOALS))}.")
+    if emulator.identity.system != "pendulum":
+        raise ArgumentError(
+            f"The goal '{goal}' needs the system pendulum; this emulator's is {emulator.identity.system}."
+        )
+    if not emulator.dt <= seconds <= LONGEST:
+        raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")
+    if not 0 <= effort_weight < float("inf"):
+        raise ArgumentError(f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}.")
+    objective = GOALS[goal](effort_weight=effort_weight)
+    start, steps = np.zeros(emulator.identity.state.size), round(seconds / emulator.dt)
+    return synthesise(emulator, load_system("pendulum"), objective, start, steps=steps, **options)
+
+
+def _train_on(emulator: Emulator, data: Transitions, out: Path) -> Emulator:
+    network = emulator.network
+    config = training_config(
+        widths=network.widths,
+        network=describe(emulator)["network"]["kind"],
+        updates=REFINING_UPDATES,
+        learning_rate=REFINING_RATE,
+        unroll_share=0.5,
+    )
+    return train(data, config, out, start_from=emulator)

@@ -1,0 +1,152 @@
+"""The main job on real physics: generate → train → evaluate → swing up → replay → GLB, MP4, report."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuroanimator.animation.clip import make_clip
+from neuroanimator.cli.progress import progress_bar
+from neuroanimator.cli.table import print_rows
+from neuroanimator.control.objective import stand_upright
+from neuroanimator.control.replay import is_upright
+from neuroanimator.control.report import outcome_rows
+from neuroanimator.control.synthesise import Synthesis, synthesise
+from neuroanimator.data.generate import generate
+from neuroanimator.data.transitions import Transitions, dataset_config, read_transitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ResourceError
+from neuroanimator.evaluation.evaluate import Evaluation, evaluate
+from neuroanimator.evaluation.report import write_report
+from neuroanimator.export.gltf import write_glb
+from neuroanimator.export.table import write_table
+from neuroanimator.export.video import write_video
+from neuroanimator.files import canonical_json, write_whole
+from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
+from neuroanimator.training.train import train
+
+SYSTEM, SUBSTEPS = "pendulum", 50
+TRANSITIONS = 100_000
+UPDATES = 100_000
+SWING_SECONDS = 1.5
+"""As long as a quick human arm takes; the motors could do it in one."""
+
+
+def run_demo(out: Path) -> dict[str, Any]:
+    """Do the main job in `out` and print what was measured; return the summary also written there."""
+    began = time.monotonic()
+    data, seconds_data = _timed("1/5 simulate", lambda: _generate(out / "data"))
+    emulator, seconds_training = _timed(
+        "2/5 train", lambda: _train(data, out / f"{SYSTEM}.emulator.safetensors")
+    )
+    evaluation, _ = _timed("3/5 evaluate", lambda: evaluate(emulator, data=data))
+    found, _ = _timed("4/5 swing up", lambda: _swing_up(emulator, data, out))
+    files, _ = _timed("5/5 draw and write", lambda: _write(out, evaluation, found))
+    saved = evaluation.speed.physics_seconds * SUBSTEPS - evaluation.speed.emulator_seconds
+    break_even = (seconds_data + seconds_training) / saved * emulator.dt
+    summary = {
+        "one_step_error": evaluation.one_step_error,
+        "rollout_error_1s": evaluation.rollout_error_at(1.0),
+        "nominal_speedup": evaluation.speed.nominal,
+        "equal_error_speedup": evaluation.speed.equal_error,
+        "iterations": found.descent.iterations,
+        "synthesis_seconds": found.descent.seconds,
+        "cost_emulator": found.outcome.cost_emulator,
+        "cost_physics": found.outcome.cost_physics,
+        "upright_on_physics": is_upright(found.outcome.physical[-1]),
+        "seconds_total": time.monotonic() - began,
+        "files": [str(path) for path in files] + [str(out / "summary.json")],
+    }
+    write_whole(out / "summary.json", (canonical_json(summary) + "\n").encode())
+    _print(summary, evaluation, found, break_even)
+    return summary
+
+
+def _timed(title: str, work: Any) -> tuple[Any, float]:
+    print(f"{title} ...", file=sys.stderr, flush=True)
+    began = time.monotonic()
+    return work(), time.monotonic() - began
+
+
+def _generate(folder: Path) -> Transitions:
+    config = dataset_config(system=SYSTEM, substeps=SUBSTEPS, count=TRANSITIONS, seed=0)
+    with progress_bar("shards", config.shards) as bar:
+        done = iter(range(1, config.shards + 1))
+        generate(config, folder, on_shard=lambda: bar.advance_to(next(done)))
+    return read_transitions(folder)
+
+
+def _train(data: Transitions, path: Path) -> Emulator:
+    config = training_config(updates=UPDATES)
+    with progress_bar("updates", config.chunks * UPDATES_PER_CHUNK) as bar:
+        return train(data, config, path, on_report=lambda r: bar.advance_to(r.update, f"error {r.error:.4f}"))
+
+
+def _swing_up(emulator: Emulator, data: Transitions, out: Path) -> Synthesis:
+    return synthesise(
+        emulator,
+        data.system,
+        stand_upright(),
+        np.zeros(6),
+        steps=round(SWING_SECONDS / emulator.dt),
+        data=data,
+        workplace=out / "refining",
+        on_refine=lambda gap: print(
+            f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr
+        ),
+    )
+
+
+def _write(out: Path, evaluation: Evaluation, found: Synthesis) -> list[Path]:
+    emulator, states = found.emulator, found.outcome.physical
+    hold = np.repeat(
+        states[-1:] * [1, 1, 1, 0, 0, 0], round(0.5 / emulator.dt), axis=0
+    )  # time to see it stand
+    clip = make_clip(emulator, np.concatenate([states, hold]))
+    files = [
+        out / name
+        for name in ("swing-up.glb", "swing-up.csv", "report.html", f"{SYSTEM}.emulator.safetensors")
+    ]
+    write_glb(clip, files[0])
+    times = np.arange(len(found.descent.controls)) * emulator.dt
+    write_table(files[1], times, found.descent.controls, emulator.identity.control)
+    write_report([evaluation], files[2], extra=[("Swing-up", _swing_up_html(found))])
+    try:
+        write_video(clip, out / "swing-up.mp4")
+        files.append(out / "swing-up.mp4")
+    except ResourceError as error:
+        print(f"neuroanimator: {error}", file=sys.stderr)
+    return files
+
+
+def _swing_up_html(found: Synthesis) -> str:
+    rows = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in outcome_rows(found))
+    return f"<table>{rows}</table>"
+
+
+def _print(summary: dict[str, Any], evaluation: Evaluation, found: Synthesis, break_even: float) -> None:
+    rival = evaluation.speed.rival
+    print_rows(
+        [
+            ("system", f"{SYSTEM}, n = {SUBSTEPS}: one super step is {evaluation.dt * 1e3:g} ms"),
+            ("one-step error", f"{summary['one_step_error']:.4f} of the change's standard deviation"),
+            (
+                "rollout error after 1 s",
+                f"{summary['rollout_error_1s']:.4f} of the state's standard deviation",
+            ),
+            ("nominal speed-up", f"{summary['nominal_speedup']:.0f} (MuJoCo Euler, 1 ms)"),
+            (
+                "equal-error speed-up",
+                f"{summary['equal_error_speedup']:.1f} (MuJoCo {rival.scheme.integrator}, {rival.scheme.dt * 1e3:.3g} ms)",
+            ),
+            ("blow-ups", f"{evaluation.blow_ups} of {evaluation.blow_up_starts} random starts"),
+            ("break-even", f"after {break_even / 3600:.1f} simulated hours (data and training counted)"),
+            *outcome_rows(found),
+            ("seconds in all", f"{summary['seconds_total']:.0f}"),
+            *(("file", path) for path in summary["files"]),
+        ]
+    )

@@ -1,0 +1,120 @@
+"""`report.html`: one self-contained file with the figures, the plots and what they mean."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from neuroanimator.evaluation.evaluate import Evaluation
+from neuroanimator.files import write_whole
+
+PHYSICS, EMULATOR, QUIET = "#2b5a94", "#e8892b", "#8a94a0"
+
+STYLE = """body{font:16px/1.55 system-ui,sans-serif;color:#1c2733;max-width:62rem;margin:2rem auto;padding:0 1rem}
+h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}table{border-collapse:collapse;margin:1rem 0}
+td,th{padding:.3rem .8rem;border-bottom:1px solid #dde3ea;text-align:right}td:first-child,th:first-child{text-align:left}
+svg{max-width:100%;height:auto}p{max-width:46rem}"""
+
+
+def write_report(
+    evaluations: list[Evaluation], path: Path, *, extra: list[tuple[str, str]] | None = None
+) -> None:
+    """Write the report of `evaluations`; `extra` adds (title, HTML) sections before the details."""
+    parts = ["<h1>NeuroAnimator: emulator against physics</h1>", _table(evaluations), _verdict(evaluations)]
+    parts += [f"<h2>{html.escape(title)}</h2>{body}" for title, body in extra or []]
+    for evaluation in evaluations:
+        parts.append(_section(evaluation))
+    page = f"<!doctype html><html lang=en><meta charset=utf-8><title>NeuroAnimator report</title><style>{STYLE}</style>"
+    write_whole(path, (page + "".join(parts) + "</html>\n").encode())
+
+
+def _table(evaluations: list[Evaluation]) -> str:
+    rows = [evaluation.row() for evaluation in evaluations]
+    head = "".join(f"<th>{html.escape(key.replace('_', ' '))}</th>" for key in rows[0])
+    cells = lambda row: "".join(f"<td>{_format(value)}</td>" for value in row.values())  # noqa: E731
+    return f"<table><tr>{head}</tr>" + "".join(f"<tr>{cells(row)}</tr>" for row in rows) + "</table>"
+
+
+def _format(value: str | int | float) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else html.escape(str(value))
+
+
+def _verdict(evaluations: list[Evaluation]) -> str:
+    lines = []
+    for e in evaluations:
+        rival = f"{e.speed.rival.scheme.integrator} at {e.speed.rival.scheme.dt * 1e3:.3g} ms"
+        word = "wins" if e.speed.equal_error > 1 else "loses"
+        lines.append(
+            f"<p><b>{e.system}, n = {e.substeps}.</b> One super step costs {e.speed.emulator_seconds * 1e6:.2f} µs. "
+            f"The physics' own {e.substeps} steps take {e.speed.nominal:.0f} times as long; the fastest physics that is "
+            f"at least as accurate, {rival}, takes {e.speed.equal_error:.1f} times as long, so the emulator {word} "
+            f"at equal error. Blow-ups: {e.blow_ups} of {e.blow_up_starts} random starts.</p>"
+        )
+    return "".join(lines)
+
+
+def _section(e: Evaluation) -> str:
+    baseline = "".join(f"<tr><td>{name}</td><td>{error:.3g}</td></tr>" for name, error in e.baselines.items())
+    cheap = f"<h3>Cheap predictors, one-step error</h3><table>{baseline}</table>" if baseline else ""
+    return (
+        f"<h2>{e.system}, n = {e.substeps} (Δt = {e.dt * 1e3:g} ms)</h2>"
+        f"{plot(lambda axes: _plot_motion(axes, e))}<p>A held-out run under random controls: fine physics and emulator.</p>"
+        f"{plot(lambda axes: _plot_rollout(axes, e))}<p>Error in standard deviations of the state. The physics at its own "
+        "default step strays from fine physics too; below that line nothing can be told apart.</p>"
+        f"{plot(lambda axes: _plot_work(axes, e))}<p>Error against cost of one super step. Down and left is better.</p>{cheap}"
+    )
+
+
+def plot(draw: Callable[[Axes], None]) -> str:
+    """Return what `draw` draws, as inline SVG with the same bytes every time."""
+    figure = Figure(figsize=(8, 3.6), layout="constrained")
+    draw(figure.add_subplot())
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def _plot_motion(axes: Axes, e: Evaluation) -> None:
+    for entry in range(3):
+        axes.plot(
+            e.times,
+            np.unwrap(e.sample_physics[:, entry]),
+            color=PHYSICS,
+            label="physics" if entry == 0 else None,
+        )
+        axes.plot(
+            e.times,
+            e.sample_emulated[:, entry],
+            "o",
+            ms=3,
+            color=EMULATOR,
+            label="emulator" if entry == 0 else None,
+        )
+    axes.set(xlabel="time [s]", ylabel="joint angles [rad]")
+    axes.legend(frameon=False)
+
+
+def _plot_rollout(axes: Axes, e: Evaluation) -> None:
+    axes.plot(e.times[1:], e.rollout_errors[1:], color=EMULATOR, label="emulator")
+    axes.plot(e.times[1:], e.self_divergence[1:], color=QUIET, ls="--", label="physics at its own step")
+    axes.set(xlabel="time [s]", ylabel="rollout error", yscale="log")
+    axes.legend(frameon=False)
+
+
+def _plot_work(axes: Axes, e: Evaluation) -> None:
+    for integrator in sorted({o.scheme.integrator for o in e.speed.opponents}):
+        points = sorted(
+            (o.seconds * 1e6, o.error) for o in e.speed.opponents if o.scheme.integrator == integrator
+        )
+        points = [point for point in points if 1e-6 < point[1] < 2]
+        axes.plot(*zip(*points, strict=True), "o-", ms=3, lw=1, label=f"MuJoCo {integrator}")
+    axes.plot(e.speed.emulator_seconds * 1e6, e.one_step_error, "*", ms=14, color=EMULATOR, label="emulator")
+    axes.set(xlabel="cost of one super step [µs]", ylabel="one-step error", xscale="log", yscale="log")
+    axes.legend(frameon=False, fontsize=8)

@@ -1,0 +1,32 @@
+"""The emulators that come with the package."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from neuroanimator.errors import BadFileError
+
+SHIPPED = [(system, substeps) for system in ("pendulum", "pendulum-passive") for substeps in (50, 100, 25)]
+"""(system, substeps) of each."""
+
+
+def shipped_path(system: str, substeps: int = 50) -> Path:
+    """Return where the shipped emulator of `system` at `substeps` lies."""
+    return (
+        Path(str(resources.files("neuroanimator")))
+        / "emulators"
+        / f"{system}-{substeps}.emulator.safetensors"
+    )
+
+
+def find_emulator(name: str) -> Path:
+    """Return the file `name` is, or the shipped emulator it names: `pendulum` or `pendulum-100`."""
+    path = Path(name)
+    if path.is_file():
+        return path
+    for system, substeps in SHIPPED:
+        if name in (f"{system}-{substeps}", system) and shipped_path(system, substeps).is_file():
+            return shipped_path(system, substeps)
+    names = ", ".join(sorted(f"{system}-{substeps}" for system, substeps in SHIPPED))
+    raise BadFileError(f"No emulator file '{name}', and none of that name ships. Shipped: {names}.")
