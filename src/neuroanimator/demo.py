@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.animation.clip import make_clip
-from neuroanimator.cli.progress import progress_bar
-from neuroanimator.cli.table import print_rows
 from neuroanimator.control.objective import stand_upright
 from neuroanimator.control.replay import is_upright
 from neuroanimator.control.report import outcome_rows
@@ -26,6 +24,7 @@ from neuroanimator.export.gltf import write_glb
 from neuroanimator.export.table import write_table
 from neuroanimator.export.video import write_video
 from neuroanimator.files import canonical_json, write_whole
+from neuroanimator.terminal import print_rows, progress_bar
 from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
 from neuroanimator.training.train import train
 
@@ -40,9 +39,7 @@ def run_demo(out: Path) -> dict[str, Any]:
     """Do the main job in `out` and print what was measured; return the summary also written there."""
     began = time.monotonic()
     data, seconds_data = _timed("1/5 simulate", lambda: _generate(out / "data"))
-    emulator, seconds_training = _timed(
-        "2/5 train", lambda: _train(data, out / f"{SYSTEM}.emulator.safetensors")
-    )
+    emulator, seconds_training = _timed("2/5 train", lambda: _train(data, out / f"{SYSTEM}.emulator.safetensors"))
     evaluation, _ = _timed("3/5 evaluate", lambda: evaluate(emulator, data=data))
     found, _ = _timed("4/5 swing up", lambda: _swing_up(emulator, data, out))
     files, _ = _timed("5/5 draw and write", lambda: _write(out, evaluation, found))
@@ -95,22 +92,15 @@ def _swing_up(emulator: Emulator, data: Transitions, out: Path) -> Synthesis:
         steps=round(SWING_SECONDS / emulator.dt),
         data=data,
         workplace=out / "refining",
-        on_refine=lambda gap: print(
-            f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr
-        ),
+        on_refine=lambda gap: print(f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr),
     )
 
 
 def _write(out: Path, evaluation: Evaluation, found: Synthesis) -> list[Path]:
     emulator, states = found.emulator, found.outcome.physical
-    hold = np.repeat(
-        states[-1:] * [1, 1, 1, 0, 0, 0], round(0.5 / emulator.dt), axis=0
-    )  # time to see it stand
+    hold = np.repeat(states[-1:] * [1, 1, 1, 0, 0, 0], round(0.5 / emulator.dt), axis=0)  # time to see it stand
     clip = make_clip(emulator, np.concatenate([states, hold]))
-    files = [
-        out / name
-        for name in ("swing-up.glb", "swing-up.csv", "report.html", f"{SYSTEM}.emulator.safetensors")
-    ]
+    files = [out / name for name in ("swing-up.glb", "swing-up.csv", "report.html", f"{SYSTEM}.emulator.safetensors")]
     write_glb(clip, files[0])
     times = np.arange(len(found.descent.controls)) * emulator.dt
     write_table(files[1], times, found.descent.controls, emulator.identity.control)

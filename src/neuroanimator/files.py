@@ -118,9 +118,7 @@ def read_tensors(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str
         tensors = safetensors.numpy.load(raw)
         _check_payload(tensors, metadata, kind)
     except (ValueError, RecursionError, KeyError, TypeError, safetensors.SafetensorError) as error:
-        raise BadFileError(
-            f"{path} is not a usable {kind} file: {_one_line(error)}. Make it again."
-        ) from error
+        raise BadFileError(f"{path} is not a usable {kind} file: {_one_line(error)}. Make it again.") from error
     return tensors, metadata
 
 
@@ -146,9 +144,7 @@ def _check_header(raw: bytes) -> dict[str, Any]:
         raise ValueError(f"{len(header)} tensors; wanted at most {TENSOR_LIMIT}")
     for name, entry in header.items():
         if entry["dtype"] not in DTYPES:
-            raise ValueError(
-                f"tensor '{name[:40]}' has dtype {entry['dtype']}; wanted one of {sorted(DTYPES)}"
-            )
+            raise ValueError(f"tensor '{name[:40]}' has dtype {entry['dtype']}; wanted one of {sorted(DTYPES)}")
     parsed = json.loads(metadata[METADATA_KEY], object_pairs_hook=_unique_keys)
     if not isinstance(parsed, dict):
         raise ValueError("metadata is not a JSON object")

@@ -13,11 +13,7 @@ SHIPPED = [(system, substeps) for system in ("pendulum", "pendulum-passive") for
 
 def shipped_path(system: str, substeps: int = 50) -> Path:
     """Return where the shipped emulator of `system` at `substeps` lies."""
-    return (
-        Path(str(resources.files("neuroanimator")))
-        / "emulators"
-        / f"{system}-{substeps}.emulator.safetensors"
-    )
+    return Path(str(resources.files("neuroanimator"))) / "emulators" / f"{system}-{substeps}.emulator.safetensors"
 
 
 def find_emulator(name: str) -> Path:

@@ -32,9 +32,7 @@ class Clip:
         return (len(self.times) - 1) / float(self.times[-1])
 
 
-def make_clip(
-    emulator: Emulator, states: np.ndarray, *, rate: float = 30.0, interpolation: str = "hermite"
-) -> Clip:
+def make_clip(emulator: Emulator, states: np.ndarray, *, rate: float = 30.0, interpolation: str = "hermite") -> Clip:
     """Return the clip of a trajectory (T+1, S) at `rate` frames a second."""
     if interpolation not in INTERPOLATIONS:
         raise ArgumentError(

@@ -12,13 +12,9 @@ EXAMPLE = "neuroanimator animate pendulum --seconds 5 --seed 1 --out swing.glb -
 
 def run(
     emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
-    out: Annotated[
-        list[Path], typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times.")
-    ],
+    out: Annotated[list[Path], typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times.")],
     seconds: Annotated[float, typer.Option(help="Length of a random motion [s].")] = 5.0,
-    controls: Annotated[
-        Path | None, typer.Option(help="CSV of controls, as 'control' writes; from rest.")
-    ] = None,
+    controls: Annotated[Path | None, typer.Option(help="CSV of controls, as 'control' writes; from rest.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of start and controls.")] = 0,
     rate: Annotated[float, typer.Option(help="Frames a second.")] = 30.0,
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
@@ -26,11 +22,11 @@ def run(
     """Animate a random motion, or one found by 'control', without running the physics."""
     from neuroanimator.animation.clip import make_clip
     from neuroanimator.animation.motion import controlled_motion, random_motion
-    from neuroanimator.cli.table import print_rows
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.export.by_suffix import check_format, export_clip
     from neuroanimator.export.table import read_table
     from neuroanimator.shipped import find_emulator
+    from neuroanimator.terminal import print_rows
 
     for path in out:
         check_format(path)
@@ -42,6 +38,4 @@ def run(
     clip = make_clip(model, states, rate=rate, interpolation=interpolation)
     for path in out:
         export_clip(clip, model, path)
-    print_rows(
-        [("frames", len(clip.times)), ("seconds", f"{clip.times[-1]:.2f}"), *(("file", path) for path in out)]
-    )
+    print_rows([("frames", len(clip.times)), ("seconds", f"{clip.times[-1]:.2f}"), *(("file", path) for path in out)])

@@ -15,25 +15,21 @@ def run(
     out: Annotated[Path, typer.Option(help="CSV file for the controls.")],
     goal: Annotated[str, typer.Option(help="What to achieve: upright.")] = "upright",
     seconds: Annotated[float, typer.Option(help="Length of the motion [s].")] = 1.5,
-    method: Annotated[
-        str, typer.Option(help="gauss-newton, lbfgs, or momentum as in 1998.")
-    ] = "gauss-newton",
+    method: Annotated[str, typer.Option(help="gauss-newton, lbfgs, or momentum as in 1998.")] = "gauss-newton",
     iterations: Annotated[int, typer.Option(help="Backward sweeps allowed.")] = 20,
     effort_weight: Annotated[float, typer.Option(help="Weight of effort in J.")] = 1.0,
-    data: Annotated[
-        Path | None, typer.Option(help="Dataset folder; allows refining if the physics disagrees.")
-    ] = None,
+    data: Annotated[Path | None, typer.Option(help="Dataset folder; allows refining if the physics disagrees.")] = None,
 ) -> None:
     """Find a controller by gradient descent through the emulator, then replay it on MuJoCo."""
     import numpy as np
 
-    from neuroanimator.cli.table import print_rows
     from neuroanimator.control.report import outcome_rows
     from neuroanimator.control.synthesise import synthesise_goal
     from neuroanimator.data.transitions import read_transitions
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.export.table import write_table
     from neuroanimator.shipped import find_emulator
+    from neuroanimator.terminal import print_rows
 
     found = synthesise_goal(
         Emulator.load(find_emulator(emulator)),

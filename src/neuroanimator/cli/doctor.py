@@ -13,8 +13,8 @@ def run() -> None:
 
     import jax
 
-    from neuroanimator.cli.table import print_rows
     from neuroanimator.export.video import HOW_TO_GET_GL, graphics_backend
+    from neuroanimator.terminal import print_rows
 
     backend = graphics_backend()
     free = shutil.disk_usage(".").free / 1e9

@@ -12,22 +12,19 @@ EXAMPLE = "neuroanimator evaluate pendulum-25 pendulum-50 pendulum-100 --report 
 
 def run(
     emulators: Annotated[list[str], typer.Argument(help="Emulator files, or names of shipped ones.")],
-    data: Annotated[
-        Path | None, typer.Option(help="Dataset folder, to compare with cheap predictors too.")
-    ] = None,
+    data: Annotated[Path | None, typer.Option(help="Dataset folder, to compare with cheap predictors too.")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML file with plots.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
 ) -> None:
     """Measure emulators on unseen runs against fine physics, and their speed against MuJoCo."""
     from json import dumps
 
-    from neuroanimator.cli.progress import progress_bar
-    from neuroanimator.cli.table import print_table
     from neuroanimator.data.transitions import read_transitions
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.evaluation.evaluate import evaluate
     from neuroanimator.evaluation.report import write_report
     from neuroanimator.shipped import find_emulator
+    from neuroanimator.terminal import print_table, progress_bar
 
     loaded = [Emulator.load(find_emulator(name)) for name in emulators]
     transitions = read_transitions(data) if data else None

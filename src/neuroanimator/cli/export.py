@@ -13,16 +13,14 @@ EXAMPLE = "neuroanimator export swing.csv --emulator pendulum --out swing.glb"
 def run(
     clip: Annotated[Path, typer.Argument(help="CSV clip written by 'animate'.")],
     emulator: Annotated[str, typer.Option(help="Emulator file or name the clip belongs to.")],
-    out: Annotated[
-        list[Path], typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times.")
-    ],
+    out: Annotated[list[Path], typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times.")],
 ) -> None:
     """Export a clip as GLB for Blender and the web, or as MP4 video."""
-    from neuroanimator.cli.table import print_rows
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.export.by_suffix import check_format, export_clip
     from neuroanimator.export.table import read_clip
     from neuroanimator.shipped import find_emulator
+    from neuroanimator.terminal import print_rows
 
     for path in out:
         check_format(path)

@@ -21,10 +21,9 @@ def run(
     ] = None,
 ) -> None:
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
-    from neuroanimator.cli.progress import progress_bar
-    from neuroanimator.cli.table import print_rows
     from neuroanimator.data.generate import generate
     from neuroanimator.data.transitions import PICKS_PER_RUN, dataset_config
+    from neuroanimator.terminal import print_rows, progress_bar
 
     config = dataset_config(system=system, substeps=substeps, count=count, seed=seed)
     done = 0

@@ -16,9 +16,9 @@ def run(
     """Check an emulator file and show what it is."""
     from json import dumps
 
-    from neuroanimator.cli.table import print_rows
     from neuroanimator.emulator.artifact import load, read_metadata, tensors_of
     from neuroanimator.shipped import find_emulator
+    from neuroanimator.terminal import print_rows
 
     path = find_emulator(emulator)
     metadata, model = read_metadata(path), load(path)

@@ -7,9 +7,9 @@ EXAMPLE = "neuroanimator list"
 
 def run() -> None:
     """List the systems and the ready-made emulators."""
-    from neuroanimator.cli.table import print_rows
     from neuroanimator.shipped import SHIPPED, shipped_path
     from neuroanimator.systems import SYSTEMS
+    from neuroanimator.terminal import print_rows
 
     print("Systems")
     print_rows((f"  {name}", text) for name, text in SYSTEMS.items())

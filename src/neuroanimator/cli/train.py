@@ -14,27 +14,18 @@ def run(
     data: Annotated[Path, typer.Argument(help="Folder made by 'generate'.")],
     out: Annotated[Path, typer.Option(help="File for the emulator.")],
     config: Annotated[Path | None, typer.Option(help="TOML file with any of the settings below.")] = None,
-    network: Annotated[
-        str | None, typer.Option(help="gated (default) or classic, the network of 1998.")
-    ] = None,
+    network: Annotated[str | None, typer.Option(help="gated (default) or classic, the network of 1998.")] = None,
     widths: Annotated[str | None, typer.Option(help="Units in each hidden layer, such as 96,64.")] = None,
-    optimizer: Annotated[
-        str | None, typer.Option(help="muon (default), adam, or momentum as in 1998.")
-    ] = None,
+    optimizer: Annotated[str | None, typer.Option(help="muon (default), adam, or momentum as in 1998.")] = None,
     learning_rate: Annotated[float | None, typer.Option(help="Highest learning rate.")] = None,
-    updates: Annotated[
-        int | None, typer.Option(help="Weight updates (default 40000, half a minute).")
-    ] = None,
+    updates: Annotated[int | None, typer.Option(help="Weight updates (default 40000, half a minute).")] = None,
     batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,
-    unroll: Annotated[
-        int | None, typer.Option(help="Super steps the last updates look ahead, 1 to 4.")
-    ] = None,
+    unroll: Annotated[int | None, typer.Option(help="Super steps the last updates look ahead, 1 to 4.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of weights, split and batches.")] = None,
 ) -> None:
     """Train an emulator. Killed and started again it goes on and ends with the same bytes."""
-    from neuroanimator.cli.progress import progress_bar
-    from neuroanimator.cli.table import print_rows
     from neuroanimator.data.transitions import read_transitions
+    from neuroanimator.terminal import print_rows, progress_bar
     from neuroanimator.training.config import UPDATES_PER_CHUNK, read_settings, training_config
     from neuroanimator.training.train import Report, run_folder, train
 
@@ -48,9 +39,7 @@ def run(
 
         def on_report(report: Report) -> None:
             last[:] = [report]
-            bar.advance_to(
-                report.update, f"error {report.error:.4f}, {report.update / report.seconds:,.0f}/s"
-            )
+            bar.advance_to(report.update, f"error {report.error:.4f}, {report.update / report.seconds:,.0f}/s")
 
         train(read_transitions(data), checked, out, on_report=on_report)
     rows: list[tuple[str, object]] = [("emulator", out), ("metrics", run_folder(out) / "metrics.jsonl")]

@@ -57,13 +57,20 @@ class Problem:
     objective: Objective
     start: np.ndarray
     steps: int
+    limit: np.ndarray
+    """(C,) bounds of the controls."""
 
     def __post_init__(self) -> None:
         self.costs: list[float] = []
-        arrays = (self.emulator, self.objective, jnp.asarray(self.start, jnp.float32))
+        arrays = (
+            self.emulator,
+            self.objective,
+            jnp.asarray(self.start, jnp.float32),
+            jnp.asarray(self.limit, jnp.float32),
+        )
         self._residuals = eqx.Partial(eqx.filter_jit(_residuals), *arrays)
-        self._jacobian = eqx.Partial(eqx.filter_jit(jax.jacrev(_residuals, argnums=3)), *arrays)
-        self._gradient = eqx.Partial(eqx.filter_jit(jax.value_and_grad(_cost, argnums=3)), *arrays)
+        self._jacobian = eqx.Partial(eqx.filter_jit(jax.jacrev(_residuals, argnums=4)), *arrays)
+        self._gradient = eqx.Partial(eqx.filter_jit(jax.value_and_grad(_cost, argnums=4)), *arrays)
 
     @property
     def size(self) -> int:
@@ -72,7 +79,7 @@ class Problem:
 
     def controls(self, z: np.ndarray) -> np.ndarray:
         """Return the controls (T, C) that z stands for."""
-        return np.tanh(z.reshape(self.steps, -1)) * np.array(self.emulator.identity.control_limit)
+        return np.tanh(z.reshape(self.steps, -1)) * self.limit
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """Return the numbers whose squares sum to 2J."""
@@ -105,16 +112,21 @@ def descend(
     method: str = "gauss-newton",
     iterations: int = 20,
     first: np.ndarray | None = None,
+    limit: np.ndarray | None = None,
 ) -> Descent:
-    """Return the controls found from `first` (T, C), or from no control, in at most `iterations`."""
+    """Return the controls found from `first` (T, C), or from no control, in at most `iterations`.
+
+    `limit` (C,) bounds them more tightly than the emulator's own limits.
+    """
     if method not in METHODS:
         raise ArgumentError(f"No method called '{method}'. Methods: {', '.join(sorted(METHODS))}.")
     if steps < 1 or iterations < 1:
         raise ArgumentError(f"steps and iterations: wanted at least 1, came {steps} and {iterations}.")
     start = emulator.identity.state.check(start, "state")
-    problem = Problem(emulator, objective, start, steps)
+    limit = np.array(emulator.identity.control_limit if limit is None else limit)
+    problem = Problem(emulator, objective, start, steps, limit)
     problem.compile()
-    z = np.zeros(problem.size) if first is None else _z_of(first, emulator)
+    z = np.zeros(problem.size) if first is None else _z_of(first, limit)
     began = time.perf_counter()
     z = METHODS[method](problem, z, iterations)
     cost = float(np.sum(problem.residuals(z) ** 2) / 2)
@@ -122,20 +134,20 @@ def descend(
     return Descent(method, problem.controls(z), cost, tuple(problem.costs), seconds)
 
 
-def _residuals(
-    emulator: Emulator, objective: Objective, start: Array, z: Float[Array, " Z"]
-) -> Float[Array, " R"]:
+def _residuals(emulator: Emulator, objective: Objective, start: Array, z: Float[Array, " Z"]) -> Float[Array, " R"]:
     limit = jnp.array(emulator.identity.control_limit, z.dtype)
     controls = jnp.tanh(z.reshape(-1, limit.shape[0])) * limit
     return objective.residuals(rollout(emulator, start, controls), controls, limit, emulator.dt)
 
 
-def _cost(emulator: Emulator, objective: Objective, start: Array, z: Float[Array, " Z"]) -> Float[Array, ""]:
-    return jnp.sum(_residuals(emulator, objective, start, z) ** 2) / 2
+def _cost(
+    emulator: Emulator, objective: Objective, start: Array, limit: Array, z: Float[Array, " Z"]
+) -> Float[Array, ""]:
+    return jnp.sum(_residuals(emulator, objective, start, limit, z) ** 2) / 2
 
 
-def _z_of(controls: np.ndarray, emulator: Emulator) -> np.ndarray:
-    share = np.asarray(controls) / np.array(emulator.identity.control_limit)
+def _z_of(controls: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    share = np.asarray(controls) / limit
     return np.arctanh(np.clip(share, -0.999, 0.999)).ravel()
 
 
@@ -163,9 +175,7 @@ def _gauss_newton(problem: Problem, z: np.ndarray, iterations: int) -> np.ndarra
         if len(problem.costs) >= iterations:
             raise StopIteration
 
-    found = least_squares(
-        problem.residuals, z, problem.jacobian, ftol=CONVERGED, xtol=1e-6, callback=stop_at_limit
-    )
+    found = least_squares(problem.residuals, z, problem.jacobian, ftol=CONVERGED, xtol=1e-6, callback=stop_at_limit)
     return found.x
 
 

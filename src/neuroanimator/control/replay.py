@@ -30,9 +30,7 @@ class Replay:
         return self.cost_physics - self.cost_emulator
 
 
-def replay(
-    emulator: Emulator, system: System, objective: Objective, start: np.ndarray, controls: np.ndarray
-) -> Replay:
+def replay(emulator: Emulator, system: System, objective: Objective, start: np.ndarray, controls: np.ndarray) -> Replay:
     """Return what `controls` (T, C) do from `start` (S,) on both."""
     runs = system.simulate(start[None], controls[None], emulator.dt)
     if not runs.is_alive[0]:

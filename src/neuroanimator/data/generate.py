@@ -49,9 +49,7 @@ def _ensure_shard(system: System, config: DatasetConfig, folder: Path, shard: in
     return blow_ups
 
 
-def make_shard(
-    system: System, config: DatasetConfig, shard: int, threads: int
-) -> tuple[dict[str, np.ndarray], int]:
+def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) -> tuple[dict[str, np.ndarray], int]:
     """Return shard number `shard` and how many of its runs blew up: a function of its arguments alone."""
     rng = np.random.default_rng([config.seed, shard])
     count = min(transitions.RUNS_PER_SHARD, config.runs - shard * transitions.RUNS_PER_SHARD)

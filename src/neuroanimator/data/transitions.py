@@ -91,12 +91,8 @@ def claim_folder(folder: Path, config: DatasetConfig) -> None:
     held = read_config(folder)
     if held != config:
         old, new = held.model_dump(), config.model_dump()
-        changes = ", ".join(
-            f"{key} {old[key]} there, {new[key]} asked" for key in new if old[key] != new[key]
-        )
-        raise BadFileError(
-            f"{folder} holds another dataset ({changes}). Choose another --out, or the same values."
-        )
+        changes = ", ".join(f"{key} {old[key]} there, {new[key]} asked" for key in new if old[key] != new[key])
+        raise BadFileError(f"{folder} holds another dataset ({changes}). Choose another --out, or the same values.")
 
 
 def read_config(folder: Path) -> DatasetConfig:
@@ -105,9 +101,7 @@ def read_config(folder: Path) -> DatasetConfig:
     try:
         return DatasetConfig.model_validate_json(path.read_bytes())
     except OSError as error:
-        raise BadFileError(
-            f"{folder} is not a dataset: no {CONFIG_NAME}. Make one with 'generate'."
-        ) from error
+        raise BadFileError(f"{folder} is not a dataset: no {CONFIG_NAME}. Make one with 'generate'.") from error
     except ValidationError as error:
         raise BadFileError(f"{path} is damaged: {first_fault(error)}. Generate the dataset again.") from error
 
@@ -142,9 +136,7 @@ def read_transitions(folder: Path) -> Transitions:
     return Transitions(config, load_system(config.system), states, controls, run, blow_ups)
 
 
-def read_shard(
-    folder: Path, config: DatasetConfig, shard: int
-) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def read_shard(folder: Path, config: DatasetConfig, shard: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return one shard's (tensors, metadata), checked to belong to `config`."""
     path = config.shard_path(folder, shard)
     tensors, metadata = read_tensors(path, "shard")
@@ -153,9 +145,7 @@ def read_shard(
     return tensors, metadata
 
 
-def _read_windows(
-    folder: Path, config: DatasetConfig, shard: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+def _read_windows(folder: Path, config: DatasetConfig, shard: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     tensors, metadata = read_shard(folder, config, shard)
     states, controls, picks = tensors["states"], tensors["controls"], tensors["picks"]
     rows = np.arange(len(states))[:, None, None]

@@ -99,21 +99,13 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     zeros = jax.numpy.zeros
     plain = tuple(int(entry) for entry in described["plain"])
     rows, widths = int(described["rows"]), tuple(int(width) for width in metadata["network"]["widths"])
-    if (
-        max(state.size, control.size, rows, *widths) > WIDEST_LAYER
-        or len(metadata["control_limit"]) != control.size
-    ):
+    if max(state.size, control.size, rows, *widths) > WIDEST_LAYER or len(metadata["control_limit"]) != control.size:
         raise ValueError("sizes out of range")
-    if any(
-        not 0 <= entry < state.size
-        for entry in [*plain, *(entry for pair in metadata["rates"] for entry in pair)]
-    ):
+    if any(not 0 <= entry < state.size for entry in [*plain, *(entry for pair in metadata["rates"] for entry in pair)]):
         raise ValueError("features: an entry lies outside the state")
     features = Features(zeros((rows, state.size)), plain, bool(described["is_odd"]))
     numbers, key = len(plain) + control.size, jax.random.key(0)
-    network = make_network(
-        metadata["network"]["kind"], *features.sizes(control.size), state.size, widths, key
-    )
+    network = make_network(metadata["network"]["kind"], *features.sizes(control.size), state.size, widths, key)
     return Emulator(
         features=features,
         normaliser=Normaliser(zeros(numbers), zeros(numbers), zeros(state.size), zeros(state.size)),

@@ -66,9 +66,7 @@ class Emulator(eqx.Module):
         plain = self.normaliser.forward(self.features.plain_of(state, control))
         return state + self.normaliser.inverse(self.network(*self.features.streams(state, plain)))
 
-    def rollout(
-        self, state: Float[Array, "*B S"], controls: Float[Array, "*B T C"]
-    ) -> Float[Array, "*B T+1 S"]:
+    def rollout(self, state: Float[Array, "*B S"], controls: Float[Array, "*B T C"]) -> Float[Array, "*B T+1 S"]:
         """Return the trajectory from `state` under `controls`, the start included; batched if both are.
 
         Raises ArgumentError for wrong shapes and for numbers that are not finite.
@@ -96,11 +94,7 @@ class Emulator(eqx.Module):
     def _checked(self, state, controls) -> tuple[Array, Array]:
         state = self.identity.state.check(np.asarray(state), "state")
         controls = self.identity.control.check(np.asarray(controls), "control")
-        if (
-            state.ndim not in (1, 2)
-            or controls.ndim != state.ndim + 1
-            or state.shape[:-1] != controls.shape[:-2]
-        ):
+        if state.ndim not in (1, 2) or controls.ndim != state.ndim + 1 or state.shape[:-1] != controls.shape[:-2]:
             raise ArgumentError(
                 f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "
                 f"came {state.shape} with {controls.shape}."
@@ -109,9 +103,7 @@ class Emulator(eqx.Module):
         return jnp.asarray(state, kind), jnp.asarray(controls, kind)
 
 
-def rollout(
-    emulator: Emulator, state: Float[Array, " S"], controls: Float[Array, "T C"]
-) -> Float[Array, "T+1 S"]:
+def rollout(emulator: Emulator, state: Float[Array, " S"], controls: Float[Array, "T C"]) -> Float[Array, "T+1 S"]:
     """Return the trajectory from `state`, start included. For use inside jit, grad and vmap."""
 
     def advance(state, control):

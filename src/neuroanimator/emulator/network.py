@@ -92,9 +92,7 @@ class Gated(Network):
 
     def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray):
         if any(width % 2 for width in widths):
-            raise ArgumentError(
-                f"widths: gated layers are half odd, half even units; came {list(widths)}, want even."
-            )
+            raise ArgumentError(f"widths: gated layers are half odd, half even units; came {list(widths)}, want even.")
         keys = jax.random.split(key, len(widths) + 1)
         layers = []
         for width, layer_key in zip(widths, keys[1:], strict=True):
@@ -117,9 +115,7 @@ NETWORKS: dict[str, type[Classic] | type[Gated]] = {"classic": Classic, "gated":
 DEFAULT_WIDTHS = {"classic": (40,), "gated": (96, 64)}
 
 
-def make_network(
-    kind: str, odd: int, even: int, out: int, widths: tuple[int, ...], key: PRNGKeyArray
-) -> Network:
+def make_network(kind: str, odd: int, even: int, out: int, widths: tuple[int, ...], key: PRNGKeyArray) -> Network:
     """Return a fresh network of `kind` with hidden layers of `widths` units."""
     if any(width < 1 for width in widths):
         raise ArgumentError(f"widths: wanted at least 1 unit in every hidden layer, came {list(widths)}.")

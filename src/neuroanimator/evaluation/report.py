@@ -22,9 +22,7 @@ td,th{padding:.3rem .8rem;border-bottom:1px solid #dde3ea;text-align:right}td:fi
 svg{max-width:100%;height:auto}p{max-width:46rem}"""
 
 
-def write_report(
-    evaluations: list[Evaluation], path: Path, *, extra: list[tuple[str, str]] | None = None
-) -> None:
+def write_report(evaluations: list[Evaluation], path: Path, *, extra: list[tuple[str, str]] | None = None) -> None:
     """Write the report of `evaluations`; `extra` adds (title, HTML) sections before the details."""
     parts = ["<h1>NeuroAnimator: emulator against physics</h1>", _table(evaluations), _verdict(evaluations)]
     parts += [f"<h2>{html.escape(title)}</h2>{body}" for title, body in extra or []]
@@ -110,9 +108,7 @@ def _plot_rollout(axes: Axes, e: Evaluation) -> None:
 
 def _plot_work(axes: Axes, e: Evaluation) -> None:
     for integrator in sorted({o.scheme.integrator for o in e.speed.opponents}):
-        points = sorted(
-            (o.seconds * 1e6, o.error) for o in e.speed.opponents if o.scheme.integrator == integrator
-        )
+        points = sorted((o.seconds * 1e6, o.error) for o in e.speed.opponents if o.scheme.integrator == integrator)
         points = [point for point in points if 1e-6 < point[1] < 2]
         axes.plot(*zip(*points, strict=True), "o-", ms=3, lw=1, label=f"MuJoCo {integrator}")
     axes.plot(e.speed.emulator_seconds * 1e6, e.one_step_error, "*", ms=14, color=EMULATOR, label="emulator")

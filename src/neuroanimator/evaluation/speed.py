@@ -87,9 +87,7 @@ def measure_speed(emulator: Emulator, test: TestSet, error: float) -> Speed:
     schemes = {Scheme(kind, test.dt / parts) for kind in OPPONENT_INTEGRATORS for parts in OPPONENT_DIVISIONS}
     opponents = [
         Opponent(scheme, scheme_error(test, scheme), per_step[scheme.integrator] * scheme.steps(test.dt))
-        for scheme in sorted(
-            schemes | {system.scheme, system.truth}, key=lambda scheme: (scheme.integrator, scheme.dt)
-        )
+        for scheme in sorted(schemes | {system.scheme, system.truth}, key=lambda scheme: (scheme.integrator, scheme.dt))
     ]
     rival = min((o for o in opponents if o.error <= error), key=lambda o: o.seconds)
     own = per_step[system.scheme.integrator]
@@ -123,9 +121,7 @@ def emulator_player(emulator: Emulator) -> Callable[[], None]:
     @jax.jit
     def run(arrays, state, controls):
         step = eqx.combine(arrays, rest).step
-        return jax.lax.scan(
-            lambda state, control: (step(state, control), None), state, controls, unroll=UNROLL
-        )[0]
+        return jax.lax.scan(lambda state, control: (step(state, control), None), state, controls, unroll=UNROLL)[0]
 
     run(arrays, start, controls)
     return lambda: run(arrays, start, controls).block_until_ready()

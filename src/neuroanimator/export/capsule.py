@@ -8,9 +8,7 @@ AROUND, ALONG = 20, 12
 """Points around the axis and from pole to pole: smooth at arm's length, 240 points a capsule."""
 
 
-def capsule_mesh(
-    start: np.ndarray, end: np.ndarray, radius: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def capsule_mesh(start: np.ndarray, end: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (points (N, 3), normals (N, 3), triangles (M, 3)) of the capsule from `start` to `end` [m]."""
     axis = (end - start) / np.linalg.norm(end - start)
     side = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
@@ -27,9 +25,7 @@ def capsule_mesh(
 def _triangles() -> np.ndarray:
     low, next_ = np.arange(AROUND), np.roll(np.arange(AROUND), -1)
     bands = [
-        np.concatenate(
-            [np.stack([low, next_, low + AROUND], 1), np.stack([next_, next_ + AROUND, low + AROUND], 1)]
-        )
+        np.concatenate([np.stack([low, next_, low + AROUND], 1), np.stack([next_, next_ + AROUND, low + AROUND], 1)])
         + band * AROUND
         for band in range(ALONG - 1)
     ]

@@ -16,9 +16,7 @@ from neuroanimator.systems.layout import Layout
 def write_table(path: Path, times: np.ndarray, rows: np.ndarray, layout: Layout) -> None:
     """Write `rows` (T, N) at `times` (T,) [s] under the layout's names."""
     header = ",".join(["time s", *layout.names])
-    lines = [
-        ",".join(f"{value:.9g}" for value in (time, *row)) for time, row in zip(times, rows, strict=True)
-    ]
+    lines = [",".join(f"{value:.9g}" for value in (time, *row)) for time, row in zip(times, rows, strict=True)]
     write_whole(path, "\n".join([header, *lines, ""]).encode())
 
 
@@ -56,10 +54,6 @@ def write_clip(clip: Clip, path: Path, layout: Layout) -> None:
 def read_clip(path: Path, emulator: Emulator) -> Clip:
     """Return the clip that `write_clip` wrote of a motion of `emulator`'s system."""
     times, states = read_table(path, emulator.identity.state)
-    if (
-        len(times) < 2
-        or not np.allclose(np.diff(times), times[1] - times[0], rtol=1e-4)
-        or times[1] <= times[0]
-    ):
+    if len(times) < 2 or not np.allclose(np.diff(times), times[1] - times[0], rtol=1e-4) or times[1] <= times[0]:
         raise BadFileError(f"{path}: wanted at least two evenly spaced, rising times.")
     return Clip(emulator.identity.system, emulator.identity.skeleton, times, states)

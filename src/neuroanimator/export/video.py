@@ -1,7 +1,12 @@
-"""A clip as an MP4 video, drawn by MuJoCo without a screen."""
+"""A clip as an MP4 video, drawn by MuJoCo without a screen.
+
+Drawing happens in a process of its own, because MuJoCo chooses its graphics library once, when
+it is first imported, and by then this process has long imported it.
+"""
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
@@ -20,21 +25,8 @@ HOW_TO_GET_GL = (
     "and run again. Everything else works without."
 )
 
-
-def graphics_backend() -> str | None:
-    """Return the first of EGL and OSMesa that can draw here, tried in a process of its own; None if neither."""
-    asked = os.environ.get("MUJOCO_GL")
-    for backend in (asked,) if asked else BACKENDS:
-        probe = "import mujoco; mujoco.GLContext(16, 16).make_current()"
-        result = subprocess.run(
-            [sys.executable, "-c", probe],
-            env={**os.environ, "MUJOCO_GL": backend},
-            capture_output=True,
-            timeout=60,
-        )
-        if result.returncode == 0:
-            return backend
-    return None
+LONGEST_DRAWING = 3600
+"""[s] A drawing process is given up after this time."""
 
 
 def write_video(clip: Clip, path: Path, *, width: int = 640, height: int = 640) -> None:
@@ -42,39 +34,33 @@ def write_video(clip: Clip, path: Path, *, width: int = 640, height: int = 640) 
     backend = graphics_backend()
     if backend is None:
         raise ResourceError(HOW_TO_GET_GL)
-    os.environ["MUJOCO_GL"] = backend  # read by MuJoCo when it is first imported for drawing
-    frames = draw_frames(clip, width, height)
-    _encode(frames, clip.rate, path)
-
-
-def draw_frames(clip: Clip, width: int, height: int) -> np.ndarray:
-    """Return the frames (F, height, width, 3) of `clip` as bytes."""
-    import mujoco
-
-    from neuroanimator.systems import load_system
-    from neuroanimator.systems.mujoco import MujocoSystem
-
-    system = load_system(clip.name)
-    assert isinstance(system, MujocoSystem)
-    data = mujoco.MjData(system.model)
-    frames = np.empty((len(clip.states), height, width, 3), np.uint8)
-    with mujoco.Renderer(system.model, height, width) as renderer:
-        for frame, state in zip(frames, clip.states, strict=True):
-            data.qpos[:] = state[: system.model.nq]
-            mujoco.mj_forward(system.model, data)
-            renderer.update_scene(data, camera="side")
-            frame[:] = renderer.render()
-    return frames
-
-
-def _encode(frames: np.ndarray, rate: float, path: Path) -> None:
-    import imageio_ffmpeg
-
     path.parent.mkdir(parents=True, exist_ok=True)
-    size = (frames.shape[2], frames.shape[1])
-    options = ["-movflags", "+faststart"]
-    writer = imageio_ffmpeg.write_frames(str(path), size, fps=rate, quality=8, output_params=options)
-    writer.send(None)
-    for frame in frames:
-        writer.send(np.ascontiguousarray(frame))
-    writer.close()
+    temporary = path.with_name(f"{path.stem}.tmp-{os.getpid()}{path.suffix}")
+    states = io.BytesIO()
+    np.save(states, clip.states)
+    arguments = [str(temporary), clip.name, str(clip.rate), str(width), str(height)]
+    result = _run("neuroanimator.export.draw", arguments, backend, states.getvalue())
+    if result.returncode != 0:
+        temporary.unlink(missing_ok=True)
+        lines = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
+        raise ResourceError(f"Drawing {path.name} failed: {lines[-1][:200]}. 'neuroanimator doctor' says more.")
+    os.replace(temporary, path)
+
+
+def graphics_backend() -> str | None:
+    """Return the first of EGL and OSMesa that can draw here; None if neither can."""
+    asked = os.environ.get("MUJOCO_GL")
+    for backend in (asked,) if asked else BACKENDS:
+        if _run("neuroanimator.export.draw", [], backend).returncode == 0:
+            return backend
+    return None
+
+
+def _run(module: str, arguments: list[str], backend: str, content: bytes = b"") -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run(
+        [sys.executable, "-m", module, *arguments],
+        env={**os.environ, "MUJOCO_GL": backend},
+        input=content,
+        capture_output=True,
+        timeout=LONGEST_DRAWING,
+    )

@@ -109,9 +109,7 @@ class MujocoSystem(System):
         return np.isfinite(runs).all(axis=(1, 2)) & (speeds < BLOW_UP_SPEED).all(axis=(1, 2))
 
     def _rollout(self, model, workers, starts, controls, substeps) -> np.ndarray:
-        initial = np.concatenate(
-            [np.zeros((len(starts), 1)), starts], axis=1
-        )  # MuJoCo's state leads with time
+        initial = np.concatenate([np.zeros((len(starts), 1)), starts], axis=1)  # MuJoCo's state leads with time
         kind, signal = self.drive(controls)
         signal = np.repeat(signal, substeps, axis=1)
         states, _ = rollout.rollout(model, workers, initial, signal, control_spec=int(kind))

@@ -35,7 +35,10 @@ REST_SPREAD = 0.15
 """Angles [rad] and speeds of such a start, as a share of the random ones."""
 
 # Angles of the links against gravity and against each other: gravity sees the first, inertia the second.
-ANGLES = ((1, 0, 0, 0, 0, 0), (1, 1, 0, 0, 0, 0), (1, 1, 1, 0, 0, 0)) + (
+ANGLES = (
+    (1, 0, 0, 0, 0, 0),
+    (1, 1, 0, 0, 0, 0),
+    (1, 1, 1, 0, 0, 0),
     (0, 1, 0, 0, 0, 0),
     (0, 0, 1, 0, 0, 0),
     (0, 1, 1, 0, 0, 0),

@@ -56,9 +56,7 @@ class Skeleton:
                 turn, origin = turns[bone.parent], origins[bone.parent]
             origins.append(origin + turn @ np.array(bone.offset))
             turns.append(turn @ rotations[:, i])
-            points.append(
-                np.stack([origins[i] + turns[i] @ np.array(end) for end in (bone.start, bone.end)], axis=1)
-            )
+            points.append(np.stack([origins[i] + turns[i] @ np.array(end) for end in (bone.start, bone.end)], axis=1))
         return np.stack(points, axis=1)
 
     def to_json(self) -> list[dict[str, Any]]:
@@ -71,8 +69,7 @@ class Skeleton:
         if any({*row} != {field.name for field in fields(Bone)} for row in rows):
             raise ValueError("skeleton: a bone has other fields than expected")
         fixed = [
-            {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
-            for row in rows
+            {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()} for row in rows
         ]
         return cls(tuple(Bone(**row) for row in fixed))
 

@@ -22,13 +22,9 @@ def build_emulator(data: Transitions, config: TrainingConfig) -> Emulator:
     system = data.system
     dt = data.config.substeps * system.physics_dt
     features = Features.of(system.structure, system.state.size, dt)
-    plain = np.concatenate(
-        [data.states[:, 0][:, np.array(features.plain, dtype=int)], data.controls[:, 0]], axis=1
-    )
+    plain = np.concatenate([data.states[:, 0][:, np.array(features.plain, dtype=int)], data.controls[:, 0]], axis=1)
     sizes = features.sizes(system.control.size)
-    network = make_network(
-        config.network, *sizes, system.state.size, config.widths, jax.random.key(config.seed)
-    )
+    network = make_network(config.network, *sizes, system.state.size, config.widths, jax.random.key(config.seed))
     return Emulator(
         features=features,
         normaliser=_normaliser(plain, data.states[:, 1] - data.states[:, 0], features.is_odd),

@@ -66,6 +66,4 @@ def read_checkpoint(folder: Path, identity: str, fresh: Progress) -> Progress:
     except ValueError as error:
         raise BadFileError(f"{path} is damaged: {error}. Remove {folder} to train anew.") from error
     network, optimizer_state, best = jax.tree.map(jax.numpy.asarray, arrays)
-    return Progress(
-        network, optimizer_state, best, *(metadata[key] for key in ("best_error", "chunk", "stale"))
-    )
+    return Progress(network, optimizer_state, best, *(metadata[key] for key in ("best_error", "chunk", "stale")))

@@ -89,14 +89,10 @@ class _Run:
     began: float = field(default_factory=time.monotonic)
 
     @classmethod
-    def prepare(
-        cls, data: Transitions, config: TrainingConfig, folder: Path, start_from: Emulator | None
-    ) -> _Run:
+    def prepare(cls, data: Transitions, config: TrainingConfig, folder: Path, start_from: Emulator | None) -> _Run:
         held_out = validation_mask(data.run, config)
         if not held_out.any() or held_out.all():
-            raise ArgumentError(
-                f"count: {data.config.count} transitions are too few to train on; wanted some hundred."
-            )
+            raise ArgumentError(f"count: {data.config.count} transitions are too few to train on; wanted some hundred.")
         learn, check = data.where(~held_out), data.where(held_out)
         base = start_from or build_emulator(learn, config)
         contents = {"states": data.states, "controls": data.controls, "network": _first_leaf(base)}

@@ -1,9 +1,9 @@
-"""Progress bars: on stderr, and only on a terminal."""
+"""What people see: progress bars on stderr, and only on a terminal; plain tables on stdout."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -46,3 +46,24 @@ def progress_bar(title: str, total: int) -> Iterator[Bar]:
     )
     with Progress(*columns, console=Console(stderr=True)) as progress:
         yield Bar(progress, title, total)
+
+
+def print_rows(rows: Iterable[tuple[str, object]]) -> None:
+    """Print names and values in two columns."""
+    rows = list(rows)
+    width = max(len(name) for name, _ in rows)
+    for name, value in rows:
+        print(f"{name:<{width}}  {value}")
+
+
+def print_table(rows: list[dict[str, object]]) -> None:
+    """Print rows of the same keys as aligned columns."""
+    texts = [[_text(value) for value in row.values()] for row in rows]
+    heads = list(rows[0])
+    widths = [max(len(head), *(len(row[i]) for row in texts)) for i, head in enumerate(heads)]
+    for row in [heads, *texts]:
+        print("  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def _text(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,61 @@
+"""The layout is what the documents say it is."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src" / "neuroanimator"
+STAGES = [
+    "errors", "files", "terminal", "systems", "data", "emulator", "shipped", "training", "evaluation",
+    "animation", "control", "export", "demo", "cli",
+]  # fmt: skip
+
+
+def imported_stages(path: Path) -> set[str]:
+    tree = ast.parse(path.read_text())
+    modules = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return {module.split(".")[1] for module in modules if module.startswith("neuroanimator.")}
+
+
+def test_a_stage_imports_only_stages_above_it():
+    for path in SOURCE.rglob("*.py"):
+        stage = path.relative_to(SOURCE).parts[0].removesuffix(".py")
+        if stage == "__init__":
+            continue
+        allowed = STAGES[: STAGES.index(stage) + 1]
+        assert imported_stages(path) <= set(allowed), f"{path} imports downstream"
+
+
+def test_everything_after_the_emulator_file_works_without_mujoco():
+    for stage in ("animation", "files", "shipped"):
+        for path in [*SOURCE.glob(f"{stage}.py"), *SOURCE.glob(f"{stage}/*.py")]:
+            assert "import mujoco" not in path.read_text()
+
+
+def test_every_path_the_architecture_names_exists():
+    named = re.findall(
+        r"`((?:src|tests|benchmarks|docs|\.ci)/[\w./-]+|[a-z_]+/[\w-]+\.(?:py|xml))`",
+        (ROOT / "ARCHITECTURE.md").read_text(),
+    )
+    assert len(named) > 20
+    for name in named:
+        assert (ROOT / name).exists() or (SOURCE / name).exists(), name
+
+
+def test_constraints_name_no_registry():
+    text = (ROOT / "constraints.txt").read_text()
+    assert "--hash=sha256:" in text
+    assert "http" not in text
+    assert "--index" not in text
+
+
+def test_files_and_functions_stay_small():
+    for path in SOURCE.rglob("*.py"):
+        text = path.read_text()
+        assert len(text.splitlines()) <= 300, path
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                assert (node.end_lineno or 0) - node.lineno <= 60, f"{path}: {node.name}"

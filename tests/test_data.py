@@ -1,0 +1,107 @@
+"""Datasets are the same bytes however they were made."""
+
+from __future__ import annotations
+
+import hashlib
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuroanimator import NeuroAnimatorError, dataset_config, generate, load_system, read_transitions
+from neuroanimator.data.generate import make_shard, sample_picks
+from neuroanimator.data.sampling import sample_controls
+from neuroanimator.data.transitions import LARGEST_GAP, LONGEST_UNROLL, RUN_STEPS
+
+
+def fingerprint(folder: Path) -> dict[str, str]:
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.glob("*.*s*"))}
+
+
+def test_the_bytes_do_not_depend_on_threads(dataset: Path, tmp_path: Path):
+    generate(dataset_config(system="pendulum", count=6000), tmp_path, threads=1)
+    assert fingerprint(tmp_path) == fingerprint(dataset)
+    assert len(fingerprint(dataset)) == 3
+
+
+def test_killed_and_started_again_it_ends_with_the_same_bytes(dataset: Path, tmp_path: Path):
+    command = [sys.executable, "-c", "from neuroanimator.cli.main import main; main()"]
+    command += ["generate", "pendulum", "--count", "6000", "--out", str(tmp_path)]
+    for delay in (0.7, 1.0, 1.3):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        time.sleep(delay)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert subprocess.run(command, stdout=subprocess.DEVNULL).returncode == 0
+    assert fingerprint(tmp_path) == fingerprint(dataset)
+    assert not list(tmp_path.glob("*.tmp-*"))
+
+
+def test_picks_lie_one_to_five_super_steps_apart_and_leave_room_to_unroll():
+    rng = np.random.default_rng(0)
+    picks = np.stack([sample_picks(rng) for _ in range(500)])
+    gaps = np.diff(picks, axis=1)
+    assert set(np.unique(gaps)) == set(range(1, LARGEST_GAP + 1))
+    assert picks.min() >= 0
+    assert picks.max() + LONGEST_UNROLL <= RUN_STEPS
+
+
+def test_a_window_is_what_the_physics_does(transitions):
+    rows = np.arange(0, len(transitions.states), 500)
+    runs = transitions.system.simulate(transitions.states[rows, 0], transitions.controls[rows], 0.05)
+    np.testing.assert_allclose(runs.states[:, 1], transitions.states[rows, 1], atol=2e-3)
+
+
+def test_controls_are_bounded_and_never_idle():
+    limit, rng = np.array([30.0, 14.0, 4.0]), np.random.default_rng(0)
+    for _ in range(300):
+        controls = sample_controls(rng, 40, 0.05, limit)
+        assert (np.abs(controls) <= limit).all()
+        assert (np.abs(controls / limit).max(axis=0) > 1e-3).all()
+
+
+def test_a_run_that_blows_up_is_dropped_and_counted():
+    system = load_system("pendulum")
+    system.sample_starts = lambda rng, count: np.full((count, 6), 1e4)
+    tensors, blow_ups = make_shard(system, dataset_config(system="pendulum", count=120), 0, threads=1)
+    assert blow_ups == 10
+    assert len(tensors["states"]) == 0
+
+
+def test_a_folder_of_another_configuration_is_refused_and_untouched(dataset: Path):
+    before = fingerprint(dataset)
+    with pytest.raises(NeuroAnimatorError, match="holds another dataset .*seed 0 there, 1 asked"):
+        generate(dataset_config(system="pendulum", count=6000, seed=1), dataset)
+    assert fingerprint(dataset) == before
+
+
+def test_a_damaged_shard_is_reported_when_read_and_made_again_by_generate(dataset: Path, tmp_path: Path):
+    before = fingerprint(dataset)
+    for path in dataset.glob("*.*s*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    shard = tmp_path / "shard-00001.safetensors"
+    shard.write_bytes(shard.read_bytes()[:-10])
+    with pytest.raises(NeuroAnimatorError, match="shard-00001"):
+        read_transitions(tmp_path)
+    shard.unlink()
+    with pytest.raises(NeuroAnimatorError, match="Could not read .*shard-00001"):
+        read_transitions(tmp_path)
+    generate(dataset_config(system="pendulum", count=6000), tmp_path)
+    assert fingerprint(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("substeps", 0), ("count", 0), ("seed", -1), ("substeps", 2.5), ("unknown", 1)]
+)
+def test_bad_settings_are_refused_by_field(field: str, value: float):
+    with pytest.raises(NeuroAnimatorError, match=field):
+        dataset_config(**({"system": "pendulum"} | {field: value}))
+
+
+def test_a_super_step_that_physics_cannot_divide_is_refused():
+    with pytest.raises(NeuroAnimatorError, match="not a whole number"):
+        dataset_config(system="pendulum", substeps=7)
