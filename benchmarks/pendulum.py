@@ -54,7 +54,7 @@ def measure(name: str, seeds: int) -> dict[str, str | int | float]:
 
 
 def _round(emulator: Emulator, seed: int) -> dict[str, float]:
-    test = held_out_runs(emulator, count=128, seed=seed)
+    test = held_out_runs(emulator, seed=seed)
     error = float(root_mean_square(one_step_error(emulator, test)))
     speed = measure_speed(emulator, test, error)
     return {

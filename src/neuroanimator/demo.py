@@ -119,7 +119,7 @@ def _swing_up_html(found: Synthesis) -> str:
 
 
 def _print(summary: dict[str, Any], evaluation: Evaluation, found: Synthesis, break_even: float) -> None:
-    rival = evaluation.speed.rival
+    rival = evaluation.speed.rival.scheme
     print_rows(
         [
             ("system", f"{SYSTEM}, n = {SUBSTEPS}: one super step is {evaluation.dt * 1e3:g} ms"),
@@ -131,7 +131,7 @@ def _print(summary: dict[str, Any], evaluation: Evaluation, found: Synthesis, br
             ("nominal speed-up", f"{summary['nominal_speedup']:.0f} (MuJoCo Euler, 1 ms)"),
             (
                 "equal-error speed-up",
-                f"{summary['equal_error_speedup']:.1f} (MuJoCo {rival.scheme.integrator}, {rival.scheme.dt * 1e3:.3g} ms)",
+                f"{summary['equal_error_speedup']:.1f} (MuJoCo {rival.integrator}, {rival.dt * 1e3:.3g} ms)",
             ),
             ("blow-ups", f"{evaluation.blow_ups} of {evaluation.blow_up_starts} random starts"),
             ("break-even", f"after {break_even / 3600:.1f} simulated hours (data and training counted)"),

@@ -99,7 +99,8 @@ class Problem:
     def compile(self) -> None:
         """Compile all functions, so that the stopwatch sees only the search."""
         z = np.zeros(self.size)
-        self.jacobian(z), self.gradient(z)
+        self.jacobian(z)
+        self.gradient(z)
         self.costs.clear()
 
 
@@ -175,7 +176,14 @@ def _gauss_newton(problem: Problem, z: np.ndarray, iterations: int) -> np.ndarra
         if len(problem.costs) >= iterations:
             raise StopIteration
 
-    found = least_squares(problem.residuals, z, problem.jacobian, ftol=CONVERGED, xtol=1e-6, callback=stop_at_limit)
+    found = least_squares(
+        problem.residuals,
+        z,
+        problem.jacobian,  # pyright: ignore[reportArgumentType] (scipy takes functions too)
+        ftol=CONVERGED,
+        xtol=1e-6,
+        callback=stop_at_limit,
+    )
     return found.x
 
 

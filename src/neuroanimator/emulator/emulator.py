@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.network import Network
@@ -66,16 +67,18 @@ class Emulator(eqx.Module):
         plain = self.normaliser.forward(self.features.plain_of(state, control))
         return state + self.normaliser.inverse(self.network(*self.features.streams(state, plain)))
 
-    def rollout(self, state: Float[Array, "*B S"], controls: Float[Array, "*B T C"]) -> Float[Array, "*B T+1 S"]:
-        """Return the trajectory from `state` under `controls`, the start included; batched if both are.
+    def rollout(self, state: ArrayLike, controls: ArrayLike) -> Float[Array, "*B T+1 S"]:
+        """Return the trajectory from `state` (S,) under `controls` (T, C), the start included.
+
+        A batch is `state` (B, S) with `controls` (B, T, C).
 
         Raises ArgumentError for wrong shapes and for numbers that are not finite.
         """
         state, controls = self._checked(state, controls)
         return _rollout_batch(self, state, controls) if state.ndim == 2 else _rollout(self, state, controls)
 
-    def covers(self, state: Float[Array, " S"], control: Float[Array, " C"]) -> bool:
-        """Return whether (state, control) lies in the range this emulator was trained on."""
+    def covers(self, state: ArrayLike, control: ArrayLike) -> bool:
+        """Return whether `state` (S,) with `control` (C,) lies in the range this emulator was trained on."""
         return bool(self.domain.covers(self.features.plain_of(jnp.asarray(state), jnp.asarray(control))))
 
     def save(self, path: str | Path) -> None:
@@ -91,9 +94,9 @@ class Emulator(eqx.Module):
 
         return load(Path(path))
 
-    def _checked(self, state, controls) -> tuple[Array, Array]:
-        state = self.identity.state.check(np.asarray(state), "state")
-        controls = self.identity.control.check(np.asarray(controls), "control")
+    def _checked(self, state: ArrayLike, controls: ArrayLike) -> tuple[Array, Array]:
+        state = self.identity.state.check(state, "state")
+        controls = self.identity.control.check(controls, "control")
         if state.ndim not in (1, 2) or controls.ndim != state.ndim + 1 or state.shape[:-1] != controls.shape[:-2]:
             raise ArgumentError(
                 f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "

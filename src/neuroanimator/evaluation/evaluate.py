@@ -78,7 +78,7 @@ def evaluate(
     data: Transitions | None = None,
     starts: int = 1000,
     steps: int = 1000,
-    runs: int = 128,
+    runs: int = 64,
 ) -> Evaluation:
     """Return the evaluation of `emulator` on unseen runs; blow-ups among `starts` × `steps` super steps."""
     test = held_out_runs(emulator, count=runs)

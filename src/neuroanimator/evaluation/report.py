@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import io
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ PHYSICS, EMULATOR, QUIET = "#2b5a94", "#e8892b", "#8a94a0"
 
 STYLE = """body{font:16px/1.55 system-ui,sans-serif;color:#1c2733;max-width:62rem;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}table{border-collapse:collapse;margin:1rem 0}
-td,th{padding:.3rem .8rem;border-bottom:1px solid #dde3ea;text-align:right}td:first-child,th:first-child{text-align:left}
+td,th{padding:.3rem .8rem;border-bottom:1px solid #dde3ea;text-align:right}
+td:first-child,th:first-child{text-align:left}
 svg{max-width:100%;height:auto}p{max-width:46rem}"""
 
 
@@ -44,29 +46,35 @@ def _format(value: str | int | float) -> str:
 
 
 def _verdict(evaluations: list[Evaluation]) -> str:
-    lines = []
-    for e in evaluations:
-        rival = f"{e.speed.rival.scheme.integrator} at {e.speed.rival.scheme.dt * 1e3:.3g} ms"
-        word = "wins" if e.speed.equal_error > 1 else "loses"
-        lines.append(
-            f"<p><b>{e.system}, n = {e.substeps}.</b> One super step costs {e.speed.emulator_seconds * 1e6:.2f} µs. "
-            f"The physics' own {e.substeps} steps take {e.speed.nominal:.0f} times as long; the fastest physics that is "
-            f"at least as accurate, {rival}, takes {e.speed.equal_error:.1f} times as long, so the emulator {word} "
-            f"at equal error. Blow-ups: {e.blow_ups} of {e.blow_up_starts} random starts.</p>"
-        )
-    return "".join(lines)
+    return "".join(f"<p>{_sentence(evaluation)}</p>" for evaluation in evaluations)
+
+
+def _sentence(e: Evaluation) -> str:
+    rival, speed = e.speed.rival.scheme, e.speed
+    word = "wins" if speed.equal_error > 1 else "loses"
+    return (
+        f"<b>{e.system}, n = {e.substeps}.</b> One super step costs {speed.emulator_seconds * 1e6:.2f} µs. "
+        f"The physics' own {e.substeps} steps take {speed.nominal:.0f} times as long. The fastest physics that is "
+        f"at least as accurate, {rival.integrator} at {rival.dt * 1e3:.3g} ms, takes {speed.equal_error:.1f} times "
+        f"as long: at equal error the emulator {word}. "
+        f"Blow-ups: {e.blow_ups} of {e.blow_up_starts} random starts."
+    )
 
 
 def _section(e: Evaluation) -> str:
-    baseline = "".join(f"<tr><td>{name}</td><td>{error:.3g}</td></tr>" for name, error in e.baselines.items())
-    cheap = f"<h3>Cheap predictors, one-step error</h3><table>{baseline}</table>" if baseline else ""
-    return (
-        f"<h2>{e.system}, n = {e.substeps} (Δt = {e.dt * 1e3:g} ms)</h2>"
-        f"{plot(lambda axes: _plot_motion(axes, e))}<p>A held-out run under random controls: fine physics and emulator.</p>"
-        f"{plot(lambda axes: _plot_rollout(axes, e))}<p>Error in standard deviations of the state. The physics at its own "
-        "default step strays from fine physics too; below that line nothing can be told apart.</p>"
-        f"{plot(lambda axes: _plot_work(axes, e))}<p>Error against cost of one super step. Down and left is better.</p>{cheap}"
-    )
+    figures = [
+        (_plot_motion, "A held-out run under random controls: fine physics and emulator."),
+        (
+            _plot_rollout,
+            "Error in standard deviations of the state. The physics at its own default step strays from "
+            "fine physics too; below that line nothing can be told apart.",
+        ),
+        (_plot_work, "Error against cost of one super step. Down and left is better."),
+    ]
+    body = "".join(f"{plot(partial(draw, e=e))}<p>{caption}</p>" for draw, caption in figures)
+    rows = "".join(f"<tr><td>{name}</td><td>{error:.3g}</td></tr>" for name, error in e.baselines.items())
+    cheap = f"<h3>Cheap predictors, one-step error</h3><table>{rows}</table>" if rows else ""
+    return f"<h2>{e.system}, n = {e.substeps} (Δt = {e.dt * 1e3:g} ms)</h2>{body}{cheap}"
 
 
 def plot(draw: Callable[[Axes], None]) -> str:

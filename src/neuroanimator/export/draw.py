@@ -25,7 +25,7 @@ def draw(out: str, system: str, rate: str, width: str, height: str) -> None:
     model = load_mujoco(system).model
     data = mujoco.MjData(model)
     size = (int(width), int(height))
-    writer = imageio_ffmpeg.write_frames(out, size, fps=float(rate), quality=QUALITY, macro_block_size=2)
+    writer = imageio_ffmpeg.write_frames(out, size, fps=float(rate), quality=QUALITY, macro_block_size=2)  # pyright: ignore[reportArgumentType]
     writer.send(None)
     with mujoco.Renderer(model, size[1], size[0]) as renderer:
         for state in states:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from neuroanimator.errors import ArgumentError
 
@@ -44,7 +45,7 @@ class Layout:
         valid = ", ".join(part.name for part in self.slices)
         raise ArgumentError(f"No part called '{name}'. Parts: {valid}.")
 
-    def check(self, vector: np.ndarray, label: str) -> np.ndarray:
+    def check(self, vector: ArrayLike, label: str) -> np.ndarray:
         """Return `vector` as float64 if its last axis fits and every number is finite."""
         array = np.asarray(vector, dtype=np.float64)
         if array.ndim == 0 or array.shape[-1] != self.size:

@@ -106,14 +106,14 @@ class MujocoSystem(System):
     def is_sane(self, runs: np.ndarray) -> np.ndarray:
         """Return (B,) False for each run (B, T+1, S) that is not finite or impossibly fast."""
         speeds = np.abs(runs[..., self.model.nq :])
-        return np.isfinite(runs).all(axis=(1, 2)) & (speeds < BLOW_UP_SPEED).all(axis=(1, 2))
+        return np.asarray(np.isfinite(runs).all(axis=(1, 2)) & (speeds < BLOW_UP_SPEED).all(axis=(1, 2)))
 
     def _rollout(self, model, workers, starts, controls, substeps) -> np.ndarray:
         initial = np.concatenate([np.zeros((len(starts), 1)), starts], axis=1)  # MuJoCo's state leads with time
         kind, signal = self.drive(controls)
         signal = np.repeat(signal, substeps, axis=1)
         states, _ = rollout.rollout(model, workers, initial, signal, control_spec=int(kind))
-        return states[:, substeps - 1 :: substeps, 1:]
+        return np.asarray(states)[:, substeps - 1 :: substeps, 1:]
 
     def drive(self, controls: np.ndarray) -> tuple[mujoco.mjtState, np.ndarray]:
         """Return which part of MuJoCo's input the controls are, and their values there."""

@@ -68,7 +68,7 @@ class Skeleton:
         """Return the skeleton `to_json` wrote."""
         if any({*row} != {field.name for field in fields(Bone)} for row in rows):
             raise ValueError("skeleton: a bone has other fields than expected")
-        fixed = [
+        fixed: list[dict[str, Any]] = [
             {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()} for row in rows
         ]
         return cls(tuple(Bone(**row) for row in fixed))

@@ -1,0 +1,67 @@
+"""Swing-up of the three-link pendulum: three ways to descend, strong and weak motors.
+
+python benchmarks/swing_up.py            table, and results/swing_up.csv
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from machine import describe_machine, write_results
+
+from neuroanimator import Emulator, descend, find_emulator, is_upright, load_system, replay, stand_upright
+from neuroanimator.systems.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
+from neuroanimator.terminal import print_table
+
+LIMITS = {"strong": MOTOR_TORQUE, "weak": WEAK_MOTOR_TORQUE}
+TRIALS = [
+    ("strong", 1.5, "momentum", 20), ("strong", 1.5, "momentum", 200), ("strong", 1.5, "lbfgs", 20),
+    ("strong", 1.5, "lbfgs", 60), ("strong", 1.5, "gauss-newton", 20), ("strong", 2.0, "gauss-newton", 20),
+    ("weak", 1.5, "gauss-newton", 40), ("weak", 3.0, "gauss-newton", 40), ("weak", 4.0, "gauss-newton", 40),
+    ("weak", 6.0, "gauss-newton", 40), ("weak", 4.0, "lbfgs", 200), ("weak", 4.0, "momentum", 400),
+]  # fmt: skip
+SEEDS = 5
+"""Descents from different first controls; the first is no control at all, which is what users get."""
+FIRST_SHARE = 0.3
+"""Size of random first controls, as a share of the limit."""
+
+
+def trial(emulator: Emulator, motors: str, seconds: float, method: str, iterations: int) -> dict[str, Any]:
+    """Return one row: how descents from `SEEDS` first controls fared, on emulator and physics."""
+    system, objective, start = load_system("pendulum"), stand_upright(), np.zeros(6)
+    limit, steps = np.array(LIMITS[motors]), round(seconds / emulator.dt)
+    found, outcomes = [], []
+    for seed in range(SEEDS):
+        first = smooth(np.random.default_rng(seed), steps, emulator.dt) * limit * FIRST_SHARE * (seed > 0)
+        result = descend(
+            emulator, objective, start, steps=steps, method=method, iterations=iterations, first=first, limit=limit
+        )
+        found.append(result)
+        outcomes.append(replay(emulator, system, objective, start, result.controls))
+    return {
+        "motors": motors,
+        "seconds": seconds,
+        "method": method,
+        "iterations": int(np.median([each.iterations for each in found])),
+        "search_s": float(np.median([each.seconds for each in found])),
+        "J_emulator": float(np.median([each.cost_emulator for each in outcomes])),
+        "J_physics": float(np.median([each.cost_physics for each in outcomes])),
+        "J_physics_worst": max(each.cost_physics for each in outcomes),
+        "upright_emulator": f"{sum(is_upright(each.emulated[-1]) for each in outcomes)}/{SEEDS}",
+        "upright_physics": f"{sum(is_upright(each.physical[-1]) for each in outcomes)}/{SEEDS}",
+    }
+
+
+def smooth(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
+    """Return slow random waves (T, 3) within ±1."""
+    time = np.arange(steps)[:, None] * dt
+    return np.sin(2 * np.pi * (rng.uniform(0.2, 0.8, 3) * time + rng.uniform(0, 1, 3)))
+
+
+if __name__ == "__main__":
+    emulator = Emulator.load(find_emulator("pendulum-50"))
+    rows = [trial(emulator, *settings) for settings in TRIALS]
+    write_results("swing_up.csv", rows)
+    print(describe_machine())
+    print_table(rows)

@@ -1,0 +1,100 @@
+"""Every verb works, every mistake gets one line and the right exit code."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import Cli
+
+from neuroanimator.cli.main import VERBS
+
+
+def test_help_needs_no_heavy_import():
+    heavy = "('jax', 'mujoco', 'matplotlib', 'scipy')"
+    code = f"import sys, neuroanimator.cli.main; print([name for name in {heavy} if name in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("verb", sorted(VERBS))
+def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
+    result = cli(verb, "--help")
+    assert result.returncode == 0
+    assert f"Example: neuroanimator {verb}" in " ".join(result.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["generate", "pendlum", "--out", "d"], 2, "No system called 'pendlum'. Systems: pendulum, pendulum-passive."),
+        (["generate", "pendulum", "--out", "d", "--substeps", "0"], 2, "substeps: "),
+        (["generate", "pendulum", "--out", "d", "--substeps", "7"], 2, "whole number"),
+        (["generate", "pendulum", "--out", "d", "--count", "-5"], 2, "count: "),
+        (["train", "nowhere", "--out", "e.safetensors"], 3, "not a dataset"),
+        (["train", "nowhere", "--out", "e.safetensors", "--batch", "0"], 2, "batch: "),
+        (["train", "nowhere", "--out", "e.safetensors", "--widths", "a,b"], 2, "widths: "),
+        (["train", "nowhere", "--out", "e.safetensors", "--config", "missing.toml"], 3, "missing.toml"),
+        (["evaluate", "missing"], 3, "Shipped: pendulum-100"),
+        (["animate", "pendulum", "--out", "clip.gif"], 2, "ends in none of .csv, .glb, .mp4"),
+        (["animate", "pendulum", "--out", "clip.glb", "--rate", "nan"], 2, "rate: "),
+        (["animate", "pendulum", "--out", "clip.glb", "--seconds", "-1"], 2, "seconds: "),
+        (["animate", "pendulum", "--out", "clip.glb", "--seed", "-1"], 2, "seed: "),
+        (["animate", "pendulum", "--out", "clip.glb", "--controls", "missing.csv"], 3, "missing.csv"),
+        (["control", "pendulum", "--out", "c.csv", "--goal", "dance"], 2, "Goals: upright"),
+        (["control", "pendulum-passive", "--out", "c.csv"], 2, "needs the system pendulum"),
+        (["export", "missing.csv", "--emulator", "pendulum", "--out", "c.glb"], 3, "missing.csv"),
+        (["info", "missing"], 3, "No emulator file 'missing'"),
+        (["dance"], 2, "No such command"),
+    ],
+)
+def test_a_mistake_gets_one_line_and_its_exit_code(arguments, code: int, message: str, cli: Cli, tmp_path: Path):
+    result = cli(*arguments, cwd=tmp_path)
+    assert result.returncode == code, result.stderr
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+    assert "dance" in arguments or len(result.stderr.splitlines()) == 1
+    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".glb", ".csv", ".safetensors")]
+
+
+def test_a_control_out_of_bounds_is_refused_by_name(cli: Cli, tmp_path: Path):
+    path = tmp_path / "c.csv"
+    path.write_text("time s,torque[0] N·m,torque[1] N·m,torque[2] N·m\n0,0,0,0\n0.05,0,99,0\n")
+    result = cli("animate", "pendulum", "--controls", path, "--out", tmp_path / "c.glb")
+    assert result.returncode == 2
+    assert "torque[1] N·m out of bounds at step 1; wanted between -14 and 14, came 99" in result.stderr
+
+
+def test_control_then_animate_then_export(cli: Cli, tmp_path: Path):
+    controls, clip, scene = tmp_path / "c.csv", tmp_path / "clip.csv", tmp_path / "clip.glb"
+    found = cli("control", "pendulum", "--seconds", "1.5", "--out", controls)
+    assert found.returncode == 0, found.stderr
+    assert "upright on the true physics  yes" in found.stdout
+    assert cli("animate", "pendulum", "--controls", controls, "--out", clip).returncode == 0
+    assert cli("export", clip, "--emulator", "pendulum", "--out", scene).returncode == 0
+    assert scene.read_bytes()[:4] == b"glTF"
+
+
+def test_info_and_list_and_doctor_answer(cli: Cli):
+    info = json.loads(cli("info", "pendulum-50", "--json").stdout)
+    assert (info["system"], info["substeps"], info["dt"]) == ("pendulum", 50, 0.05)
+    assert "pendulum-passive-100" in cli("list").stdout
+    assert "video drawn by" in cli("doctor").stdout
+
+
+def test_interrupting_ends_with_130_and_loses_nothing(tmp_path: Path):
+    import signal
+    import time
+
+    command = [sys.executable, "-c", "from neuroanimator.cli.main import main; main()"]
+    command += ["generate", "pendulum", "--count", "400000", "--out", str(tmp_path)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    while not (tmp_path / "shard-00000.safetensors").exists():
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in stderr
+    assert (tmp_path / "shard-00000.safetensors").exists()

@@ -1,0 +1,114 @@
+"""Controllers stay in bounds, lower J, and swing up the real pendulum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from neuroanimator import (
+    Emulator,
+    NeuroAnimatorError,
+    descend,
+    is_upright,
+    load_system,
+    replay,
+    stand_upright,
+    synthesise,
+)
+from neuroanimator.control.descend import METHODS, Problem
+from neuroanimator.control.refine import transitions_near
+from neuroanimator.control.synthesise import synthesise_goal
+from neuroanimator.data.transitions import Transitions
+
+REST = np.zeros(6)
+
+
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_every_method_lowers_the_cost_within_bounds(method: str, shipped: Emulator):
+    objective = stand_upright()
+    found = descend(shipped, objective, REST, steps=30, method=method, iterations=20)
+    assert found.cost < 0.1 * found.costs[0]
+    assert (np.abs(found.controls) <= shipped.identity.control_limit).all()
+    assert found.seconds < 10
+
+
+def test_gauss_newton_swings_up_the_true_pendulum_within_twenty_iterations(shipped: Emulator):
+    system, objective = load_system("pendulum"), stand_upright()
+    found = synthesise(shipped, system, objective, REST, steps=30)
+    assert found.descent.iterations <= 20
+    assert found.descent.seconds < 10
+    assert is_upright(found.outcome.physical[-1])
+    assert found.outcome.cost_physics == pytest.approx(found.outcome.cost_emulator, abs=5)
+
+
+def test_a_descent_repeats_to_the_same_bytes(shipped: Emulator):
+    first, second = (descend(shipped, stand_upright(), REST, steps=20, iterations=5).controls for _ in range(2))
+    assert first.tobytes() == second.tobytes()
+
+
+def test_tighter_limits_are_kept(shipped: Emulator):
+    limit = np.array([10.0, 5.0, 1.5])
+    found = descend(shipped, stand_upright(), REST, steps=30, iterations=10, limit=limit)
+    assert (np.abs(found.controls) <= limit).all()
+
+
+def test_the_jacobian_and_the_gradient_agree(shipped: Emulator):
+    problem = Problem(shipped, stand_upright(), REST, 10, np.array(shipped.identity.control_limit))
+    z = np.random.default_rng(0).normal(size=problem.size)
+    cost, gradient = problem.gradient(z)
+    residuals = problem.residuals(z)
+    assert cost == pytest.approx(np.sum(residuals**2) / 2, rel=1e-5)
+    np.testing.assert_allclose(
+        problem.jacobian(z).T @ residuals, gradient, rtol=2e-3, atol=1e-4 * np.abs(gradient).max()
+    )
+
+
+def test_the_objective_is_zero_only_for_the_goal_without_effort(shipped: Emulator):
+    objective, limit = stand_upright(), np.array(shipped.identity.control_limit)
+    goal, idle = np.array([[np.pi, 0, 0, 0, 0, 0]]), np.zeros((1, 3))
+    assert float(objective(goal, idle, limit, 0.05)) == pytest.approx(0, abs=1e-9)
+    assert float(objective(goal, idle + 1, limit, 0.05)) > 0
+    assert float(objective(goal + 0.01, idle, limit, 0.05)) > 0
+
+
+@pytest.mark.parametrize(
+    ("state", "expected"),
+    [
+        ([np.pi, 0, 0, 0, 0, 0], True),
+        ([-np.pi, 0, 2 * np.pi, 0, 0, 0], True),
+        ([np.pi + 0.3, 0, 0, 0, 0, 0], False),
+        ([np.pi, 0, 0, 0.6, 0.6, 0], False),
+        ([0, 0, 0, 0, 0, 0], False),
+    ],
+)
+def test_upright_means_within_ten_degrees_and_one_radian_a_second(state, expected: bool):
+    assert is_upright(np.array(state)) is expected
+
+
+def test_refining_adds_physics_near_the_motion(shipped: Emulator, transitions: Transitions):
+    system = load_system("pendulum")
+    controls = descend(shipped, stand_upright(), REST, steps=20, iterations=5).controls
+    motion = replay(shipped, system, stand_upright(), REST, controls).physical
+    more = transitions_near(transitions, motion, controls, count=200)
+    added = slice(len(transitions.states), None)
+    assert len(more.states) > len(transitions.states) + 150
+    again = system.simulate(more.states[added, 0], more.controls[added], 0.05)
+    np.testing.assert_allclose(again.states[:, 1], more.states[added, 1], atol=2e-3)
+    assert set(more.run[added]).isdisjoint(transitions.run)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"goal": "dance"}, "No goal called 'dance'. Goals: upright"),
+        ({"seconds": 0.0}, "seconds"),
+        ({"seconds": float("nan")}, "seconds"),
+        ({"effort_weight": -1.0}, "effort_weight"),
+        ({"method": "magic"}, "Methods: gauss-newton, lbfgs, momentum"),
+        ({"iterations": 0}, "at least 1"),
+    ],
+)
+def test_bad_wishes_are_refused_by_name(options, message: str, shipped: Emulator):
+    goal, seconds = options.pop("goal", "upright"), options.pop("seconds", 1.0)
+    with pytest.raises(NeuroAnimatorError, match=message):
+        synthesise_goal(shipped, goal, seconds, **options)

@@ -1,0 +1,66 @@
+"""Evaluations measure what they say."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuroanimator import Emulator, evaluate, write_report
+from neuroanimator.data.transitions import Transitions
+from neuroanimator.evaluation.accuracy import (
+    FINE,
+    baselines,
+    count_blow_ups,
+    held_out_runs,
+    one_step_error,
+    scheme_error,
+)
+from neuroanimator.evaluation.speed import OPPONENT_INTEGRATORS
+from neuroanimator.systems.system import Scheme
+
+
+def test_the_reference_has_no_error_against_itself_and_coarser_steps_have_more(shipped: Emulator):
+    test = held_out_runs(shipped, count=8, seconds=0.5)
+    errors = [scheme_error(test, Scheme("euler", dt)) for dt in (0.001, 0.005, 0.025)]
+    assert scheme_error(test, FINE) == 0
+    assert scheme_error(test, test.system.truth) < 1e-3
+    assert errors[0] < errors[1] < errors[2]
+
+
+def test_the_shipped_emulator_beats_every_cheap_predictor(shipped: Emulator, transitions: Transitions):
+    test = held_out_runs(shipped, count=16)
+    error = np.sqrt(np.mean(one_step_error(shipped, test) ** 2))
+    cheap = baselines(transitions, test)
+    assert error < 0.02
+    assert set(cheap) == {"persistence", "constant velocity", "ridge regression"}
+    assert error < 0.2 * min(cheap.values())
+
+
+def test_no_rollout_of_the_shipped_emulator_blows_up(shipped: Emulator):
+    assert count_blow_ups(shipped, starts=200, steps=1000) == 0
+
+
+def test_a_broken_emulator_is_found_to_blow_up(shipped: Emulator):
+    import equinox as eqx
+
+    wild = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: 50 * out)
+    assert count_blow_ups(wild, starts=20, steps=200) > 0
+
+
+def test_an_evaluation_is_complete_and_its_report_stands_alone(
+    shipped: Emulator, transitions: Transitions, tmp_path: Path
+):
+    found = evaluate(shipped, data=transitions, starts=10, steps=50, runs=8)
+    row = found.row()
+    assert row["nominal_speedup"] > 20
+    assert found.speed.rival.error <= found.one_step_error
+    assert {o.scheme.integrator for o in found.speed.opponents} == set(OPPONENT_INTEGRATORS)
+    assert found.rollout_errors[0] == pytest.approx(0, abs=1e-6)
+    assert found.rollout_error_at(1.0) > found.rollout_error_at(0.1)
+    write_report([found], tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<svg") == 3
+    assert not re.search(r'(src|href)="https?://', page.replace('xlink:href="#', ""))

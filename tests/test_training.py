@@ -1,0 +1,108 @@
+"""Training learns, splits by run, and resumes to the same bytes."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuroanimator import NeuroAnimatorError, training_config
+from neuroanimator.data.transitions import Transitions
+from neuroanimator.training.train import Report, run_folder, train, validation_mask
+
+SMALL = ["--widths", "16,16", "--updates", "3000", "--batch", "64"]
+
+
+def command(dataset: Path, out: Path) -> list[str]:
+    start = [sys.executable, "-c", "from neuroanimator.cli.main import main; main()"]
+    return [*start, "train", str(dataset), "--out", str(out), *SMALL]
+
+
+def test_f02_killed_and_started_again_it_ends_with_the_same_bytes(dataset: Path, tmp_path: Path):
+    whole, broken = tmp_path / "whole.safetensors", tmp_path / "broken.safetensors"
+    assert subprocess.run(command(dataset, whole), stdout=subprocess.DEVNULL).returncode == 0
+    metrics = run_folder(broken) / "metrics.jsonl"
+    for lines in (1, 2):
+        process = subprocess.Popen(command(dataset, broken), stdout=subprocess.DEVNULL)
+        while process.poll() is None and (not metrics.exists() or len(metrics.read_text().splitlines()) < lines):
+            time.sleep(0.005)
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+    assert subprocess.run(command(dataset, broken), stdout=subprocess.DEVNULL).returncode == 0
+    assert broken.read_bytes() == whole.read_bytes()
+    checkpoints = [(run_folder(out) / "checkpoint.safetensors").read_bytes() for out in (whole, broken)]
+    assert checkpoints[0] == checkpoints[1]
+    logs = [[json.loads(line) for line in (run_folder(out) / "metrics.jsonl").open()] for out in (whole, broken)]
+    assert [{**line, "seconds": 0} for line in logs[0]] == [{**line, "seconds": 0} for line in logs[1]]
+
+
+@pytest.mark.parametrize(
+    ("settings", "least_error"),
+    [
+        ({"network": "gated", "widths": (24, 24)}, 0.15),
+        ({"network": "gated", "widths": (24, 24), "optimizer": "adam"}, 0.15),
+        ({"network": "classic", "optimizer": "momentum"}, 0.6),
+    ],
+)
+def test_each_network_and_optimiser_learns(settings, least_error, transitions: Transitions, tmp_path: Path):
+    reports: list[Report] = []
+    config = training_config(updates=4000, batch=128, **settings)
+    train(transitions, config, tmp_path / "e.safetensors", on_report=reports.append)
+    assert reports[-1].error < least_error
+    assert reports[-1].error < reports[0].error
+
+
+def test_validation_runs_are_whole_and_unseen(transitions: Transitions):
+    held_out = validation_mask(transitions.run, training_config())
+    assert 0 < held_out.mean() < 0.2
+    assert not set(transitions.run[held_out]) & set(transitions.run[~held_out])
+
+
+def test_early_stopping_stops(transitions: Transitions, tmp_path: Path):
+    config = training_config(
+        updates=100_000, patience=1, learning_rate=1.0, optimizer="momentum", widths=(8,), network="classic"
+    )
+    reports: list[Report] = []
+    train(transitions, config, tmp_path / "e.safetensors", on_report=reports.append)
+    assert reports[-1].update < 100_000
+
+
+def test_a_run_with_other_settings_is_refused_and_untouched(transitions: Transitions, tmp_path: Path):
+    out = tmp_path / "e.safetensors"
+    config = training_config(widths=(8, 8), updates=1000, batch=16)
+    train(transitions, config, out)
+    before = out.read_bytes()
+    with pytest.raises(NeuroAnimatorError, match="other data or settings"):
+        train(transitions, config.model_copy(update={"seed": 1}), out)
+    assert out.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("updates", 0), ("batch", 1), ("unroll", 9), ("learning_rate", float("nan")), ("network", "deep"), ("x", 1)],
+)
+def test_bad_settings_are_refused_by_field(field: str, value: object):
+    with pytest.raises(NeuroAnimatorError, match=field):
+        training_config(**{field: value})
+
+
+def test_a_dataset_too_small_to_split_is_refused(transitions: Transitions, tmp_path: Path):
+    one_run = transitions.where(transitions.run == transitions.run[0])
+    with pytest.raises(NeuroAnimatorError, match="too few"):
+        train(one_run, training_config(), tmp_path / "e.safetensors")
+
+
+def test_f06_two_trainings_cannot_share_a_folder(transitions: Transitions, tmp_path: Path):
+    from neuroanimator.files import locked
+
+    out = tmp_path / "e.safetensors"
+    with locked(run_folder(out)), pytest.raises(NeuroAnimatorError, match="in use by process"):
+        train(transitions, training_config(), out)
+    assert not out.exists()
+    assert np.isfinite(transitions.states).all()
