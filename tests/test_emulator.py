@@ -19,7 +19,7 @@ from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import rollout
 from neuroanimator.emulator.features import Features, sine_cosine
 from neuroanimator.emulator.network import NETWORKS, make_network
-from neuroanimator.files import METADATA_KEY
+from neuroanimator.files import METADATA_KEY, _seal
 from neuroanimator.training.build import build_emulator
 
 
@@ -148,11 +148,12 @@ def _flip(raw: bytes, place: int) -> bytes:
 
 
 def _tampered(change) -> bytes:
-    """Return a shipped emulator with its metadata changed and everything else consistent."""
+    """Return a shipped emulator with its metadata changed and sealed again, as an attacker would."""
     raw = find_emulator("pendulum-passive-50").read_bytes()
     length = int.from_bytes(raw[:8], "little")
     metadata = json.loads(json.loads(raw[8 : 8 + length])["__metadata__"][METADATA_KEY])
     change(metadata)
+    metadata["sha256"] = _seal(safetensors.numpy.load(raw), metadata)
     return safetensors.numpy.save(safetensors.numpy.load(raw), {METADATA_KEY: json.dumps(metadata)})
 
 

@@ -41,7 +41,7 @@ def run_demo(out: Path) -> dict[str, Any]:
     data, seconds_data = _timed("1/5 simulate", lambda: _generate(out / "data"))
     emulator, seconds_training = _timed("2/5 train", lambda: _train(data, out / f"{SYSTEM}.emulator.safetensors"))
     evaluation, _ = _timed("3/5 evaluate", lambda: evaluate(emulator, data=data))
-    found, _ = _timed("4/5 swing up", lambda: _swing_up(emulator, data, out))
+    found, _ = _timed("4/5 swing up", lambda: _swing_up(emulator, data))
     files, _ = _timed("5/5 draw and write", lambda: _write(out, evaluation, found))
     saved = evaluation.speed.physics_seconds * SUBSTEPS - evaluation.speed.emulator_seconds
     break_even = (seconds_data + seconds_training) / saved * emulator.dt
@@ -83,7 +83,7 @@ def _train(data: Transitions, path: Path) -> Emulator:
         return train(data, config, path, on_report=lambda r: bar.advance_to(r.update, f"error {r.error:.4f}"))
 
 
-def _swing_up(emulator: Emulator, data: Transitions, out: Path) -> Synthesis:
+def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
     return synthesise(
         emulator,
         data.system,
@@ -91,7 +91,6 @@ def _swing_up(emulator: Emulator, data: Transitions, out: Path) -> Synthesis:
         np.zeros(6),
         steps=round(SWING_SECONDS / emulator.dt),
         data=data,
-        workplace=out / "refining",
         on_refine=lambda gap: print(f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr),
     )
 

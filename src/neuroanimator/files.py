@@ -41,7 +41,7 @@ def digest(tensors: dict[str, np.ndarray]) -> str:
     """Return the sha256 over names, types, shapes and bytes of `tensors`, whatever their order."""
     total = hashlib.sha256()
     for name in sorted(tensors):
-        array = np.ascontiguousarray(tensors[name])
+        array = np.asarray(tensors[name], order="C")
         total.update(f"{name}:{array.dtype}:{array.shape};".encode())
         total.update(array.tobytes())
     return total.hexdigest()
@@ -100,10 +100,16 @@ def locked(folder: Path) -> Iterator[None]:
         yield
 
 
+def _seal(tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> str:
+    """Return the sha256 that covers the tensors and all other metadata."""
+    others = {key: value for key, value in metadata.items() if key != "sha256"}
+    return hashlib.sha256((canonical_json(others) + digest(tensors)).encode()).hexdigest()
+
+
 def write_tensors(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> None:
-    """Write a safetensors file whose metadata also holds the tensors' sha256. Same input, same bytes."""
-    ordered = {name: np.ascontiguousarray(tensors[name]) for name in sorted(tensors)}
-    text = canonical_json({**metadata, "sha256": digest(ordered)})
+    """Write a safetensors file whose metadata also holds the sha256 of everything in it. Same input, same bytes."""
+    ordered = {name: np.asarray(tensors[name], order="C") for name in sorted(tensors)}
+    text = canonical_json({**metadata, "sha256": _seal(ordered, metadata)})
     write_whole(path, safetensors.numpy.save(ordered, {METADATA_KEY: text}))
 
 
@@ -157,7 +163,7 @@ def _check_payload(tensors: dict[str, np.ndarray], metadata: dict[str, Any], kin
     for name, array in tensors.items():
         if not np.isfinite(array).all():
             raise ValueError(f"tensor '{name[:40]}' holds NaN or infinite numbers")
-    if metadata.get("sha256") != digest(tensors):
+    if metadata.get("sha256") != _seal(tensors, metadata):
         raise ValueError("its contents do not match its sha256 (damaged)")
 
 

@@ -18,7 +18,9 @@ def run(
     method: Annotated[str, typer.Option(help="gauss-newton, lbfgs, or momentum as in 1998.")] = "gauss-newton",
     iterations: Annotated[int, typer.Option(help="Backward sweeps allowed.")] = 20,
     effort_weight: Annotated[float, typer.Option(help="Weight of effort in J.")] = 1.0,
-    data: Annotated[Path | None, typer.Option(help="Dataset folder; allows refining if the physics disagrees.")] = None,
+    data: Annotated[
+        Path | None, typer.Option(help="Dataset folder to refine with; simulated anew if not given.")
+    ] = None,
 ) -> None:
     """Find a controller by gradient descent through the emulator, then replay it on MuJoCo."""
     import numpy as np
@@ -39,7 +41,6 @@ def run(
         method=method,
         iterations=iterations,
         data=read_transitions(data) if data else None,
-        workplace=out.parent / f"{out.stem}.refining",
     )
     controls = found.descent.controls
     write_table(out, np.arange(len(controls)) * found.emulator.dt, controls, found.emulator.identity.control)

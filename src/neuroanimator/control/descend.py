@@ -135,8 +135,9 @@ def descend(
     return Descent(method, problem.controls(z), cost, tuple(problem.costs), seconds)
 
 
-def _residuals(emulator: Emulator, objective: Objective, start: Array, z: Float[Array, " Z"]) -> Float[Array, " R"]:
-    limit = jnp.array(emulator.identity.control_limit, z.dtype)
+def _residuals(
+    emulator: Emulator, objective: Objective, start: Array, limit: Array, z: Float[Array, " Z"]
+) -> Float[Array, " R"]:
     controls = jnp.tanh(z.reshape(-1, limit.shape[0])) * limit
     return objective.residuals(rollout(emulator, start, controls), controls, limit, emulator.dt)
 

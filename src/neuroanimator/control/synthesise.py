@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from neuroanimator.control.descend import Descent, descend
 from neuroanimator.control.objective import GOALS, Objective
 from neuroanimator.control.refine import transitions_near
 from neuroanimator.control.replay import Replay, replay
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.data.transitions import Transitions, dataset_config
 from neuroanimator.emulator.artifact import describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
@@ -26,6 +28,8 @@ LARGE_GAP = 0.5
 """A gap of J above this is worth refining: half of what one end-state number off by its scale costs."""
 NEARBY = 4_000
 """Physics windows added per refinement: 0.8 s of data in about two seconds."""
+FRESH = 24_000
+"""Transitions simulated to keep the rest of the emulator in shape while it learns the motion."""
 LONGEST = 20.0
 """[s] Longest motion searched for."""
 REFINING_UPDATES = 5_000
@@ -53,23 +57,26 @@ def synthesise(
     method: str = "gauss-newton",
     iterations: int = 20,
     data: Transitions | None = None,
-    workplace: Path | None = None,
     refinements: int = 2,
     on_refine: Callable[[float], None] = lambda gap: None,
 ) -> Synthesis:
     """Return the best controller by its J on the physics, among the first and up to `refinements` more.
 
-    Refining needs `data` (what the emulator was trained on) and a `workplace` folder for checkpoints.
+    While the physics disagrees with the emulator, transitions around the motion are added to `data`
+    (what the emulator was trained on; simulated anew if not given), and a copy of the emulator trains on.
     """
     done = 0
     descent = descend(emulator, objective, start, steps=steps, method=method, iterations=iterations)
     best = Synthesis(emulator, descent, replay(emulator, system, objective, start, descent.controls), 0)
     found = best
-    while data is not None and workplace is not None and done < refinements and found.outcome.gap > LARGE_GAP:
+    while done < refinements and found.outcome.gap > LARGE_GAP:
         on_refine(found.outcome.gap)
         done += 1
+        data = data or simulate_transitions(
+            dataset_config(system=system.name, substeps=emulator.identity.substeps, count=FRESH)
+        )
         data = transitions_near(data, found.outcome.physical, found.descent.controls, count=NEARBY, seed=done)
-        refined = _train_on(found.emulator, data, workplace / f"refined-{done}.emulator.safetensors")
+        refined = _train_on(found.emulator, data)
         descent = descend(
             refined,
             objective,
@@ -104,7 +111,7 @@ def synthesise_goal(
     return synthesise(emulator, load_system("pendulum"), objective, start, steps=steps, **options)
 
 
-def _train_on(emulator: Emulator, data: Transitions, out: Path) -> Emulator:
+def _train_on(emulator: Emulator, data: Transitions) -> Emulator:
     network = emulator.network
     config = training_config(
         widths=network.widths,
@@ -113,4 +120,5 @@ def _train_on(emulator: Emulator, data: Transitions, out: Path) -> Emulator:
         learning_rate=REFINING_RATE,
         unroll_share=0.5,
     )
-    return train(data, config, out, start_from=emulator)
+    with TemporaryDirectory() as folder:  # seconds of training: not worth resuming
+        return train(data, config, Path(folder) / "refined.emulator.safetensors", start_from=emulator)

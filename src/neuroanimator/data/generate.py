@@ -10,7 +10,7 @@ import numpy as np
 
 from neuroanimator.data import transitions
 from neuroanimator.data.sampling import sample_controls
-from neuroanimator.data.transitions import DatasetConfig, claim_folder, read_shard
+from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
 from neuroanimator.errors import BadFileError
 from neuroanimator.files import locked, remove_stale, write_tensors
 from neuroanimator.systems import load_system
@@ -37,6 +37,13 @@ def generate(
             blow_ups += _ensure_shard(system, config, folder, shard, threads or os.cpu_count() or 1)
             on_shard()
     return blow_ups
+
+
+def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> Transitions:
+    """Return the dataset `config` describes without storing it."""
+    system = load_system(config.system)
+    cores = threads or os.cpu_count() or 1
+    return gather_transitions(config, (make_shard(system, config, shard, cores) for shard in range(config.shards)))
 
 
 def _ensure_shard(system: System, config: DatasetConfig, folder: Path, shard: int, threads: int) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -130,9 +131,17 @@ class Transitions:
 def read_transitions(folder: Path) -> Transitions:
     """Return every transition in `folder`; BadFileError if a shard is missing or damaged."""
     config = read_config(folder)
-    windows = [_read_windows(folder, config, shard) for shard in range(config.shards)]
+    shards = (read_shard(folder, config, shard) for shard in range(config.shards))
+    return gather_transitions(config, ((tensors, metadata["blow_ups"]) for tensors, metadata in shards))
+
+
+def gather_transitions(config: DatasetConfig, shards: Iterable[tuple[dict[str, np.ndarray], int]]) -> Transitions:
+    """Return the transitions in `shards`, pairs of tensors and blow-ups in order of their number."""
+    windows, blow_ups = [], 0
+    for shard, (tensors, dropped) in enumerate(shards):
+        windows.append(windows_of(tensors, shard))
+        blow_ups += dropped
     states, controls, run = (np.concatenate([part[i] for part in windows]) for i in range(3))
-    blow_ups = sum(part[3] for part in windows)
     return Transitions(config, load_system(config.system), states, controls, run, blow_ups)
 
 
@@ -145,12 +154,12 @@ def read_shard(folder: Path, config: DatasetConfig, shard: int) -> tuple[dict[st
     return tensors, metadata
 
 
-def _read_windows(folder: Path, config: DatasetConfig, shard: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    tensors, metadata = read_shard(folder, config, shard)
+def windows_of(tensors: dict[str, np.ndarray], shard: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (states (N, H+1, S), controls (N, H, C), run (N,)): the windows at a shard's picks."""
     states, controls, picks = tensors["states"], tensors["controls"], tensors["picks"]
     rows = np.arange(len(states))[:, None, None]
     steps = picks[:, :, None] + np.arange(LONGEST_UNROLL + 1)
     run = np.repeat(np.arange(len(states)) + shard * RUNS_PER_SHARD, picks.shape[1])
     windows = states[rows, steps].reshape(-1, LONGEST_UNROLL + 1, states.shape[-1])
     held = controls[rows, steps[..., :-1]].reshape(-1, LONGEST_UNROLL, controls.shape[-1])
-    return windows, held, run, int(metadata["blow_ups"])
+    return windows, held, run

@@ -52,7 +52,8 @@ class Features(eqx.Module):
         Without a mirror symmetry both hold everything, and a constant 1 in the odd part lets the
         network have an offset.
         """
-        angle = self.angles @ state
+        # A sum of products, because it is fused with what follows and `@` is a call of its own.
+        angle = jnp.sum(self.angles * state, axis=1)
         sine, cosine = sine_cosine(angle)
         if self.is_odd:
             return jnp.concatenate([sine, plain]), cosine

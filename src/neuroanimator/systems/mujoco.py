@@ -37,6 +37,8 @@ def skeleton_of(model: mujoco.MjModel) -> Skeleton:
     for body in range(1, model.nbody):
         joint, geom = model.body_jntadr[body], model.body_geomadr[body]
         half = model.geom_size[geom][1] * _z_axis(model.geom_quat[geom])
+        ends = [model.geom_pos[geom] - half, model.geom_pos[geom] + half]
+        start, end = sorted(ends, key=lambda point: float(np.linalg.norm(point - model.jnt_pos[joint])))
         bones.append(
             Bone(
                 name=model.body(body).name,
@@ -44,8 +46,8 @@ def skeleton_of(model: mujoco.MjModel) -> Skeleton:
                 offset=_numbers(model.body_pos[body]),
                 axis=_numbers(model.jnt_axis[joint]),
                 angle=int(model.jnt_qposadr[joint]),
-                start=_numbers(model.geom_pos[geom] - half),
-                end=_numbers(model.geom_pos[geom] + half),
+                start=_numbers(start),
+                end=_numbers(end),
                 radius=float(model.geom_size[geom][0]),
                 colour=_numbers(model.geom_rgba[geom]),
             )
