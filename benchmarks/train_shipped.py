@@ -1,4 +1,4 @@
-"""The recipe of the emulators that ship in the package: same data, same seeds, same bytes on one machine.
+"""The recipe of the emulators that ship in the package: same data, same seeds, same weights on one machine.
 
 python benchmarks/train_shipped.py                    every one, about 40 minutes on 2 cores
 python benchmarks/train_shipped.py pendulum 50        one of them

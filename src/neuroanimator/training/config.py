@@ -34,7 +34,7 @@ class TrainingConfig(BaseModel):
     unroll: int = Field(LONGEST_UNROLL, ge=1, le=LONGEST_UNROLL)
     unroll_share: float = Field(0.2, ge=0, le=1)
     validation_share: float = Field(0.05, gt=0, lt=0.9)
-    patience: int = Field(25, ge=1)
+    patience: int = Field(80, ge=1)
     seed: int = Field(0, ge=0, lt=2**31)
 
     @property
