@@ -10,13 +10,14 @@ from neuroanimator import Emulator, NeuroAnimatorError, load_system, make_clip
 from neuroanimator.animation.interpolate import interpolate_hermite, interpolate_linear
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.rotation import rotation_matrices
 
 RATES = ((0, 3), (1, 4), (2, 5))
 
 
 def test_hermite_is_closer_to_the_physics_than_straight_lines():
     system, rng = load_system("pendulum"), np.random.default_rng(0)
-    controls = np.repeat(rng.uniform(-0.5, 0.5, (1, 20, 3)) * system.control_limit, 10, axis=1)
+    controls = np.repeat(rng.uniform(-0.5, 0.5, (1, 20, 3)) * system.bounds.half, 10, axis=1)
     fine = system.simulate(system.sample_starts(rng, 1), controls, 0.005).states[0]
     coarse, times = fine[::10], np.arange(len(fine)) * 0.005
     errors = {
@@ -46,22 +47,23 @@ def test_a_clip_has_the_display_rate_asked_for(rate: float, shipped: Emulator):
     assert np.isfinite(clip.states).all()
 
 
-def test_the_skeleton_stands_where_mujoco_puts_the_bodies():
-    system, rng = load_system("pendulum"), np.random.default_rng(0)
+@pytest.mark.parametrize("name", ["pendulum", "truck", "lander"])
+def test_the_skeleton_stands_where_mujoco_puts_the_bodies(name: str):
+    system, rng = load_system(name), np.random.default_rng(0)
     assert isinstance(system, MujocoSystem)
     states = system.sample_starts(rng, 20)
-    points = system.skeleton.world_points(states)
+    bodies = [system.model.body(bone.name).id for bone in system.skeleton.bones]
     data = mujoco.MjData(system.model)
-    for state, ends in zip(states, points, strict=True):
-        data.qpos[:] = state[:3]
+    for state, places, turns in zip(states, *system.skeleton.world_poses(states), strict=True):
+        system.put(data, state)
         mujoco.mj_forward(system.model, data)
-        np.testing.assert_allclose(ends.mean(axis=1), data.geom_xpos, atol=1e-9)
+        np.testing.assert_allclose(places, data.xpos[bodies], atol=1e-9)
+        np.testing.assert_allclose(rotation_matrices(turns).reshape(-1, 9), data.xmat[bodies], atol=1e-9)
 
 
 def test_links_stay_joined_and_of_their_length(shipped: Emulator):
-    points = shipped.identity.skeleton.world_points(random_motion(shipped, 5.0, seed=1))
-    np.testing.assert_allclose(points[:, :-1, 1], points[:, 1:, 0], atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(points[:, :, 1] - points[:, :, 0], axis=-1), 0.5, atol=1e-9)
+    places, _ = shipped.identity.skeleton.world_poses(random_motion(shipped, 5.0, seed=1))
+    np.testing.assert_allclose(np.linalg.norm(np.diff(places, axis=1), axis=-1), 0.5, atol=1e-9)
 
 
 def test_bad_wishes_are_refused_by_name(shipped: Emulator):

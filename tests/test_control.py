@@ -28,7 +28,7 @@ def test_every_method_lowers_the_cost_within_bounds(method: str, shipped: Emulat
     objective = stand_upright()
     found = descend(shipped, objective, REST, steps=30, method=method, iterations=20)
     assert found.cost < 0.1 * found.costs[0]
-    assert (np.abs(found.controls) <= shipped.identity.control_limit).all()
+    assert (np.abs(found.controls) <= shipped.identity.bounds.largest).all()
     assert found.seconds < 10
 
 
@@ -53,7 +53,7 @@ def test_tighter_limits_are_kept(shipped: Emulator):
 
 
 def test_the_jacobian_and_the_gradient_agree(shipped: Emulator):
-    problem = Problem(shipped, stand_upright(), REST, 10, np.array(shipped.identity.control_limit))
+    problem = Problem(shipped, stand_upright(), REST, 10, shipped.identity.bounds)
     z = np.random.default_rng(0).normal(size=problem.size)
     cost, gradient = problem.gradient(z)
     residuals = problem.residuals(z)
@@ -64,7 +64,7 @@ def test_the_jacobian_and_the_gradient_agree(shipped: Emulator):
 
 
 def test_the_objective_is_zero_only_for_the_goal_without_effort(shipped: Emulator):
-    objective, limit = stand_upright(), np.array(shipped.identity.control_limit)
+    objective, limit = stand_upright(), shipped.identity.bounds.largest
     goal, idle = np.array([[np.pi, 0, 0, 0, 0, 0]]), np.zeros((1, 3))
     assert float(objective(goal, idle, limit, 0.05)) == pytest.approx(0, abs=1e-9)
     assert float(objective(goal, idle + 1, limit, 0.05)) > 0

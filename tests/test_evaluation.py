@@ -11,7 +11,6 @@ import pytest
 from neuroanimator import Emulator, evaluate, write_report
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.evaluation.accuracy import (
-    FINE,
     baselines,
     count_blow_ups,
     held_out_runs,
@@ -25,7 +24,7 @@ from neuroanimator.systems.system import Scheme
 def test_the_reference_has_no_error_against_itself_and_coarser_steps_have_more(shipped: Emulator):
     test = held_out_runs(shipped, count=8, seconds=0.5)
     errors = [scheme_error(test, Scheme("euler", dt)) for dt in (0.001, 0.005, 0.025)]
-    assert scheme_error(test, FINE) == 0
+    assert scheme_error(test, test.system.fine) == 0
     assert scheme_error(test, test.system.truth) < 1e-3
     assert errors[0] < errors[1] < errors[2]
 

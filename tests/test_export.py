@@ -9,12 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neuroanimator import Clip, Emulator, NeuroAnimatorError, make_clip, read_clip, write_clip, write_glb, write_video
+from neuroanimator import (
+    Clip,
+    Emulator,
+    NeuroAnimatorError,
+    load_system,
+    make_clip,
+    read_clip,
+    write_clip,
+    write_glb,
+    write_video,
+)
+from neuroanimator.animation.interpolate import continuous
 from neuroanimator.animation.motion import random_motion
-from neuroanimator.export.capsule import capsule_mesh
-from neuroanimator.export.gltf import continuous
+from neuroanimator.export.shapes import shape_mesh
 from neuroanimator.export.video import graphics_backend
-from neuroanimator.systems.skeleton import rotation_matrices
+from neuroanimator.systems.rotation import rotation_matrices
+from neuroanimator.systems.skeleton import SHAPE_KINDS, Shape
 
 
 @pytest.fixture(scope="module")
@@ -37,40 +48,72 @@ def accessor(document: dict, binary: bytes, index: int) -> np.ndarray:
     return data.reshape(entry["count"], -1)
 
 
-def test_f21_the_glb_poses_are_the_clips_poses_with_y_up(clip: Clip, tmp_path: Path):
+@pytest.mark.parametrize("name", ["pendulum", "truck", "lander"])
+def test_f21_the_glb_poses_are_the_clips_poses_with_y_up(name: str, tmp_path: Path):
+    clip = a_clip(name)
     write_glb(clip, tmp_path / "a.glb")
     document, binary = read_glb(tmp_path / "a.glb")
-    expected = clip.skeleton.world_points(clip.states)[:, -1, 1]
-    samplers = document["animations"][0]["samplers"]
-    turns = [
-        rotation_matrices(accessor(document, binary, s["output"])[:, [3, 0, 1, 2]].astype(float)) for s in samplers
-    ]
-    root = rotation_matrices(np.array(document["nodes"][0]["rotation"])[[3, 0, 1, 2]])
+    places, _ = clip.skeleton.world_poses(clip.states)
+    tracks: dict[tuple[int, str], np.ndarray] = {}
+    animation = document["animations"][0]
+    for channel in animation["channels"]:
+        sampler = animation["samplers"][channel["sampler"]]
+        target = channel["target"]
+        tracks[target["node"], target["path"]] = accessor(document, binary, sampler["output"]).astype(float)
+        np.testing.assert_allclose(accessor(document, binary, sampler["input"])[:, 0], clip.times, atol=1e-6)
     for frame in (0, len(clip.times) // 2, len(clip.times) - 1):
-        position, turn = np.zeros(3), root
-        for node, track in zip(document["nodes"][1:], turns, strict=True):
-            position = position + turn @ np.array(node["translation"])
-            turn = turn @ track[frame]
-        tip = position + turn @ np.array(clip.skeleton.bones[-1].end)
-        x, y, z = expected[frame]
-        np.testing.assert_allclose(tip, [x, z, -y], atol=1e-5)
-    np.testing.assert_allclose(accessor(document, binary, samplers[0]["input"])[:, 0], clip.times, atol=1e-6)
+        found = glb_places(document, tracks, frame)
+        expected = places[frame][:, [0, 2, 1]] * [1, 1, -1]
+        np.testing.assert_allclose(found[1:], expected, atol=1e-5)
+
+
+def a_clip(name: str) -> Clip:
+    system, rng = load_system(name), np.random.default_rng(0)
+    states = np.repeat(system.sample_starts(rng, 1), 31, axis=0)
+    for view in range(system.state.size):  # every entry moves, so that every joint is tried
+        states[:, view] += np.linspace(0, 0.3, 31) * np.sin(view + 1)
+    return Clip(name, system.skeleton, np.arange(31) / 30, states)
+
+
+def glb_places(document: dict, tracks: dict[tuple[int, str], np.ndarray], frame: int) -> np.ndarray:
+    """Return where each node is, by the rules of glTF alone."""
+    nodes = document["nodes"]
+    found = np.zeros((len(nodes), 3))
+
+    def visit(index: int, place: np.ndarray, turn: np.ndarray) -> None:
+        node = nodes[index]
+        own = tracks.get((index, "rotation"))
+        rotation = np.array(node.get("rotation", [0, 0, 0, 1])) if own is None else own[frame]
+        way = tracks.get((index, "translation"))
+        translation = np.array(node.get("translation", [0, 0, 0])) if way is None else way[frame]
+        found[index] = place + turn @ translation
+        for child in node.get("children", []):
+            visit(child, found[index], turn @ rotation_matrices(rotation[[3, 0, 1, 2]]))
+
+    visit(0, np.zeros(3), np.eye(3))
+    return found
 
 
 def test_quaternions_never_jump_to_the_other_sign(clip: Clip):
     spinning = np.repeat(np.linspace(0, 20, 200)[:, None], 6, axis=1)
-    turns = continuous(clip.skeleton.local_rotations(spinning))
+    turns = continuous(clip.skeleton.local_poses(spinning)[1])
     assert ((turns[1:] * turns[:-1]).sum(axis=-1) > 0).all()
 
 
-def test_a_capsule_is_closed_and_faces_outward():
-    points, normals, triangles = capsule_mesh(np.array([0, 0, 0.0]), np.array([0, 0, -0.5]), 0.03)
-    assert points.min() == pytest.approx(-0.53, abs=1e-6)
-    corners = points[triangles]
+@pytest.mark.parametrize("kind", SHAPE_KINDS)
+def test_a_shape_is_closed_faces_outward_and_has_its_size(kind: str):
+    size = {"capsule": (0.1, 0.4), "cylinder": (0.1, 0.4), "sphere": (0.3,)}.get(kind, (0.1, 0.2, 0.3))
+    mesh = shape_mesh(Shape(kind, size, (1.0, 0.0, 0.0), (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0), (1.0, 1.0, 1.0, 1.0)))
+    corners = mesh.points[mesh.triangles].astype(float)
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(facing, axis=1)
-    outward = (facing * normals[triangles].mean(axis=1)).sum(axis=1)
-    assert (outward[area > 1e-9] > 0).all()
+    outward = (facing * mesh.normals[mesh.triangles].mean(axis=1)).sum(axis=1)
+    assert (outward[np.linalg.norm(facing, axis=1) > 1e-9] > 0).all()
+    volume = (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6  # divergence theorem: only if closed
+    exact = {
+        "capsule": np.pi * 0.01 * (0.8 + 4 / 3 * 0.1), "cylinder": np.pi * 0.01 * 0.8, "sphere": 4 / 3 * np.pi * 0.027,
+        "ellipsoid": 4 / 3 * np.pi * 0.006, "box": 8 * 0.006,
+    }[kind]  # fmt: skip
+    assert volume == pytest.approx(exact, rel=0.06)
 
 
 def test_a_table_round_trip_keeps_the_clip(clip: Clip, shipped: Emulator, tmp_path: Path):

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.animation.clip import make_clip
-from neuroanimator.control.objective import stand_upright
 from neuroanimator.control.replay import is_upright
 from neuroanimator.control.report import outcome_rows
-from neuroanimator.control.synthesise import Synthesis, synthesise
+from neuroanimator.control.synthesise import Synthesis, synthesise_goal
 from neuroanimator.data.generate import generate
 from neuroanimator.data.transitions import Transitions, dataset_config, read_transitions
 from neuroanimator.emulator.emulator import Emulator
@@ -31,8 +30,6 @@ from neuroanimator.training.train import train
 SYSTEM, SUBSTEPS = "pendulum", 50
 TRANSITIONS = 100_000
 UPDATES = 100_000
-SWING_SECONDS = 1.5
-"""As long as a quick human arm takes; the motors could do it in one."""
 
 
 def run_demo(out: Path) -> dict[str, Any]:
@@ -84,12 +81,9 @@ def _train(data: Transitions, path: Path) -> Emulator:
 
 
 def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
-    return synthesise(
+    return synthesise_goal(
         emulator,
-        data.system,
-        stand_upright(),
-        np.zeros(6),
-        steps=round(SWING_SECONDS / emulator.dt),
+        "upright",
         data=data,
         on_refine=lambda gap: print(f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr),
     )

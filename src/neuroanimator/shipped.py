@@ -7,7 +7,9 @@ from pathlib import Path
 
 from neuroanimator.errors import BadFileError
 
-SHIPPED = [(system, substeps) for system in ("pendulum", "pendulum-passive") for substeps in (50, 100, 25)]
+SHIPPED = [
+    (system, substeps) for system in ("lander", "pendulum", "pendulum-passive", "truck") for substeps in (50, 100, 25)
+]
 """(system, substeps) of each."""
 
 

@@ -25,6 +25,8 @@ class Clip:
     """(F,) [s], evenly spaced."""
     states: np.ndarray
     """(F, S) in the system's own layout."""
+    definition: str = ""
+    """Of a user's own system; see `System.definition`."""
 
     @property
     def rate(self) -> float:
@@ -46,5 +48,5 @@ def make_clip(emulator: Emulator, states: np.ndarray, *, rate: float = 30.0, int
     frames = max(1, int(duration * rate + 1e-6))
     times = np.arange(frames + 1) / rate
     times = times[times <= duration + 1e-9] if frames > 1 else np.array([0.0, duration])
-    between = INTERPOLATIONS[interpolation](states, identity.dt, times, identity.rates)
-    return Clip(identity.system, identity.skeleton, times, between)
+    between = INTERPOLATIONS[interpolation](states, identity.dt, times, identity.rates, emulator.frame.turns)
+    return Clip(identity.system, identity.skeleton, times, between, identity.definition)

@@ -5,35 +5,74 @@ from __future__ import annotations
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.rotation import multiply
+
+Pairs = tuple[tuple[int, int], ...]
 
 
-def interpolate_linear(states: np.ndarray, dt: float, times: np.ndarray, rates: tuple = ()) -> np.ndarray:
+def interpolate_linear(
+    states: np.ndarray, dt: float, times: np.ndarray, rates: Pairs = (), turns: Pairs = ()
+) -> np.ndarray:
     """Return states (F, S) at `times` [s] on straight lines between states (T, S) `dt` apart, as in 1998."""
+    states = _nearest_signs(states, turns)
     index, share = _locate(states, dt, times)
-    return states[index] * (1 - share) + states[index + 1] * share
+    return _unit(states[index] * (1 - share) + states[index + 1] * share, turns)
 
 
-def interpolate_hermite(states: np.ndarray, dt: float, times: np.ndarray, rates: tuple = ()) -> np.ndarray:
+def interpolate_hermite(
+    states: np.ndarray, dt: float, times: np.ndarray, rates: Pairs = (), turns: Pairs = ()
+) -> np.ndarray:
     """Return states (F, S) at `times` [s] on cubics that also have the known velocities.
 
     `rates` holds (i, j) where entry j is the time derivative of entry i; the positions i follow
-    the cubic, the velocities j its derivative, all other entries straight lines.
+    the cubic, the velocities j its derivative, all other entries straight lines. `turns` holds (i, j)
+    where a quaternion begins at i and its angular velocity, in the body's frame, at j: its four
+    numbers follow cubics too (q̇ = ½ q ω) and are made a unit quaternion again.
     """
+    states = _nearest_signs(states, turns)
     index, share = _locate(states, dt, times)
     found = states[index] * (1 - share) + states[index + 1] * share
     s = share[:, 0]
+    for turn, spin in turns:
+        spins = np.concatenate([np.zeros((len(states), 1)), states[:, spin : spin + 3]], axis=1)
+        quaternions = states[:, turn : turn + 4]
+        slopes = multiply(quaternions, spins) / 2 * dt
+        found[:, turn : turn + 4] = _cubic(
+            s[:, None], quaternions[index], quaternions[index + 1], slopes[index], slopes[index + 1]
+        )
     for position, rate in rates:
         p0, p1 = states[index, position], states[index + 1, position]
         v0, v1 = states[index, rate] * dt, states[index + 1, rate] * dt
-        found[:, position] = (
-            (2 * s**3 - 3 * s**2 + 1) * p0
-            + (s**3 - 2 * s**2 + s) * v0
-            + (3 * s**2 - 2 * s**3) * p1
-            + (s**3 - s**2) * v1
-        )
+        found[:, position] = _cubic(s, p0, p1, v0, v1)
         slope = 6 * (s**2 - s) * (p0 - p1) + (3 * s**2 - 4 * s + 1) * v0 + (3 * s**2 - 2 * s) * v1
         found[:, rate] = slope / dt
-    return found
+    return _unit(found, turns)
+
+
+def _cubic(s: np.ndarray, p0: np.ndarray, p1: np.ndarray, v0: np.ndarray, v1: np.ndarray) -> np.ndarray:
+    """Return Hermite's cubic at shares `s`, its ends p and their slopes v per interval."""
+    return (2 * s**3 - 3 * s**2 + 1) * p0 + (s**3 - 2 * s**2 + s) * v0 + (3 * s**2 - 2 * s**3) * p1 + (s**3 - s**2) * v1
+
+
+def _nearest_signs(states: np.ndarray, turns: Pairs) -> np.ndarray:
+    """Return `states` with each quaternion's sign the one nearest to the quaternion before."""
+    states = np.array(states, dtype=float)
+    for turn, _ in turns:
+        states[:, turn : turn + 4] = continuous(states[:, turn : turn + 4])
+    return states
+
+
+def continuous(quaternions: np.ndarray) -> np.ndarray:
+    """Return quaternions (T, ..., 4) with signs flipped so that each is nearest to the one before."""
+    dots = (quaternions[1:] * quaternions[:-1]).sum(axis=-1, keepdims=True)
+    signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
+    return np.concatenate([quaternions[:1], quaternions[1:] * signs])
+
+
+def _unit(states: np.ndarray, turns: Pairs) -> np.ndarray:
+    for turn, _ in turns:
+        states[:, turn : turn + 4] /= np.linalg.norm(states[:, turn : turn + 4], axis=1, keepdims=True)
+    return states
 
 
 def _locate(states: np.ndarray, dt: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,10 @@ EXAMPLE = "neuroanimator control pendulum --goal upright --seconds 1.5 --out swi
 def run(
     emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
     out: Annotated[Path, typer.Option(help="CSV file for the controls.")],
-    goal: Annotated[str, typer.Option(help="What to achieve: upright.")] = "upright",
-    seconds: Annotated[float, typer.Option(help="Length of the motion [s].")] = 1.5,
+    goal: Annotated[str, typer.Option(help="What to achieve; 'list' names the goals of each system.")] = "upright",
+    seconds: Annotated[
+        float | None, typer.Option(help="Length of the motion [s]; the goal's own if not given.")
+    ] = None,
     method: Annotated[str, typer.Option(help="gauss-newton, lbfgs, or momentum as in 1998.")] = "gauss-newton",
     iterations: Annotated[int, typer.Option(help="Backward sweeps allowed.")] = 20,
     effort_weight: Annotated[float, typer.Option(help="Weight of effort in J.")] = 1.0,

@@ -11,9 +11,11 @@ EXAMPLE = "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0
 
 
 def run(
-    system: Annotated[str, typer.Argument(help="System to simulate; see 'list'.")],
+    system: Annotated[str, typer.Argument(help="System to simulate, see 'list'; or your own TOML file, see 'new'.")],
     out: Annotated[Path, typer.Option(help="Folder for the shards.")],
-    substeps: Annotated[int, typer.Option(help="Physics steps n in a super step.")] = 50,
+    substeps: Annotated[
+        int | None, typer.Option(help="Physics steps n in a super step; the system's own, or 50.")
+    ] = None,
     count: Annotated[int, typer.Option(help="Transitions to make.")] = 100_000,
     seed: Annotated[int, typer.Option(help="Seed of starts and controls.")] = 0,
     threads: Annotated[
@@ -23,9 +25,11 @@ def run(
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
     from neuroanimator.data.generate import generate
     from neuroanimator.data.transitions import PICKS_PER_RUN, dataset_config
+    from neuroanimator.systems.own import resolve
     from neuroanimator.terminal import print_rows, progress_bar
 
-    config = dataset_config(system=system, substeps=substeps, count=count, seed=seed)
+    name, definition, usual = resolve(system)
+    config = dataset_config(system=name, definition=definition, substeps=substeps or usual, count=count, seed=seed)
     done = 0
     with progress_bar("shards", config.shards) as bar:
 

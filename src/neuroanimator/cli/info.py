@@ -33,7 +33,10 @@ def run(
             ("super step", f"{metadata['dt'] * 1e3:g} ms ({metadata['substeps']} physics steps)"),
             ("state", ", ".join(model.identity.state.names)),
             ("control", ", ".join(model.identity.control.names)),
-            ("control limits", ", ".join(f"{limit:g}" for limit in metadata["control_limit"])),
+            (
+                "control bounds",
+                ", ".join(f"{low:g} to {high:g}" for low, high in zip(*metadata["bounds"], strict=True)),
+            ),
             ("network", f"{network['kind']} {'x'.join(map(str, network['widths']))}"),
             ("numbers stored", f"{sum(array.size for array in tensors_of(model).values()):,}"),
             ("sha256", metadata["sha256"]),

@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from neuroanimator.cli import animate, control, demo, doctor, evaluate, export, generate, info, train
+from neuroanimator.cli import animate, control, demo, doctor, evaluate, export, generate, info, new, train
 from neuroanimator.cli import list as list_
 from neuroanimator.errors import NeuroAnimatorError
 
@@ -20,8 +20,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 VERBS = {
-    "demo": demo, "doctor": doctor, "list": list_, "generate": generate, "train": train, "evaluate": evaluate,
-    "animate": animate, "control": control, "export": export, "info": info,
+    "demo": demo, "doctor": doctor, "list": list_, "new": new, "generate": generate, "train": train,
+    "evaluate": evaluate, "animate": animate, "control": control, "export": export, "info": info,
 }  # fmt: skip
 for verb, module in VERBS.items():
     app.command(verb, epilog=f"Example: {module.EXAMPLE}")(module.run)

@@ -25,13 +25,14 @@ def run(
 ) -> None:
     """Train an emulator. Killed and started again it goes on and ends with the same bytes."""
     from neuroanimator.data.transitions import read_transitions
+    from neuroanimator.systems.definition import read_toml
     from neuroanimator.terminal import print_rows, progress_bar
-    from neuroanimator.training.config import UPDATES_PER_CHUNK, read_settings, training_config
+    from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
     from neuroanimator.training.train import Report, run_folder, train
 
     named = {"network": network, "optimizer": optimizer, "learning_rate": learning_rate, "updates": updates}
     named |= {"batch": batch, "unroll": unroll, "seed": seed, "widths": _numbers(widths)}
-    settings: dict[str, Any] = read_settings(config) if config else {}
+    settings: dict[str, Any] = read_toml(config) if config else {}
     settings |= {key: value for key, value in named.items() if value is not None}
     checked = training_config(**settings)
     last: list[Report] = []

@@ -1,6 +1,6 @@
 """Find controls by gradient descent through the emulator (back-propagation through time).
 
-All ways search over z with u = limit · tanh(z): torques are bounded by construction. An iteration
+All ways search over z with u = middle + half · tanh(z): controls are bounded by construction. An iteration
 is one backward sweep through the chain of emulators: a gradient of J for `momentum` and `lbfgs`,
 the Jacobian of the S end-state errors (S gradients in one batched sweep) for `gauss-newton`.
 """
@@ -21,6 +21,7 @@ from scipy.optimize import least_squares, minimize
 from neuroanimator.control.objective import Objective
 from neuroanimator.emulator.emulator import Emulator, rollout
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.layout import Bounds
 
 MOMENTUM, MOMENTUM_STEP = 0.9, 0.1
 """Of the 1998 method; the step is along the gradient's direction, since J's gradient spans four decades."""
@@ -35,7 +36,7 @@ class Descent:
 
     method: str
     controls: np.ndarray
-    """(T, C) within the limits."""
+    """(T, C) within the bounds."""
     cost: float
     """J on the emulator."""
     costs: tuple[float, ...]
@@ -57,8 +58,7 @@ class Problem:
     objective: Objective
     start: np.ndarray
     steps: int
-    limit: np.ndarray
-    """(C,) bounds of the controls."""
+    bounds: Bounds
 
     def __post_init__(self) -> None:
         self.costs: list[float] = []
@@ -66,7 +66,9 @@ class Problem:
             self.emulator,
             self.objective,
             jnp.asarray(self.start, jnp.float32),
-            jnp.asarray(self.limit, jnp.float32),
+            tuple(
+                jnp.asarray(part, jnp.float32) for part in (self.bounds.middle, self.bounds.half, self.bounds.largest)
+            ),
         )
         self._residuals = eqx.Partial(eqx.filter_jit(_residuals), *arrays)
         self._jacobian = eqx.Partial(eqx.filter_jit(jax.jacrev(_residuals, argnums=4)), *arrays)
@@ -79,7 +81,7 @@ class Problem:
 
     def controls(self, z: np.ndarray) -> np.ndarray:
         """Return the controls (T, C) that z stands for."""
-        return np.tanh(z.reshape(self.steps, -1)) * self.limit
+        return self.bounds.middle + np.tanh(z.reshape(self.steps, -1)) * self.bounds.half
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """Return the numbers whose squares sum to 2J."""
@@ -113,21 +115,21 @@ def descend(
     method: str = "gauss-newton",
     iterations: int = 20,
     first: np.ndarray | None = None,
-    limit: np.ndarray | None = None,
+    bounds: Bounds | None = None,
 ) -> Descent:
-    """Return the controls found from `first` (T, C), or from no control, in at most `iterations`.
+    """Return the controls found from `first` (T, C), or from the middle of the bounds, in at most `iterations`.
 
-    `limit` (C,) bounds them more tightly than the emulator's own limits.
+    `bounds` may be tighter than the emulator's own.
     """
     if method not in METHODS:
         raise ArgumentError(f"No method called '{method}'. Methods: {', '.join(sorted(METHODS))}.")
     if steps < 1 or iterations < 1:
         raise ArgumentError(f"steps and iterations: wanted at least 1, came {steps} and {iterations}.")
     start = emulator.identity.state.check(start, "state")
-    limit = np.array(emulator.identity.control_limit if limit is None else limit)
-    problem = Problem(emulator, objective, start, steps, limit)
+    bounds = bounds or emulator.identity.bounds
+    problem = Problem(emulator, objective, start, steps, bounds)
     problem.compile()
-    z = np.zeros(problem.size) if first is None else _z_of(first, limit)
+    z = np.zeros(problem.size) if first is None else _z_of(first, bounds)
     began = time.perf_counter()
     z = METHODS[method](problem, z, iterations)
     cost = float(np.sum(problem.residuals(z) ** 2) / 2)
@@ -136,20 +138,21 @@ def descend(
 
 
 def _residuals(
-    emulator: Emulator, objective: Objective, start: Array, limit: Array, z: Float[Array, " Z"]
+    emulator: Emulator, objective: Objective, start: Array, bounds: tuple[Array, Array, Array], z: Float[Array, " Z"]
 ) -> Float[Array, " R"]:
-    controls = jnp.tanh(z.reshape(-1, limit.shape[0])) * limit
-    return objective.residuals(rollout(emulator, start, controls), controls, limit, emulator.dt)
+    middle, half, largest = bounds
+    controls = middle + jnp.tanh(z.reshape(-1, half.shape[0])) * half
+    return objective.residuals(rollout(emulator, start, controls), controls, largest, emulator.dt)
 
 
 def _cost(
-    emulator: Emulator, objective: Objective, start: Array, limit: Array, z: Float[Array, " Z"]
+    emulator: Emulator, objective: Objective, start: Array, bounds: tuple[Array, Array, Array], z: Float[Array, " Z"]
 ) -> Float[Array, ""]:
-    return jnp.sum(_residuals(emulator, objective, start, limit, z) ** 2) / 2
+    return jnp.sum(_residuals(emulator, objective, start, bounds, z) ** 2) / 2
 
 
-def _z_of(controls: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    share = np.asarray(controls) / limit
+def _z_of(controls: np.ndarray, bounds: Bounds) -> np.ndarray:
+    share = (np.asarray(controls) - bounds.middle) / bounds.half
     return np.arctanh(np.clip(share, -0.999, 0.999)).ravel()
 
 

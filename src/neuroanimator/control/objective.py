@@ -6,21 +6,27 @@ import math
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
+
+from neuroanimator.emulator.frame import Frame
+from neuroanimator.systems.structure import Structure
+from neuroanimator.systems.system import Goal, System
 
 
 class Objective(eqx.Module):
     """J = μ_u/2 Σ|u|² + μ_s/2 |s_{M+1} - s_d|², the seminar paper's eq. 11.
 
     Efforts are summed over time and measured against the control's limit, end states against
-    `scale`, so that the weights are plain numbers and J does not depend on the super step.
+    what counts as an error of one, so that the weights are plain numbers and J does not depend on
+    the super step. The end state is compared as seen from the goal: in a parking bay, lengthwise
+    and sideways.
     """
 
+    frame: Frame
     goal: Float[Array, " S"]
-    scale: Float[Array, " S"]
-    """What counts as an error of one, per state entry and in its unit."""
-    combine: Float[Array, "S S"]
-    """Turns a state into the numbers compared, such as joint angles into angles against gravity."""
+    compare: Float[Array, "R V"]
+    """Turns the difference from the goal into numbers of which one is a sizeable error."""
     effort_weight: float = eqx.field(static=True)
     state_weight: float = eqx.field(static=True)
 
@@ -33,7 +39,7 @@ class Objective(eqx.Module):
     ) -> Float[Array, " R"]:
         """Return the numbers whose squares sum to 2J: efforts, then end-state errors."""
         effort = math.sqrt(self.effort_weight * dt) * (controls / limit).ravel()
-        off = self.combine @ (states[-1] - self.goal) / self.scale
+        off = self.compare @ self.frame.difference(self.goal, states[-1])
         return jnp.concatenate([effort, math.sqrt(self.state_weight) * off])
 
     def __call__(
@@ -55,14 +61,57 @@ UPRIGHT_SPEED = 0.5
 
 def stand_upright(effort_weight: float = 1.0, state_weight: float = 1.0) -> Objective:
     """Return the objective 'all three links point up and stand still at the end' of the pendulum."""
-    sums = jnp.tril(jnp.ones((3, 3)))
+    sums, zeros = jnp.tril(jnp.ones((3, 3))), jnp.zeros((3, 3))
     return Objective(
+        frame=Frame((), (), 0.0),
         goal=jnp.array([math.pi, 0.0, 0.0, 0.0, 0.0, 0.0]),
-        scale=jnp.array([UPRIGHT_ANGLE] * 3 + [UPRIGHT_SPEED] * 3),
-        combine=jnp.block([[sums, jnp.zeros((3, 3))], [jnp.zeros((3, 3)), sums]]),
+        compare=jnp.block([[sums / UPRIGHT_ANGLE, zeros], [zeros, sums / UPRIGHT_SPEED]]),
         effort_weight=effort_weight,
         state_weight=state_weight,
     )
+
+
+def reach_state(
+    structure: Structure, rest: np.ndarray, goal: Goal, effort_weight: float = 1.0, state_weight: float = 1.0
+) -> Objective:
+    """Return the objective 'be in the state `goal` names at the end'; entries it does not name are free.
+
+    A third of a goal's tolerance counts as an error of one.
+    """
+    frame = Frame(structure.segments, (), 0.0)
+    target = goal_state(rest, goal)
+    weights = 3 * tangent_weights(frame, len(rest), goal)
+    compare = np.diag(weights)[weights > 0]
+    return Objective(
+        frame, jnp.asarray(target, jnp.float32), jnp.asarray(compare, jnp.float32), effort_weight, state_weight
+    )
+
+
+def goal_state(rest: np.ndarray, goal: Goal) -> np.ndarray:
+    """Return `rest` (S,) with the goal's entries in their places."""
+    target = np.array(rest, dtype=float)
+    for entry, value in goal.values:
+        target[entry] = value
+    return target
+
+
+def tangent_weights(frame: Frame, size: int, goal: Goal) -> np.ndarray:
+    """Return (V,) one over the goal's tolerance for each number of a change; zero where anything will do."""
+    wanted = {entry: tolerance for (entry, _), tolerance in zip(goal.values, goal.tolerances, strict=True)}
+    weights, start = [], 0
+    for segment in frame.segments or [None]:
+        state_size = segment.size if segment else size
+        entries = range(start, start + (segment.change_size if segment else size))
+        weights += [1 / wanted[entry] if entry in wanted else 0.0 for entry in entries]
+        start += state_size
+    return np.array(weights)
+
+
+def is_reached(system: System, goal: Goal, state: np.ndarray) -> bool:
+    """Return whether `state` (S,) is within the tolerances of `goal`."""
+    frame = Frame(system.structure.segments, (), 0.0)
+    off = frame.difference(goal_state(system.rest, goal), state) * tangent_weights(frame, len(state), goal)
+    return bool((np.abs(off) <= 1).all())
 
 
 GOALS = {"upright": stand_upright}

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from neuroanimator.data.transitions import LONGEST_UNROLL, Transitions
+from neuroanimator.emulator.frame import Frame
 
 STATE_SPREAD = 0.15
 """How far around the motion to sample, as a share of each state entry's spread along it."""
@@ -26,11 +27,11 @@ def transitions_near(
     """Return `data` plus about `count` physics windows near the motion (T+1, S) under controls (T, C)."""
     system, rng = data.system, np.random.default_rng([seed, 7])
     steps = rng.integers(0, max(1, len(controls) - LONGEST_UNROLL + 1), count)
-    limit = system.control_limit
-    starts = states[steps] + rng.normal(size=(count, states.shape[1])) * STATE_SPREAD * states.std(axis=0)
+    bounds = system.bounds
+    starts = scattered(Frame(system.structure.segments, (), 0.0), states, steps, rng)
     windows = np.minimum(steps[:, None] + np.arange(LONGEST_UNROLL), len(controls) - 1)
-    held = controls[windows] + rng.normal(size=(count, LONGEST_UNROLL, len(limit))) * CONTROL_SPREAD * limit
-    held = np.clip(held, -limit, limit)
+    held = controls[windows] + rng.normal(size=(count, LONGEST_UNROLL, len(bounds.half))) * CONTROL_SPREAD * bounds.half
+    held = bounds.clip(held)
     runs = system.simulate(starts, held, data.config.substeps * system.physics_dt, threads=threads)
     alive = runs.is_alive
     return replace(
@@ -39,3 +40,9 @@ def transitions_near(
         controls=np.concatenate([data.controls, held[alive].astype(np.float32)]),
         run=np.concatenate([data.run, data.run.max() + 1 + np.flatnonzero(alive)]),
     )
+
+
+def scattered(frame: Frame, states: np.ndarray, steps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return states (N, S) around those of the motion (T+1, S) at `steps` (N,), spread as the motion itself is."""
+    spread = frame.difference(states[:1], states).std(axis=0)
+    return frame.apply(states[steps], rng.normal(size=(len(steps), len(spread))) * STATE_SPREAD * spread)

@@ -38,7 +38,7 @@ def replay(emulator: Emulator, system: System, objective: Objective, start: np.n
             "The physics blew up under these controls. Raise effort_weight, or shorten the motion."
         )
     emulated = np.asarray(emulator.rollout(start, controls))
-    limit = jnp.asarray(system.control_limit)
+    limit = jnp.asarray(system.bounds.largest)
     costs = [
         float(objective(jnp.asarray(path), jnp.asarray(controls), limit, emulator.dt))
         for path in (emulated, runs.states[0])

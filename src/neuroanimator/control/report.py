@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from neuroanimator.control.replay import is_upright
 from neuroanimator.control.synthesise import Synthesis
 
 
@@ -17,5 +16,9 @@ def outcome_rows(found: Synthesis) -> list[tuple[str, object]]:
         ("J on emulator", f"{outcome.cost_emulator:.3f}"),
         ("J on physics", f"{outcome.cost_physics:.3f}"),
         ("gap", f"{outcome.gap:+.3f}"),
-        ("upright on the true physics", "yes" if is_upright(outcome.physical[-1]) else "no"),
+        *(
+            [("goal reached on the true physics", "yes" if found.is_reached else "no")]
+            if found.is_reached is not None
+            else []
+        ),
     ]

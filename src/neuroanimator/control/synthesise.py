@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.control.descend import Descent, descend
-from neuroanimator.control.objective import GOALS, Objective
+from neuroanimator.control.objective import GOALS, Objective, is_reached, reach_state
 from neuroanimator.control.refine import transitions_near
-from neuroanimator.control.replay import Replay, replay
+from neuroanimator.control.replay import Replay, is_upright, replay
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import Transitions, dataset_config
 from neuroanimator.emulator.artifact import describe
@@ -45,6 +45,8 @@ class Synthesis:
     descent: Descent
     outcome: Replay
     refinements: int
+    is_reached: bool | None = None
+    """Whether the physics ends within the goal's tolerances; None where no named goal was asked for."""
 
 
 def synthesise(
@@ -73,7 +75,9 @@ def synthesise(
         on_refine(found.outcome.gap)
         done += 1
         data = data or simulate_transitions(
-            dataset_config(system=system.name, substeps=emulator.identity.substeps, count=FRESH)
+            dataset_config(
+                system=system.name, definition=system.definition, substeps=emulator.identity.substeps, count=FRESH
+            )
         )
         data = transitions_near(data, found.outcome.physical, found.descent.controls, count=NEARBY, seed=done)
         refined = _train_on(found.emulator, data)
@@ -93,22 +97,41 @@ def synthesise(
 
 
 def synthesise_goal(
-    emulator: Emulator, goal: str, seconds: float, *, effort_weight: float = 1.0, **options: Any
+    emulator: Emulator, goal: str, seconds: float | None = None, *, effort_weight: float = 1.0, **options: Any
 ) -> Synthesis:
-    """Return the controller that reaches the named `goal` from rest in `seconds`; options as `synthesise`."""
-    if goal not in GOALS:
-        raise ArgumentError(f"No goal called '{goal}'. Goals: {', '.join(sorted(GOALS))}.")
-    if emulator.identity.system != "pendulum":
-        raise ArgumentError(
-            f"The goal '{goal}' needs the system pendulum; this emulator's is {emulator.identity.system}."
-        )
-    if not emulator.dt <= seconds <= LONGEST:
-        raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")
+    """Return the controller that reaches the named `goal` from rest in `seconds`; options as `synthesise`.
+
+    `seconds` defaults to what the goal itself says is sensible.
+    """
+    system = load_system(emulator.identity.system, emulator.identity.definition)
     if not 0 <= effort_weight < float("inf"):
         raise ArgumentError(f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}.")
-    objective = GOALS[goal](effort_weight=effort_weight)
-    start, steps = np.zeros(emulator.identity.state.size), round(seconds / emulator.dt)
-    return synthesise(emulator, load_system("pendulum"), objective, start, steps=steps, **options)
+    objective, verdict, usual = find_goal(system, goal, effort_weight)
+    seconds = usual if seconds is None else seconds
+    if not emulator.dt <= seconds <= LONGEST:
+        raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")
+    found = synthesise(emulator, system, objective, system.rest, steps=round(seconds / emulator.dt), **options)
+    return Synthesis(
+        found.emulator, found.descent, found.outcome, found.refinements, verdict(found.outcome.physical[-1])
+    )
+
+
+def find_goal(
+    system: System, name: str, effort_weight: float = 1.0
+) -> tuple[Objective, Callable[[np.ndarray], bool], float]:
+    """Return (objective, whether a state fulfils it, usual length [s]) of the system's goal called `name`."""
+    if system.name == "pendulum" and name in GOALS:
+        return GOALS[name](effort_weight=effort_weight), is_upright, SWING_SECONDS
+    if name in system.goals:
+        goal = system.goals[name]
+        objective = reach_state(system.structure, system.rest, goal, effort_weight)
+        return objective, lambda state: is_reached(system, goal, state), goal.seconds
+    names = ", ".join(sorted([*system.goals, *(GOALS if system.name == "pendulum" else ())]))
+    raise ArgumentError(f"No goal called '{name}' for the system {system.name}. Goals: {names or 'none'}.")
+
+
+SWING_SECONDS = 1.5
+"""As long as a quick human arm takes; the motors could do it in one."""
 
 
 def _train_on(emulator: Emulator, data: Transitions) -> Emulator:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from neuroanimator.data import transitions
-from neuroanimator.data.sampling import sample_controls
+from neuroanimator.data.sampling import sample_controls, sample_starts
 from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
 from neuroanimator.errors import BadFileError
 from neuroanimator.files import locked, remove_stale, write_tensors
@@ -28,7 +28,7 @@ def generate(
 
     Shards already there are kept, damaged ones made again. `on_shard` is called as each is done.
     """
-    system = load_system(config.system)
+    system = load_system(config.system, config.definition)
     with locked(folder):
         remove_stale(folder)
         claim_folder(folder, config)
@@ -41,7 +41,7 @@ def generate(
 
 def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> Transitions:
     """Return the dataset `config` describes without storing it."""
-    system = load_system(config.system)
+    system = load_system(config.system, config.definition)
     cores = threads or os.cpu_count() or 1
     return gather_transitions(config, (make_shard(system, config, shard, cores) for shard in range(config.shards)))
 
@@ -61,9 +61,8 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
     rng = np.random.default_rng([config.seed, shard])
     count = min(transitions.RUNS_PER_SHARD, config.runs - shard * transitions.RUNS_PER_SHARD)
     dt = config.substeps * system.physics_dt
-    starts = system.sample_starts(rng, count)
-    limit = system.control_limit
-    controls = np.stack([sample_controls(rng, transitions.RUN_STEPS, dt, limit) for _ in range(count)])
+    starts = sample_starts(system, rng, count, threads)
+    controls = np.stack([sample_controls(rng, transitions.RUN_STEPS, dt, system.bounds) for _ in range(count)])
     picks = np.stack([sample_picks(rng) for _ in range(count)])
     runs = system.simulate(starts, controls, dt, threads=threads)
     alive = runs.is_alive

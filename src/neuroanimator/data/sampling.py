@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from neuroanimator.systems.layout import Bounds
+from neuroanimator.systems.system import System
+
 SMOOTH_SHARE, HELD_SHARE = 0.6, 0.25
 """Shares of runs with smooth and with held (piecewise constant) controls; the rest jump at every super step."""
 
@@ -14,22 +17,38 @@ FASTEST_WAVE = 1.5
 """[Hz] Motors of arms and muscles of animals seldom reverse faster."""
 
 SMALLEST_SCALE = 0.2
-"""Least share of the control limit a run uses: an idle control teaches nothing."""
+"""Least share of the controls' range a run uses: an idle control teaches nothing."""
 
 LONGEST_HOLD = 0.6
 """[s] Longest a held control stays."""
 
 
-def sample_controls(rng: np.random.Generator, steps: int, dt: float, limit: np.ndarray) -> np.ndarray:
-    """Return one run's controls (steps, C), each entry held for `dt` [s] and within ±`limit`."""
-    kind = rng.random()
+def sample_starts(system: System, rng: np.random.Generator, count: int, threads: int = 1) -> np.ndarray:
+    """Return `count` random states (count, S) as they occur in use: after the system's warm-up, if it has one."""
+    starts = system.sample_starts(rng, count)
+    if system.warm_up <= 0:
+        return starts
+    dt = WARM_UP_SUBSTEPS * system.physics_dt
+    steps = round(system.warm_up / dt)
+    controls = np.stack([sample_controls(rng, steps, dt, system.bounds) for _ in range(count)])
+    runs = system.simulate(starts, controls, dt, scheme=system.scheme, threads=threads)
+    return np.where(runs.is_alive[:, None], runs.states[:, -1], system.rest)
+
+
+WARM_UP_SUBSTEPS = 50
+"""Physics steps a control is held for while warming up."""
+
+
+def sample_controls(rng: np.random.Generator, steps: int, dt: float, bounds: Bounds) -> np.ndarray:
+    """Return one run's controls (steps, C), each entry held for `dt` [s] and within `bounds`."""
+    kind, size = rng.random(), len(bounds.half)
     if kind < SMOOTH_SHARE:
-        shape = _smooth(rng, steps, dt, len(limit))
+        shape = _smooth(rng, steps, dt, size)
     elif kind < SMOOTH_SHARE + HELD_SHARE:
-        shape = _held(rng, steps, dt, len(limit))
+        shape = _held(rng, steps, dt, size)
     else:
-        shape = rng.uniform(-1, 1, (steps, len(limit)))
-    return shape * rng.uniform(SMALLEST_SCALE, 1) * limit
+        shape = rng.uniform(-1, 1, (steps, size))
+    return bounds.middle + shape * rng.uniform(SMALLEST_SCALE, 1) * bounds.half
 
 
 def _smooth(rng: np.random.Generator, steps: int, dt: float, size: int) -> np.ndarray:

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import canonical_json, read_tensors, write_whole
 from neuroanimator.systems import load_system
+from neuroanimator.systems.definition import first_fault
 from neuroanimator.systems.system import System
 
 CONFIG_NAME = "dataset.json"
@@ -43,6 +44,8 @@ class DatasetConfig(BaseModel):
     substeps: int = Field(50, ge=1, le=1000)
     count: int = Field(100_000, ge=1, le=100_000_000)
     seed: int = Field(0, ge=0, lt=2**31)
+    definition: str = ""
+    """What a user's own system can be made from again; empty for one that comes with the package."""
     mujoco: str = mujoco.__version__
 
     @property
@@ -65,20 +68,13 @@ class DatasetConfig(BaseModel):
         return folder / f"shard-{shard:05d}.safetensors"
 
 
-def first_fault(error: ValidationError) -> str:
-    """Return pydantic's first complaint as one line naming the field."""
-    fault = error.errors()[0]
-    field = ".".join(str(part) for part in fault["loc"])
-    return f"{field}: {fault['msg'].lower()}, came {fault['input']!r}"
-
-
 def dataset_config(**values: Any) -> DatasetConfig:
     """Return a checked configuration; ArgumentError names a wrong field."""
     try:
         config = DatasetConfig(**values)
     except ValidationError as error:
         raise ArgumentError(f"{first_fault(error)}.") from error
-    system = load_system(config.system)
+    system = load_system(config.system, config.definition)
     system.truth.steps(config.substeps * system.physics_dt)
     return config
 
@@ -142,7 +138,7 @@ def gather_transitions(config: DatasetConfig, shards: Iterable[tuple[dict[str, n
         windows.append(windows_of(tensors, shard))
         blow_ups += dropped
     states, controls, run = (np.concatenate([part[i] for part in windows]) for i in range(3))
-    return Transitions(config, load_system(config.system), states, controls, run, blow_ups)
+    return Transitions(config, load_system(config.system, config.definition), states, controls, run, blow_ups)
 
 
 def read_shard(folder: Path, config: DatasetConfig, shard: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -11,14 +11,16 @@ import numpy as np
 
 from neuroanimator.emulator.emulator import Domain, Emulator, Identity
 from neuroanimator.emulator.features import Features
+from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.network import NETWORKS, make_network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import read_tensors, write_tensors
-from neuroanimator.systems.layout import Layout
+from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.skeleton import Skeleton
+from neuroanimator.systems.structure import segments_from_json
 
-FORMAT = 1
+FORMAT = 2
 """Raised whenever an older reader would misunderstand a file."""
 
 WIDEST_LAYER = 4096
@@ -60,11 +62,17 @@ def describe(emulator: Emulator) -> dict[str, Any]:
         "system": identity.system,
         "state": identity.state.to_json(),
         "control": identity.control.to_json(),
-        "control_limit": list(identity.control_limit),
+        "bounds": [list(identity.bounds.low), list(identity.bounds.high)],
+        "definition": identity.definition,
+        "rest": list(identity.rest),
         "substeps": identity.substeps,
         "dt": identity.dt,
         "skeleton": identity.skeleton.to_json(),
         "rates": [list(pair) for pair in identity.rates],
+        "frame": {
+            "segments": [[segment.kind, segment.size, segment.rate] for segment in emulator.frame.segments],
+            "probes": [list(probe) for probe in emulator.frame.probes],
+        },
         "features": {
             "rows": features.angles.shape[0],
             "plain": list(features.plain),
@@ -99,26 +107,47 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     zeros = jax.numpy.zeros
     plain = tuple(int(entry) for entry in described["plain"])
     rows, widths = int(described["rows"]), tuple(int(width) for width in metadata["network"]["widths"])
-    if max(state.size, control.size, rows, *widths) > WIDEST_LAYER or len(metadata["control_limit"]) != control.size:
+    bounds = Bounds(*(tuple(float(value) for value in side) for side in metadata["bounds"]))
+    rest = tuple(float(value) for value in metadata["rest"])
+    if max(state.size, control.size, rows, *widths) > WIDEST_LAYER:
         raise ValueError("sizes out of range")
+    if (len(bounds.low), len(bounds.high), len(rest)) != (control.size, control.size, state.size):
+        raise ValueError("bounds or rest: other sizes than control and state")
     if any(not 0 <= entry < state.size for entry in [*plain, *(entry for pair in metadata["rates"] for entry in pair)]):
         raise ValueError("features: an entry lies outside the state")
     features = Features(zeros((rows, state.size)), plain, bool(described["is_odd"]))
-    numbers, key = len(plain) + control.size, jax.random.key(0)
-    network = make_network(metadata["network"]["kind"], *features.sizes(control.size), state.size, widths, key)
+    frame = _frame(metadata["frame"], state.size, float(metadata["dt"]))
+    others, changes, key = frame.local_size + control.size, frame.change_size(state.size), jax.random.key(0)
+    numbers = len(plain) + others
+    network = make_network(metadata["network"]["kind"], *features.sizes(others), changes, widths, key)
     return Emulator(
+        frame=frame,
         features=features,
-        normaliser=Normaliser(zeros(numbers), zeros(numbers), zeros(state.size), zeros(state.size)),
+        normaliser=Normaliser(zeros(numbers), zeros(numbers), zeros(changes), zeros(changes), zeros(changes)),
         network=network,
         domain=Domain(zeros(numbers), zeros(numbers)),
         identity=Identity(
             system=str(metadata["system"]),
             state=state,
             control=control,
-            control_limit=tuple(float(limit) for limit in metadata["control_limit"]),
+            bounds=bounds,
+            rest=rest,
+            definition=str(metadata["definition"]),
             substeps=int(metadata["substeps"]),
             dt=float(metadata["dt"]),
             skeleton=Skeleton.from_json(metadata["skeleton"]),
             rates=tuple((int(position), int(rate)) for position, rate in metadata["rates"]),
         ),
     )
+
+
+def _frame(described: dict[str, Any], state_size: int, dt: float) -> Frame:
+    segments = segments_from_json(described["segments"])
+    probes = tuple((float(x), float(y), float(z)) for x, y, z in described["probes"])
+    if segments and sum(segment.size for segment in segments) != state_size:
+        raise ValueError("frame: its segments do not fill the state")
+    if any(segment.rate >= state_size - 1 or segment.rate < -1 for segment in segments):
+        raise ValueError("frame: a rate lies outside the state")
+    if probes and {"position", "quaternion", "velocity"} - {segment.kind for segment in segments}:
+        raise ValueError("frame: probes need a root that moves freely")
+    return Frame(segments, probes, dt)

@@ -1,4 +1,4 @@
-"""The emulator: features → normaliser → network → one super step."""
+"""The emulator: frame → features → normaliser → network → one super step."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.features import Features
+from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.layout import Layout
+from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.skeleton import Skeleton
 
 UNROLL = 4
@@ -22,7 +23,7 @@ UNROLL = 4
 
 
 class Domain(eqx.Module):
-    """The range of every plain feature (speeds, then controls) seen in training."""
+    """The range of every plain feature (speeds, the frame's numbers, controls) seen in training."""
 
     low: Float[Array, " K"]
     high: Float[Array, " K"]
@@ -31,6 +32,10 @@ class Domain(eqx.Module):
         """Return whether every entry of `plain` lies in the range."""
         return jnp.all((plain >= self.low) & (plain <= self.high))
 
+    def clip(self, plain: Float[Array, " K"]) -> Float[Array, " K"]:
+        """Return `plain` with every entry brought into the range: what the network never saw, it is not shown."""
+        return jnp.clip(plain, self.low, self.high)
+
 
 class Identity(eqx.Module):
     """What an emulator stands for: fixed facts, no weights."""
@@ -38,18 +43,24 @@ class Identity(eqx.Module):
     system: str = eqx.field(static=True)
     state: Layout = eqx.field(static=True)
     control: Layout = eqx.field(static=True)
-    control_limit: tuple[float, ...] = eqx.field(static=True)
+    bounds: Bounds = eqx.field(static=True)
+    """Of the controls."""
     substeps: int = eqx.field(static=True)
     dt: float = eqx.field(static=True)
     """Time one super step covers [s]."""
     skeleton: Skeleton = eqx.field(static=True)
     rates: tuple[tuple[int, int], ...] = eqx.field(static=True)
     """(i, j) where state entry j is the time derivative of entry i."""
+    rest: tuple[float, ...] = eqx.field(static=True)
+    """A state of rest, where motions begin if nothing else is said."""
+    definition: str = eqx.field(static=True, default="")
+    """JSON text the system can be made from again; empty for one that comes with the package."""
 
 
 class Emulator(eqx.Module):
     """A network that leaps a system one super step ahead: s + change(s, u) (SIGGRAPH 98, eq. 7)."""
 
+    frame: Frame
     features: Features
     normaliser: Normaliser
     network: Network
@@ -63,8 +74,13 @@ class Emulator(eqx.Module):
 
     def step(self, state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " S"]:
         """Return the state `dt` seconds later. Differentiable, unchecked: for use inside jit."""
-        plain = self.normaliser.forward(self.features.plain_of(state, control))
-        return state + self.normaliser.inverse(self.network(*self.features.streams(state, plain)))
+        plain = self.normaliser.forward(self.domain.clip(self.plain_of(state, control)))
+        change = self.normaliser.inverse(self.network(*self.features.streams(state, plain)))
+        return self.frame.apply(state, change)
+
+    def plain_of(self, state: Float[Array, "*B S"], control: Float[Array, "*B C"]) -> Float[Array, "*B K"]:
+        """Return what the network sees besides sines and cosines, not yet normalised; no place, no heading."""
+        return self.features.plain_of(state, self.frame.local(state), control)
 
     def rollout(self, state: ArrayLike, controls: ArrayLike) -> Float[Array, "*B T+1 S"]:
         """Return the trajectory from `state` (S,) under `controls` (T, C), the start included.
@@ -78,7 +94,7 @@ class Emulator(eqx.Module):
 
     def covers(self, state: ArrayLike, control: ArrayLike) -> bool:
         """Return whether `state` (S,) with `control` (C,) lies in the range this emulator was trained on."""
-        return bool(self.domain.covers(self.features.plain_of(jnp.asarray(state), jnp.asarray(control))))
+        return bool(self.domain.covers(self.plain_of(jnp.asarray(state), jnp.asarray(control))))
 
     def save(self, path: str | Path) -> None:
         """Write the emulator as one `.safetensors` file."""

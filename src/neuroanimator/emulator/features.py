@@ -34,31 +34,32 @@ class Features(eqx.Module):
         angles = jnp.asarray(np.concatenate([now, now @ coast]), dtype=jnp.float32)
         return cls(angles, structure.plain, structure.is_odd)
 
-    def sizes(self, controls: int) -> tuple[int, int]:
-        """Return the lengths of (odd, even) for a control of `controls` entries."""
-        angles, plain = self.angles.shape[0], len(self.plain) + controls
-        return (angles + plain, angles) if self.is_odd else (2 * angles + plain + 1, 2 * angles + plain)
+    def sizes(self, others: int) -> tuple[int, int]:
+        """Return the lengths of (odd, even), where `others` numbers join the state's plain ones."""
+        angles, plain = self.angles.shape[0], len(self.plain) + others
+        return (angles + plain, angles) if self.is_odd else (2 * angles + plain, 0)
 
-    def plain_of(self, state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " K"]:
-        """Return the numbers that enter as they are, not yet normalised."""
+    def plain_of(self, state: Float[Array, "*B S"], *others: Float[Array, "*B O"]) -> Float[Array, "*B K"]:
+        """Return the numbers that enter as they are, not yet normalised: the state's plain ones, then `others`."""
         # One-entry slices, because indexing with an array compiles to a slow gather.
-        return jnp.concatenate([*(state[entry : entry + 1] for entry in self.plain), control])
+        entries = [state[..., entry : entry + 1] for entry in self.plain]
+        return state.__array_namespace__().concat([*entries, *others], axis=-1)
 
     def streams(
         self, state: Float[Array, " S"], plain: Float[Array, " K"]
     ) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
         """Return (odd, even): what changes sign in the mirror and what does not.
 
-        Without a mirror symmetry both hold everything, and a constant 1 in the odd part lets the
-        network have an offset.
+        Without a mirror symmetry everything is in the odd part, and the even one is empty.
         """
+        if not self.is_odd and not self.angles.shape[0]:
+            return plain, plain[:0]
         # A sum of products, because it is fused with what follows and `@` is a call of its own.
         angle = jnp.sum(self.angles * state, axis=1)
         sine, cosine = sine_cosine(angle)
         if self.is_odd:
             return jnp.concatenate([sine, plain]), cosine
-        everything = jnp.concatenate([sine, cosine, plain])
-        return jnp.append(everything, 1.0), everything
+        return jnp.concatenate([sine, cosine, plain]), plain[:0]
 
 
 PI_HIGH, PI_LOW = 3.140625, 9.67653589793e-4

@@ -1,7 +1,8 @@
 """Networks from (odd, even) features to the normalised change of state.
 
-Both treat the two streams so that negating the odd one negates the answer, exactly and at no
-cost: a mirrored motion is emulated by the mirrored numbers.
+`Gated` and `Classic` treat the two streams so that negating the odd one negates the answer, exactly
+and at no cost: a mirrored motion is emulated by the mirrored numbers. `Glu` is for systems without
+such a mirror.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from neuroanimator.errors import ArgumentError
 
 
 class Network(eqx.Module):
-    """A map (odd, even) → normalised change of state, odd in its first argument."""
+    """A map (odd, even) → normalised change of state."""
 
     @property
     @abc.abstractmethod
@@ -53,7 +54,10 @@ class Classic(Network):
         return (self.bias.shape[0],)
 
     def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
-        pushed, level = odd @ self.odd_in, even @ self.even_in + self.bias
+        pushed = odd @ self.odd_in
+        if not even.shape[0]:  # no mirror: the network of 1998 itself
+            return jax.nn.sigmoid(pushed + self.bias) @ self.out
+        level = even @ self.even_in + self.bias
         return (jax.nn.sigmoid(level + pushed) - jax.nn.sigmoid(level - pushed)) @ self.out
 
 
@@ -111,8 +115,37 @@ class Gated(Network):
         return odd @ self.out
 
 
-NETWORKS: dict[str, type[Classic] | type[Gated]] = {"classic": Classic, "gated": Gated}
-DEFAULT_WIDTHS = {"classic": (40,), "gated": (96, 64)}
+class Glu(Network):
+    """Layers tanh(W x + a) · (V x + b), then a linear map: gated units where there is no mirror to respect."""
+
+    layers: tuple[Float[Array, "I 2*H"], ...]
+    """Side by side: saturating part, linear part."""
+    biases: tuple[Float[Array, " 2*H"], ...]
+    out: Float[Array, "H S"]
+
+    def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray):
+        keys = jax.random.split(key, len(widths) + 1)
+        sizes = [odd + even, *widths]
+        self.layers = tuple(
+            _weights(k, rows, 2 * width) for k, rows, width in zip(keys[1:], sizes, widths, strict=False)
+        )
+        self.biases = tuple(jnp.concatenate([jnp.zeros(width), jnp.ones(width)]) for width in widths)
+        self.out = 0.1 * _weights(keys[0], sizes[-1], out)
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        return tuple(bias.shape[0] // 2 for bias in self.biases)
+
+    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+        units = jnp.concatenate([odd, even]) if even.shape[0] else odd
+        for layer, bias in zip(self.layers, self.biases, strict=True):
+            saturating, linear = jnp.split(units @ layer + bias, 2)
+            units = jnp.tanh(saturating) * linear
+        return units @ self.out
+
+
+NETWORKS: dict[str, type[Classic] | type[Gated] | type[Glu]] = {"classic": Classic, "gated": Gated, "glu": Glu}
+DEFAULT_WIDTHS = {"classic": (40,), "gated": (96, 64), "glu": (96, 64)}
 
 
 def make_network(kind: str, odd: int, even: int, out: int, widths: tuple[int, ...], key: PRNGKeyArray) -> Network:
@@ -126,4 +159,4 @@ def make_network(kind: str, odd: int, even: int, out: int, widths: tuple[int, ..
 
 def _weights(key: PRNGKeyArray, rows: int, columns: int) -> Float[Array, "rows columns"]:
     """Normal weights that keep numbers of order one of order one."""
-    return jax.random.normal(key, (rows, columns)) / jnp.sqrt(rows)
+    return jax.random.normal(key, (rows, columns)) / jnp.sqrt(max(rows, 1))

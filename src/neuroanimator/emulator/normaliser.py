@@ -7,20 +7,22 @@ from jaxtyping import Array, Float
 
 
 class Normaliser(eqx.Module):
-    """Means and standard deviations of the plain features and of the change of state.
+    """Means and standard deviations of the plain features and of the predicted change.
 
     Where the motion is odd both means are zero, so that the symmetry stays exact.
     """
 
     plain_mean: Float[Array, " K"]
     plain_scale: Float[Array, " K"]
-    change_mean: Float[Array, " S"]
-    change_scale: Float[Array, " S"]
+    change_mean: Float[Array, " V"]
+    change_scale: Float[Array, " V"]
+    unit: Float[Array, " V"]
+    """Standard deviation of the whole change in one super step, coasting included: the unit of errors."""
 
     def forward(self, plain: Float[Array, " K"]) -> Float[Array, " K"]:
         """Return plain features of order one."""
         return (plain - self.plain_mean) / self.plain_scale
 
-    def inverse(self, change: Float[Array, " S"]) -> Float[Array, " S"]:
-        """Return the change of state in its own units."""
+    def inverse(self, change: Float[Array, " V"]) -> Float[Array, " V"]:
+        """Return the change in its own units."""
         return self.change_mean + self.change_scale * change

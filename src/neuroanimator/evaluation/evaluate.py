@@ -9,6 +9,7 @@ import numpy as np
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.accuracy import (
+    HELD_OUT_RUNS,
     TestSet,
     baselines,
     count_blow_ups,
@@ -78,10 +79,11 @@ def evaluate(
     data: Transitions | None = None,
     starts: int = 1000,
     steps: int = 1000,
-    runs: int = 64,
+    runs: int = HELD_OUT_RUNS,
+    seed: int = 0,
 ) -> Evaluation:
     """Return the evaluation of `emulator` on unseen runs; blow-ups among `starts` × `steps` super steps."""
-    test = held_out_runs(emulator, count=runs)
+    test = held_out_runs(emulator, count=runs, seed=seed)
     errors = one_step_error(emulator, test)
     found = np.asarray(emulator.rollout(test.states[:, 0], test.controls), float)
     return Evaluation(
@@ -91,7 +93,7 @@ def evaluate(
         entries=emulator.identity.state.names,
         error_by_entry=errors,
         times=np.arange(found.shape[1]) * emulator.dt,
-        rollout_errors=rollout_error(found, test.states),
+        rollout_errors=rollout_error(test.frame, found, test.states),
         self_divergence=self_divergence(test),
         sample_emulated=found[0],
         sample_physics=test.states[0],
@@ -103,7 +105,7 @@ def evaluate(
 
 
 def self_divergence(test: TestSet) -> np.ndarray:
-    """Return (T+1,) how far the physics at its own step strays from `FINE` physics."""
+    """Return (T+1,) how far the physics at its own step strays from fine physics."""
     system = test.system
     runs = system.simulate(test.states[:, 0], test.controls, test.dt, scheme=system.scheme)
-    return rollout_error(runs.states[runs.is_alive], test.states[runs.is_alive])
+    return rollout_error(test.frame, runs.states[runs.is_alive], test.states[runs.is_alive])

@@ -28,6 +28,9 @@ TIMED_SUPER_STEPS = 8_000
 REPEATS = 9
 """Timings of each side; the median is reported."""
 
+STRETCHES = 40
+"""Fresh starts within a timed run of the physics: few enough that Python between them does not count."""
+
 OPPONENT_INTEGRATORS = ("euler", "implicitfast", "implicit", "rk4")
 OPPONENT_DIVISIONS = (1, 2, 3, 4, 5, 8, 10, 16, 20, 25, 40, 50)
 """Physics steps per super step tried for each integrator, besides the system's own."""
@@ -80,7 +83,7 @@ def measure_speed(emulator: Emulator, test: TestSet, error: float) -> Speed:
     system = test.system
     assert isinstance(system, MujocoSystem)
     with one_core():
-        play = {kind: physics_player(system, kind) for kind in OPPONENT_INTEGRATORS}
+        play = {kind: physics_player(system, test, kind) for kind in OPPONENT_INTEGRATORS}
         each = interleaved({"emulator": emulator_player(emulator), **play})
     per_super_step = each["emulator"] / TIMED_SUPER_STEPS
     per_step = {kind: each[kind] / PHYSICS_STEPS for kind in OPPONENT_INTEGRATORS}
@@ -113,9 +116,9 @@ def emulator_player(emulator: Emulator) -> Callable[[], None]:
     """
     rng = np.random.default_rng(0)
     identity = emulator.identity
-    shape = (TIMED_SUPER_STEPS, identity.control.size)
-    controls = jnp.asarray(rng.uniform(-0.3, 0.3, shape) * identity.control_limit, jnp.float32)
-    start = jnp.zeros(identity.state.size)
+    share = rng.uniform(-0.3, 0.3, (TIMED_SUPER_STEPS, identity.control.size))
+    controls = jnp.asarray(identity.bounds.middle + share * identity.bounds.half, jnp.float32)
+    start = jnp.asarray(identity.rest, jnp.float32)
     arrays, rest = eqx.partition(emulator, eqx.is_array)
 
     @jax.jit
@@ -127,19 +130,21 @@ def emulator_player(emulator: Emulator) -> Callable[[], None]:
     return lambda: run(arrays, start, controls).block_until_ready()
 
 
-def physics_player(system: MujocoSystem, integrator: str) -> Callable[[], None]:
-    """Return a function that runs `PHYSICS_STEPS` steps of MuJoCo inside C, under a random control.
+def physics_player(system: MujocoSystem, test: TestSet, integrator: str) -> Callable[[], None]:
+    """Return a function that runs `PHYSICS_STEPS` steps of MuJoCo inside C from unseen states, under random controls.
 
-    A step's cost does not depend on its length, so each integrator is timed at the system's own.
+    A fresh state of the test begins each stretch, so that contacts are as frequent as in use. A step's
+    cost hardly depends on its length, so each integrator is timed at the system's own.
     """
     model = system.model_with(Scheme(integrator, system.physics_dt))
-    data = mujoco.MjData(model)
-    share = np.random.default_rng(0).uniform(-0.3, 0.3, (1, 1, system.control.size))
-    kind, signal = system.drive(share * system.control_limit)
-    mujoco.mj_setState(model, data, signal[0, 0], int(kind))
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    rows, steps = rng.integers(0, len(test.states), STRETCHES), rng.integers(0, test.controls.shape[1], STRETCHES)
+    kind, signal = system.drive(test.controls)
 
     def play() -> None:
-        data.qpos[:], data.qvel[:] = 0.0, 0.0
-        mujoco.mj_step(model, data, nstep=PHYSICS_STEPS)
+        for row, step in zip(rows, steps, strict=True):
+            system.put(data, test.states[row, step])
+            mujoco.mj_setState(model, data, signal[row, step], int(kind))
+            mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // STRETCHES)
 
     return play

@@ -1,4 +1,4 @@
-"""The drawing process of `video`: states come in as .npy on stdin, an MP4 goes out.
+"""The drawing process of `video`: states come in as .npz on stdin, an MP4 goes out.
 
 Without arguments it only tries whether drawing works at all.
 """
@@ -21,24 +21,35 @@ QUALITY = 8
 
 def draw(out: str, system: str, rate: str, width: str, height: str) -> None:
     """Write the video; all arguments as text, from the command line."""
-    states = np.load(io.BytesIO(sys.stdin.buffer.read()), allow_pickle=False)
-    model = load_mujoco(system).model
-    data = mujoco.MjData(model)
+    content = np.load(io.BytesIO(sys.stdin.buffer.read()), allow_pickle=False)
+    model = load_mujoco(system, str(content["definition"])).model
+    data, camera = mujoco.MjData(model), camera_of(model)
+    model.vis.global_.offwidth, model.vis.global_.offheight = int(width), int(height)
     size = (int(width), int(height))
     writer = imageio_ffmpeg.write_frames(out, size, fps=float(rate), quality=QUALITY, macro_block_size=2)  # pyright: ignore[reportArgumentType]
     writer.send(None)
     with mujoco.Renderer(model, size[1], size[0]) as renderer:
-        for state in states:
+        for state in content["states"]:
             data.qpos[:] = state[: model.nq]
             mujoco.mj_forward(model, data)
-            renderer.update_scene(data, camera="side")
+            renderer.update_scene(data, camera=camera)
             writer.send(np.ascontiguousarray(renderer.render()))
     writer.close()
 
 
-def load_mujoco(name: str) -> MujocoSystem:
+def camera_of(model: mujoco.MjModel) -> str | mujoco.MjvCamera:
+    """Return the camera `side` if the model has it, else one that follows the first body."""
+    if any(model.camera(i).name == "side" for i in range(model.ncam)):
+        return "side"
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    camera.type, camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, min(1, model.nbody - 1)
+    return camera
+
+
+def load_mujoco(name: str, definition: str) -> MujocoSystem:
     """Return the system called `name`, which must be MuJoCo's to be drawn by it."""
-    system = load_system(name)
+    system = load_system(name, definition)
     assert isinstance(system, MujocoSystem)
     return system
 

@@ -14,14 +14,21 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.animation.clip import Clip
-from neuroanimator.export.capsule import capsule_mesh
+from neuroanimator.animation.interpolate import continuous
+from neuroanimator.export.shapes import shape_mesh
 from neuroanimator.files import write_whole
+from neuroanimator.systems.skeleton import Bone
 
 FLOAT, UNSIGNED_SHORT = 5126, 5123
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 """xyzw: a quarter turn about x that takes Z up to Y up."""
+
+XYZW = [1, 2, 3, 0]
+"""Order of a quaternion's numbers in the file."""
+SMALLEST_WAY = 1e-9
+"""[m] A bone that moves less against its parent gets no track of its places."""
 
 
 class _Buffer:
@@ -52,17 +59,18 @@ class _Buffer:
 
 
 def write_glb(clip: Clip, path: Path) -> None:
-    """Write `clip` to `path`: one node and one mesh per bone, one rotation channel each."""
+    """Write `clip` to `path`: one node per bone, one mesh per bone that has shapes, channels for what moves."""
     buffer = _Buffer()
-    meshes, materials = _draw_bones(clip, buffer)
+    palette = list(dict.fromkeys(shape.colour for bone in clip.skeleton.bones for shape in bone.shapes))
+    places, turns = clip.skeleton.local_poses(clip.states)
     document = {
         "asset": {"version": "2.0", "generator": "NeuroAnimator"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": _nodes(clip),
-        "meshes": meshes,
-        "materials": materials,
-        "animations": [_animation(clip, buffer)],
+        "nodes": _nodes(clip, places[0], turns[0]),
+        "meshes": [_mesh(bone, palette, buffer) for bone in clip.skeleton.bones if bone.shapes],
+        "materials": [_material(colour) for colour in palette],
+        "animations": [_animation(clip, places, continuous(turns), buffer)],
         "bufferViews": buffer.views,
         "accessors": buffer.accessors,
         "buffers": [{"byteLength": len(buffer.content)}],
@@ -70,51 +78,51 @@ def write_glb(clip: Clip, path: Path) -> None:
     write_whole(path, _container(document, bytes(buffer.content)))
 
 
-def _nodes(clip: Clip) -> list[dict[str, Any]]:
-    """Return the root (node 0) and each bone i as node i + 1."""
+def _nodes(clip: Clip, places: np.ndarray, turns: np.ndarray) -> list[dict[str, Any]]:
+    """Return the root (node 0) and each bone i as node i + 1, in its pose at the first frame."""
     bones = clip.skeleton.bones
     children = lambda parent: [i + 1 for i, bone in enumerate(bones) if bone.parent == parent]  # noqa: E731
     nodes: list[dict[str, Any]] = [{"name": clip.name, "rotation": Y_UP, "children": children(-1)}]
+    meshes = iter(range(len(bones)))
     for i, bone in enumerate(bones):
-        node = {"name": bone.name, "mesh": i, "translation": list(bone.offset)}
+        node = {"name": bone.name, "translation": places[i].tolist(), "rotation": turns[i][XYZW].tolist()}
+        node |= {"mesh": next(meshes)} if bone.shapes else {}
         nodes.append(node | ({"children": children(i)} if children(i) else {}))
     return nodes
 
 
-def _draw_bones(clip: Clip, buffer: _Buffer) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    meshes, materials = [], []
-    for i, bone in enumerate(clip.skeleton.bones):
-        points, normals, triangles = capsule_mesh(np.array(bone.start), np.array(bone.end), bone.radius)
-        primitive = {
-            "attributes": {
-                "POSITION": buffer.add(points, "VEC3", target=ARRAY_BUFFER, bounds=True),
-                "NORMAL": buffer.add(normals, "VEC3", target=ARRAY_BUFFER),
-            },
-            "indices": buffer.add(triangles.ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER),
-            "material": i,
+def _mesh(bone: Bone, palette: list[tuple[float, ...]], buffer: _Buffer) -> dict[str, Any]:
+    primitives = []
+    for shape in bone.shapes:
+        mesh = shape_mesh(shape)
+        attributes = {
+            "POSITION": buffer.add(mesh.points, "VEC3", target=ARRAY_BUFFER, bounds=True),
+            "NORMAL": buffer.add(mesh.normals, "VEC3", target=ARRAY_BUFFER),
         }
-        meshes.append({"name": bone.name, "primitives": [primitive]})
-        surface = {"baseColorFactor": list(bone.colour), "metallicFactor": 0.1, "roughnessFactor": 0.6}
-        materials.append({"name": bone.name, "pbrMetallicRoughness": surface})
-    return meshes, materials
+        indices = buffer.add(mesh.triangles.ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER)
+        primitives.append({"attributes": attributes, "indices": indices, "material": palette.index(shape.colour)})
+    return {"name": bone.name, "primitives": primitives}
 
 
-def _animation(clip: Clip, buffer: _Buffer) -> dict[str, Any]:
+def _material(colour: tuple[float, ...]) -> dict[str, Any]:
+    surface = {"baseColorFactor": list(colour), "metallicFactor": 0.1, "roughnessFactor": 0.6}
+    return {"pbrMetallicRoughness": surface} | ({"alphaMode": "BLEND"} if colour[3] < 1 else {})
+
+
+def _animation(clip: Clip, places: np.ndarray, turns: np.ndarray, buffer: _Buffer) -> dict[str, Any]:
     times = buffer.add(clip.times.astype(np.float32), "SCALAR", bounds=True)
     samplers, channels = [], []
-    turns = continuous(clip.skeleton.local_rotations(clip.states))[..., [1, 2, 3, 0]]
-    for i in range(len(clip.skeleton.bones)):
-        output = buffer.add(np.ascontiguousarray(turns[:, i], dtype=np.float32), "VEC4")
-        samplers.append({"input": times, "output": output, "interpolation": "LINEAR"})
-        channels.append({"sampler": i, "target": {"node": i + 1, "path": "rotation"}})
+    for i, bone in enumerate(clip.skeleton.bones):
+        if not bone.joints:
+            continue
+        tracks = [("rotation", turns[:, i][:, XYZW], "VEC4"), ("translation", places[:, i], "VEC3")]
+        for path, track, kind in tracks:
+            if path == "translation" and np.ptp(track, axis=0).max() < SMALLEST_WAY:
+                continue
+            output = buffer.add(np.ascontiguousarray(track, dtype=np.float32), kind)
+            channels.append({"sampler": len(samplers), "target": {"node": i + 1, "path": path}})
+            samplers.append({"input": times, "output": output, "interpolation": "LINEAR"})
     return {"name": "motion", "samplers": samplers, "channels": channels}
-
-
-def continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Return quaternions (T, ..., 4) with signs flipped so that each is nearest to the one before."""
-    dots = (quaternions[1:] * quaternions[:-1]).sum(axis=-1, keepdims=True)
-    signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
-    return np.concatenate([quaternions[:1], quaternions[1:] * signs])
 
 
 def _container(document: dict[str, Any], binary: bytes) -> bytes:

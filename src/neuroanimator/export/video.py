@@ -29,17 +29,17 @@ LONGEST_DRAWING = 3600
 """[s] A drawing process is given up after this time."""
 
 
-def write_video(clip: Clip, path: Path, *, width: int = 640, height: int = 640) -> None:
+def write_video(clip: Clip, path: Path, *, width: int = 960, height: int = 720) -> None:
     """Write `clip` to `path` as H.264 at its own rate; ResourceError says what to install if it cannot be drawn."""
     backend = graphics_backend()
     if backend is None:
         raise ResourceError(HOW_TO_GET_GL)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f"{path.stem}.tmp-{os.getpid()}{path.suffix}")
-    states = io.BytesIO()
-    np.save(states, clip.states)
+    content = io.BytesIO()
+    np.savez(content, states=clip.states, definition=np.array(clip.definition))
     arguments = [str(temporary), clip.name, str(clip.rate), str(width), str(height)]
-    result = _run("neuroanimator.export.draw", arguments, backend, states.getvalue())
+    result = _run("neuroanimator.export.draw", arguments, backend, content.getvalue())
     if result.returncode != 0:
         temporary.unlink(missing_ok=True)
         lines = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]

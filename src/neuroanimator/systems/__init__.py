@@ -6,16 +6,28 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import System
 
 SYSTEMS = {
+    "lander": "a lunar lander: one main thruster, three attitude jets, four feet",
     "pendulum": "three links, a torque motor at each joint",
     "pendulum-passive": "three links, no motors, pushed by outside forces",
+    "truck": "an off-road truck on a parking lot: rear-wheel drive, steered front wheels",
 }
 
 
-def load_system(name: str) -> System:
-    """Return the system called `name`."""
-    from neuroanimator.systems import pendulum
+def load_system(name: str, definition: str = "") -> System:
+    """Return the system called `name`, or the one `definition` describes.
 
-    makers = {"pendulum": pendulum.active_pendulum, "pendulum-passive": pendulum.passive_pendulum}
+    `definition` is what a dataset or an emulator of a user's own system carries along.
+    """
+    from neuroanimator.systems import own, pendulum
+
+    if definition:
+        return own.from_text(definition)
+    makers = {
+        "lander": lambda: own.packaged("lander"),
+        "pendulum": pendulum.active_pendulum,
+        "pendulum-passive": pendulum.passive_pendulum,
+        "truck": lambda: own.packaged("truck"),
+    }
     if name not in makers:
         raise ArgumentError(f"No system called '{name}'. Systems: {', '.join(sorted(SYSTEMS))}.")
     return makers[name]()

@@ -65,3 +65,49 @@ class Layout:
     def from_json(cls, rows: list[list]) -> Layout:
         """Return the layout `to_json` wrote."""
         return cls(tuple(Slice(str(name), int(size), str(unit)) for name, size, unit in rows))
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The least and the largest value of each entry of a control, in its own unit."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    @classmethod
+    def symmetric(cls, limit: ArrayLike) -> Bounds:
+        """Return the bounds ±`limit` (C,)."""
+        numbers = tuple(float(value) for value in np.asarray(limit))
+        return cls(tuple(-value for value in numbers), numbers)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(C,) halfway between the bounds."""
+        return (np.array(self.high) + np.array(self.low)) / 2
+
+    @property
+    def half(self) -> np.ndarray:
+        """(C,) half the way from bound to bound."""
+        return (np.array(self.high) - np.array(self.low)) / 2
+
+    @property
+    def largest(self) -> np.ndarray:
+        """(C,) largest magnitude: what counts as full effort."""
+        return np.maximum(np.abs(self.high), np.abs(self.low))
+
+    def clip(self, controls: np.ndarray) -> np.ndarray:
+        """Return `controls` (..., C) with every entry brought within the bounds."""
+        return np.clip(controls, self.low, self.high)
+
+    def check(self, controls: np.ndarray, names: list[str]) -> np.ndarray:
+        """Return `controls` (..., C); ArgumentError names an entry that is out of bounds."""
+        slack = 1e-6 * self.largest
+        beyond = (controls < np.array(self.low) - slack) | (controls > np.array(self.high) + slack)
+        if beyond.any():
+            place = tuple(np.argwhere(beyond)[0])
+            entry = place[-1]
+            raise ArgumentError(
+                f"control: {names[entry]} out of bounds; wanted between {self.low[entry]:g} and {self.high[entry]:g}, "
+                f"came {controls[place]:g}."
+            )
+        return controls

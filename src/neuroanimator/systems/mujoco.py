@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from neuroanimator.systems.skeleton import Bone, Skeleton
 from neuroanimator.systems.system import Runs, Scheme, System
 
 INTEGRATORS = {
@@ -19,7 +18,7 @@ INTEGRATORS = {
 }
 
 BLOW_UP_SPEED = 1e3
-"""A joint faster than this has left physics [rad/s]: a hundred times what any start or motor gives."""
+"""A joint faster than this has left physics [rad/s or m/s]: a hundred times what starts and motors give."""
 
 STEPS_IN_MEMORY = 2_000_000
 """Physics steps kept at once while simulating; bounds memory to about 150 MB."""
@@ -31,42 +30,8 @@ def load_model(file_name: str) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_path(str(folder / file_name))
 
 
-def skeleton_of(model: mujoco.MjModel) -> Skeleton:
-    """Return the hinged capsules of `model`, for drawing them without MuJoCo."""
-    bones = []
-    for body in range(1, model.nbody):
-        joint, geom = model.body_jntadr[body], model.body_geomadr[body]
-        half = model.geom_size[geom][1] * _z_axis(model.geom_quat[geom])
-        ends = [model.geom_pos[geom] - half, model.geom_pos[geom] + half]
-        start, end = sorted(ends, key=lambda point: float(np.linalg.norm(point - model.jnt_pos[joint])))
-        bones.append(
-            Bone(
-                name=model.body(body).name,
-                parent=int(model.body_parentid[body]) - 1,
-                offset=_numbers(model.body_pos[body]),
-                axis=_numbers(model.jnt_axis[joint]),
-                angle=int(model.jnt_qposadr[joint]),
-                start=_numbers(start),
-                end=_numbers(end),
-                radius=float(model.geom_size[geom][0]),
-                colour=_numbers(model.geom_rgba[geom]),
-            )
-        )
-    return Skeleton(tuple(bones))
-
-
-def _z_axis(quaternion: np.ndarray) -> np.ndarray:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix[2::3]
-
-
-def _numbers(values: np.ndarray) -> tuple[float, ...]:
-    return tuple(round(float(value), 9) + 0.0 for value in values)
-
-
 class MujocoSystem(System):
-    """A MuJoCo model whose state is (qpos, qvel), driven by motors or by forces on its bodies.
+    """A MuJoCo model whose state is (qpos, qvel, act), driven by motors or by forces on its bodies.
 
     Subclasses set the fields of `System`, `model`, and `pushes`: per control a (body, axis) pair
     naming the world-frame force it is [N]; empty where the controls are the model's own actuators.
@@ -107,8 +72,14 @@ class MujocoSystem(System):
 
     def is_sane(self, runs: np.ndarray) -> np.ndarray:
         """Return (B,) False for each run (B, T+1, S) that is not finite or impossibly fast."""
-        speeds = np.abs(runs[..., self.model.nq :])
+        speeds = np.abs(runs[..., self.model.nq : self.model.nq + self.model.nv])
         return np.asarray(np.isfinite(runs).all(axis=(1, 2)) & (speeds < BLOW_UP_SPEED).all(axis=(1, 2)))
+
+    def put(self, data: mujoco.MjData, state: np.ndarray) -> None:
+        """Make `state` (S,) the state of `data`."""
+        mujoco.mj_resetData(self.model, data)
+        parts = np.split(state, [self.model.nq, self.model.nq + self.model.nv])
+        data.qpos[:], data.qvel[:], data.act[:] = parts
 
     def _rollout(self, model, workers, starts, controls, substeps) -> np.ndarray:
         initial = np.concatenate([np.zeros((len(starts), 1)), starts], axis=1)  # MuJoCo's state leads with time

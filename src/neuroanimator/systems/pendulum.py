@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuroanimator.systems.layout import Layout, Slice
-from neuroanimator.systems.mujoco import MujocoSystem, load_model, skeleton_of
-from neuroanimator.systems.system import Scheme, Structure
+from neuroanimator.systems.layout import Bounds, Layout, Slice
+from neuroanimator.systems.mujoco import MujocoSystem, load_model
+from neuroanimator.systems.mujoco_skeleton import skeleton_of
+from neuroanimator.systems.structure import Structure
+from neuroanimator.systems.system import Scheme
 
 STATE = Layout((Slice("angle", 3, "rad"), Slice("velocity", 3, "rad/s")))
 
@@ -51,12 +53,14 @@ class Pendulum(MujocoSystem):
     state = STATE
     scheme = Scheme("euler", 0.001)
     truth = Scheme("rk4", 0.005)
+    fine = Scheme("rk4", 0.0001)
+    rest = np.zeros(6)
     structure = Structure(ANGLES, rates=((0, 3), (1, 4), (2, 5)), plain=(3, 4, 5), is_odd=True)
 
     def __init__(self, name: str, control: Layout, limit: tuple[float, ...], damping: tuple[float, ...]):
         self.name = name
         self.control = control
-        self.control_limit = np.array(limit)
+        self.bounds = Bounds.symmetric(limit)
         self.model = load_model(f"{name}.xml")
         self.model.dof_damping[:] = damping
         self.skeleton = skeleton_of(self.model)

@@ -1,4 +1,4 @@
-"""How a state looks: a tree of hinged bones, drawn as capsules. Needs no physics engine."""
+"""How a state looks: a tree of bodies with simple shapes. Needs no physics engine."""
 
 from __future__ import annotations
 
@@ -7,29 +7,58 @@ from typing import Any
 
 import numpy as np
 
+from neuroanimator.systems.rotation import multiply, rotate
+
 Numbers = tuple[float, ...]
+
+JOINT_KINDS = ("hinge", "slide", "ball", "free")
+SHAPE_KINDS = ("capsule", "box", "sphere", "ellipsoid", "cylinder")
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What lets a body move against its parent."""
+
+    kind: str
+    """One of `JOINT_KINDS`."""
+    entry: int
+    """First state entry it reads: an angle [rad], a way [m], a quaternion, or a place and a quaternion."""
+    axis: Numbers
+    """Unit axis in the body's frame; of hinges and slides."""
+    anchor: Numbers
+    """Point in the body's frame it turns about [m]."""
+    reference: float = 0.0
+    """Value of the entry at which the body is where the tree puts it."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Something to draw, fixed to a body."""
+
+    kind: str
+    """One of `SHAPE_KINDS`."""
+    size: Numbers
+    """[m] Radius and half length along Z (capsule, cylinder), radius (sphere), half axes (box, ellipsoid)."""
+    place: Numbers
+    turn: Numbers
+    """Quaternion wxyz in the body's frame."""
+    colour: Numbers
+    """Red, green, blue, opacity, each 0 to 1."""
 
 
 @dataclass(frozen=True)
 class Bone:
-    """One rigid body, turned about a hinge at its origin."""
+    """One body."""
 
     name: str
     parent: int
     """Index of the bone it hangs from; -1 for the world."""
     offset: Numbers
-    """Its hinge in the parent's frame [m]."""
-    axis: Numbers
-    """Unit axis of the hinge, in its own frame."""
-    angle: int
-    """State entry that holds the hinge's angle [rad]."""
-    start: Numbers
-    """One end of the capsule that draws it, in its own frame [m]."""
-    end: Numbers
-    radius: float
-    """[m]"""
-    colour: Numbers
-    """Red, green, blue, opacity, each 0 to 1."""
+    """Its origin in the parent's frame [m], joints at their references."""
+    turn: Numbers
+    """Quaternion wxyz in the parent's frame, joints at their references."""
+    joints: tuple[Joint, ...]
+    shapes: tuple[Shape, ...]
 
 
 @dataclass(frozen=True)
@@ -38,26 +67,20 @@ class Skeleton:
 
     bones: tuple[Bone, ...]
 
-    def local_rotations(self, states: np.ndarray) -> np.ndarray:
-        """Return each bone's quaternion wxyz (T, B, 4) in its parent's frame, for states (T, S)."""
-        angles = np.stack([states[:, bone.angle] for bone in self.bones], axis=1) / 2
-        axes = np.array([bone.axis for bone in self.bones])
-        return np.concatenate([np.cos(angles)[..., None], np.sin(angles)[..., None] * axes], axis=-1)
+    def local_poses(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return places (T, B, 3) [m] and quaternions wxyz (T, B, 4), each in its parent's frame, for states (T, S)."""
+        poses = [_local_pose(bone, states) for bone in self.bones]
+        return np.stack([place for place, _ in poses], axis=1), np.stack([turn for _, turn in poses], axis=1)
 
-    def world_points(self, states: np.ndarray) -> np.ndarray:
-        """Return each bone's capsule ends (T, B, 2, 3) in the world [m]."""
-        rotations = rotation_matrices(self.local_rotations(states))
-        turns: list[np.ndarray] = []
-        origins: list[np.ndarray] = []
-        points = []
+    def world_poses(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return places (T, B, 3) [m] and quaternions wxyz (T, B, 4) in the world, for states (T, S)."""
+        places, turns = self.local_poses(states)
         for i, bone in enumerate(self.bones):
-            turn, origin = np.broadcast_to(np.eye(3), (len(states), 3, 3)), np.zeros((len(states), 3))
             if bone.parent >= 0:
-                turn, origin = turns[bone.parent], origins[bone.parent]
-            origins.append(origin + turn @ np.array(bone.offset))
-            turns.append(turn @ rotations[:, i])
-            points.append(np.stack([origins[i] + turns[i] @ np.array(end) for end in (bone.start, bone.end)], axis=1))
-        return np.stack(points, axis=1)
+                above = turns[:, bone.parent]
+                places[:, i] = places[:, bone.parent] + rotate(above, places[:, i])
+                turns[:, i] = multiply(above, turns[:, i])
+        return places, turns
 
     def to_json(self) -> list[dict[str, Any]]:
         """Return plain dictionaries, one per bone."""
@@ -65,21 +88,49 @@ class Skeleton:
 
     @classmethod
     def from_json(cls, rows: list[dict[str, Any]]) -> Skeleton:
-        """Return the skeleton `to_json` wrote."""
-        if any({*row} != {field.name for field in fields(Bone)} for row in rows):
-            raise ValueError("skeleton: a bone has other fields than expected")
-        fixed: list[dict[str, Any]] = [
-            {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()} for row in rows
-        ]
-        return cls(tuple(Bone(**row) for row in fixed))
+        """Return the skeleton `to_json` wrote; ValueError names what is wrong with it."""
+        bones = []
+        for i, row in enumerate(rows):
+            joints = tuple(_read(Joint, joint, JOINT_KINDS) for joint in row.get("joints", ()))
+            shapes = tuple(_read(Shape, shape, SHAPE_KINDS) for shape in row.get("shapes", ()))
+            bone = _read(Bone, row | {"joints": joints, "shapes": shapes})
+            if not -1 <= bone.parent < i:
+                raise ValueError(f"skeleton: bone '{str(bone.name)[:40]}' comes before its parent")
+            bones.append(bone)
+        return cls(tuple(bones))
 
 
-def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
-    """Return the matrices (..., 3, 3) of unit quaternions wxyz (..., 4)."""
-    w, x, y, z = np.moveaxis(quaternions, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+def _read(kind: type, row: dict[str, Any], valid: tuple[str, ...] = ()) -> Any:
+    if {*row} != {field.name for field in fields(kind)} or (valid and row["kind"] not in valid):
+        raise ValueError(f"skeleton: a {kind.__name__.lower()} has other fields than expected")
+    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in row.items()})
+
+
+def _local_pose(bone: Bone, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (places (T, 3), quaternions (T, 4)) of a bone in its parent's frame, joint after joint as MuJoCo does."""
+    place = np.broadcast_to(np.array(bone.offset), (len(states), 3))
+    turn = np.broadcast_to(np.array(bone.turn), (len(states), 4))
+    for joint in bone.joints:
+        value = states[:, joint.entry]
+        if joint.kind == "free":
+            place, turn = states[:, joint.entry : joint.entry + 3], _unit(states, joint.entry + 3)
+        elif joint.kind == "slide":
+            way = (value - joint.reference)[:, None] * np.array(joint.axis)
+            place = place + rotate(turn, way)
+        else:
+            anchor = np.broadcast_to(np.array(joint.anchor), place.shape)
+            fixed = place + rotate(turn, anchor)
+            own = _unit(states, joint.entry) if joint.kind == "ball" else _about(joint.axis, value - joint.reference)
+            turn = multiply(turn, own)
+            place = fixed - rotate(turn, anchor)
+    return place, turn
+
+
+def _unit(states: np.ndarray, entry: int) -> np.ndarray:
+    quaternion = states[:, entry : entry + 4]
+    return quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+
+
+def _about(axis: Numbers, angle: np.ndarray) -> np.ndarray:
+    half = angle[:, None] / 2
+    return np.concatenate([np.cos(half), np.sin(half) * np.array(axis)], axis=-1)

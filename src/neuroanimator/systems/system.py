@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.layout import Layout
+from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.skeleton import Skeleton
+from neuroanimator.systems.structure import Structure
 
 TIME_RESOLUTION = 1e-9
 """Times closer than this are the same time [s]; two steps never differ by so little."""
@@ -42,19 +44,15 @@ class Runs(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Structure:
-    """What an emulator may exploit, because it holds exactly.
+class Goal:
+    """A state, or part of one, worth reaching."""
 
-    `angles`: integer combinations of the state whose sine and cosine are all that matters of them.
-    `rates`: (i, j) where state entry j is the time derivative of entry i.
-    `plain`: state entries that enter as they are.
-    `is_odd`: negating state and control negates the motion (mirror symmetry).
-    """
-
-    angles: tuple[tuple[int, ...], ...]
-    rates: tuple[tuple[int, int], ...]
-    plain: tuple[int, ...]
-    is_odd: bool
+    values: tuple[tuple[int, float], ...]
+    """(state entry, wanted value) pairs; all four entries of a quaternion or none."""
+    tolerances: tuple[float, ...]
+    """How far off still counts as reached, per pair and in its unit (a quaternion's: of the angle [rad])."""
+    seconds: float = 2.0
+    """A sensible length of the motion [s]."""
 
 
 class System(abc.ABC):
@@ -65,16 +63,24 @@ class System(abc.ABC):
     """
 
     name: str
+    definition: str = ""
+    """JSON text the system can be made from again; empty for one that comes with the package."""
     state: Layout
     control: Layout
-    control_limit: np.ndarray
-    """(C,): largest magnitude of each control, in its own unit."""
+    bounds: Bounds
     scheme: Scheme
     """What a user would run by default; speed-ups are measured against it."""
     truth: Scheme
-    """A finer scheme, converged to rounding error: teacher of emulators and judge of controllers."""
+    """A finer scheme, close to converged: teacher of emulators and judge of controllers."""
+    fine: Scheme
+    """The reference every error is measured against: at most a tenth of the physics step."""
     structure: Structure
     skeleton: Skeleton
+    rest: np.ndarray
+    """(S,) a state of rest, where motions begin if nothing else is said."""
+    warm_up: float = 0.0
+    """Random driving before a random start is one that occurs in use [s]."""
+    goals: Mapping[str, Goal] = {}
 
     @property
     def physics_dt(self) -> float:
@@ -83,16 +89,7 @@ class System(abc.ABC):
 
     def check_controls(self, controls: np.ndarray) -> np.ndarray:
         """Return `controls` (..., C) if finite and within bounds."""
-        array = self.control.check(controls, "control")
-        beyond = np.abs(array) > self.control_limit * (1 + 1e-6)
-        if beyond.any():
-            entry = int(np.argwhere(beyond)[0][-1])
-            limit = self.control_limit[entry]
-            raise ArgumentError(
-                f"control: {self.control.names[entry]} out of bounds; wanted between {-limit:g} and {limit:g}, "
-                f"came {array[..., entry].flat[np.abs(array[..., entry]).argmax()]:g}."
-            )
-        return array
+        return self.bounds.check(self.control.check(controls, "control"), self.control.names)
 
     @abc.abstractmethod
     def simulate(

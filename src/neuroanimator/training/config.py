@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
-from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from neuroanimator.data.transitions import LONGEST_UNROLL, first_fault
+from neuroanimator.data.transitions import LONGEST_UNROLL
 from neuroanimator.emulator.network import DEFAULT_WIDTHS
-from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.errors import ArgumentError
 from neuroanimator.files import canonical_json
+from neuroanimator.systems.definition import first_fault
 
 UPDATES_PER_CHUNK = 250
 """Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""
@@ -25,7 +24,7 @@ class TrainingConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    network: Literal["gated", "classic"] = "gated"
+    network: Literal["gated", "classic", "glu"] = "gated"
     widths: tuple[int, ...] = ()
     optimizer: Literal["muon", "adam", "momentum"] = "muon"
     learning_rate: float = Field(0.0, ge=0, lt=10, allow_inf_nan=False)
@@ -64,11 +63,3 @@ def training_config(**values: Any) -> TrainingConfig:
     if config.learning_rate == 0:
         defaults["learning_rate"] = DEFAULT_RATES[config.optimizer]
     return config.model_copy(update=defaults)
-
-
-def read_settings(path: Path) -> dict[str, Any]:
-    """Return the settings in a TOML file, not yet checked."""
-    try:
-        return tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BadFileError(f"{path} is not a readable TOML file: {error}.") from error

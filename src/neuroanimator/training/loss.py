@@ -11,10 +11,10 @@ from neuroanimator.emulator.emulator import Emulator, rollout
 
 def squared_error(
     emulator: Emulator, states: Float[Array, "N H+1 S"], controls: Float[Array, "N H C"]
-) -> Float[Array, " H S"]:
+) -> Float[Array, " H V"]:
     """Return the mean squared error after 1..H super steps, in units of the change's standard deviation."""
     found = jax.vmap(rollout, in_axes=(None, 0, 0))(emulator, states[:, 0], controls)
-    off = (found[:, 1:] - states[:, 1:]) / emulator.normaliser.change_scale
+    off = emulator.frame.difference(states[:, 1:], found[:, 1:]) / emulator.normaliser.unit
     return jnp.mean(off**2, axis=0)
 
 

@@ -1,0 +1,31 @@
+"""`new`: bring your own model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EXAMPLE = "neuroanimator new my_robot.xml"
+
+
+def run(
+    model: Annotated[str, typer.Argument(help="MJCF or URDF file, or a Gymnasium environment such as Swimmer-v5.")],
+    out: Annotated[Path | None, typer.Option(help="TOML file to write; beside the model if not given.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
+) -> None:
+    """Check a model and write how an emulator should see it: a TOML file to read, edit and generate from."""
+    from neuroanimator.new import write_definition
+    from neuroanimator.terminal import print_rows
+
+    path, proposal = write_definition(model, out, force=force)
+    definition = proposal.definition
+    print_rows(
+        [
+            ("system", definition.name),
+            ("super step", f"{definition.substeps} physics steps, {definition.substeps * definition.physics.step:g} s"),
+            ("written", path),
+            ("next", f"edit {path}, then: neuroanimator train {path} --out {definition.name}.emulator.safetensors"),
+        ]
+    )

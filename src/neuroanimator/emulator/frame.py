@@ -1,0 +1,188 @@
+"""The body's own frame: where it is and where it heads must not change what it does next.
+
+A root that moves freely is seen by the direction of gravity and its velocities along its own axes.
+Changes are predicted along the same axes and put back into the world, so that moving the world or
+turning it about the vertical changes nothing (Grzeszczuk et al., SIGGRAPH 1998).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import equinox as eqx
+import numpy as np
+
+from neuroanimator.systems.rotation import (
+    Numbers,
+    cross,
+    rotate,
+    rotate_back,
+    rotation_rows,
+    turn_between,
+    turned_by,
+    upward,
+)
+from neuroanimator.systems.structure import Segment
+
+PROBE_CEILING = 1.0
+"""[m] A foot higher than about this is as good as infinitely high: no super step crosses it unseen."""
+
+
+class Frame(eqx.Module):
+    """How a state is seen without place and heading, and how it changes."""
+
+    segments: tuple[Segment, ...] = eqx.field(static=True)
+    """Empty: the state is plain numbers and the frame does nothing."""
+    probes: tuple[tuple[float, float, float], ...] = eqx.field(static=True)
+    dt: float = eqx.field(static=True)
+    """Super step [s], for what the state would become if its rates stayed."""
+
+    def change_size(self, state_size: int) -> int:
+        """Return how many numbers describe a change of a state of `state_size` entries."""
+        return sum(segment.change_size for segment in self.segments) if self.segments else state_size
+
+    @property
+    def local_size(self) -> int:
+        """Length of what `local` returns."""
+        sizes = {"quaternion": 6, "velocity": 3, "planar velocity": 2}
+        total = sum(sizes.get(segment.kind, 0) for segment in self.segments)
+        return total - 3 * self._has_root + 2 * len(self.probes)
+
+    @property
+    def turns(self) -> tuple[tuple[int, int], ...]:
+        """(i, j) where a quaternion begins at state entry i and its angular velocity, in the body's frame, at j."""
+        starts = np.cumsum([0, *(segment.size for segment in self.segments)])
+        return tuple(
+            (int(start), segment.rate)
+            for start, segment in zip(starts, self.segments, strict=False)
+            if segment.kind == "quaternion"
+        )
+
+    @property
+    def _has_root(self) -> bool:
+        return any(segment.kind == "position" for segment in self.segments)
+
+    def _parts(self, *vectors: Numbers) -> Iterator[tuple[Segment, list[Numbers]]]:
+        """Yield each segment with its entries of the states (..., S)."""
+        start = 0
+        for segment in self.segments:
+            yield segment, [vector[..., start : start + segment.size] for vector in vectors]
+            start += segment.size
+
+    def _root(self, state: Numbers) -> Numbers:
+        """Return what turns with the root: its quaternion (..., 4), or heading (..., 1) in a plane."""
+        for segment, (entries,) in self._parts(state):
+            if segment.kind in ("quaternion", "heading"):
+                return entries
+        return state[..., :0]
+
+    def local(self, state: Numbers) -> Numbers:
+        """Return (..., L) the root's numbers that do not depend on place and heading, and balls' axes."""
+        xp = state.__array_namespace__()
+        if not self.segments:
+            return state[..., :0]
+        root, seen, is_root = self._root(state), [], self._has_root
+        for segment, (entries,) in self._parts(state):
+            if segment.kind == "quaternion":
+                seen.append(upward(entries) if is_root else _two_axes(entries))
+                is_root = False
+            elif segment.kind == "velocity":
+                seen.append(rotate_back(root, entries))
+            elif segment.kind == "planar velocity":
+                seen.append(_turn_plane(-root, entries))
+        if self.probes:
+            seen += self._probe_heights(state)
+        return xp.concat(seen, axis=-1) if seen else state[..., :0]
+
+    def _probe_heights(self, state: Numbers) -> list[Numbers]:
+        """Return the heights of the probes now and where they would coast to, flat above the ceiling."""
+        xp = state.__array_namespace__()
+        place, quaternion, speed, spin = (
+            next(entries[0] for segment, entries in self._parts(state) if segment.kind == kind)
+            if kind
+            else state[..., self._root_rate() : self._root_rate() + 3]
+            for kind in ("position", "quaternion", "velocity", "")
+        )
+        up, probes = upward(quaternion), xp.asarray(self.probes, dtype=state.dtype)
+        now = place[..., 2:] + up @ probes.T
+        rising = speed[..., 2:] + cross(up, spin) @ probes.T
+        return [PROBE_CEILING * xp.tanh(height / PROBE_CEILING) for height in (now, now + self.dt * rising)]
+
+    def _root_rate(self) -> int:
+        return next(segment.rate for segment in self.segments if segment.kind == "quaternion")
+
+    def apply(self, state: Numbers, change: Numbers) -> Numbers:
+        """Return `state` (..., S) after `change` (..., V) on top of coasting at its present rates."""
+        if not self.segments:
+            return state + change
+        xp = state.__array_namespace__()
+        root, following, start = self._root(state), [], 0
+        for segment, (entries,) in self._parts(state):
+            delta = change[..., start : start + segment.change_size]
+            coasting = self._coasting(segment, state)
+            following.append(_moved(segment, entries, delta, coasting, root))
+            start += segment.change_size
+        return xp.concat(following, axis=-1)
+
+    def remainder(self, before: Numbers, after: Numbers) -> Numbers:
+        """Return the change (..., V) for which `apply(before, change)` is `after`."""
+        if not self.segments:
+            return after - before
+        xp = before.__array_namespace__()
+        root, found = self._root(before), []
+        for segment, (first, last) in self._parts(before, after):
+            found.append(_difference(segment, first, last, self._coasting(segment, before), root))
+        return xp.concat(found, axis=-1)
+
+    def difference(self, before: Numbers, after: Numbers) -> Numbers:
+        """Return how `after` differs from `before` (..., V), seen from `before`: the unit-carrying error or change."""
+        if not self.segments:
+            return after - before
+        xp = before.__array_namespace__()
+        root = self._root(before)
+        parts = [_difference(segment, *pair, None, root) for segment, pair in self._parts(before, after)]
+        return xp.concat(parts, axis=-1)
+
+    def _coasting(self, segment: Segment, state: Numbers) -> Numbers | None:
+        """Return what the segment's own rate adds in a super step; None where that is left to the network."""
+        if segment.rate < 0 or segment.kind == "plain":
+            return None
+        size = 3 if segment.kind == "quaternion" else segment.size
+        return self.dt * state[..., segment.rate : segment.rate + size]
+
+
+def _moved(segment: Segment, entries: Numbers, delta: Numbers, coasting: Numbers | None, root: Numbers) -> Numbers:
+    extra = 0.0 if coasting is None else coasting
+    if segment.kind == "quaternion":
+        return turned_by(entries, extra + delta)
+    if segment.kind in ("position", "velocity"):
+        return entries + extra + rotate(root, delta)
+    if segment.kind in ("planar position", "planar velocity"):
+        return entries + extra + _turn_plane(root, delta)
+    return entries + extra + delta
+
+
+def _difference(segment: Segment, before: Numbers, after: Numbers, coasting: Numbers | None, root: Numbers) -> Numbers:
+    extra = 0.0 if coasting is None else coasting
+    if segment.kind == "quaternion":
+        return turn_between(before, after) - extra
+    if segment.kind in ("position", "velocity"):
+        return rotate_back(root, after - before - extra)
+    if segment.kind in ("planar position", "planar velocity"):
+        return _turn_plane(-root, after - before - extra)
+    return after - before - extra
+
+
+def _turn_plane(angle: Numbers, vector: Numbers) -> Numbers:
+    """Return `vector` (..., 2) turned by `angle` (..., 1) [rad]."""
+    xp = vector.__array_namespace__()
+    cosine, sine = xp.cos(angle[..., 0]), xp.sin(angle[..., 0])
+    x, y = vector[..., 0], vector[..., 1]
+    return xp.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+
+
+def _two_axes(quaternion: Numbers) -> Numbers:
+    """Return two columns of the rotation (..., 6): all of it, without the quaternion's double sign."""
+    rows = rotation_rows(quaternion)
+    xp = quaternion.__array_namespace__()
+    return xp.stack([rows[i][j] for j in range(2) for i in range(3)], axis=-1)

@@ -1,0 +1,254 @@
+"""An emulator as a Gymnasium environment, and the MJCF files of Gymnasium's own. Needs the extra `[gym]`."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from neuroanimator.control.objective import Objective
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.frame import Frame
+from neuroanimator.errors import ArgumentError, ResourceError
+from neuroanimator.shipped import SHIPPED, find_emulator
+
+try:
+    import gymnasium
+    from gymnasium.spaces import Box
+    from gymnasium.utils.seeding import np_random
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+except ImportError:
+    raise ResourceError("Gymnasium is missing. Install it with: pip install 'neuroanimator[gym]'") from None
+
+SECONDS = 10.0
+"""[s] Length of an episode."""
+
+NOISE = 0.1
+"""How far starts lie from rest, in standard deviations of the change in one super step: seen, but hardly."""
+
+FAR = 1.0
+"""An episode ends this many widths of the training range outside it: there the emulator only guesses."""
+
+MUJOCO = Path(gymnasium.__file__).parent / "envs" / "mujoco"
+
+Reward = Callable[[Array, Array, Array], Any]
+"""(state (S,), control (C,), state one super step later (S,)) → a number. Written in jax.numpy: it is compiled."""
+
+
+class RunningCost(eqx.Module):
+    """The reward −Δt · J, where J is the objective of this one super step taken as if it lasted a second.
+
+    So a return is −∫ (μ_u/2 |u|² + μ_s/2 |s − s_d|²) dt, whatever the super step. Without an objective
+    it is −∫ |u|²/2 dt, u measured against its limits.
+    """
+
+    objective: Objective | None
+    limit: Float[Array, " C"]
+    dt: float = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, emulator: Emulator, objective: Objective | None = None) -> RunningCost:
+        """Return the reward that fits `emulator`."""
+        return cls(objective, jnp.asarray(emulator.identity.bounds.largest, jnp.float32), emulator.dt)
+
+    def __call__(self, state: Float[Array, " S"], control: Float[Array, " C"], following: Float[Array, " S"]) -> Array:
+        """Return the reward of going from `state` to `following`."""
+        if self.objective is None:
+            return -self.dt * jnp.sum((control / self.limit) ** 2) / 2
+        return -self.dt * self.objective(jnp.stack([state, following]), control[None], self.limit, 1.0)
+
+
+def _advance(emulator: Emulator, reward: Reward, state: Float[Array, " S"], control: Float[Array, " C"]) -> tuple:
+    """Return (next state, reward, whether training covered the step, whether the next state is far from training)."""
+    following, domain = emulator.step(state, control), emulator.domain
+    margin, plain = FAR * (domain.high - domain.low), emulator.plain_of(following, control)
+    is_near = jnp.all((plain >= domain.low - margin) & (plain <= domain.high + margin) & jnp.isfinite(plain))
+    is_covered = domain.covers(emulator.plain_of(state, control))
+    return following, reward(state, control, following), is_covered, ~(is_near & jnp.all(jnp.isfinite(following)))
+
+
+_advance_batch = eqx.filter_jit(eqx.filter_vmap(_advance, in_axes=(None, None, 0, 0)))
+
+
+@final
+class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """`num_envs` emulated systems in one compiled call; row i is an `EmulatorEnv` reset with seed + i.
+
+    A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        emulator: Emulator | str | Path,
+        num_envs: int = 1,
+        objective: Objective | None = None,
+        reward: Reward | None = None,
+        seconds: float = SECONDS,
+        noise: float = NOISE,
+    ):
+        """Make it from what an `EmulatorEnv` is made from."""
+        if not isinstance(emulator, Emulator):
+            emulator = Emulator.load(find_emulator(str(emulator)))
+        if num_envs < 1:
+            raise ArgumentError(f"num_envs: wanted one or more, came {num_envs}.")
+        if objective is not None and reward is not None:
+            raise ArgumentError("objective and reward: both came. Give one of them.")
+        if not emulator.dt <= seconds < np.inf:
+            raise ArgumentError(f"seconds: wanted at least one super step of {emulator.dt:g} s, came {seconds:g}.")
+        self.emulator, self.num_envs, self.noise = emulator, num_envs, noise
+        self.reward = reward or RunningCost.of(emulator, objective)
+        self.steps = round(seconds / emulator.dt)
+        bounds = emulator.identity.bounds
+        low, high = np.array(bounds.low, np.float32), np.array(bounds.high, np.float32)
+        self.single_action_space = Box(low, high, dtype=np.float32)
+        self.single_observation_space = Box(-np.inf, np.inf, (emulator.identity.state.size,), np.float32)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._random = [np_random()[0] for _ in range(num_envs)]
+        self._place(np.array(emulator.identity.rest))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Return (states (B, S), {}), near rest or as `options["state"]` (S,) or (B, S) says."""
+        if seed is not None:
+            self._random = [np_random(seed + row)[0] for row in range(self.num_envs)]
+        unknown = set(options or {}) - {"state"}
+        if unknown:
+            raise ArgumentError(f"No reset option called '{unknown.pop()}'. Options: state.")
+        if options:
+            self._place(self.emulator.identity.state.check(options["state"], "state"))
+        else:
+            self._place(np.stack([start_near_rest(self.emulator, self.noise, random) for random in self._random]))
+        return self._states.copy(), {}
+
+    def step(self, actions: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Return (states (B, S), rewards, terminated, truncated, info), each (B,), after `actions` (B, C)."""
+        following, rewards, is_covered, is_far = _advance_batch(
+            self.emulator, self.reward, self._states, self._controls(actions)
+        )
+        is_new, self._states = self._has_ended, np.array(following)
+        for row in np.flatnonzero(is_new):
+            self._states[row] = start_near_rest(self.emulator, self.noise, self._random[row])
+        self._steps = np.where(is_new, 0, self._steps + 1)
+        terminated, truncated = np.asarray(is_far) & ~is_new, self._steps >= self.steps
+        self._has_ended = terminated | truncated
+        info = {"covered": np.asarray(is_covered) & ~is_new, "_covered": ~is_new}
+        return self._states.copy(), np.where(is_new, 0.0, rewards), terminated, truncated, info
+
+    def _place(self, states: np.ndarray) -> None:
+        """Begin an episode in each row at `states` (S,) or (B, S)."""
+        shape = self.observation_space.shape or ()
+        if states.shape not in (shape, shape[1:]):
+            raise ArgumentError(f"state: wanted shape {shape[1:]} or {shape}, came {states.shape}.")
+        self._states = np.broadcast_to(states, shape).astype(np.float32)
+        self._steps, self._has_ended = np.zeros(self.num_envs, int), np.zeros(self.num_envs, bool)
+
+    def _controls(self, actions: ArrayLike) -> np.ndarray:
+        """Return `actions` (B, C), brought within the bounds as a motor would."""
+        controls = self.emulator.identity.control.check(actions, "action")
+        if controls.shape != self.action_space.shape:
+            raise ArgumentError(f"action: wanted shape {self.action_space.shape}, came {controls.shape}.")
+        return self.emulator.identity.bounds.clip(controls).astype(np.float32)
+
+
+@final
+class EmulatorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One emulated system; a step is a super step, an observation the state, an action the control, SI units.
+
+    An episode starts near rest, or where `reset(options={"state": ...})` says. It is truncated after
+    `seconds`, and terminated where the state is no number or far (`FAR`) outside what the emulator was
+    trained on. `info["covered"]` says whether training covered the step. Actions are clipped to the bounds.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
+
+    def __init__(
+        self,
+        emulator: Emulator | str | Path,
+        objective: Objective | None = None,
+        reward: Reward | None = None,
+        seconds: float = SECONDS,
+        noise: float = NOISE,
+    ):
+        """Make it from an emulator, its file, or a shipped one's name.
+
+        The reward is the `RunningCost` of `objective`, or what `reward` returns.
+        """
+        self._envs = EmulatorVectorEnv(emulator, 1, objective, reward, seconds, noise)
+        self.observation_space = self._envs.single_observation_space
+        self.action_space = self._envs.single_action_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Return (state (S,), {}). The same seed gives the same start."""
+        super().reset(seed=seed)
+        start = start_near_rest(self._envs.emulator, self._envs.noise, self.np_random)
+        states, info = self._envs.reset(options={"state": start, **(options or {})})
+        return states[0], info
+
+    def step(self, action: ArrayLike) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Return (state (S,), reward, terminated, truncated, info) after `action` (C,) was held for a super step."""
+        states, rewards, terminated, truncated, info = self._envs.step(np.asarray(action)[None])
+        is_covered = bool(info["covered"][0])
+        return states[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), {"covered": is_covered}
+
+
+def start_near_rest(emulator: Emulator, noise: float, random: np.random.Generator) -> np.ndarray:
+    """Return rest (S,) with noise along what a state can change by, so that quaternions stay of length one."""
+    frame = Frame(emulator.frame.segments, (), 0.0)
+    unit = np.asarray(emulator.normaliser.unit, float)
+    return frame.apply(np.array(emulator.identity.rest), noise * unit * random.normal(size=unit.shape))
+
+
+def mjcf_of(env_id: str) -> Path:
+    """Return the MJCF file of Gymnasium's MuJoCo environment `env_id`, such as `Swimmer-v5`.
+
+    Raises ArgumentError for an id that is none of them.
+    """
+    name = _model_name(env_id)
+    if name is None:
+        valid = ", ".join(sorted(other for other in gymnasium.registry if _model_name(other)))
+        raise ArgumentError(f"No MuJoCo environment called '{env_id}'. Environments: {valid}.")
+    return MUJOCO / "assets" / name
+
+
+def _model_name(env_id: str) -> str | None:
+    """Return the default of the argument `xml_file` of the environment's class; None if there is none."""
+    spec = gymnasium.registry.get(env_id)
+    module = str(spec.entry_point).partition(":")[0] if spec else ""
+    source = MUJOCO / f"{module.removeprefix('gymnasium.envs.mujoco.')}.py"
+    # Read, not imported: these modules need an imaging library that nothing else here does.
+    tree = ast.parse(source.read_text(encoding="utf-8") if source.is_file() else "")
+    for signature in (node for node in ast.walk(tree) if isinstance(node, ast.arguments)):
+        for argument, default in zip(reversed(signature.args), reversed(signature.defaults), strict=False):
+            if argument.arg == "xml_file":
+                return ast.literal_eval(default)
+    return None
+
+
+def register() -> None:
+    """Let `gymnasium.make("neuroanimator/pendulum-50-v0")` make the shipped emulators' environments."""
+    names = {f"neuroanimator/{system}-{substeps}-v0": f"{system}-{substeps}" for system, substeps in SHIPPED}
+    for env_id in names.keys() - gymnasium.registry.keys():
+        gymnasium.register(
+            env_id,
+            entry_point="neuroanimator.gym:EmulatorEnv",
+            vector_entry_point="neuroanimator.gym:EmulatorVectorEnv",
+            kwargs={"emulator": names[env_id]},
+        )
+
+
+# Gymnasium's convention: `make("neuroanimator.gym:neuroanimator/...")` imports this file and expects its names.
+register()

@@ -1,0 +1,102 @@
+"""Somebody's model becomes a TOML file to edit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.files import write_whole
+from neuroanimator.propose import Proposal, propose
+from neuroanimator.systems import SYSTEMS
+from neuroanimator.systems.mujoco_structure import LOOKS
+
+TITLES = {
+    "physics": "How the physics is stepped. Speed-ups are measured against step and integrator.\n"
+    "# truth teaches; fine is the reference of every error, at most a tenth of the step.",
+    "state": "How the network sees each joint.\n"
+    f"# hinge: {', '.join(LOOKS['hinge'][:3])}; slide: {', '.join(LOOKS['slide'][:2])}; ball: ball; free: free.\n"
+    "# cyclic: where it stands does not matter, how fast it moves does.",
+    "frame": "What of the root's place matters. ground: its height; probes: points of its body whose height does [m];\n"
+    "# planar: joints x, y, heading of a root that moves in a plane, where place and heading do not matter.",
+    "control": "The least and the largest value of each actuator.",
+    "sampling": "Random starts of training runs, around the state of rest (keyframe 'home', if the model has one).\n"
+    "# warm_up: random driving before a run is recorded [s]; tilt: of a free root [rad].",
+    "sampling.position": "Half the width of the spread [rad or m].",
+    "sampling.speed": "Standard deviation [rad/s or m/s], as seen in trial runs.",
+}
+"""What stands above each table of the TOML file."""
+
+GOAL_HINT = """
+# A goal for 'neuroanimator control': a state, or part of one, to be in at the end.
+# [goals.there]
+# seconds = 2.0
+# reach = { "PART" = [1.0] }
+# within = { "PART" = 0.1 }
+# PARTs: """
+
+
+def write_definition(model: str, out: Path | None = None, *, force: bool = False) -> tuple[Path, Proposal]:
+    """Write the definition proposed for `model` and return (its path, the proposal).
+
+    `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML.
+    """
+    source = Path(model)
+    if not source.suffix:
+        source = _copy_from_gymnasium(model, out.parent if out else Path())
+    path = out or source.with_suffix(".toml")
+    if path.exists() and not force:
+        raise ArgumentError(f"{path} exists, and may hold your edits. --force overwrites it; --out names another.")
+    if path.parent.resolve() != source.parent.resolve():
+        raise ArgumentError(f"{path}: the TOML file must lie beside the model, in {source.parent or '.'}.")
+    proposal = propose(source)
+    if proposal.definition.name in SYSTEMS:
+        raise ArgumentError(f"'{proposal.definition.name}' is a system of the package. Rename {source.name}.")
+    write_whole(path, as_toml(proposal).encode())
+    return path, proposal
+
+
+def _copy_from_gymnasium(name: str, folder: Path) -> Path:
+    from neuroanimator.gym import mjcf_of
+
+    original = mjcf_of(name)
+    target = folder / original.name
+    if target.exists() and target.read_bytes() != original.read_bytes():
+        raise BadFileError(f"{target} exists and is another model. Use another folder.")
+    write_whole(target, original.read_bytes())
+    return target
+
+
+def as_toml(proposal: Proposal) -> str:
+    """Return the proposal as TOML text, each table under a comment that says what it is."""
+    definition = proposal.definition
+    values = definition.model_dump(mode="json", exclude_defaults=False)
+    top = {key: values.pop(key) for key in ("name", "kind", "model", "substeps")}
+    values.pop("goals")
+    lines = [
+        f"# How NeuroAnimator sees {definition.model}. Edit what you know better; every line is checked when used."
+    ]
+    lines += [_line(key, value, "") for key, value in top.items()]
+    for name, table in values.items():
+        lines += _table(name, table, proposal.notes)
+    parts = ", ".join(part for part in proposal.parts)
+    return "\n".join(lines) + "\n" + GOAL_HINT + parts + "\n"
+
+
+def _table(name: str, table: dict[str, Any], notes: dict[str, str]) -> list[str]:
+    if not table:
+        return []
+    lines = ["", f"# {TITLES[name]}", f"[{name}]"]
+    lines += [
+        _line(key, value, notes.get(f"{name}.{key}", "")) for key, value in table.items() if not isinstance(value, dict)
+    ]
+    for key, value in table.items():
+        if isinstance(value, dict):
+            lines += _table(f"{name}.{key}", value, notes)
+    return lines
+
+
+def _line(key: str, value: Any, note: str) -> str:
+    name = key if key.replace("_", "").replace("-", "").isalnum() and key.isascii() else json.dumps(key)
+    return f"{name} = {json.dumps(value)}" + (f"  # {note}" if note else "")

@@ -1,0 +1,125 @@
+"""A system written down: a TOML file beside its model, checked key by key.
+
+    name = "hopper"
+    model = "hopper.xml"
+
+    [physics]
+    step = 0.002
+
+`neuroanimator new` writes such a file; every table but these may be left out.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from neuroanimator.errors import ArgumentError, BadFileError
+
+Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
+Look = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
+Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$")]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Physics(_Table):
+    """How the physics is stepped; see `System.scheme`, `truth` and `fine`."""
+
+    step: Annotated[float, Field(gt=0, le=0.1)]
+    integrator: Integrator = "implicitfast"
+    truth_step: Annotated[float, Field(gt=0, le=0.1)]
+    truth_integrator: Integrator = "implicitfast"
+    fine_step: Annotated[float, Field(gt=0, le=0.1)]
+    fine_integrator: Integrator = "implicitfast"
+
+
+class FrameTable(_Table):
+    """What of the root's place matters."""
+
+    ground: bool = False
+    """Whether its height matters."""
+    probes: tuple[tuple[Finite, Finite, Finite], ...] = ()
+    """Points of its body whose height over the ground matters [m]."""
+    planar: tuple[str, ...] = Field((), max_length=3)
+    """Joints x, y and heading of a root that moves in a plane, where place and heading do not matter."""
+
+
+class Sampling(_Table):
+    """Random starts of training runs, around the state of rest."""
+
+    rest_share: Share = 0.3
+    """Share of starts that are near rest, where most motions begin."""
+    rest_spread: Share = 0.15
+    """Spread of such a start, as a share of the others'."""
+    warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
+    """Random driving before a run is recorded [s], so that contacts have settled."""
+    height: tuple[Finite, Finite] = (0.0, 0.0)
+    """Least and largest height of a free root over its place at rest [m]."""
+    tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
+    """Standard deviation of a free root's tilt [rad]."""
+    position: dict[str, Annotated[float, Field(ge=0, le=1e4)]] = {}
+    """Per hinge or slide: half the width of the uniform spread [rad or m]; a ball's standard deviation [rad]."""
+    speed: dict[str, tuple[Annotated[float, Field(ge=0, le=1e4)], ...]] = {}
+    """Per joint: standard deviation of each of its speeds [rad/s or m/s]; a root's along its own axes."""
+
+
+class GoalTable(_Table):
+    """A state, or part of one, worth reaching."""
+
+    seconds: Annotated[float, Field(gt=0, le=60)] = 2.0
+    site: str = ""
+    """A site of the model where a free root should be, at rest and turned as the site is."""
+    reach: dict[str, tuple[Finite, ...]] = {}
+    """Parts of the state and their wanted values."""
+    within: dict[str, Positive] = {}
+    """How far off each of these parts may be; 0.1 of its unit if not said."""
+
+
+class Definition(_Table):
+    """A system whose physics is a MuJoCo model."""
+
+    name: Name
+    substeps: int = Field(50, ge=1, le=1000)
+    """Physics steps n in a super step, if nothing else is asked for."""
+    kind: Literal["mujoco"] = "mujoco"
+    model: str
+    physics: Physics
+    state: dict[str, Look] = {}
+    """Per joint, how the network sees it."""
+    control: dict[str, tuple[Finite, Finite]] = {}
+    """Per actuator, its least and largest value."""
+    frame: FrameTable = FrameTable()
+    sampling: Sampling = Sampling()
+    goals: dict[Name, GoalTable] = {}
+
+
+def first_fault(error: ValidationError) -> str:
+    """Return pydantic's first complaint as one line naming the key."""
+    fault = error.errors()[0]
+    key = ".".join(str(part) for part in fault["loc"])
+    return f"{key}: {fault['msg'].lower()}, came {str(fault['input'])[:80]!r}"
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return what a TOML file holds, not yet checked."""
+    try:
+        return tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise BadFileError(f"{path} is not a readable TOML file: {error}.") from error
+
+
+def check_definition(values: dict[str, Any], label: str, kind: type[BaseModel] = Definition) -> Any:
+    """Return the checked definition; ArgumentError names `label` and the key at fault."""
+    try:
+        return kind.model_validate(values)
+    except ValidationError as error:
+        raise ArgumentError(f"{label}: {first_fault(error)}.") from error

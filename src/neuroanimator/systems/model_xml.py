@@ -1,0 +1,172 @@
+"""The XML of a model and the files it names: found inside one folder only, and joined into one tree."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import PurePosixPath
+from typing import Any, NoReturn, cast
+from xml.parsers import expat
+
+from neuroanimator.errors import BadFileError
+
+FILE_LIMIT, TOTAL_LIMIT = 2 * 2**20, 4 * 2**20
+"""Largest file, and largest sum of a model's files [bytes]."""
+
+COUNT_LIMIT, INCLUDE_LIMIT, DEPTH_LIMIT = 200, 16, 100
+"""Most files, deepest include in an include, deepest element in an element."""
+
+
+class Element(ET.Element):
+    """An XML element that knows where it stands."""
+
+    origin: tuple[str, int] = ("", 0)
+    """The file it stands in, and the line there."""
+
+    def children(self) -> list[Element]:
+        """Return the elements directly inside."""
+        return cast("list[Element]", list(self))
+
+    def descendants(self) -> list[Element]:
+        """Return itself and every element inside, in document order."""
+        return cast("list[Element]", list(self.iter()))
+
+    def file_attributes(self) -> list[str]:
+        """Return the attributes that name files: `file`, URDF's `filename`, a sky's `fileleft` and so on."""
+        return [name for name in self.attrib if name.startswith("file")]
+
+
+def refuse(file: str, place: str, fault: str) -> NoReturn:
+    """Raise BadFileError: `file: place: fault.`"""
+    raise BadFileError(f"{file}: {place + ': ' if place else ''}{fault}.")
+
+
+def refuse_at(element: Element, attribute: str, fault: str) -> NoReturn:
+    """Raise BadFileError naming the element, its line, and `attribute` where it has it."""
+    name = f" {_shown(element.attrib['name'])}" if "name" in element.attrib else ""
+    given = f" {attribute}={_shown(element.attrib[attribute])}" if attribute in element.attrib else ""
+    refuse(element.origin[0], f"{element.tag[:40]}{name}{given}", f"{fault} (line {element.origin[1]})")
+
+
+def _shown(text: str) -> str:
+    return repr(text if len(text) <= 80 else f"{text[:80]}...")
+
+
+@dataclass
+class Source:
+    """Where a model's files come from; takes each once, and nothing beyond the limits."""
+
+    load: Callable[[str], bytes | None]
+    """Returns the bytes of a file by its path in the model's folder, or None if there is no such file."""
+
+    taken: dict[str, bytes] = field(default_factory=dict)
+
+    def take(self, name: str) -> bytes | None:
+        """Return the bytes of `name`, or None if there is no such file."""
+        content = self.taken[name] if name in self.taken else self.load(name)
+        if content is None:
+            return None
+        self.taken[name] = content
+        if len(content) > FILE_LIMIT:
+            refuse(name, "", f"larger than {FILE_LIMIT:,} bytes. Make the file smaller")
+        if len(self.taken) > COUNT_LIMIT or sum(map(len, self.taken.values())) > TOTAL_LIMIT:
+            refuse(name, "", f"the model has more than {COUNT_LIMIT} files or {TOTAL_LIMIT:,} bytes. Make it smaller")
+        return content
+
+    def find(self, element: Element, attribute: str, folders: list[str]) -> tuple[str, bytes]:
+        """Return (name, bytes) of the file an attribute names, in the first of `folders` that has it."""
+        for name in _candidates(element, attribute, folders):
+            content = self.take(name)
+            if content is not None:
+                return name, content
+        refuse_at(element, attribute, "no such file. Put the file beside the model")
+
+
+def _candidates(element: Element, attribute: str, folders: list[str]) -> list[str]:
+    """Return the paths, all inside the model's folder, where a file may be; `package://name/` counts as that folder."""
+    text = element.attrib[attribute]
+    paths = [text]
+    if attribute == "filename":
+        text = re.sub("^package://[^/]*/", "", text)
+        paths = [text, PurePosixPath(text).name]
+    for part in (text, *folders):
+        if re.search(r"^/|(^|/)\.\.(/|$)|[\\:\0]", part):
+            culprit = "" if part == text else f" by {_shown(part)}"
+            refuse_at(element, attribute, f"leaves the model's folder{culprit}. Put the file beside the model")
+    return list(dict.fromkeys(str(PurePosixPath(folder, path)) for path in paths for folder in folders))
+
+
+def parse(name: str, content: bytes) -> Element:
+    """Return the root element; refuses document types, which can define entities that explode."""
+    parser, open_elements, roots = expat.ParserCreate(), [], []
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes)
+        element.origin = (name, parser.CurrentLineNumber)
+        (open_elements[-1] if open_elements else roots).append(element)
+        open_elements.append(element)
+        if len(open_elements) > DEPTH_LIMIT:
+            refuse_at(element, "", f"more than {DEPTH_LIMIT} elements deep. Write a flatter model")
+
+    def doctype(tag: str, *_: Any) -> None:
+        refuse(name, f"DOCTYPE {_shown(tag)}", "document types and entities are refused. Remove it")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, lambda _: open_elements.pop()
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        raise BadFileError(f"{name}: not XML: {error}. Check the file.") from error
+    return roots[0]
+
+
+def expand(source: Source, element: Element, chain: tuple[str, ...], seen: set[str]) -> None:
+    """Replace each include inside `element` by the contents of its file.
+
+    `chain` holds the files around `element`, outermost first; `seen` every file included so far.
+    """
+    children: list[Element] = []
+    for child in element.children():
+        if child.tag.lower() == "include":
+            children.extend(_included(source, child, chain, seen))
+        else:
+            expand(source, child, chain, seen)
+            children.append(child)
+    element[:] = children
+
+
+def _included(source: Source, include: Element, chain: tuple[str, ...], seen: set[str]) -> list[Element]:
+    if "file" not in include.attrib:
+        refuse_at(include, "", "no file attribute. Name the file to include")
+    name, content = source.find(include, "file", ["", str(PurePosixPath(chain[-1]).parent)])
+    if name in seen or len(chain) > INCLUDE_LIMIT:
+        refuse_at(include, "file", f"included twice, in a circle, or over {INCLUDE_LIMIT} deep. Include it once")
+    seen.add(name)
+    root = parse(name, content)
+    expand(source, root, (*chain, name), seen)
+    return root.children()
+
+
+def attach_files(source: Source, root: Element, settings: dict[str, str]) -> dict[str, bytes]:
+    """Return the assets by names no two files share, and point the attributes of `root` to those names."""
+    assets: dict[str, bytes] = {}
+    for element in root.descendants():
+        for attribute in element.file_attributes():
+            name, content = source.find(element, attribute, _folders(element, attribute, settings))
+            if attribute == "file" and "name" not in element.attrib:
+                element.set("name", PurePosixPath(name).stem)
+            asset = f"{list(source.taken).index(name)}-{PurePosixPath(name).name}"
+            element.set(attribute, asset)
+            assets[asset] = content
+    return assets
+
+
+def _folders(element: Element, attribute: str, settings: dict[str, str]) -> list[str]:
+    """Return where the file an attribute names may be, after removing the path MuJoCo would strip from it."""
+    if settings.get("strippath") == "true" and attribute != "filename":
+        element.set(attribute, re.split(r"[/\\]", element.attrib[attribute])[-1])
+    kind = "texturedir" if element.tag == "texture" else "meshdir"
+    folder = settings.get(kind, settings.get("assetdir", ""))
+    return [folder, str(PurePosixPath(folder, PurePosixPath(element.origin[0]).parent))]

@@ -1,0 +1,186 @@
+"""From a MuJoCo model's joints to layouts and structure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.definition import FrameTable
+from neuroanimator.systems.layout import Layout, Slice
+from neuroanimator.systems.mujoco_skeleton import JOINT_NAMES
+from neuroanimator.systems.structure import Segment, Structure
+
+LOOKS = {
+    "hinge": ("sine", "plain", "cyclic", "planar"),
+    "slide": ("plain", "cyclic", "planar"),
+    "ball": ("ball",),
+    "free": ("free",),
+}
+"""Ways each kind of joint may be seen, the proposed one first."""
+
+
+@dataclass(frozen=True)
+class JointView:
+    """One joint and how it is seen."""
+
+    name: str
+    kind: str
+    look: str
+    place: int
+    """State entry where its position begins."""
+    rate: int
+    """State entry where its speed begins."""
+
+
+def joint_views(model: mujoco.MjModel, looks: dict[str, str], planar: tuple[str, ...] = ()) -> list[JointView]:
+    """Return the joints in the model's order; `looks` names how each is seen, its kind's first way if not there."""
+    views = []
+    for joint in range(model.njnt):
+        kind = JOINT_NAMES[int(model.jnt_type[joint])]
+        name = model.joint(joint).name or f"joint_{joint}"
+        look = "planar" if name in planar else looks.get(name, LOOKS[kind][0])
+        if look not in LOOKS[kind] or (look == "planar") != (name in planar):
+            valid = ", ".join(way for way in LOOKS[kind] if way != "planar")
+            raise ArgumentError(f"state.{name}: a {kind} joint cannot be '{look}'. Ways: {valid}.")
+        rate = model.nq + int(model.jnt_dofadr[joint])
+        views.append(JointView(name, kind, look, int(model.jnt_qposadr[joint]), rate))
+    _check(views, looks, planar)
+    return views
+
+
+def _check(views: list[JointView], looks: dict[str, str], planar: tuple[str, ...]) -> None:
+    names = [view.name for view in views]
+    for name in [*looks, *planar]:
+        if name not in names:
+            raise ArgumentError(f"No joint called '{name}'. Joints: {', '.join(names)}.")
+    if any(view.kind == "free" for view in views[1:]):
+        raise ArgumentError(
+            "A free joint must be the model's first joint, and the only free one. Fix the other bodies in place."
+        )
+    if planar and (len(planar) != 3 or names[names.index(planar[0]) + 1] != planar[1] or views[0].kind == "free"):
+        raise ArgumentError("frame.planar: wanted three joints x, y, heading, of which x and y follow each other.")
+
+
+def state_layout(model: mujoco.MjModel, views: list[JointView]) -> Layout:
+    """Return the named parts of (qpos, qvel, act)."""
+    places = [part for view in views for part in _place_slices(view)]
+    rates = [part for view in views for part in _rate_slices(view)]
+    activation = [Slice("activation", model.na, "1")] if model.na else []
+    parts = [*places, *rates, *activation]
+    names = [part.name for part in parts]
+    for name in names:
+        if names.count(name) > 1:
+            raise ArgumentError(f"Two parts of the state would be called '{name}'. Rename one of the joints.")
+    return Layout(tuple(parts))
+
+
+def _place_slices(view: JointView) -> list[Slice]:
+    return {
+        "free": [Slice(f"{view.name}.place", 3, "m"), Slice(f"{view.name}.turn", 4, "quaternion")],
+        "ball": [Slice(f"{view.name}.turn", 4, "quaternion")],
+        "slide": [Slice(view.name, 1, "m")],
+        "hinge": [Slice(view.name, 1, "rad")],
+    }[view.kind]
+
+
+def _rate_slices(view: JointView) -> list[Slice]:
+    return {
+        "free": [Slice(f"{view.name}.velocity", 3, "m/s"), Slice(f"{view.name}.spin", 3, "rad/s")],
+        "ball": [Slice(f"{view.name}.spin", 3, "rad/s")],
+        "slide": [Slice(f"{view.name}.speed", 1, "m/s")],
+        "hinge": [Slice(f"{view.name}.speed", 1, "rad/s")],
+    }[view.kind]
+
+
+def structure_of(model: mujoco.MjModel, views: list[JointView], frame: FrameTable) -> Structure:
+    """Return what an emulator of `model` may exploit."""
+    rates = [(v.place + i, v.rate + i) for v in views for i in range({"free": 3, "ball": 0}.get(v.kind, 1))]
+    return Structure(
+        angles=tuple(_angle_rows(model, views)),
+        rates=tuple(rates),
+        plain=tuple(_plain(model, views, frame.ground)),
+        segments=_segments(model, views, frame.planar),
+        probes=frame.probes,
+    )
+
+
+def _plain(model: mujoco.MjModel, views: list[JointView], ground: bool) -> list[int]:
+    """Return the state entries seen as they are; a free root's velocity is seen along its own axes instead."""
+    entries = [view.place for view in views if view.look == "plain"]
+    entries += [views[0].place + 2] if views[0].kind == "free" and ground else []
+    for view in views:
+        if view.kind == "slide" and view.look == "planar":
+            continue
+        sizes = {"free": range(3, 6), "ball": range(3)}
+        entries += [view.rate + i for i in sizes.get(view.kind, range(1))]
+    return entries + [model.nq + model.nv + i for i in range(model.na)]
+
+
+def _angle_rows(model: mujoco.MjModel, views: list[JointView]) -> list[tuple[int, ...]]:
+    """Return each sine hinge's angle, and its sum with those of parallel hinges above it: gravity sees the sum."""
+    size, hinges = model.nq + model.nv + model.na, {v.name: v for v in views if v.look == "sine"}
+    rows: list[tuple[int, ...]] = []
+    for view in hinges.values():
+        alone = np.zeros(size, int)
+        alone[view.place] = 1
+        chain = alone.copy()
+        for above in _parallel_above(model, view, hinges):
+            chain[above.place] = 1
+        rows += [tuple(int(x) for x in row) for row in (alone, chain)]
+    return list(dict.fromkeys(rows))
+
+
+def _parallel_above(model: mujoco.MjModel, view: JointView, hinges: dict[str, JointView]) -> list[JointView]:
+    found, axis = [], model.joint(view.name).axis
+    body = int(model.body_parentid[model.joint(view.name).bodyid[0]])
+    while body:
+        for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+            above = hinges.get(model.joint(joint).name)
+            if above and np.allclose(model.jnt_axis[joint], axis):
+                found.append(above)
+        body = int(model.body_parentid[body])
+    return found
+
+
+def _segments(model: mujoco.MjModel, views: list[JointView], planar: tuple[str, ...]) -> tuple[Segment, ...]:
+    """Return how the state changes, in order; empty if it is plain all through."""
+    if not planar and all(view.kind in ("hinge", "slide") for view in views):
+        return ()
+    parts = [segment for view in views for segment in _place_segments(view, planar)]
+    parts += [segment for view in views for segment in _rate_segments(view, planar)]
+    return tuple(_merged([*parts, Segment("plain", model.na)]))
+
+
+def _place_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+    if view.kind == "free":
+        return [Segment("position", 3, view.rate), Segment("quaternion", 4, view.rate + 3)]
+    if view.kind == "ball":
+        return [Segment("quaternion", 4, view.rate)]
+    if view.name in planar:
+        kinds = {0: [Segment("planar position", 2, view.rate)], 1: [], 2: [Segment("heading", 1, view.rate)]}
+        return kinds[planar.index(view.name)]
+    return [Segment("plain", 1)]
+
+
+def _rate_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+    if view.kind == "free":
+        return [Segment("velocity", 3), Segment("plain", 3)]
+    if view.kind == "ball":
+        return [Segment("plain", 3)]
+    if view.name in planar:
+        return {0: [Segment("planar velocity", 2)], 1: [], 2: [Segment("plain", 1)]}[planar.index(view.name)]
+    return [Segment("plain", 1)]
+
+
+def _merged(parts: list[Segment]) -> list[Segment]:
+    """Return `parts` with neighbouring plain segments joined: fewer pieces, fewer copies at every step."""
+    joined: list[Segment] = []
+    for part in parts:
+        if joined and part.kind == joined[-1].kind == "plain":
+            joined[-1] = Segment("plain", joined[-1].size + part.size)
+        elif part.size:
+            joined.append(part)
+    return joined

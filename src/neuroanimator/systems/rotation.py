@@ -1,0 +1,111 @@
+"""Unit quaternions wxyz, written once for NumPy and JAX arrays alike (the array API standard).
+
+All functions take any leading axes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+Numbers = Any
+"""A NumPy or JAX array."""
+
+
+def rotation_rows(quaternion: Numbers) -> tuple[tuple[Numbers, ...], ...]:
+    """Return the nine entries of the rotation matrix of a unit quaternion (..., 4), row by row."""
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def rotation_matrices(quaternions: Numbers) -> Numbers:
+    """Return the matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    xp = quaternions.__array_namespace__()
+    return xp.stack([xp.stack(row, axis=-1) for row in rotation_rows(quaternions)], axis=-2)
+
+
+def rotate(quaternion: Numbers, vector: Numbers) -> Numbers:
+    """Return R·vector (..., 3): from the body's frame to the world's."""
+    xp = vector.__array_namespace__()
+    rows = rotation_rows(quaternion)
+    return xp.stack([sum(row[i] * vector[..., i] for i in range(3)) for row in rows], axis=-1)
+
+
+def rotate_back(quaternion: Numbers, vector: Numbers) -> Numbers:
+    """Return Rᵀ·vector (..., 3): from the world's frame to the body's."""
+    xp = vector.__array_namespace__()
+    rows = rotation_rows(quaternion)
+    return xp.stack([sum(rows[j][i] * vector[..., j] for j in range(3)) for i in range(3)], axis=-1)
+
+
+def upward(quaternion: Numbers) -> Numbers:
+    """Return the world's Z axis seen from the body (..., 3): where 'up' is, whatever the heading."""
+    return quaternion.__array_namespace__().stack(rotation_rows(quaternion)[2], axis=-1)
+
+
+def multiply(left: Numbers, right: Numbers) -> Numbers:
+    """Return the quaternion product (..., 4): `right` is turned first."""
+    a, b, c, d = (left[..., i] for i in range(4))
+    w, x, y, z = (right[..., i] for i in range(4))
+    parts = [
+        a * w - b * x - c * y - d * z,
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    ]
+    return left.__array_namespace__().stack(parts, axis=-1)
+
+
+def conjugate(quaternion: Numbers) -> Numbers:
+    """Return the inverse of a unit quaternion (..., 4)."""
+    return quaternion.__array_namespace__().concat([quaternion[..., :1], -quaternion[..., 1:]], axis=-1)
+
+
+def turned_by(quaternion: Numbers, turn: Numbers) -> Numbers:
+    """Return `quaternion` (..., 4) turned by the Rodrigues vector `turn` (..., 3), exactly of unit length.
+
+    A Rodrigues vector is 2·tan(angle/2) along the axis, in the body's frame: the small rotation
+    vector itself to second order, and no series or branch is needed.
+    """
+    xp = turn.__array_namespace__()
+    half = turn / 2
+    following = multiply(quaternion, xp.concat([xp.ones_like(half[..., :1]), half], axis=-1))
+    return following / xp.sqrt(xp.sum(following * following, axis=-1, keepdims=True))
+
+
+def turn_between(before: Numbers, after: Numbers) -> Numbers:
+    """Return the Rodrigues vector (..., 3) that turns `before` into `after`, in `before`'s frame.
+
+    Turns beyond a half revolution are taken as the shorter way round.
+    """
+    relative = multiply(conjugate(before), after)
+    xp = relative.__array_namespace__()
+    w = relative[..., :1]
+    return 2 * relative[..., 1:] / xp.where(xp.abs(w) > SMALLEST_COSINE, w, SMALLEST_COSINE)
+
+
+SMALLEST_COSINE = 1e-3
+"""Cosine of half a turn nobody makes in one super step; keeps the division finite."""
+
+
+def cross(left: Numbers, right: Numbers) -> Numbers:
+    """Return the vector product (..., 3)."""
+    a, b, c = (left[..., i] for i in range(3))
+    x, y, z = (right[..., i] for i in range(3))
+    return left.__array_namespace__().stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
+
+
+def heading_of(quaternion: Numbers) -> Numbers:
+    """Return the angle (...) between the world's X axis and the body's, seen from above [rad]."""
+    rows = rotation_rows(quaternion)
+    return quaternion.__array_namespace__().atan2(rows[1][0], rows[0][0])
+
+
+def facing(heading: Numbers) -> Numbers:
+    """Return the quaternion (..., 4) that turns by `heading` (...) [rad] about Z."""
+    xp = heading.__array_namespace__()
+    zero = xp.zeros_like(heading)
+    return xp.stack([xp.cos(heading / 2), zero, zero, xp.sin(heading / 2)], axis=-1)

@@ -1,0 +1,67 @@
+"""What an emulator may exploit of a system, because it holds exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Kind = Literal["plain", "position", "quaternion", "velocity", "planar position", "heading", "planar velocity"]
+
+STATE_SIZES: dict[str, int] = {
+    "position": 3, "quaternion": 4, "velocity": 3, "planar position": 2, "heading": 1, "planar velocity": 2,
+}  # fmt: skip
+"""State entries of each kind of segment but `plain`, which may have any number."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Consecutive state entries that change in one way.
+
+    `plain` numbers are added to. `position` and `velocity` are the root's, in the world; they change
+    along the root's own axes. A `quaternion` is turned, in its own frame; the first one of a state with
+    a `position` is the root's. `planar position`, `heading` and `planar velocity` are the same for a
+    root that moves in a plane.
+    """
+
+    kind: Kind
+    size: int
+    rate: int = -1
+    """State entry where its rate of change begins; -1 if none is known or used."""
+
+    @property
+    def change_size(self) -> int:
+        """Numbers that describe a change: a quaternion's four need three."""
+        return 3 if self.kind == "quaternion" else self.size
+
+
+@dataclass(frozen=True)
+class Structure:
+    """How a state may be looked at and changed.
+
+    `angles`: integer combinations of the state whose sine and cosine are all that matters of them.
+    `rates`: (i, j) where state entry j is the time derivative of entry i.
+    `plain`: state entries the network sees as they are.
+    `segments`: how the state changes, in order; empty for a state that is plain all through.
+    `probes`: points of the root's body [m] whose height over the ground matters, such as feet.
+    `is_odd`: negating state and control negates the motion (mirror symmetry).
+    """
+
+    angles: tuple[tuple[int, ...], ...]
+    rates: tuple[tuple[int, int], ...]
+    plain: tuple[int, ...]
+    is_odd: bool = False
+    segments: tuple[Segment, ...] = ()
+    probes: tuple[tuple[float, float, float], ...] = ()
+
+    def to_json(self) -> list[list[Any]]:
+        """Return the segments as plain lists."""
+        return [[segment.kind, segment.size, segment.rate] for segment in self.segments]
+
+
+def segments_from_json(rows: list[list[Any]]) -> tuple[Segment, ...]:
+    """Return the segments `Structure.to_json` wrote; ValueError if they cannot be."""
+    segments = tuple(Segment(kind, int(size), int(rate)) for kind, size, rate in rows)
+    for segment in segments:
+        if segment.kind != "plain" and STATE_SIZES.get(segment.kind) != segment.size:
+            raise ValueError(f"segment '{str(segment.kind)[:40]}' of {segment.size} entries is not known")
+    return segments

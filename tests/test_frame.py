@@ -1,0 +1,171 @@
+"""The body's own frame: place and heading change nothing, quaternions stay of unit length."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from neuroanimator import Emulator, dataset_config, load_system, training_config
+from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.data.sampling import sample_starts
+from neuroanimator.emulator.frame import Frame
+from neuroanimator.systems.rotation import (
+    facing,
+    heading_of,
+    multiply,
+    rotate,
+    rotate_back,
+    rotation_matrices,
+    turn_between,
+    turned_by,
+)
+from neuroanimator.systems.structure import Segment
+from neuroanimator.systems.system import System
+from neuroanimator.training.build import build_emulator
+
+PLANAR = (
+    Segment("planar position", 2, 4),
+    Segment("heading", 1, 6),
+    Segment("plain", 1),
+    Segment("planar velocity", 2),
+    Segment("plain", 2),
+)
+
+
+@pytest.fixture(scope="module", params=["truck", "lander"])
+def fresh(request: pytest.FixtureRequest) -> Emulator:
+    data = simulate_transitions(dataset_config(system=request.param, count=600))
+    return build_emulator(data, training_config(widths=(24, 16)))
+
+
+def quaternions(rng: np.random.Generator, count: int) -> np.ndarray:
+    found = rng.normal(size=(count, 4))
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+def random_states(system: System, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    states = sample_starts(system, rng, count)
+    states[:, :2] = rng.uniform(-5, 5, (count, 2))
+    return states, system.bounds.middle + rng.uniform(-1, 1, (count, system.control.size)) * system.bounds.half
+
+
+def moved(system: System, states: np.ndarray, heading: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Return the same states in a world turned about the vertical and shifted."""
+    turned = np.array(states, float)
+    speed = system.state.index("root.velocity")
+    turned[:, :3] = rotate(heading, turned[:, :3]) + shift
+    turned[:, 3:7] = multiply(heading, turned[:, 3:7])
+    turned[:, speed] = rotate(heading, turned[:, speed])
+    return turned
+
+
+def test_turning_and_moving_the_world_changes_a_prediction_by_less_than_1e_5(fresh: Emulator):
+    system, rng = load_system(fresh.identity.system), np.random.default_rng(1)
+    states, controls = random_states(system, 200)
+    heading = facing(rng.uniform(-np.pi, np.pi, 200))
+    shift = np.concatenate([rng.uniform(-10, 10, (200, 2)), np.zeros((200, 1))], axis=1)
+    step = jax.vmap(fresh.step)
+    kind = jnp.float32
+    here = moved(system, np.asarray(step(jnp.asarray(states, kind), jnp.asarray(controls, kind))), heading, shift)
+    there = step(jnp.asarray(moved(system, states, heading, shift), kind), jnp.asarray(controls, kind))
+    assert np.abs(np.asarray(there) - here).max() < 1e-5
+    assert np.abs(here - moved(system, states, heading, shift)).max() > 1e-2  # something did happen
+
+
+def test_gravity_is_not_turned_away(fresh: Emulator):
+    """Tipping the world over is no symmetry: the prediction must change."""
+    system = load_system(fresh.identity.system)
+    states, controls = random_states(system, 50)
+    tipped = np.array(states)
+    tipped[:, 3:7] = multiply(np.broadcast_to([np.sqrt(0.5), np.sqrt(0.5), 0, 0], (50, 4)), states[:, 3:7])
+    local = [fresh.plain_of(jnp.asarray(s, jnp.float32), jnp.asarray(controls, jnp.float32)) for s in (states, tipped)]
+    assert np.abs(local[0] - local[1]).max() > 0.5
+
+
+def test_quaternions_stay_of_unit_length(fresh: Emulator):
+    system = load_system(fresh.identity.system)
+    states, _ = random_states(system, 20)
+    controls = system.bounds.middle + np.zeros((20, 200, system.control.size))
+    path = np.asarray(fresh.rollout(states, controls))
+    np.testing.assert_allclose(np.linalg.norm(path[..., 3:7], axis=-1), 1, atol=3e-7)
+
+
+@pytest.mark.parametrize("name", ["truck", "lander", "pendulum"])
+def test_applying_the_remainder_leads_from_state_to_state(name: str):
+    system = load_system(name)
+    frame = Frame(system.structure.segments, system.structure.probes, 0.1)
+    rng = np.random.default_rng(2)
+    before, after = system.sample_starts(rng, 50), system.sample_starts(rng, 50)
+    found = frame.apply(before, frame.remainder(before, after))
+    assert np.abs(frame.difference(after, found)).max() < 1e-9
+    assert np.abs(frame.difference(before, before)).max() < 1e-12
+
+
+def test_a_planar_root_is_the_same_wherever_it_heads():
+    frame, rng = Frame(PLANAR, (), 0.1), np.random.default_rng(3)
+    before, after, turn = rng.normal(size=(30, 8)), rng.normal(size=(30, 8)), rng.uniform(-3, 3, 30)
+
+    def turned(states: np.ndarray) -> np.ndarray:
+        states = np.array(states)
+        cosine, sine = np.cos(turn), np.sin(turn)
+        for x in (0, 4):
+            states[:, x], states[:, x + 1] = (
+                cosine * states[:, x] - sine * states[:, x + 1],
+                sine * states[:, x] + cosine * states[:, x + 1],
+            )
+        states[:, 2] += turn
+        return states
+
+    np.testing.assert_allclose(
+        frame.remainder(turned(before), turned(after)), frame.remainder(before, after), atol=1e-9
+    )
+    np.testing.assert_allclose(frame.local(turned(before)), frame.local(before), atol=1e-9)
+    np.testing.assert_allclose(frame.apply(before, frame.remainder(before, after)), after, atol=1e-9)
+
+
+def test_rotations_are_mujocos():
+    rng = np.random.default_rng(4)
+    left, right, vectors = quaternions(rng, 20), quaternions(rng, 20), rng.normal(size=(20, 3))
+    for a, b, vector in zip(left, right, vectors, strict=True):
+        product, turned, matrix = np.empty(4), np.empty(3), np.empty(9)
+        mujoco.mju_mulQuat(product, a, b)
+        mujoco.mju_rotVecQuat(turned, vector, a)
+        mujoco.mju_quat2Mat(matrix, a)
+        np.testing.assert_allclose(multiply(a, b), product, atol=1e-12)
+        np.testing.assert_allclose(rotate(a, vector), turned, atol=1e-12)
+        np.testing.assert_allclose(rotate_back(a, turned), vector, atol=1e-12)
+        np.testing.assert_allclose(rotation_matrices(a).ravel(), matrix, atol=1e-12)
+
+
+def test_turns_are_undone_and_small_ones_are_rotation_vectors():
+    rng = np.random.default_rng(5)
+    start, turn = quaternions(rng, 50), rng.normal(size=(50, 3))
+    np.testing.assert_allclose(turn_between(start, turned_by(start, turn)), turn, atol=1e-9)
+    small = 1e-4 * turn
+    for quaternion, vector in zip(start, small, strict=True):
+        integrated = quaternion.copy()
+        mujoco.mju_quatIntegrate(integrated, vector, 1.0)
+        np.testing.assert_allclose(turned_by(quaternion, vector), integrated, atol=1e-11)
+    heading = rng.uniform(-3, 3, 50)
+    np.testing.assert_allclose(heading_of(facing(heading)), heading, atol=1e-12)
+
+
+def test_the_gradient_through_the_frame_equals_finite_differences(fresh: Emulator):
+    system = load_system(fresh.identity.system)
+    states, controls = random_states(system, 1)
+    with jax.enable_x64(True):
+        exact = jax.tree.map(lambda leaf: leaf.astype(jnp.float64) if hasattr(leaf, "astype") else leaf, fresh)
+        start, scale = jnp.asarray(states[0]), jnp.asarray(system.bounds.half)
+
+        def cost(share):
+            return jnp.sum(exact.step(start, share * scale)[:7] ** 2)
+
+        point = jnp.asarray(controls[0]) / scale * 0.5
+        gradient, step = jax.grad(cost)(point), 1e-6
+        for i in range(len(point)):
+            numeric = (cost(point.at[i].add(step)) - cost(point.at[i].add(-step))) / (2 * step)
+            np.testing.assert_allclose(gradient[i], numeric, rtol=1e-4, atol=1e-9)

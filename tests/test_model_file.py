@@ -1,0 +1,300 @@
+"""Models from strangers: good ones compile anywhere from memory, attacks are refused by name."""
+
+import json
+import os
+import struct
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from neuroanimator.errors import BadFileError
+from neuroanimator.systems.model_file import ModelFiles, compile_model, read_model_files
+
+BODY = '<worldbody><body name="b"><joint name="j"/><geom size="1"/></body></worldbody>'
+INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+
+
+def stl(size: float) -> bytes:
+    """Return a tetrahedron with three edges of `size` metres along the axes."""
+    corners = [(0, 0, 0), (size, 0, 0), (0, size, 0), (0, 0, size)]
+    faces = [struct.pack("<12fH", 0, 0, 0, *(x for corner in face for x in corners[corner]), 0) for face in FACES]
+    return bytes(80) + struct.pack("<I", len(faces)) + b"".join(faces)
+
+
+def write(folder: Path, files: dict[str, str | bytes]) -> Path:
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return folder / next(iter(files))
+
+
+def mujoco_xml(inside: str = "", body: str = BODY) -> str:
+    return f"<mujoco>{inside}{body}</mujoco>"
+
+
+def urdf(mesh: str, visual: str = "") -> str:
+    limit = '<axis xyz="0 1 0"/><limit lower="-1" upper="1"/>'
+    shape = f'<collision><geometry><mesh filename="{mesh}"/></geometry></collision>'
+    return (
+        f'<robot name="r"><link name="a">{INERTIA}</link><link name="b">{INERTIA}{visual}{shape}</link>'
+        f'<joint name="j" type="revolute"><parent link="a"/><child link="b"/>{limit}</joint>'
+        '<gazebo><plugin filename="libx.so"/></gazebo></robot>'
+    )
+
+
+def refusal(main: Path) -> str:
+    with pytest.raises(BadFileError) as caught:
+        compile_model(read_model_files(main))
+    message = str(caught.value)
+    assert caught.value.exit_code == 3
+    assert "\n" not in message
+    return message
+
+
+def good_model(folder: Path) -> Path:
+    arm = '<mujocoinclude><body name="arm"><joint/><geom type="mesh" mesh="tip"/></body></mujocoinclude>'
+    assets = (
+        '<mujocoinclude><asset><mesh file="tip.STL" /><mesh name="two" file="other/tip.STL"/></asset></mujocoinclude>'
+    )
+    inside = '<compiler meshdir="meshes"/><include file="parts/assets.xml"/>'
+    return write(
+        folder,
+        {
+            "robot.xml": mujoco_xml(inside, '<worldbody><include file="parts/arm.xml"/></worldbody>'),
+            "parts/assets.xml": assets,
+            "parts/arm.xml": arm,
+            "meshes/tip.STL": stl(2),
+            "meshes/other/tip.STL": stl(1),
+        },
+    )
+
+
+def test_a_model_survives_json_and_compiles_without_its_folder(tmp_path, monkeypatch):
+    files = read_model_files(good_model(tmp_path / "model"))
+    again = ModelFiles.from_json(json.loads(json.dumps(files.to_json())))
+    assert (again, hash(again)) == (files, hash(files))
+    elsewhere = tmp_path / "elsewhere"
+    write(elsewhere, dict.fromkeys(("tip.STL", "meshes/tip.STL"), b"not a mesh"))
+    (tmp_path / "model").rename(tmp_path / "gone")
+    monkeypatch.chdir(elsewhere)
+    model = compile_model(again)
+    assert model.body("arm").mass[0] == pytest.approx(1000 * 2**3 / 6)
+
+
+def test_the_files_are_sorted_and_no_others_are_taken(tmp_path):
+    write(tmp_path, {"secret.txt": "secret"})
+    names = [name for name, _ in read_model_files(good_model(tmp_path)).files]
+    assert names == ["meshes/other/tip.STL", "meshes/tip.STL", "parts/arm.xml", "parts/assets.xml", "robot.xml"]
+
+
+def test_two_models_whose_meshes_share_a_name_do_not_share_the_mesh(tmp_path):
+    mesh = '<asset><mesh file="a.stl"/></asset>'
+    body = '<worldbody><body><joint/><geom type="mesh" mesh="a"/></body></worldbody>'
+    masses = [
+        compile_model(
+            read_model_files(write(tmp_path / str(size), {"m.xml": mujoco_xml(mesh, body), "a.stl": stl(size)}))
+        ).body_mass[1]
+        for size in (1, 2)
+    ]
+    assert masses[1] == pytest.approx(8 * masses[0])
+
+
+@pytest.mark.parametrize("mesh", ["meshes/a.stl", "package://robot/meshes/a.stl", "package://robot/elsewhere/b.stl"])
+def test_a_urdf_compiles(tmp_path, mesh):
+    visual = '<visual><geometry><mesh filename="package://robot/missing.dae"/></geometry></visual>'
+    main = write(tmp_path, {"r.urdf": urdf(mesh, visual), "meshes/a.stl": stl(1), "b.stl": stl(1)})
+    model = compile_model(read_model_files(main))
+    assert model.joint("j").range.tolist() == [-1, 1]
+
+
+def test_a_nan_state_is_not_reset_silently(tmp_path):
+    model = compile_model(read_model_files(write(tmp_path, {"m.xml": mujoco_xml()})))
+    assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+
+def test_compiling_leaves_no_log_and_logs_again_afterwards(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    unset_mass = BODY.replace("<geom", '<geom mass="nan"')  # MuJoCo warns of it, and takes the density instead
+    main = write(tmp_path, {"m.xml": mujoco_xml(body=unset_mass)})
+    assert np.isfinite(compile_model(read_model_files(main)).body_mass).all()
+    assert os.listdir(tmp_path) == ["m.xml"]
+    assert mujoco.MjLogConfig.get().logto_file
+
+
+OUTSIDE = ["../secret.xml", "a/../../secret.xml", "/etc/passwd", "C:/a.xml", "C:\\a.xml", "..\\a.xml", "http://a/b.xml"]
+
+
+@pytest.mark.parametrize("path", [*OUTSIDE, "file:///etc/passwd", "package://a/b.xml"])
+def test_an_include_outside_the_folder_is_refused(tmp_path, path):
+    write(tmp_path, {"secret.xml": mujoco_xml()})
+    main = write(tmp_path / "model", {"robot.xml": mujoco_xml(f'<include file="{path}"/>')})
+    message = refusal(main)
+    assert message.startswith(f"robot.xml: include file={path!r}: leaves the model's folder")
+    assert "Put the file beside the model" in message
+
+
+ASSETS = [
+    '<asset><mesh file="{}"/></asset>',
+    '<asset><texture type="2d" file="{}"/></asset>',
+    '<asset><texture fileleft="{}"/></asset>',
+    '<asset><hfield file="{}" size="1 1 1 1"/></asset>',
+    '<asset><skin file="{}"/></asset>',
+]
+
+
+@pytest.mark.parametrize("path", OUTSIDE)
+@pytest.mark.parametrize("asset", ASSETS)
+def test_an_asset_outside_the_folder_is_refused(tmp_path, asset, path):
+    write(tmp_path, {"secret.xml": b"secret"})
+    assert "leaves the model's folder" in refusal(write(tmp_path / "m", {"m.xml": mujoco_xml(asset.format(path))}))
+
+
+@pytest.mark.parametrize("folder", ["..", "/etc", "a/../.."])
+@pytest.mark.parametrize("setting", ["meshdir", "assetdir"])
+def test_an_asset_folder_outside_is_refused(tmp_path, folder, setting):
+    inside = f'<compiler {setting}="{folder}"/><asset><mesh file="a.stl"/></asset>'
+    write(tmp_path, {"a.stl": stl(1)})
+    assert repr(folder) in refusal(write(tmp_path / "m", {"m.xml": mujoco_xml(inside)}))
+
+
+@pytest.mark.parametrize("path", ["../a.stl", "package://r/../../a.stl", "package://r//etc/passwd", "http://h/a.stl"])
+def test_a_urdf_mesh_outside_the_folder_is_refused(tmp_path, path):
+    write(tmp_path, {"a.stl": stl(1)})
+    message = refusal(write(tmp_path / "m", {"r.urdf": urdf(path)}))
+    assert f"r.urdf: mesh filename={path!r}: leaves the model's folder" in message
+
+
+@pytest.mark.parametrize("link", ["file", "folder", "main"])
+def test_a_link_out_of_the_folder_is_refused(tmp_path, link):
+    outside = write(tmp_path / "outside", {"a.xml": mujoco_xml()}).parent
+    main = write(tmp_path / "m", {"m.xml": mujoco_xml(f'<include file="{"sub/" if link == "folder" else ""}a.xml"/>')})
+    if link == "main":
+        main.unlink()
+    {"file": main.parent / "a.xml", "folder": main.parent / "sub", "main": main}[link].symlink_to(
+        outside if link == "folder" else outside / "a.xml"
+    )
+    assert "a link that leaves the model's folder" in refusal(main)
+
+
+def test_missing_files_are_named(tmp_path):
+    assert "m.xml: no such file" in refusal(tmp_path / "m.xml")
+    main = write(tmp_path, {"m.xml": mujoco_xml('<asset><mesh name="x" file="a.stl"/></asset>')})
+    assert "mesh 'x' file='a.stl': no such file" in refusal(main)
+
+
+def test_circles_repeats_and_chains_of_includes_are_refused(tmp_path):
+    me = '<mujoco><include file="{}"/></mujoco>'
+    assert "b.xml: include file='a.xml': included twice" in refusal(
+        write(tmp_path, {"a.xml": me.format("b.xml"), "b.xml": me.format("a.xml")})
+    )
+    chain = {f"{index}.xml": me.format(f"{index + 1}.xml") for index in range(20)}
+    assert "over 16 deep" in refusal(write(tmp_path / "chain", {**chain, "20.xml": mujoco_xml()}))
+
+
+@pytest.mark.parametrize(
+    "declaration",
+    [
+        "<!DOCTYPE mujoco>",
+        '<!DOCTYPE m [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>',
+        '<!DOCTYPE m [<!ENTITY a SYSTEM "file:///etc/passwd">]>',
+        '<!DOCTYPE m SYSTEM "http://localhost/a.dtd">',
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_document_types_and_entities_are_refused(tmp_path, declaration, encoding):
+    main = write(tmp_path, {"m.xml": (declaration + mujoco_xml()).encode(encoding)})
+    assert "m.xml: DOCTYPE 'm" in refusal(main)
+
+
+@pytest.mark.parametrize("content", [b"", b"\0\1\2", b"<mujoco>", b"{}", b'<?xml version="1.0" encoding="no"?><a/>'])
+def test_what_is_not_xml_is_refused(tmp_path, content):
+    assert "m.xml: not XML" in refusal(write(tmp_path, {"m.xml": content}))
+
+
+def test_too_much_is_refused(tmp_path):
+    mesh = '<mesh file="{}.stl"/>'.format
+    many = {f"{index}.stl": b"x" for index in range(201)}
+    asset = f"<asset>{''.join(map(mesh, range(201)))}</asset>"
+    assert "more than 200 files" in refusal(write(tmp_path, {"m.xml": mujoco_xml(asset), **many}))
+    large = {f"{index}.stl": bytes(2 * 2**20) for index in range(2)}
+    assert "4,194,304 bytes" in refusal(write(tmp_path, {"m.xml": mujoco_xml(asset), **large}))
+    assert "m.xml: larger than 2,097,152 bytes" in refusal(write(tmp_path, {"m.xml": bytes(2**21 + 1)}))
+    assert "100 elements deep" in refusal(write(tmp_path, {"m.xml": "<a>" * 10_000 + "</a>" * 10_000}))
+
+
+BOMB = '<body><joint/><geom size="1"/></body>'
+for _ in range(6):
+    BOMB = f'<replicate count="10" offset="1 0 0">{BOMB}</replicate>'
+SITES = '<worldbody><replicate count="1000000"><site/></replicate></worldbody>'
+SKY = '<asset><texture type="2d" name="sky" builtin="flat" width="99999" height="99999"/></asset>'
+PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 60000, 60000)
+REFUSALS = {
+    "replicate count='10': more than 10,000 elements, counting copies": f"<worldbody>{BOMB}</worldbody>",
+    "replicate count='1000000': more than 10,000": SITES,
+    "body 'many': at least 601 bodies": '<worldbody><replicate count="600"><body name="many"/></replicate></worldbody>',
+    "replicate count='x': wanted a whole number": '<worldbody><replicate count="x"/></worldbody>',
+    "composite: soft bodies": '<worldbody><body><composite type="cable" count="999 1 1"/></body></worldbody>',
+    "flexcomp 'f': soft bodies": '<worldbody><flexcomp name="f" count="99 99 99"/></worldbody>',
+    "flex: soft bodies": '<deformable><flex body="b"/></deformable>',
+    "plugin: plugins run": '<extension><plugin plugin="mujoco.elasticity.cable"/></extension>',
+    "model: models inside": '<asset><model file="m.xml"/></asset>',
+    "lengthrange: it lets": '<compiler><lengthrange timestep="1e-9"/></compiler>',
+    "texture 'sky': over": SKY,
+    "texture 'bomb': over": '<asset><texture type="2d" file="bomb.png"/></asset>',
+    "actuator: 501 with copies": "<actuator>" + '<muscle joint="j"/>' * 501 + "</actuator>",
+    "size nuserdata='1000000000': at most": '<size nuserdata="1000000000"/>',
+    "option timestep=-1: wanted": '<option timestep="-1"/>',
+    "option timestep=0: wanted": '<option timestep="0"/>',
+    "option timestep=0.2: wanted": '<option timestep="0.2"/>',
+    "option timestep=nan: wanted": '<option timestep="nan"/>',
+    "option timestep=inf: wanted": '<option timestep="inf"/>',
+    "option iterations='1000000000': at most": '<option iterations="1000000000" tolerance="0"/>',
+    "size nkey='1e9': wanted a whole number": '<size nkey="1e9"/>',
+    "mesh 'm' builtin='cone': it may have": '<asset><mesh name="m" builtin="cone" params="100000000 1"/></asset>',
+    "rangefinder camera='c': it may": '<sensor><rangefinder camera="c"/></sensor>',
+    "gravity: not finite": '<option gravity="0 0 nan"/>',
+    "wind: not finite": '<option wind="-Infinity 0 0"/>',
+    "body_inertia: not finite": '<worldbody><body><joint/><geom size="1" mass="inf"/></body></worldbody>',
+    "range: not finite": '<worldbody><body><joint range="nan 1"/><geom size="1"/></body></worldbody>',
+    "meanmass: not finite": '<statistic meanmass="inf"/>',
+    "working memory (narena=1,": '<size memory="1G"/>',
+    "degrees of freedom (nv=207)": "<worldbody>" + '<body><freejoint/><geom size=".1"/></body>' * 34 + "</worldbody>",
+}
+
+
+@pytest.mark.parametrize("fault", REFUSALS)
+def test_what_cannot_be_simulated_is_refused_by_name(tmp_path, fault):
+    unnamed = BODY.replace(' name="b"', "").replace(' name="j"', "")
+    body = unnamed.replace("<joint/>", '<joint type="slide" axis="1 0 0"/><joint axis="0 1 0"/><joint axis="1 0 0"/>')
+    main = write(tmp_path, {"m.xml": mujoco_xml(REFUSALS[fault], body), "bomb.png": PNG})
+    assert fault in refusal(main)
+
+
+def test_a_file_counts_each_time_it_is_used(tmp_path):
+    meshes = "".join(f'<mesh name="{index}" file="a.stl"/>' for index in range(40))
+    main = write(tmp_path, {"m.xml": mujoco_xml(f"<asset>{meshes}</asset>"), "a.stl": bytes(2 * 2**20)})
+    assert "pixels or cells" in refusal(main)
+
+
+def test_a_model_without_joints_is_refused(tmp_path):
+    assert "no joints" in refusal(write(tmp_path, {"m.xml": "<mujoco><worldbody/></mujoco>"}))
+
+
+def test_what_mujoco_refuses_is_one_line(tmp_path):
+    main = write(tmp_path, {"m.xml": mujoco_xml("<foo/>")})
+    assert refusal(main).startswith("m.xml: XML Error: Schema violation: unrecognized element Element 'foo'")
+
+
+@pytest.mark.parametrize("value", [None, [], {}, {"main": "m.xml", "files": {"m.xml": 1}}, {"main": 1, "files": {}}])
+def test_json_of_another_kind_is_refused(value):
+    with pytest.raises(BadFileError, match="read_model_files"):
+        ModelFiles.from_json(value)
+
+
+@pytest.mark.parametrize("files", [(), (("m.xml", "%"),), (("m.xml", "PA=="),)])
+def test_damaged_files_are_refused_when_compiled(files):
+    with pytest.raises(BadFileError, match="m.xml"):
+        compile_model(ModelFiles("m.xml", files))
