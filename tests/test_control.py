@@ -19,6 +19,7 @@ from neuroanimator.control.descend import METHODS, Problem
 from neuroanimator.control.refine import transitions_near
 from neuroanimator.control.synthesise import synthesise_goal
 from neuroanimator.data.transitions import Transitions
+from neuroanimator.systems.layout import Bounds
 
 REST = np.zeros(6)
 
@@ -47,9 +48,9 @@ def test_a_descent_repeats_to_the_same_bytes(shipped: Emulator):
 
 
 def test_tighter_limits_are_kept(shipped: Emulator):
-    limit = np.array([10.0, 5.0, 1.5])
-    found = descend(shipped, stand_upright(), REST, steps=30, iterations=10, limit=limit)
-    assert (np.abs(found.controls) <= limit).all()
+    bounds = Bounds((-10.0, 0.0, -1.5), (10.0, 5.0, 1.5))
+    found = descend(shipped, stand_upright(), REST, steps=30, iterations=10, bounds=bounds)
+    np.testing.assert_allclose(bounds.clip(found.controls), found.controls, atol=1e-6)
 
 
 def test_the_jacobian_and_the_gradient_agree(shipped: Emulator):
@@ -100,7 +101,7 @@ def test_refining_adds_physics_near_the_motion(shipped: Emulator, transitions: T
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"goal": "dance"}, "No goal called 'dance'. Goals: upright"),
+        ({"goal": "dance"}, "No goal called 'dance' for the system pendulum. Goals: upright"),
         ({"seconds": 0.0}, "seconds"),
         ({"seconds": float("nan")}, "seconds"),
         ({"effort_weight": -1.0}, "effort_weight"),

@@ -16,6 +16,7 @@ from neuroanimator import NeuroAnimatorError, dataset_config, generate, load_sys
 from neuroanimator.data.generate import make_shard, sample_picks
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.data.transitions import LARGEST_GAP, LONGEST_UNROLL, RUN_STEPS
+from neuroanimator.systems.layout import Bounds
 
 
 def fingerprint(folder: Path) -> dict[str, str]:
@@ -41,11 +42,12 @@ def test_killed_and_started_again_it_ends_with_the_same_bytes(dataset: Path, tmp
     assert not list(tmp_path.glob("*.tmp-*"))
 
 
-def test_picks_lie_one_to_five_super_steps_apart_and_leave_room_to_unroll():
+@pytest.mark.parametrize(("count", "largest"), [(12, LARGEST_GAP), (18, 3), (24, 2), (36, 1)])
+def test_picks_lie_one_to_five_super_steps_apart_and_leave_room_to_unroll(count: int, largest: int):
     rng = np.random.default_rng(0)
-    picks = np.stack([sample_picks(rng) for _ in range(500)])
+    picks = np.stack([sample_picks(rng, count) for _ in range(500)])
     gaps = np.diff(picks, axis=1)
-    assert set(np.unique(gaps)) == set(range(1, LARGEST_GAP + 1))
+    assert set(np.unique(gaps)) == set(range(1, largest + 1))
     assert picks.min() >= 0
     assert picks.max() + LONGEST_UNROLL <= RUN_STEPS
 
@@ -57,11 +59,11 @@ def test_a_window_is_what_the_physics_does(transitions):
 
 
 def test_controls_are_bounded_and_never_idle():
-    limit, rng = np.array([30.0, 14.0, 4.0]), np.random.default_rng(0)
+    bounds, rng = Bounds((-30.0, 0.0, -4.0), (30.0, 14.0, 2.0)), np.random.default_rng(0)
     for _ in range(300):
-        controls = sample_controls(rng, 40, 0.05, limit)
-        assert (np.abs(controls) <= limit).all()
-        assert (np.abs(controls / limit).max(axis=0) > 1e-3).all()
+        controls = sample_controls(rng, 40, 0.05, bounds)
+        assert (bounds.clip(controls) == controls).all()
+        assert (np.abs((controls - bounds.middle) / bounds.half).max(axis=0) > 1e-3).all()
 
 
 def test_a_run_that_blows_up_is_dropped_and_counted():

@@ -174,7 +174,7 @@ def _tampered(change) -> bytes:
         lambda m: m.update(rest=[0.0]),
         lambda m: m["frame"].update(segments=[["plain", 5, -1]]),
         lambda m: m["frame"].update(segments=[["wormhole", 6, -1]]),
-        lambda m: m["frame"].update(probes=[[0, 0, 0]]),
+        lambda m: m["frame"].update(probes=[[0, 0, 0, 1]]),
     ],
 )
 def test_f08_a_file_that_lies_about_itself_is_refused(change, tmp_path: Path):

@@ -17,6 +17,7 @@ from neuroanimator.evaluation.accuracy import (
     one_step_error,
     scheme_error,
 )
+from neuroanimator.evaluation.evaluate import Effort
 from neuroanimator.evaluation.speed import OPPONENT_INTEGRATORS
 from neuroanimator.systems.system import Scheme
 
@@ -52,7 +53,7 @@ def test_a_broken_emulator_is_found_to_blow_up(shipped: Emulator):
 def test_an_evaluation_is_complete_and_its_report_stands_alone(
     shipped: Emulator, transitions: Transitions, tmp_path: Path
 ):
-    found = evaluate(shipped, data=transitions, starts=10, steps=50, runs=8)
+    found = evaluate(shipped, data=transitions, effort=Effort(runs=8, starts=10, steps=50))
     row = found.row()
     assert row["nominal_speedup"] > 20
     assert found.speed.rival.error <= found.one_step_error

@@ -10,7 +10,10 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import write_whole
 from neuroanimator.propose import Proposal, propose
 from neuroanimator.systems import SYSTEMS
+from neuroanimator.systems.definition import Definition
 from neuroanimator.systems.mujoco_structure import LOOKS
+from neuroanimator.systems.python_proposal import propose_function
+from neuroanimator.systems.recorded_proposal import propose_recording
 
 TITLES = {
     "physics": "How the physics is stepped. Speed-ups are measured against step and integrator.\n"
@@ -18,7 +21,7 @@ TITLES = {
     "state": "How the network sees each joint.\n"
     f"# hinge: {', '.join(LOOKS['hinge'][:3])}; slide: {', '.join(LOOKS['slide'][:2])}; ball: ball; free: free.\n"
     "# cyclic: where it stands does not matter, how fast it moves does.",
-    "frame": "What of the root's place matters. ground: its height; probes: points of its body whose height does [m];\n"
+    "frame": "What of the root's place matters. ground: its height; probes: x, y, z, radius of feet [m];\n"
     "# planar: joints x, y, heading of a root that moves in a plane, where place and heading do not matter.",
     "control": "The least and the largest value of each actuator.",
     "sampling": "Random starts of training runs, around the state of rest (keyframe 'home', if the model has one).\n"
@@ -27,6 +30,19 @@ TITLES = {
     "sampling.speed": "Standard deviation [rad/s or m/s], as seen in trial runs.",
 }
 """What stands above each table of the TOML file."""
+
+PART_TITLES = {
+    "physics": "The step the function is called with, or the sampling interval [s].\n"
+    "# Of a function: truth teaches; fine is the reference of every error.",
+    "state": "The state, part by part. look: plain, sine (an angle that may turn all the way round) or\n"
+    "# cyclic (where it is does not matter, how fast it moves does); rate: the part that is its rate of change.",
+    "control": "The control, part by part, with its least and largest values.",
+    "sampling": "Random starts: a share of them near rest, spread by a share of the others' spread.",
+}
+"""The same for systems without a model file."""
+
+OTHER_DOORS = {".py": propose_function, ".csv": propose_recording, ".npz": propose_recording}
+"""What is not a model: a step function, recordings."""
 
 GOAL_HINT = """
 # A goal for 'neuroanimator control': a state, or part of one, to be in at the end.
@@ -50,11 +66,18 @@ def write_definition(model: str, out: Path | None = None, *, force: bool = False
         raise ArgumentError(f"{path} exists, and may hold your edits. --force overwrites it; --out names another.")
     if path.parent.resolve() != source.parent.resolve():
         raise ArgumentError(f"{path}: the TOML file must lie beside the model, in {source.parent or '.'}.")
-    proposal = propose(source)
+    proposal = _propose(source)
     if proposal.definition.name in SYSTEMS:
         raise ArgumentError(f"'{proposal.definition.name}' is a system of the package. Rename {source.name}.")
     write_whole(path, as_toml(proposal).encode())
     return path, proposal
+
+
+def _propose(source: Path) -> Proposal:
+    if source.suffix not in OTHER_DOORS:
+        return propose(source)
+    definition, notes = OTHER_DOORS[source.suffix](source)
+    return Proposal(definition, notes, [part.name for part in definition.state])
 
 
 def _copy_from_gymnasium(name: str, folder: Path) -> Path:
@@ -71,32 +94,44 @@ def _copy_from_gymnasium(name: str, folder: Path) -> Path:
 def as_toml(proposal: Proposal) -> str:
     """Return the proposal as TOML text, each table under a comment that says what it is."""
     definition = proposal.definition
-    values = definition.model_dump(mode="json", exclude_defaults=False)
-    top = {key: values.pop(key) for key in ("name", "kind", "model", "substeps")}
-    values.pop("goals")
-    lines = [
-        f"# How NeuroAnimator sees {definition.model}. Edit what you know better; every line is checked when used."
-    ]
+    is_model = isinstance(definition, Definition)
+    values = definition.model_dump(mode="json", exclude_unset=not is_model)
+    top = {key: values.pop(key) for key in ("name", "kind", "model", "file", "batched", "substeps") if key in values}
+    values.pop("goals", None)
+    source, titles = (top["model"], TITLES) if is_model else (top["file"], PART_TITLES)
+    lines = [f"# How NeuroAnimator sees {source}. Edit what you know better; every line is checked when used."]
     lines += [_line(key, value, "") for key, value in top.items()]
     for name, table in values.items():
-        lines += _table(name, table, proposal.notes)
-    parts = ", ".join(part for part in proposal.parts)
-    return "\n".join(lines) + "\n" + GOAL_HINT + parts + "\n"
+        write: Any = _parts if isinstance(table, list) else _table
+        lines += write(name, table, proposal.notes, titles)
+    hint = GOAL_HINT + ", ".join(proposal.parts) + "\n"
+    return "\n".join(lines) + "\n" + (hint if "goals" in type(definition).model_fields else "")
 
 
-def _table(name: str, table: dict[str, Any], notes: dict[str, str]) -> list[str]:
+def _parts(name: str, parts: list[dict[str, Any]], notes: dict[str, str], titles: dict[str, str]) -> list[str]:
+    lines = [
+        "",
+        f"# {titles[name]}",
+        *(f"# {key}: {note}" for key, note in notes.items() if key.startswith(f"{name}.")),
+    ]
+    for part in parts:
+        lines += [f"[[{name}]]", *(_line(key, value, "") for key, value in part.items()), ""]
+    return lines[:-1]
+
+
+def _table(name: str, table: dict[str, Any], notes: dict[str, str], titles: dict[str, str]) -> list[str]:
     if not table:
         return []
-    lines = ["", f"# {TITLES[name]}", f"[{name}]"]
+    lines = ["", f"# {titles[name]}", f"[{name}]"]
     lines += [
         _line(key, value, notes.get(f"{name}.{key}", "")) for key, value in table.items() if not isinstance(value, dict)
     ]
     for key, value in table.items():
         if isinstance(value, dict):
-            lines += _table(f"{name}.{key}", value, notes)
+            lines += _table(f"{name}.{key}", value, notes, titles)
     return lines
 
 
 def _line(key: str, value: Any, note: str) -> str:
     name = key if key.replace("_", "").replace("-", "").isalnum() and key.isascii() else json.dumps(key)
-    return f"{name} = {json.dumps(value)}" + (f"  # {note}" if note else "")
+    return f"{name} = {json.dumps(value, ensure_ascii=False)}" + (f"  # {note}" if note else "")

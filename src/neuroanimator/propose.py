@@ -11,7 +11,7 @@ import numpy as np
 
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.systems.definition import Definition, check_definition
+from neuroanimator.systems.definition import Definition, PythonDefinition, RecordedDefinition, check_definition
 from neuroanimator.systems.model_file import compile_model, read_model_files
 from neuroanimator.systems.model_system import ModelSystem, control_range
 from neuroanimator.systems.mujoco import INTEGRATORS
@@ -38,7 +38,7 @@ WHOLE_TURN = 3.1416
 class Proposal:
     """A definition, and what is worth telling the user about it."""
 
-    definition: Definition
+    definition: Definition | PythonDefinition | RecordedDefinition
     notes: dict[str, str]
     """Per key of the TOML file, why its value was proposed."""
     parts: list[str]

@@ -23,7 +23,7 @@ def run(
     from neuroanimator.animation.clip import make_clip
     from neuroanimator.animation.motion import controlled_motion, random_motion
     from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.export.by_suffix import check_format, export_clip
+    from neuroanimator.export.by_suffix import check_bodies, check_format, export_clip
     from neuroanimator.export.table import read_table
     from neuroanimator.shipped import find_emulator
     from neuroanimator.terminal import print_rows
@@ -31,6 +31,8 @@ def run(
     for path in out:
         check_format(path)
     model = Emulator.load(find_emulator(emulator))
+    for path in out:
+        check_bodies(model.identity.skeleton, path)
     if controls:
         states = controlled_motion(model, read_table(controls, model.identity.control)[1])
     else:

@@ -20,6 +20,9 @@ def run(
     method: Annotated[str, typer.Option(help="gauss-newton, lbfgs, or momentum as in 1998.")] = "gauss-newton",
     iterations: Annotated[int, typer.Option(help="Backward sweeps allowed.")] = 20,
     effort_weight: Annotated[float, typer.Option(help="Weight of effort in J.")] = 1.0,
+    system: Annotated[
+        Path | None, typer.Option(help="Your TOML file, whose step function may then run; see 'new'.")
+    ] = None,
     data: Annotated[
         Path | None, typer.Option(help="Dataset folder to refine with; simulated anew if not given.")
     ] = None,
@@ -33,8 +36,11 @@ def run(
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.export.table import write_table
     from neuroanimator.shipped import find_emulator
+    from neuroanimator.systems.own import resolve
     from neuroanimator.terminal import print_rows
 
+    if system:
+        resolve(str(system))
     found = synthesise_goal(
         Emulator.load(find_emulator(emulator)),
         goal,

@@ -11,12 +11,28 @@ EXAMPLE = "neuroanimator evaluate pendulum-25 pendulum-50 pendulum-100 --report 
 
 
 def run(
-    emulators: Annotated[list[str], typer.Argument(help="Emulator files, or names of shipped ones.")],
+    emulators: Annotated[list[str], typer.Argument(help="Emulator files or names; a system with --sweep.")],
     data: Annotated[Path | None, typer.Option(help="Dataset folder, to compare with cheap predictors too.")] = None,
+    system: Annotated[
+        Path | None, typer.Option(help="Your TOML file, whose step function may then run; see 'new'.")
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="HTML file with plots.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
+    sweep: Annotated[bool, typer.Option("--sweep", help="Which n? Train several and compare.")] = False,
+    substeps: Annotated[str, typer.Option(help="Sweep: the n to try.")] = "25,50,100",
+    tolerance: Annotated[float, typer.Option(help="Sweep: largest error wanted, of how far a run gets.")] = 0.1,
+    seconds: Annotated[float, typer.Option(help="Sweep: after how long the error counts [s].")] = 1.0,
+    count: Annotated[int, typer.Option(help="Sweep: transitions each n is trained on.")] = 50_000,
+    updates: Annotated[int, typer.Option(help="Sweep: weight updates of each n.")] = 20_000,
+    out: Annotated[Path, typer.Option(help="Sweep: folder for data and emulators.")] = Path("out/sweep"),
 ) -> None:
-    """Measure emulators on unseen runs against fine physics, and their speed against MuJoCo."""
+    """Measure emulators on unseen runs against fine physics, and their speed against it; or choose n by --sweep."""
+    if sweep:
+        return _sweep(emulators, substeps, tolerance, seconds, count, updates, out, json)
+    return _evaluate(emulators, data, system, report, json)
+
+
+def _evaluate(emulators: list[str], data: Path | None, system: Path | None, report: Path | None, json: bool) -> None:
     from json import dumps
 
     from neuroanimator.data.transitions import read_transitions
@@ -24,8 +40,11 @@ def run(
     from neuroanimator.evaluation.evaluate import evaluate
     from neuroanimator.evaluation.report import write_report
     from neuroanimator.shipped import find_emulator
+    from neuroanimator.systems.own import resolve
     from neuroanimator.terminal import print_table, progress_bar
 
+    if system:
+        resolve(str(system))
     loaded = [Emulator.load(find_emulator(name)) for name in emulators]
     transitions = read_transitions(data) if data else None
     found = []
@@ -37,3 +56,36 @@ def run(
         write_report(found, report)
     rows = [evaluation.row() for evaluation in found]
     print(dumps(rows, indent=2)) if json else print_table([dict(row) for row in rows])
+    for note in [evaluation.note for evaluation in found if evaluation.note and not json]:
+        print(note)
+
+
+def _sweep(
+    systems: list[str], substeps: str, tolerance: float, seconds: float, count: int, updates: int, out: Path, json: bool
+) -> None:
+    from dataclasses import asdict
+    from json import dumps
+
+    from neuroanimator.cli.numbers import whole_numbers
+    from neuroanimator.errors import ArgumentError
+    from neuroanimator.sweep import largest_within, sweep
+    from neuroanimator.terminal import print_table, progress_bar
+
+    if len(systems) != 1:
+        raise ArgumentError(f"evaluate --sweep: wanted one system or TOML file, came {len(systems)}.")
+    counts, done = whole_numbers("substeps", substeps), 0
+    with progress_bar("n", len(counts)) as bar:
+
+        def on_row() -> None:
+            nonlocal done
+            done += 1
+            bar.advance_to(done)
+
+        rows = sweep(systems[0], counts, out, seconds=seconds, transitions=count, updates=updates, on_row=on_row)
+    best = largest_within(rows, tolerance)
+    if json:
+        return print(dumps([{**asdict(row), "path": str(row.path)} for row in rows], indent=2))
+    print_table([{**asdict(row), "path": str(row.path)} for row in rows])
+    verdict = f"n = {best.substeps}" if best else "none of them; train longer, or take smaller n"
+    print(f"Largest n whose error after {seconds:g} s is at most {tolerance:g}: {verdict}.")
+    return None

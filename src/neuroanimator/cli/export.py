@@ -17,7 +17,7 @@ def run(
 ) -> None:
     """Export a clip as GLB for Blender and the web, or as MP4 video."""
     from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.export.by_suffix import check_format, export_clip
+    from neuroanimator.export.by_suffix import check_bodies, check_format, export_clip
     from neuroanimator.export.table import read_clip
     from neuroanimator.shipped import find_emulator
     from neuroanimator.terminal import print_rows
@@ -25,6 +25,8 @@ def run(
     for path in out:
         check_format(path)
     model = Emulator.load(find_emulator(emulator))
+    for path in out:
+        check_bodies(model.identity.skeleton, path)
     motion = read_clip(clip, model)
     for path in out:
         export_clip(motion, model, path)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from neuroanimator.data.transitions import DatasetConfig
 
 EXAMPLE = "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0 --out data/pendulum"
 
@@ -23,13 +26,29 @@ def run(
     ] = None,
 ) -> None:
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
-    from neuroanimator.data.generate import generate
-    from neuroanimator.data.transitions import PICKS_PER_RUN, dataset_config
+    from neuroanimator.data.transitions import dataset_config
     from neuroanimator.systems.own import resolve
-    from neuroanimator.terminal import print_rows, progress_bar
+    from neuroanimator.terminal import print_rows
 
     name, definition, usual = resolve(system)
-    config = dataset_config(system=name, definition=definition, substeps=substeps or usual, count=count, seed=seed)
+    chosen = usual if substeps is None else substeps
+    config = dataset_config(system=name, definition=definition, substeps=chosen, count=count, seed=seed)
+    blow_ups = generate_with_bar(config, out, threads)
+    print_rows(
+        [
+            ("transitions", (config.runs - blow_ups) * config.picks),
+            ("runs blown up and dropped", blow_ups),
+            ("shards", config.shards),
+            ("folder", out),
+        ]
+    )
+
+
+def generate_with_bar(config: DatasetConfig, out: Path, threads: int | None = None) -> int:
+    """Fill `out` with the dataset under a progress bar; return how many runs blew up and were dropped."""
+    from neuroanimator.data.generate import generate
+    from neuroanimator.terminal import progress_bar
+
     done = 0
     with progress_bar("shards", config.shards) as bar:
 
@@ -38,13 +57,24 @@ def run(
             done += 1
             bar.advance_to(done)
 
-        blow_ups = generate(config, out, threads=threads, on_shard=on_shard)
-    kept = (config.runs - blow_ups) * PICKS_PER_RUN
-    print_rows(
-        [
-            ("transitions", kept),
-            ("runs blown up and dropped", blow_ups),
-            ("shards", config.shards),
-            ("folder", out),
-        ]
-    )
+        return generate(config, out, threads=threads, on_shard=on_shard)
+
+
+def ensure_data(reference: str, emulator: Path) -> Path:
+    """Return the dataset folder `reference` is, or one made beside `emulator` for the system or TOML file it names."""
+    from neuroanimator.data.transitions import dataset_config
+    from neuroanimator.errors import BadFileError
+    from neuroanimator.systems import SYSTEMS
+    from neuroanimator.systems.own import resolve
+
+    if Path(reference).is_dir():
+        return Path(reference)
+    if reference not in SYSTEMS and not reference.endswith(".toml"):
+        raise BadFileError(
+            f"{reference} is not a dataset folder, nor a system ({', '.join(SYSTEMS)}), nor a TOML file. "
+            "Make a dataset with 'generate'."
+        )
+    name, definition, usual = resolve(reference)
+    folder = emulator.with_name(emulator.name.removesuffix(".safetensors").removesuffix(".emulator") + ".data")
+    generate_with_bar(dataset_config(system=name, definition=definition, substeps=usual), folder)
+    return folder

@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from neuroanimator.cli import animate, control, demo, doctor, evaluate, export, generate, info, new, train
+from neuroanimator.cli import animate, bench, control, demo, doctor, evaluate, export, generate, info, new, train
 from neuroanimator.cli import list as list_
 from neuroanimator.errors import NeuroAnimatorError
 
@@ -21,7 +21,8 @@ app = typer.Typer(
 )
 VERBS = {
     "demo": demo, "doctor": doctor, "list": list_, "new": new, "generate": generate, "train": train,
-    "evaluate": evaluate, "animate": animate, "control": control, "export": export, "info": info,
+    "evaluate": evaluate, "animate": animate, "control": control, "export": export, "bench": bench,
+    "info": info,
 }  # fmt: skip
 for verb, module in VERBS.items():
     app.command(verb, epilog=f"Example: {module.EXAMPLE}")(module.run)

@@ -1,4 +1,4 @@
-"""`new`: bring your own model."""
+"""`new`: bring your own model, step function or recordings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ EXAMPLE = "neuroanimator new my_robot.xml"
 
 
 def run(
-    model: Annotated[str, typer.Argument(help="MJCF or URDF file, or a Gymnasium environment such as Swimmer-v5.")],
+    model: Annotated[
+        str,
+        typer.Argument(
+            help="MJCF or URDF file, a Gymnasium environment such as Swimmer-v5, a Python file with a function "
+            "step(state, control, dt), or recordings in CSV or NPZ."
+        ),
+    ],
     out: Annotated[Path | None, typer.Option(help="TOML file to write; beside the model if not given.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
 ) -> None:
@@ -26,6 +32,6 @@ def run(
             ("system", definition.name),
             ("super step", f"{definition.substeps} physics steps, {definition.substeps * definition.physics.step:g} s"),
             ("written", path),
-            ("next", f"edit {path}, then: neuroanimator train {path} --out {definition.name}.emulator.safetensors"),
+            ("next", f"edit {path}, then: neuroanimator generate {path} --out data/{definition.name}"),
         ]
     )

@@ -11,7 +11,7 @@ EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors
 
 
 def run(
-    data: Annotated[Path, typer.Argument(help="Folder made by 'generate'.")],
+    data: Annotated[str, typer.Argument(help="Folder made by 'generate', a system, or your own TOML file.")],
     out: Annotated[Path, typer.Option(help="File for the emulator.")],
     config: Annotated[Path | None, typer.Option(help="TOML file with any of the settings below.")] = None,
     network: Annotated[str | None, typer.Option(help="gated (default) or classic, the network of 1998.")] = None,
@@ -23,7 +23,12 @@ def run(
     unroll: Annotated[int | None, typer.Option(help="Super steps the last updates look ahead, 1 to 4.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of weights, split and batches.")] = None,
 ) -> None:
-    """Train an emulator. Killed and started again it goes on and ends with the same bytes."""
+    """Train an emulator; of a system or a TOML file the data is generated first.
+
+    Killed and started again it goes on and ends with the same bytes.
+    """
+    from neuroanimator.cli.generate import ensure_data
+    from neuroanimator.cli.numbers import whole_numbers
     from neuroanimator.data.transitions import read_transitions
     from neuroanimator.systems.definition import read_toml
     from neuroanimator.terminal import print_rows, progress_bar
@@ -31,28 +36,21 @@ def run(
     from neuroanimator.training.train import Report, run_folder, train
 
     named = {"network": network, "optimizer": optimizer, "learning_rate": learning_rate, "updates": updates}
-    named |= {"batch": batch, "unroll": unroll, "seed": seed, "widths": _numbers(widths)}
+    named |= {"batch": batch, "unroll": unroll, "seed": seed}
+    named |= {"widths": whole_numbers("widths", widths) if widths is not None else None}
     settings: dict[str, Any] = read_toml(config) if config else {}
     settings |= {key: value for key, value in named.items() if value is not None}
     checked = training_config(**settings)
     last: list[Report] = []
+    transitions = read_transitions(ensure_data(data, out))
     with progress_bar("updates", checked.chunks * UPDATES_PER_CHUNK) as bar:
 
         def on_report(report: Report) -> None:
             last[:] = [report]
             bar.advance_to(report.update, f"error {report.error:.4f}, {report.update / report.seconds:,.0f}/s")
 
-        train(read_transitions(data), checked, out, on_report=on_report)
+        train(transitions, checked, out, on_report=on_report)
     rows: list[tuple[str, object]] = [("emulator", out), ("metrics", run_folder(out) / "metrics.jsonl")]
     if last:
         rows += [("one-step error (validation)", f"{last[0].error:.4f}"), ("updates", last[0].update)]
     print_rows(rows)
-
-
-def _numbers(text: str | None) -> tuple[int, ...] | None:
-    from neuroanimator.errors import ArgumentError
-
-    try:
-        return None if text is None else tuple(int(part) for part in text.split(","))
-    except ValueError as error:
-        raise ArgumentError(f"widths: wanted numbers such as 96,64, came '{text}'.") from error

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from neuroanimator.data import transitions
+from neuroanimator.data.recorded import cut_shard, write_held_out
 from neuroanimator.data.sampling import sample_controls, sample_starts
 from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
 from neuroanimator.errors import BadFileError
 from neuroanimator.files import locked, remove_stale, write_tensors
 from neuroanimator.systems import load_system
+from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 
 
@@ -36,6 +38,8 @@ def generate(
         for shard in range(config.shards):
             blow_ups += _ensure_shard(system, config, folder, shard, threads or os.cpu_count() or 1)
             on_shard()
+        if isinstance(system, RecordedSystem):
+            write_held_out(system, config, folder)
     return blow_ups
 
 
@@ -58,12 +62,14 @@ def _ensure_shard(system: System, config: DatasetConfig, folder: Path, shard: in
 
 def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) -> tuple[dict[str, np.ndarray], int]:
     """Return shard number `shard` and how many of its runs blew up: a function of its arguments alone."""
+    if isinstance(system, RecordedSystem):
+        return cut_shard(system, config, shard), 0
     rng = np.random.default_rng([config.seed, shard])
     count = min(transitions.RUNS_PER_SHARD, config.runs - shard * transitions.RUNS_PER_SHARD)
     dt = config.substeps * system.physics_dt
     starts = sample_starts(system, rng, count, threads)
     controls = np.stack([sample_controls(rng, transitions.RUN_STEPS, dt, system.bounds) for _ in range(count)])
-    picks = np.stack([sample_picks(rng) for _ in range(count)])
+    picks = np.stack([sample_picks(rng, config.picks) for _ in range(count)])
     runs = system.simulate(starts, controls, dt, threads=threads)
     alive = runs.is_alive
     tensors = {
@@ -74,11 +80,12 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
     return tensors, int(count - alive.sum())
 
 
-def sample_picks(rng: np.random.Generator) -> np.ndarray:
-    """Return the super steps (P,) of one run that become examples, 1 to 5 apart (eq. 8)."""
+def sample_picks(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return the `count` super steps of one run that become examples, 1 to 5 apart (eq. 8)."""
     last = transitions.RUN_STEPS - transitions.LONGEST_UNROLL
+    largest = transitions.LARGEST_GAP * transitions.PICKS_PER_RUN // count
     while True:
-        gaps = rng.integers(1, transitions.LARGEST_GAP + 1, transitions.PICKS_PER_RUN)
+        gaps = rng.integers(1, largest + 1, count)
         picks = np.cumsum(gaps) - 1
         if picks[-1] <= last:
             return picks

@@ -24,7 +24,7 @@ LONGEST_HOLD = 0.6
 
 
 def sample_starts(system: System, rng: np.random.Generator, count: int, threads: int = 1) -> np.ndarray:
-    """Return `count` random states (count, S) as they occur in use: after the system's warm-up, if it has one."""
+    """Return `count` random states (count, S) as they occur in use: after some warm-up, if the system has one."""
     starts = system.sample_starts(rng, count)
     if system.warm_up <= 0:
         return starts
@@ -32,7 +32,8 @@ def sample_starts(system: System, rng: np.random.Generator, count: int, threads:
     steps = round(system.warm_up / dt)
     controls = np.stack([sample_controls(rng, steps, dt, system.bounds) for _ in range(count)])
     runs = system.simulate(starts, controls, dt, scheme=system.scheme, threads=threads)
-    return np.where(runs.is_alive[:, None], runs.states[:, -1], system.rest)
+    chosen = runs.states[np.arange(count), rng.integers(0, steps + 1, count)]
+    return np.where(runs.is_alive[:, None], chosen, system.rest)
 
 
 WARM_UP_SUBSTEPS = 50

@@ -9,30 +9,36 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from neuroanimator.data.stretches import cut_stretches
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import canonical_json, read_tensors, write_whole
 from neuroanimator.systems import load_system
 from neuroanimator.systems.definition import first_fault
+from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 
 CONFIG_NAME = "dataset.json"
 RUN_STEPS = 40
 """Length of a run in super steps."""
 PICKS_PER_RUN = 12
-"""Training examples per run: on average every third super step."""
+"""Training examples per run if nothing else is said: on average every third super step."""
 LARGEST_GAP = 5
-"""Super steps between two picks, at most (eq. 8)."""
+"""Super steps between two of these picks, at most (eq. 8); between more of them less."""
 LONGEST_UNROLL = 4
 """Super steps that follow every pick within its run."""
 RUNS_PER_SHARD = 256
+LONGEST_SHOWN = 60
+"""Characters of a setting shown in an error; a definition has thousands."""
+HELD_OUT_NAME = "held-out.safetensors"
+"""Runs of recordings kept for the test; simulated systems make their tests anew."""
 
 
 class DatasetConfig(BaseModel):
@@ -43,6 +49,8 @@ class DatasetConfig(BaseModel):
     system: str
     substeps: int = Field(50, ge=1, le=1000)
     count: int = Field(100_000, ge=1, le=100_000_000)
+    picks: Literal[12, 18, 24, 36] = PICKS_PER_RUN
+    """Training examples taken from each run of `RUN_STEPS` super steps; more for physics that is dear."""
     seed: int = Field(0, ge=0, lt=2**31)
     definition: str = ""
     """What a user's own system can be made from again; empty for one that comes with the package."""
@@ -51,7 +59,7 @@ class DatasetConfig(BaseModel):
     @property
     def runs(self) -> int:
         """Runs simulated: enough for `count` picks."""
-        return -(-self.count // PICKS_PER_RUN)
+        return -(-self.count // self.picks)
 
     @property
     def shards(self) -> int:
@@ -76,7 +84,25 @@ def dataset_config(**values: Any) -> DatasetConfig:
         raise ArgumentError(f"{first_fault(error)}.") from error
     system = load_system(config.system, config.definition)
     system.truth.steps(config.substeps * system.physics_dt)
+    if isinstance(system, RecordedSystem):
+        system.recording()  # refused here if it is not what the TOML file says, before a folder is claimed
+        most = most_windows(system, config)
+        return config.model_copy(update={"count": min(config.count, most)})
     return config
+
+
+def window_length(substeps: int) -> int:
+    """Return how many physics steps' states a window spans, both ends included."""
+    return LONGEST_UNROLL * substeps + 1
+
+
+def most_windows(system: RecordedSystem, config: DatasetConfig) -> int:
+    """Return how many windows recordings hold, in whole runs' worth of picks."""
+    length = window_length(config.substeps)
+    count = sum(stretch.windows(length) for stretch in cut_stretches(system, length)[0])
+    if count < config.picks:
+        raise BadFileError(f"{system.file}: only {count} windows of super steps. Record longer.")
+    return count // config.picks * config.picks
 
 
 def claim_folder(folder: Path, config: DatasetConfig) -> None:
@@ -88,7 +114,10 @@ def claim_folder(folder: Path, config: DatasetConfig) -> None:
     held = read_config(folder)
     if held != config:
         old, new = held.model_dump(), config.model_dump()
-        changes = ", ".join(f"{key} {old[key]} there, {new[key]} asked" for key in new if old[key] != new[key])
+        short = lambda value: "another" if len(str(value)) > LONGEST_SHOWN else value  # noqa: E731
+        changes = ", ".join(
+            f"{key} {short(old[key])} there, {short(new[key])} asked" for key in new if old[key] != new[key]
+        )
         raise BadFileError(f"{folder} holds another dataset ({changes}). Choose another --out, or the same values.")
 
 
@@ -117,18 +146,31 @@ class Transitions:
     controls: np.ndarray
     run: np.ndarray
     blow_ups: int
+    held_out: tuple[np.ndarray, np.ndarray] | None = None
+    """(states (B, T+1, S), controls (B, T, C)) kept for the test; of recordings only."""
 
     def where(self, mask: np.ndarray) -> Transitions:
         """Return the windows `mask` (N,) selects."""
         parts = self.states[mask], self.controls[mask], self.run[mask]
-        return Transitions(self.config, self.system, *parts, self.blow_ups)
+        return Transitions(self.config, self.system, *parts, self.blow_ups, self.held_out)
 
 
 def read_transitions(folder: Path) -> Transitions:
     """Return every transition in `folder`; BadFileError if a shard is missing or damaged."""
     config = read_config(folder)
     shards = (read_shard(folder, config, shard) for shard in range(config.shards))
-    return gather_transitions(config, ((tensors, metadata["blow_ups"]) for tensors, metadata in shards))
+    found = gather_transitions(config, ((tensors, metadata["blow_ups"]) for tensors, metadata in shards))
+    is_recorded = isinstance(found.system, RecordedSystem)
+    return replace(found, held_out=read_held_out(folder, config)) if is_recorded else found
+
+
+def read_held_out(folder: Path, config: DatasetConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Return (states (B, T+1, S), controls (B, T, C)) of the recorded runs kept for the test."""
+    path = folder / HELD_OUT_NAME
+    tensors, metadata = read_tensors(path, "held-out")
+    if metadata.get("config") != config.hash or not {"states", "controls"} <= set(tensors):
+        raise BadFileError(f"{path} belongs to another dataset. Generate into an empty folder.")
+    return tensors["states"], tensors["controls"]
 
 
 def gather_transitions(config: DatasetConfig, shards: Iterable[tuple[dict[str, np.ndarray], int]]) -> Transitions:
@@ -155,7 +197,8 @@ def windows_of(tensors: dict[str, np.ndarray], shard: int) -> tuple[np.ndarray, 
     states, controls, picks = tensors["states"], tensors["controls"], tensors["picks"]
     rows = np.arange(len(states))[:, None, None]
     steps = picks[:, :, None] + np.arange(LONGEST_UNROLL + 1)
-    run = np.repeat(np.arange(len(states)) + shard * RUNS_PER_SHARD, picks.shape[1])
+    numbers = tensors.get("runs", np.arange(len(states)) + shard * RUNS_PER_SHARD)
+    run = np.repeat(numbers, picks.shape[1])
     windows = states[rows, steps].reshape(-1, LONGEST_UNROLL + 1, states.shape[-1])
     held = controls[rows, steps[..., :-1]].reshape(-1, LONGEST_UNROLL, controls.shape[-1])
     return windows, held, run

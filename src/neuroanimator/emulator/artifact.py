@@ -143,7 +143,7 @@ def blank(metadata: dict[str, Any]) -> Emulator:
 
 def _frame(described: dict[str, Any], state_size: int, dt: float) -> Frame:
     segments = segments_from_json(described["segments"])
-    probes = tuple((float(x), float(y), float(z)) for x, y, z in described["probes"])
+    probes = tuple((float(x), float(y), float(z), float(r)) for x, y, z, r in described["probes"])
     if segments and sum(segment.size for segment in segments) != state_size:
         raise ValueError("frame: its segments do not fill the state")
     if any(segment.rate >= state_size - 1 or segment.rate < -1 for segment in segments):

@@ -16,6 +16,7 @@ from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.layout import Bounds, Layout
+from neuroanimator.systems.rotation import Numbers
 from neuroanimator.systems.skeleton import Skeleton
 
 UNROLL = 4
@@ -78,8 +79,8 @@ class Emulator(eqx.Module):
         change = self.normaliser.inverse(self.network(*self.features.streams(state, plain)))
         return self.frame.apply(state, change)
 
-    def plain_of(self, state: Float[Array, "*B S"], control: Float[Array, "*B C"]) -> Float[Array, "*B K"]:
-        """Return what the network sees besides sines and cosines, not yet normalised; no place, no heading."""
+    def plain_of(self, state: Numbers, control: Numbers) -> Numbers:
+        """Return (..., K) what the network sees besides sines and cosines, not yet normalised: no place, no heading."""
         return self.features.plain_of(state, self.frame.local(state), control)
 
     def rollout(self, state: ArrayLike, controls: ArrayLike) -> Float[Array, "*B T+1 S"]:

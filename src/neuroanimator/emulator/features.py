@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.systems.system import Structure
+from neuroanimator.systems.rotation import Numbers
+from neuroanimator.systems.structure import Structure
 
 
 class Features(eqx.Module):
@@ -39,8 +40,8 @@ class Features(eqx.Module):
         angles, plain = self.angles.shape[0], len(self.plain) + others
         return (angles + plain, angles) if self.is_odd else (2 * angles + plain, 0)
 
-    def plain_of(self, state: Float[Array, "*B S"], *others: Float[Array, "*B O"]) -> Float[Array, "*B K"]:
-        """Return the numbers that enter as they are, not yet normalised: the state's plain ones, then `others`."""
+    def plain_of(self, state: Numbers, *others: Numbers) -> Numbers:
+        """Return (..., K) what enters as it is, not yet normalised: plain entries of `state` (..., S), `others`."""
         # One-entry slices, because indexing with an array compiles to a slow gather.
         entries = [state[..., entry : entry + 1] for entry in self.plain]
         return state.__array_namespace__().concat([*entries, *others], axis=-1)

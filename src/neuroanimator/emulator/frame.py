@@ -22,10 +22,13 @@ from neuroanimator.systems.rotation import (
     turned_by,
     upward,
 )
-from neuroanimator.systems.structure import Segment
+from neuroanimator.systems.structure import Probe, Segment
 
 PROBE_CEILING = 1.0
 """[m] A foot higher than about this is as good as infinitely high: no super step crosses it unseen."""
+
+SOFTNESS = 0.05
+"""[m] Over which the kink of a depth is rounded: about how far soft ground gives way."""
 
 
 class Frame(eqx.Module):
@@ -33,7 +36,7 @@ class Frame(eqx.Module):
 
     segments: tuple[Segment, ...] = eqx.field(static=True)
     """Empty: the state is plain numbers and the frame does nothing."""
-    probes: tuple[tuple[float, float, float], ...] = eqx.field(static=True)
+    probes: tuple[Probe, ...] = eqx.field(static=True)
     dt: float = eqx.field(static=True)
     """Super step [s], for what the state would become if its rates stayed."""
 
@@ -46,7 +49,7 @@ class Frame(eqx.Module):
         """Length of what `local` returns."""
         sizes = {"quaternion": 6, "velocity": 3, "planar velocity": 2}
         total = sum(sizes.get(segment.kind, 0) for segment in self.segments)
-        return total - 3 * self._has_root + 2 * len(self.probes)
+        return total - 3 * self._has_root + 4 * len(self.probes)
 
     @property
     def turns(self) -> tuple[tuple[int, int], ...]:
@@ -95,7 +98,11 @@ class Frame(eqx.Module):
         return xp.concat(seen, axis=-1) if seen else state[..., :0]
 
     def _probe_heights(self, state: Numbers) -> list[Numbers]:
-        """Return the heights of the probes now and where they would coast to, flat above the ceiling."""
+        """Return the probes' heights over the ground, now and where they would coast to, and how deep they are in it.
+
+        Heights are flat above the ceiling. Depths have a kink at the ground, as contact forces have; without
+        them the network must make its own, and errors at touchdown are half as large again.
+        """
         xp = state.__array_namespace__()
         place, quaternion, speed, spin = (
             next(entries[0] for segment, entries in self._parts(state) if segment.kind == kind)
@@ -104,9 +111,12 @@ class Frame(eqx.Module):
             for kind in ("position", "quaternion", "velocity", "")
         )
         up, probes = upward(quaternion), xp.asarray(self.probes, dtype=state.dtype)
-        now = place[..., 2:] + up @ probes.T
-        rising = speed[..., 2:] + cross(up, spin) @ probes.T
-        return [PROBE_CEILING * xp.tanh(height / PROBE_CEILING) for height in (now, now + self.dt * rising)]
+        centres, radii = probes[:, :3].T, probes[:, 3]
+        now = place[..., 2:] + up @ centres - radii
+        rising = speed[..., 2:] + cross(up, spin) @ centres
+        heights = (now, now + self.dt * rising)
+        ranged = [PROBE_CEILING * xp.tanh(height / PROBE_CEILING) for height in heights]
+        return ranged + [_depth(xp.clip(height, -PROBE_CEILING, PROBE_CEILING)) for height in heights]
 
     def _root_rate(self) -> int:
         return next(segment.rate for segment in self.segments if segment.kind == "quaternion")
@@ -140,8 +150,8 @@ class Frame(eqx.Module):
             return after - before
         xp = before.__array_namespace__()
         root = self._root(before)
-        parts = [_difference(segment, *pair, None, root) for segment, pair in self._parts(before, after)]
-        return xp.concat(parts, axis=-1)
+        pairs = self._parts(before, after)
+        return xp.concat([_difference(segment, first, last, None, root) for segment, (first, last) in pairs], axis=-1)
 
     def _coasting(self, segment: Segment, state: Numbers) -> Numbers | None:
         """Return what the segment's own rate adds in a super step; None where that is left to the network."""
@@ -171,6 +181,12 @@ def _difference(segment: Segment, before: Numbers, after: Numbers, coasting: Num
     if segment.kind in ("planar position", "planar velocity"):
         return _turn_plane(-root, after - before - extra)
     return after - before - extra
+
+
+def _depth(height: Numbers) -> Numbers:
+    """Return how far below the ground `height` [m] is, smoothly: softplus."""
+    xp = height.__array_namespace__()
+    return SOFTNESS * xp.log1p(xp.exp(-height / SOFTNESS))
 
 
 def _turn_plane(angle: Numbers, vector: Numbers) -> Numbers:

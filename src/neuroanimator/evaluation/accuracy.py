@@ -10,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.data.sampling import sample_controls, sample_starts
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.transitions import RUN_STEPS, Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.frame import Frame
+from neuroanimator.errors import ArgumentError
 from neuroanimator.systems import load_system
 from neuroanimator.systems.system import Scheme, System
 
@@ -45,6 +46,7 @@ class TestSet:
     """(B, T, C)"""
     change_scale: np.ndarray
     """(V,) standard deviation of the change in one super step, in the body's own frame: the unit of every error."""
+    most_transitions: int = MOST_TRANSITIONS
 
     @property
     def frame(self) -> Frame:
@@ -53,11 +55,15 @@ class TestSet:
 
     @property
     def transitions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(states, controls, next states) of about `MOST_TRANSITIONS` super steps, evenly taken from all runs."""
-        size = self.states.shape[-1]
-        every = max(1, self.controls[..., 0].size // MOST_TRANSITIONS)
-        states, truth = (part.reshape(-1, size)[::every] for part in (self.states[:, :-1], self.states[:, 1:]))
-        return states, self.controls.reshape(-1, self.controls.shape[-1])[::every], truth
+        """(states, controls, next states) of at most `most_transitions` super steps, evenly taken from all runs.
+
+        They come from the first `RUN_STEPS` super steps, as the examples of a dataset do.
+        """
+        size, span = self.states.shape[-1], min(RUN_STEPS, self.controls.shape[1])
+        every = -(-len(self.controls) * span // self.most_transitions)
+        parts = self.states[:, :span], self.states[:, 1 : span + 1]
+        states, truth = (part.reshape(-1, size)[::every] for part in parts)
+        return states, self.controls[:, :span].reshape(-1, self.controls.shape[-1])[::every], truth
 
 
 def system_of(emulator: Emulator) -> System:
@@ -71,15 +77,25 @@ def frame_of(system: System, dt: float) -> Frame:
 
 
 def held_out_runs(
-    emulator: Emulator, count: int = HELD_OUT_RUNS, seconds: float = HELD_OUT_SECONDS, seed: int = 0
+    emulator: Emulator,
+    count: int = HELD_OUT_RUNS,
+    seconds: float = HELD_OUT_SECONDS,
+    seed: int = 0,
+    *,
+    is_shifted: bool = False,
 ) -> TestSet:
-    """Return `count` unseen runs of the emulator's system under random, never idle controls."""
+    """Return `count` unseen runs of the emulator's system under random, never idle controls.
+
+    Shifted ones use the full range and another control at every super step: training seldom saw such.
+    """
     identity, rng = emulator.identity, np.random.default_rng([HELD_OUT_SEED, seed])
     system = system_of(emulator)
     steps = round(seconds / identity.dt)
     threads = os.cpu_count() or 1
     starts = sample_starts(system, rng, count, threads)
     controls = np.stack([sample_controls(rng, steps, identity.dt, system.bounds) for _ in range(count)])
+    if is_shifted:
+        controls = system.bounds.middle + rng.uniform(-1, 1, controls.shape) * system.bounds.half
     runs = system.simulate(starts, controls, identity.dt, scheme=system.fine, threads=threads)
     return test_set(system, identity.dt, runs.states[runs.is_alive], controls[runs.is_alive])
 
@@ -126,17 +142,32 @@ def scheme_error(test: TestSet, scheme: Scheme) -> float:
     return float(root_mean_square(off / test.change_scale, axis=(0, 1)))
 
 
-def count_blow_ups(emulator: Emulator, starts: int, steps: int, seed: int = 1) -> int:
+def recorded_runs(emulator: Emulator, data: Transitions | None) -> TestSet:
+    """Return the runs of `data` that were kept for the test; of an emulator of recordings."""
+    identity = emulator.identity
+    if data is None or data.held_out is None:
+        raise ArgumentError(
+            f"data: {identity.system} was learnt from recordings; the test needs those that 'generate' kept apart. "
+            "Pass its folder: --data."
+        )
+    dt = data.config.substeps * data.system.physics_dt
+    if (data.system.state, data.system.control) != (identity.state, identity.control) or abs(dt - identity.dt) > 1e-9:
+        raise ArgumentError(f"data: other state, control or super step than the emulator's of {identity.system}.")
+    return test_set(data.system, identity.dt, *data.held_out)
+
+
+def count_blow_ups(
+    emulator: Emulator, starts: int, steps: int, seed: int = 1, *, among: np.ndarray | None = None
+) -> int:
     """Return how many of `starts` random starts leave the range the network saw in training tenfold.
 
-    Controls are as random and as strong as in training, for `steps` super steps.
+    The starts are the system's own random ones, or drawn from the states `among` (N, S). Controls are as
+    random and as strong as in training, for `steps` super steps.
     """
     identity, rng = emulator.identity, np.random.default_rng(seed)
     system = system_of(emulator)
-    states, rest = (
-        np.asarray(sample_starts(system, rng, starts, os.cpu_count() or 1), np.float32),
-        np.asarray(identity.rest, np.float32),
-    )
+    drawn = sample_starts(system, rng, starts, os.cpu_count() or 1) if among is None else rng.choice(among, starts)
+    states, rest = np.asarray(drawn, np.float32), np.asarray(identity.rest, np.float32)
     bound = 10 * np.maximum(*(np.abs(np.asarray(side)) for side in (emulator.domain.low, emulator.domain.high)))
     fine = np.ones(starts, dtype=bool)
     for _ in range(-(-steps // BLOCK)):

@@ -2,23 +2,50 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import (
     HELD_OUT_RUNS,
+    MOST_TRANSITIONS,
     TestSet,
     baselines,
     count_blow_ups,
     held_out_runs,
     one_step_error,
+    recorded_runs,
     rollout_error,
     root_mean_square,
+    system_of,
 )
-from neuroanimator.evaluation.speed import Speed, measure_speed
+from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
+from neuroanimator.systems.recorded_system import RecordedSystem
+
+NO_OPPONENT = "learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How thoroughly to measure."""
+
+    runs: int = HELD_OUT_RUNS
+    """Unseen runs."""
+    transitions: int = MOST_TRANSITIONS
+    """Super steps on which one-step errors are measured, at most."""
+    repeats: int = REPEATS
+    """Timings of each side."""
+    starts: int = 1000
+    """Random starts that might blow up; 0 leaves that out."""
+    steps: int = 2000
+    """Super steps rolled out from each."""
+
+
+THOROUGH = Effort()
+QUICK = Effort(runs=8, transitions=400, repeats=3, starts=200, steps=500)
 
 
 @dataclass(frozen=True)
@@ -36,17 +63,36 @@ class Evaluation:
     """(T+1,) [s]"""
     rollout_errors: np.ndarray
     """(T+1,) rms error of the emulator, in standard deviations of the state."""
-    self_divergence: np.ndarray
-    """(T+1,) the same for the physics at its own default step: the noise floor."""
+    self_divergence: np.ndarray | None
+    """(T+1,) the same for the physics at its own default step: the noise floor; None without physics."""
     sample_emulated: np.ndarray
     """(T+1, S) one held-out run by the emulator."""
     sample_physics: np.ndarray
     """(T+1, S) the same run by fine physics."""
-    speed: Speed
+    measured_speed: Speed | None
+    """None where there is no physics to measure: recordings."""
+    emulator_seconds: float
+    """Time of one super step [s]."""
     baselines: dict[str, float]
     """One-step errors of cheap predictors; empty without a dataset."""
     blow_ups: int
     blow_up_starts: int
+
+    @property
+    def speed(self) -> Speed:
+        """The speed-ups; ArgumentError where there is no physics to measure them against."""
+        if self.measured_speed is None:
+            raise ArgumentError(f"{self.system}: {NO_OPPONENT}")
+        return self.measured_speed
+
+    @property
+    def note(self) -> str:
+        """What must be said about the speed-ups, if anything."""
+        if self.measured_speed is None:
+            return f"{self.system}: {NO_OPPONENT}"
+        if self.measured_speed.physics != "MuJoCo":
+            return f"{self.system}: the physics is a {self.measured_speed.physics}, not compiled; so are its speed-ups."
+        return ""
 
     @property
     def one_step_error(self) -> float:
@@ -59,16 +105,19 @@ class Evaluation:
 
     def row(self) -> dict[str, str | int | float]:
         """Return the figures by their published names."""
+        speed = self.measured_speed
         return {
             "system": self.system,
             "substeps": self.substeps,
             "one_step_error": self.one_step_error,
             "rollout_error_1s": self.rollout_error_at(1.0),
-            "nominal_speedup": self.speed.nominal,
-            "equal_error_speedup": self.speed.equal_error,
-            "equal_error_rival": f"{self.speed.rival.scheme.integrator} {self.speed.rival.scheme.dt * 1e3:.3g} ms",
-            "emulator_us": self.speed.emulator_seconds * 1e6,
-            "physics_us": self.speed.physics_seconds * 1e6,
+            "nominal_speedup": speed.nominal if speed else "none",
+            "equal_error_speedup": speed.equal_error if speed else "none",
+            "equal_error_rival": f"{speed.rival.scheme.integrator} {speed.rival.scheme.dt * 1e3:.3g} ms"
+            if speed
+            else "none",
+            "emulator_us": self.emulator_seconds * 1e6,
+            "physics_us": speed.physics_seconds * 1e6 if speed else "none",
             "blow_ups": self.blow_ups,
         }
 
@@ -77,15 +126,21 @@ def evaluate(
     emulator: Emulator,
     *,
     data: Transitions | None = None,
-    starts: int = 1000,
-    steps: int = 1000,
-    runs: int = HELD_OUT_RUNS,
+    effort: Effort | None = None,
     seed: int = 0,
 ) -> Evaluation:
-    """Return the evaluation of `emulator` on unseen runs; blow-ups among `starts` × `steps` super steps."""
-    test = held_out_runs(emulator, count=runs, seed=seed)
+    """Return the evaluation of `emulator` on unseen runs, drawn from `seed`.
+
+    The test of an emulator of recordings is what `data` kept apart; there are no speed-ups then.
+    """
+    effort = effort or THOROUGH
+    is_recorded = isinstance(system_of(emulator), RecordedSystem)
+    test = recorded_runs(emulator, data) if is_recorded else held_out_runs(emulator, count=effort.runs, seed=seed)
+    test = replace(test, most_transitions=effort.transitions)
+    among = test.transitions[0] if is_recorded else None
     errors = one_step_error(emulator, test)
     found = np.asarray(emulator.rollout(test.states[:, 0], test.controls), float)
+    speed = None if is_recorded else measure_speed(emulator, test, float(root_mean_square(errors)), effort.repeats)
     return Evaluation(
         system=emulator.identity.system,
         substeps=emulator.identity.substeps,
@@ -94,13 +149,14 @@ def evaluate(
         error_by_entry=errors,
         times=np.arange(found.shape[1]) * emulator.dt,
         rollout_errors=rollout_error(test.frame, found, test.states),
-        self_divergence=self_divergence(test),
+        self_divergence=None if is_recorded else self_divergence(test),
         sample_emulated=found[0],
         sample_physics=test.states[0],
-        speed=measure_speed(emulator, test, float(root_mean_square(errors))),
+        measured_speed=speed,
+        emulator_seconds=speed.emulator_seconds if speed else measure_emulator(emulator),
         baselines=baselines(data, test) if data else {},
-        blow_ups=count_blow_ups(emulator, starts, steps) if starts else 0,
-        blow_up_starts=starts,
+        blow_ups=count_blow_ups(emulator, effort.starts, effort.steps, among=among) if effort.starts else 0,
+        blow_up_starts=effort.starts,
     )
 
 

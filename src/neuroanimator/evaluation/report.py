@@ -12,8 +12,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neuroanimator.evaluation.evaluate import Evaluation
+from neuroanimator.evaluation.evaluate import NO_OPPONENT, Evaluation
 from neuroanimator.files import write_whole
+
+SHOWN = 3
+"""State entries drawn of a motion, at most."""
 
 PHYSICS, EMULATOR, QUIET = "#2b5a94", "#e8892b", "#8a94a0"
 
@@ -50,6 +53,11 @@ def _verdict(evaluations: list[Evaluation]) -> str:
 
 
 def _sentence(e: Evaluation) -> str:
+    if e.measured_speed is None:
+        return (
+            f"<b>{e.system}, n = {e.substeps}.</b> One super step costs {e.emulator_seconds * 1e6:.2f} µs. "
+            f"{NO_OPPONENT} Blow-ups: {e.blow_ups} of {e.blow_up_starts} recorded starts."
+        )
     rival, speed = e.speed.rival.scheme, e.speed
     word = "wins" if speed.equal_error > 1 else "loses"
     return (
@@ -57,24 +65,21 @@ def _sentence(e: Evaluation) -> str:
         f"The physics' own {e.substeps} steps take {speed.nominal:.0f} times as long. The fastest physics that is "
         f"at least as accurate, {rival.integrator} at {rival.dt * 1e3:.3g} ms, takes {speed.equal_error:.1f} times "
         f"as long: at equal error the emulator {word}. "
-        f"Blow-ups: {e.blow_ups} of {e.blow_up_starts} random starts."
+        f"Blow-ups: {e.blow_ups} of {e.blow_up_starts} random starts. {e.note}"
     )
 
 
 def _section(e: Evaluation) -> str:
-    figures = [
-        (_plot_motion, "A held-out run under random controls: fine physics and emulator."),
-        (
-            _plot_rollout,
-            "Error in standard deviations of the state. The physics at its own default step strays from "
-            "fine physics too; below that line nothing can be told apart.",
-        ),
-        (_plot_work, "Error against cost of one super step. Down and left is better."),
-    ]
+    figures = RECORDED_FIGURES if e.measured_speed is None else FIGURES
     body = "".join(f"{plot(partial(draw, e=e))}<p>{caption}</p>" for draw, caption in figures)
     rows = "".join(f"<tr><td>{name}</td><td>{error:.3g}</td></tr>" for name, error in e.baselines.items())
     cheap = f"<h3>Cheap predictors, one-step error</h3><table>{rows}</table>" if rows else ""
     return f"<h2>{e.system}, n = {e.substeps} (Δt = {e.dt * 1e3:g} ms)</h2>{body}{cheap}"
+
+
+def _label(e: Evaluation) -> str:
+    units = dict.fromkeys(entry.rsplit(" ", 1)[-1] for entry in e.entries[:SHOWN])
+    return "joint angles [rad]" if list(units) == ["rad"] else f"state [{', '.join(units)}]"
 
 
 def plot(draw: Callable[[Axes], None]) -> str:
@@ -87,13 +92,18 @@ def plot(draw: Callable[[Axes], None]) -> str:
     return text[text.index("<svg") :]
 
 
+def _truth_name(e: Evaluation) -> str:
+    return "recorded" if e.measured_speed is None else "physics"
+
+
 def _plot_motion(axes: Axes, e: Evaluation) -> None:
-    for entry in range(3):
+    for entry in range(min(SHOWN, len(e.entries))):
+        truth = e.sample_physics[:, entry]
         axes.plot(
             e.times,
-            np.unwrap(e.sample_physics[:, entry]),
+            np.unwrap(truth) if e.entries[entry].endswith(" rad") else truth,
             color=PHYSICS,
-            label="physics" if entry == 0 else None,
+            label=_truth_name(e) if entry == 0 else None,
         )
         axes.plot(
             e.times,
@@ -103,13 +113,14 @@ def _plot_motion(axes: Axes, e: Evaluation) -> None:
             color=EMULATOR,
             label="emulator" if entry == 0 else None,
         )
-    axes.set(xlabel="time [s]", ylabel="joint angles [rad]")
+    axes.set(xlabel="time [s]", ylabel=_label(e))
     axes.legend(frameon=False)
 
 
 def _plot_rollout(axes: Axes, e: Evaluation) -> None:
     axes.plot(e.times[1:], e.rollout_errors[1:], color=EMULATOR, label="emulator")
-    axes.plot(e.times[1:], e.self_divergence[1:], color=QUIET, ls="--", label="physics at its own step")
+    if e.self_divergence is not None and e.self_divergence.any():
+        axes.plot(e.times[1:], e.self_divergence[1:], color=QUIET, ls="--", label="physics at its own step")
     axes.set(xlabel="time [s]", ylabel="rollout error", yscale="log")
     axes.legend(frameon=False)
 
@@ -118,7 +129,28 @@ def _plot_work(axes: Axes, e: Evaluation) -> None:
     for integrator in sorted({o.scheme.integrator for o in e.speed.opponents}):
         points = sorted((o.seconds * 1e6, o.error) for o in e.speed.opponents if o.scheme.integrator == integrator)
         points = [point for point in points if 1e-6 < point[1] < 2]
-        axes.plot(*zip(*points, strict=True), "o-", ms=3, lw=1, label=f"MuJoCo {integrator}")
+        axes.plot(
+            *zip(*points, strict=True),
+            "o-",
+            ms=3,
+            lw=1,
+            label=f"{e.speed.physics} {integrator}" if e.speed.physics == "MuJoCo" else e.speed.physics,
+        )
     axes.plot(e.speed.emulator_seconds * 1e6, e.one_step_error, "*", ms=14, color=EMULATOR, label="emulator")
     axes.set(xlabel="cost of one super step [µs]", ylabel="one-step error", xscale="log", yscale="log")
     axes.legend(frameon=False, fontsize=8)
+
+
+FIGURES = [
+    (_plot_motion, "A held-out run under random controls: fine physics and emulator."),
+    (
+        _plot_rollout,
+        "Error in standard deviations of the state. The physics at its own default step strays from "
+        "fine physics too; below that line nothing can be told apart.",
+    ),
+    (_plot_work, "Error against cost of one super step. Down and left is better."),
+]
+RECORDED_FIGURES = [
+    (_plot_motion, "A held-out recording, and the emulator under the same controls."),
+    (_plot_rollout, "Error in standard deviations of the state."),
+]

@@ -1,4 +1,7 @@
-"""How fast: compiled against compiled, one core against one core, interleaved in one process."""
+"""How fast: compiled against compiled, one core against one core, interleaved in one process.
+
+A Python function is the exception: it is timed as its author runs it, and the report says so.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,7 +20,9 @@ import numpy as np
 
 from neuroanimator.emulator.emulator import UNROLL, Emulator
 from neuroanimator.evaluation.accuracy import TestSet, scheme_error
+from neuroanimator.evaluation.speed_python import FUNCTION_STEPS, function_error, function_player, function_schemes
 from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.python_system import FUNCTION, PythonSystem
 from neuroanimator.systems.system import Scheme
 
 PHYSICS_STEPS = 20_000
@@ -62,6 +68,32 @@ class Speed:
     rival: Opponent
     """That fastest physics."""
     opponents: tuple[Opponent, ...]
+    physics: str = "MuJoCo"
+    """Who steps the physics: `MuJoCo`, compiled, or a `Python function`, which is not."""
+
+
+class _Rivalry(NamedTuple):
+    """How one kind of physics is timed."""
+
+    physics: str
+    players: dict[str, Callable[[], None]]
+    """By integrator."""
+    steps: int
+    """Physics steps in one play."""
+    schemes: set[Scheme]
+    error: Callable[[TestSet, Scheme], float]
+
+
+def _rivalry_of(test: TestSet) -> _Rivalry:
+    system = test.system
+    if isinstance(system, PythonSystem):
+        schemes = function_schemes(system, test.dt, OPPONENT_DIVISIONS)
+        players = {FUNCTION: function_player(system, test)}
+        return _Rivalry("Python function", players, FUNCTION_STEPS, schemes, function_error)
+    assert isinstance(system, MujocoSystem)
+    players = {kind: physics_player(system, test, kind) for kind in OPPONENT_INTEGRATORS}
+    schemes = {Scheme(kind, test.dt / parts) for kind in OPPONENT_INTEGRATORS for parts in OPPONENT_DIVISIONS}
+    return _Rivalry("MuJoCo", players, PHYSICS_STEPS, schemes | {system.scheme, system.truth}, scheme_error)
 
 
 @contextmanager
@@ -78,30 +110,35 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, allowed)
 
 
-def measure_speed(emulator: Emulator, test: TestSet, error: float) -> Speed:
+def measure_speed(emulator: Emulator, test: TestSet, error: float, repeats: int = REPEATS) -> Speed:
     """Return the speed-ups of an emulator whose one-step error is `error`."""
     system = test.system
-    assert isinstance(system, MujocoSystem)
     with one_core():
-        play = {kind: physics_player(system, test, kind) for kind in OPPONENT_INTEGRATORS}
-        each = interleaved({"emulator": emulator_player(emulator), **play})
+        rivalry = _rivalry_of(test)
+        each = interleaved({"emulator": emulator_player(emulator), **rivalry.players}, repeats)
     per_super_step = each["emulator"] / TIMED_SUPER_STEPS
-    per_step = {kind: each[kind] / PHYSICS_STEPS for kind in OPPONENT_INTEGRATORS}
-    schemes = {Scheme(kind, test.dt / parts) for kind in OPPONENT_INTEGRATORS for parts in OPPONENT_DIVISIONS}
+    per_step = {kind: each[kind] / rivalry.steps for kind in rivalry.players}
     opponents = [
-        Opponent(scheme, scheme_error(test, scheme), per_step[scheme.integrator] * scheme.steps(test.dt))
-        for scheme in sorted(schemes | {system.scheme, system.truth}, key=lambda scheme: (scheme.integrator, scheme.dt))
+        Opponent(scheme, rivalry.error(test, scheme), per_step[scheme.integrator] * scheme.steps(test.dt))
+        for scheme in sorted(rivalry.schemes, key=lambda scheme: (scheme.integrator, scheme.dt))
     ]
     rival = min((o for o in opponents if o.error <= error), key=lambda o: o.seconds)
     own = per_step[system.scheme.integrator]
     nominal = own * emulator.identity.substeps / per_super_step
-    return Speed(per_super_step, own, nominal, rival.seconds / per_super_step, rival, tuple(opponents))
+    equal = rival.seconds / per_super_step
+    return Speed(per_super_step, own, nominal, equal, rival, tuple(opponents), rivalry.physics)
 
 
-def interleaved(players: dict[str, Callable[[], None]]) -> dict[str, float]:
+def measure_emulator(emulator: Emulator) -> float:
+    """Return the time of one super step [s], where there is no physics to compare it with."""
+    with one_core():
+        return interleaved({"emulator": emulator_player(emulator)})["emulator"] / TIMED_SUPER_STEPS
+
+
+def interleaved(players: dict[str, Callable[[], None]], repeats: int = REPEATS) -> dict[str, float]:
     """Return each player's median time [s], all played in turn so that a slow moment hits all."""
     times: dict[str, list[float]] = {name: [] for name in players}
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         for name, play in players.items():
             began = time.perf_counter()
             play()

@@ -24,6 +24,7 @@ Look = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+PartName = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]{0,39}$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$")]
 
 
@@ -47,9 +48,13 @@ class FrameTable(_Table):
 
     ground: bool = False
     """Whether its height matters."""
-    probes: tuple[tuple[Finite, Finite, Finite], ...] = ()
-    """Points of its body whose height over the ground matters [m]."""
-    planar: tuple[str, ...] = Field((), max_length=3)
+    probes: tuple[tuple[Finite, Finite, Finite, Finite], ...] = ()
+    """Round parts of its body whose height over the ground matters: x, y, z, radius [m]."""
+    fold: Annotated[int, Field(ge=1, le=64)] = 1
+    """How many turns about its own Z axis make a whole one, each of which leaves the body as it was."""
+    fold_controls: tuple[tuple[str, str], ...] = ()
+    """Pairs of controls that turn with it, as X and Y do: torques about X and Y."""
+    planar: Annotated[tuple[str, ...], Field(max_length=3)] = ()
     """Joints x, y and heading of a root that moves in a plane, where place and heading do not matter."""
 
 
@@ -61,7 +66,7 @@ class Sampling(_Table):
     rest_spread: Share = 0.15
     """Spread of such a start, as a share of the others'."""
     warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
-    """Random driving before a run is recorded [s], so that contacts have settled."""
+    """Starts are taken from this first stretch of random driving [s], so that contacts have settled in most."""
     height: tuple[Finite, Finite] = (0.0, 0.0)
     """Least and largest height of a free root over its place at rest [m]."""
     tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
@@ -100,6 +105,81 @@ class Definition(_Table):
     frame: FrameTable = FrameTable()
     sampling: Sampling = Sampling()
     goals: dict[Name, GoalTable] = {}
+
+
+class StatePart(_Table):
+    """One named part of the state of a system without a model file."""
+
+    name: PartName
+    unit: str
+    size: int = Field(1, ge=1, le=256)
+    look: Literal["plain", "sine", "cyclic"] = "plain"
+    """How the network sees it: as it is; by sine and cosine; or not at all, for it does not matter where it is."""
+    rate: str = ""
+    """The part that is its rate of change; empty if none is."""
+    rest: tuple[Finite, ...] = ()
+    """Its numbers at rest; zeros if not given."""
+    spread: tuple[Annotated[float, Field(ge=0, le=1e9)], ...] = ()
+    """Half the width of the random starts around rest."""
+
+
+class ControlPart(_Table):
+    """One named part of the control, and how far it may go."""
+
+    name: PartName
+    unit: str
+    least: tuple[Finite, ...] = Field(min_length=1, max_length=256)
+    largest: tuple[Finite, ...] = Field(min_length=1, max_length=256)
+
+
+class FunctionPhysics(_Table):
+    """The steps a Python function is called with [s]; see `System.scheme`, `truth` and `fine`."""
+
+    step: Annotated[float, Field(gt=0, le=10)]
+    truth_step: Annotated[float, Field(gt=0, le=10)]
+    fine_step: Annotated[float, Field(gt=0, le=10)]
+
+
+class StartSampling(_Table):
+    """Random starts of training runs, around the state of rest."""
+
+    rest_share: Share = 0.3
+    rest_spread: Share = 0.15
+
+
+class PythonDefinition(_Table):
+    """A system whose physics is a Python function."""
+
+    name: Name
+    kind: Literal["python"]
+    file: str
+    batched: bool = False
+    """Whether the function also takes (S, B) states and (C, B) controls at once."""
+    substeps: int = Field(50, ge=1, le=1000)
+    physics: FunctionPhysics
+    state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
+    control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
+    sampling: StartSampling = StartSampling()
+    goals: dict[Name, GoalTable] = {}
+
+
+class RecordedPhysics(_Table):
+    """How often recordings were sampled."""
+
+    step: Annotated[float, Field(gt=0, le=3600)]
+
+
+class RecordedDefinition(_Table):
+    """A system known from recordings alone."""
+
+    name: Name
+    kind: Literal["recorded"]
+    file: str
+    substeps: int = Field(10, ge=1, le=1000)
+    """Samples n in a super step, if nothing else is asked for."""
+    physics: RecordedPhysics
+    state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
+    control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
 
 
 def first_fault(error: ValidationError) -> str:

@@ -29,8 +29,8 @@ class ModelSystem(MujocoSystem):
         self.name, self.definition, self.model = definition.name, text, model
         self.views = joint_views(model, dict(definition.state), definition.frame.planar)
         self.state = state_layout(model, self.views)
-        self.structure = structure_of(model, self.views, definition.frame)
         self.control, self.bounds = _controls(model, definition)
+        self.structure = structure_of(model, self.views, definition.frame, self.control)
         physics = definition.physics
         self.scheme = Scheme(physics.integrator, physics.step)
         self.truth = Scheme(physics.truth_integrator, physics.truth_step)

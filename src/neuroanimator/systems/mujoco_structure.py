@@ -41,7 +41,7 @@ def joint_views(model: mujoco.MjModel, looks: dict[str, str], planar: tuple[str,
     for joint in range(model.njnt):
         kind = JOINT_NAMES[int(model.jnt_type[joint])]
         name = model.joint(joint).name or f"joint_{joint}"
-        look = "planar" if name in planar else looks.get(name, LOOKS[kind][0])
+        look = "planar" if name in planar else looks.get(name) or LOOKS[kind][0]
         if look not in LOOKS[kind] or (look == "planar") != (name in planar):
             valid = ", ".join(way for way in LOOKS[kind] if way != "planar")
             raise ArgumentError(f"state.{name}: a {kind} joint cannot be '{look}'. Ways: {valid}.")
@@ -95,8 +95,10 @@ def _rate_slices(view: JointView) -> list[Slice]:
     }[view.kind]
 
 
-def structure_of(model: mujoco.MjModel, views: list[JointView], frame: FrameTable) -> Structure:
+def structure_of(model: mujoco.MjModel, views: list[JointView], frame: FrameTable, control: Layout) -> Structure:
     """Return what an emulator of `model` may exploit."""
+    if frame.fold > 1 and [view.kind for view in views] != ["free"]:
+        raise ArgumentError("frame.fold: only a body whose one joint is free may have such a symmetry.")
     rates = [(v.place + i, v.rate + i) for v in views for i in range({"free": 3, "ball": 0}.get(v.kind, 1))]
     return Structure(
         angles=tuple(_angle_rows(model, views)),
@@ -104,6 +106,8 @@ def structure_of(model: mujoco.MjModel, views: list[JointView], frame: FrameTabl
         plain=tuple(_plain(model, views, frame.ground)),
         segments=_segments(model, views, frame.planar),
         probes=frame.probes,
+        fold=frame.fold,
+        fold_controls=tuple((control.index(x).start, control.index(y).start) for x, y in frame.fold_controls),
     )
 
 

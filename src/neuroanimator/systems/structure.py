@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+Probe = tuple[float, float, float, float]
+"""Centre [m] in the root's frame and radius [m] of a round part that may touch the ground."""
+
 Kind = Literal["plain", "position", "quaternion", "velocity", "planar position", "heading", "planar velocity"]
 
 STATE_SIZES: dict[str, int] = {
@@ -42,7 +45,9 @@ class Structure:
     `rates`: (i, j) where state entry j is the time derivative of entry i.
     `plain`: state entries the network sees as they are.
     `segments`: how the state changes, in order; empty for a state that is plain all through.
-    `probes`: points of the root's body [m] whose height over the ground matters, such as feet.
+    `probes`: round parts of the root's body, such as feet, whose height over the ground matters.
+    `fold`: how many turns of the root about its own Z axis make a whole one, each of which leaves it as it was;
+    `fold_controls`: pairs of controls that turn with it, as X and Y do.
     `is_odd`: negating state and control negates the motion (mirror symmetry).
     """
 
@@ -51,7 +56,9 @@ class Structure:
     plain: tuple[int, ...]
     is_odd: bool = False
     segments: tuple[Segment, ...] = ()
-    probes: tuple[tuple[float, float, float], ...] = ()
+    probes: tuple[Probe, ...] = ()
+    fold: int = 1
+    fold_controls: tuple[tuple[int, int], ...] = ()
 
     def to_json(self) -> list[list[Any]]:
         """Return the segments as plain lists."""

@@ -79,7 +79,7 @@ class System(abc.ABC):
     rest: np.ndarray
     """(S,) a state of rest, where motions begin if nothing else is said."""
     warm_up: float = 0.0
-    """Random driving before a random start is one that occurs in use [s]."""
+    """Random starts are taken from this first stretch of random driving [s]: contacts have settled in most."""
     goals: Mapping[str, Goal] = {}
 
     @property

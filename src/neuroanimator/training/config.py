@@ -30,6 +30,8 @@ class TrainingConfig(BaseModel):
     learning_rate: float = Field(0.0, ge=0, lt=10, allow_inf_nan=False)
     updates: int = Field(40_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
     batch: int = Field(512, ge=4, le=65_536)
+    rare_share: float = Field(0.0, ge=0, lt=1)
+    """Share of each batch drawn among the tenth of all windows with the most unusual changes, such as touchdowns."""
     unroll: int = Field(LONGEST_UNROLL, ge=1, le=LONGEST_UNROLL)
     unroll_share: float = Field(0.2, ge=0, le=1)
     validation_share: float = Field(0.05, gt=0, lt=0.9)

@@ -10,16 +10,25 @@ from neuroanimator.emulator.emulator import Emulator, rollout
 
 
 def squared_error(
-    emulator: Emulator, states: Float[Array, "N H+1 S"], controls: Float[Array, "N H C"]
+    emulator: Emulator,
+    states: Float[Array, "N H+1 S"],
+    controls: Float[Array, "N H C"],
+    weights: Float[Array, " N"] | None = None,
 ) -> Float[Array, " H V"]:
-    """Return the mean squared error after 1..H super steps, in units of the change's standard deviation."""
+    """Return the mean squared error after 1..H super steps, in units of the change's standard deviation.
+
+    `weights` make rows count more or less; their mean should be one.
+    """
     found = jax.vmap(rollout, in_axes=(None, 0, 0))(emulator, states[:, 0], controls)
     off = emulator.frame.difference(states[:, 1:], found[:, 1:]) / emulator.normaliser.unit
-    return jnp.mean(off**2, axis=0)
+    return jnp.mean(off**2 if weights is None else off**2 * weights[:, None, None], axis=0)
 
 
 def unrolled_loss(
-    emulator: Emulator, states: Float[Array, "N H+1 S"], controls: Float[Array, "N H C"]
+    emulator: Emulator,
+    states: Float[Array, "N H+1 S"],
+    controls: Float[Array, "N H C"],
+    weights: Float[Array, " N"] | None = None,
 ) -> Float[Array, ""]:
     """Return the squared error averaged over the super steps k of the windows, weighted by 1/k².
 
@@ -27,5 +36,5 @@ def unrolled_loss(
     own output as input, which is how it will be used. Errors grow about as k, so the weights give
     every step an equal say.
     """
-    weights = jnp.arange(1, controls.shape[1] + 1) ** -2.0
-    return jnp.mean(squared_error(emulator, states, controls), axis=1) @ (weights / weights.sum())
+    decay = jnp.arange(1, controls.shape[1] + 1) ** -2.0
+    return jnp.mean(squared_error(emulator, states, controls, weights), axis=1) @ (decay / decay.sum())

@@ -21,6 +21,8 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files import digest, locked, remove_stale, write_whole
+from neuroanimator.systems.structure import Structure
+from neuroanimator.training.batches import draw_batches, folded, rare_rows
 from neuroanimator.training.build import build_emulator
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
@@ -84,6 +86,9 @@ class _Run:
     base: Emulator
     progress: Progress
     training: tuple[Array, Array]
+    structure: Structure
+    rare: Array
+    """Rows of `training` with the most unusual changes."""
     validation: tuple[Array, Array]
     identity: str
     began: float = field(default_factory=time.monotonic)
@@ -103,7 +108,8 @@ class _Run:
         few = slice(MOST_VALIDATION)
         training = jnp.asarray(learn.states), jnp.asarray(learn.controls)
         validation = jnp.asarray(check.states[few]), jnp.asarray(check.controls[few])
-        return cls(config, folder, base, progress, training, validation, identity)
+        rare = jnp.asarray(rare_rows(base, learn))
+        return cls(config, folder, base, progress, training, data.system.structure, rare, validation, identity)
 
     @property
     def is_over(self) -> bool:
@@ -118,8 +124,8 @@ class _Run:
         progress, losses = self.progress, []
         while True:
             network, state, loss = _train_chunk(
-                self.config, self.base, progress.network, progress.optimizer_state, *self.training,
-                jnp.asarray(progress.chunk), self.config.unroll_at(progress.chunk),
+                self.config, self.structure, self.base, progress.network, progress.optimizer_state, *self.training,
+                self.rare, jnp.asarray(progress.chunk), self.config.unroll_at(progress.chunk),
             )  # fmt: skip
             losses.append(float(loss))
             progress = progress._replace(network=network, optimizer_state=state, chunk=progress.chunk + 1)
@@ -148,11 +154,13 @@ def validation_mask(run: np.ndarray, config: TrainingConfig) -> np.ndarray:
 @eqx.filter_jit
 def _train_chunk(
     config: TrainingConfig,
+    structure: Structure,
     base: Emulator,
     network: Network,
     optimizer_state: Any,
     states: Float[Array, "N H+1 S"],
     controls: Float[Array, "N H C"],
+    rare: Array,
     chunk: Array,  # an array: a plain int would be compiled in, and every chunk compiled anew
     unroll: int,
 ) -> tuple[Network, Any, Float[Array, ""]]:
@@ -163,11 +171,15 @@ def _train_chunk(
     optimizer = make_optimizer(config)
     size = max(1, config.batch // unroll)
     key = jax.random.fold_in(jax.random.key(config.seed), chunk)
-    batches = jax.random.randint(key, (UPDATES_PER_CHUNK, size), 0, states.shape[0])
+    batches, weights = draw_batches(key, size, states.shape[0], rare, config.rare_share)
 
     def loss_of(network: Network, rows: Array) -> Array:
         emulator = eqx.tree_at(lambda emulator: emulator.network, base, network)
-        return unrolled_loss(emulator, states[rows, : unroll + 1], controls[rows, :unroll])
+        of_rows = None if weights is None else weights[rows]
+        windows = states[rows, : unroll + 1], controls[rows, :unroll]
+        if structure.fold > 1:
+            windows = folded(structure, base.frame, jax.random.fold_in(key, rows[0]), *windows)
+        return unrolled_loss(emulator, *windows, of_rows)
 
     def update(carry, rows):
         network, optimizer_state = carry
@@ -177,6 +189,22 @@ def _train_chunk(
 
     (network, optimizer_state), losses = jax.lax.scan(update, (network, optimizer_state), batches)
     return network, optimizer_state, losses.mean()
+
+
+def time_chunk(emulator: Emulator, structure: Structure, config: TrainingConfig) -> float:
+    """Return how long one chunk of single-step updates takes here [s], compilation excluded."""
+    rng, identity = np.random.default_rng(0), emulator.identity
+    rest = jnp.asarray(identity.rest, jnp.float32)
+    states = rest + 1e-3 * rng.normal(size=(1024, 2, identity.state.size)).astype(np.float32)
+    controls = jnp.tile(jnp.asarray(identity.bounds.middle, jnp.float32), (1024, 1, 1))
+    fresh = Progress.fresh(emulator.network, make_optimizer(config))
+    spans = []
+    for chunk in range(3):
+        began = time.perf_counter()
+        inputs = fresh.network, fresh.optimizer_state, states, controls, jnp.arange(64), jnp.asarray(chunk), 1
+        jax.block_until_ready(_train_chunk(config, structure, emulator, *inputs))
+        spans.append(time.perf_counter() - began)
+    return min(spans[1:])
 
 
 @eqx.filter_jit

@@ -1,0 +1,40 @@
+"""`bench`: the project's figures, measured here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EXAMPLE = "neuroanimator bench --table1 --quick"
+
+
+def run(
+    table1: Annotated[bool, typer.Option("--table1", help="The table of 1998: every system, every n.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Shipped emulators, one seed, fewer runs: 3 minutes.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
+    systems: Annotated[str | None, typer.Option(help="Only these systems, such as truck,lander.")] = None,
+    substeps: Annotated[str | None, typer.Option(help="Only these n, such as 50.")] = None,
+    seeds: Annotated[int, typer.Option(help="Training seeds; all but the first are trained, for hours.")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder for table, plot and trainings.")] = Path("out/bench"),
+) -> None:
+    """Measure accuracy and speed of every system, print the table, write CSV and a work-precision plot."""
+    from json import dumps
+
+    from neuroanimator.bench import chosen_rows, run_table
+    from neuroanimator.errors import ArgumentError
+    from neuroanimator.terminal import print_rows, print_table
+
+    if not table1:
+        raise ArgumentError("bench: say what to measure: --table1.")
+    wanted = chosen_rows(systems, substeps)
+    figures, files = run_table(wanted, out, is_quick=quick, seeds=1 if quick else seeds)
+    if json:
+        print(dumps(figures, indent=2))
+        return
+    shown = ("system", "substeps", "one_step_error", "nominal_speedup", "nominal_1998", "equal_error_speedup")
+    shown += ("equal_error_rival", "emulator_us", "rollout_error_1s", "rollout_error_5s")
+    shown += ("break_even_hours", "blow_ups")
+    print_table([{key: row[key] for key in shown} for row in figures])
+    print_rows([("file", path) for path in files])

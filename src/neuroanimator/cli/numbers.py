@@ -1,0 +1,13 @@
+"""Lists of numbers on the command line."""
+
+from __future__ import annotations
+
+from neuroanimator.errors import ArgumentError
+
+
+def whole_numbers(name: str, text: str) -> tuple[int, ...]:
+    """Return the numbers in a text such as `96,64`; ArgumentError names the option."""
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError as error:
+        raise ArgumentError(f"{name}: wanted numbers such as 96,64, came '{text}'.") from error

@@ -1,0 +1,47 @@
+"""The opponent of an emulator of a Python function: that function, timed in Python as its author runs it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from neuroanimator.errors import BadFileError
+from neuroanimator.evaluation.accuracy import TestSet, scheme_error
+from neuroanimator.systems.python_step import call_step
+from neuroanimator.systems.python_system import FUNCTION, PythonSystem
+from neuroanimator.systems.system import Scheme
+
+FUNCTION_STEPS = 500
+"""Calls in one timed run: milliseconds, so that the clock's grain does not count."""
+
+
+def function_player(system: PythonSystem, test: TestSet) -> Callable[[], None]:
+    """Return a function that takes `FUNCTION_STEPS` steps, each from an unseen state under its control."""
+    rows = np.random.default_rng(0).integers(0, test.controls.shape[0] * test.controls.shape[1], FUNCTION_STEPS)
+    states = test.states[:, :-1].reshape(-1, system.state.size)[rows]
+    controls = test.controls.reshape(-1, system.control.size)[rows]
+    function, dt = system.function, system.physics_dt
+
+    def play() -> None:
+        for state, control in zip(states, controls, strict=True):
+            function(state, control, dt)
+
+    for state, control in zip(states, controls, strict=True):
+        call_step(function, system.file, state, control, dt)  # a fault is told here, not while the clock runs
+    return play
+
+
+def function_error(test: TestSet, scheme: Scheme) -> float:
+    """Return the function's one-step error with another dt; infinite if it fails at a step it was not made for."""
+    try:
+        return scheme_error(test, scheme)
+    except BadFileError:
+        if scheme.dt <= test.system.physics_dt:
+            raise
+        return float("inf")
+
+
+def function_schemes(system: PythonSystem, dt: float, divisions: tuple[int, ...]) -> set[Scheme]:
+    """Return the ways to step the function through `dt` [s]; the reference is among them, for it has no error."""
+    return {Scheme(FUNCTION, dt / parts) for parts in divisions} | {system.scheme, system.truth, system.fine}

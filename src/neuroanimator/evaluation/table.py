@@ -1,0 +1,159 @@
+"""The table of 1998, measured again: every system, every n, accuracy and both speed-ups."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.data.transitions import RUN_STEPS, Transitions, dataset_config
+from neuroanimator.emulator.emulator import Emulator, rollout
+from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, root_mean_square, system_of
+from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, evaluate
+from neuroanimator.evaluation.speed import PHYSICS_STEPS, one_core
+from neuroanimator.training.config import UPDATES_PER_CHUNK
+from neuroanimator.training.recipe import RECIPES
+from neuroanimator.training.train import time_chunk
+
+NOMINAL_1998 = {
+    ("pendulum-passive", 25): 47, ("pendulum-passive", 50): 94, ("pendulum-passive", 100): 235,
+    ("pendulum", 25): 38, ("pendulum", 50): 75, ("pendulum", 100): 151,
+    ("truck", 50): 70, ("lander", 50): 54,
+}  # fmt: skip
+"""Speed-ups in Table 1 of the seminar paper: times for 20,000 physics steps, divided."""
+
+BATCHES = (64, 1024)
+CALLS = 2_000
+BASELINE_EXAMPLES = 7_200
+"""Transitions the ridge regression is fitted to: far more than it has numbers."""
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """One system at one n: a row's figures, and the evaluations they are medians of."""
+
+    figures: dict[str, Any]
+    evaluations: list[Evaluation]
+
+
+def measure_row(emulators: list[Emulator], effort: Effort = THOROUGH) -> TableRow:
+    """Return the row of emulators that differ in their training seed alone, each tested on runs of its own."""
+    shipped = emulators[0]
+    examples = few_transitions(shipped)
+    found = [evaluate(emulator, data=examples, effort=effort, seed=seed) for seed, emulator in enumerate(emulators)]
+    rows = [each.row() for each in found]
+    medians = {key: _middle([row[key] for row in rows]) for key in rows[0]}
+    first = found[0]
+    figures = {
+        **medians,
+        "nominal_quartiles": quartiles([each.speed.nominal for each in found]),
+        "nominal_1998": NOMINAL_1998.get((first.system, first.substeps), ""),
+        "one_step_quartiles": quartiles([each.one_step_error for each in found]),
+        "one_step_error_shifted": shifted_error(shipped, effort),
+        "rollout_error_5s": float(np.median([each.rollout_error_at(5.0) for each in found])),
+        "self_divergence_1s": divergence_at(first, 1.0),
+        "self_divergence_5s": divergence_at(first, 5.0),
+        **{f"{name.replace(' ', '_')}_error": error for name, error in first.baselines.items()},
+        "physics_s_for_20000_steps": first.speed.physics_seconds * PHYSICS_STEPS,
+        "emulator_s_for_20000_steps": first.emulator_seconds * PHYSICS_STEPS / first.substeps,
+        "break_even_hours": break_even_hours(shipped, first),
+        "seeds": len(found),
+        "blow_ups": sum(each.blow_ups for each in found),
+        "blow_up_starts": sum(each.blow_up_starts for each in found),
+        **latency(shipped),
+        **{f"us_in_batch_{batch}": batch_microseconds(shipped, batch) for batch in BATCHES},
+    }
+    return TableRow(figures, found)
+
+
+def _middle(values: list[Any]) -> Any:
+    """Return the median of numbers, and the first of anything else."""
+    return float(np.median(values)) if isinstance(values[0], float) else values[0]
+
+
+def quartiles(values: list[float]) -> str:
+    """Return the quartiles of `values`, such as `92.1-96.3`."""
+    low, high = np.percentile(values, [25, 75])
+    return f"{low:.3g}-{high:.3g}"
+
+
+def few_transitions(emulator: Emulator) -> Transitions:
+    """Return enough transitions of the emulator's system to fit cheap predictors to."""
+    identity = emulator.identity
+    return simulate_transitions(
+        dataset_config(
+            system=identity.system,
+            definition=identity.definition,
+            substeps=identity.substeps,
+            count=BASELINE_EXAMPLES,
+            picks=36,
+        )
+    )
+
+
+def shifted_error(emulator: Emulator, effort: Effort) -> float:
+    """Return the one-step error under controls training hardly saw: full range, another at every super step."""
+    test = held_out_runs(emulator, count=effort.runs, seconds=RUN_STEPS * emulator.dt, is_shifted=True)
+    return float(root_mean_square(one_step_error(emulator, test)))
+
+
+def divergence_at(evaluation: Evaluation, seconds: float) -> float:
+    """Return how far the physics at its own step has strayed from fine physics after `seconds` [s]."""
+    assert evaluation.self_divergence is not None
+    return float(evaluation.self_divergence[min(round(seconds / evaluation.dt), len(evaluation.self_divergence) - 1)])
+
+
+def break_even_hours(emulator: Emulator, evaluation: Evaluation) -> float:
+    """Return after how much simulated time [h] the emulator has saved what its data and training cost.
+
+    Both are estimated from this machine's own speed: physics steps of the teacher, and a timed stretch of training.
+    """
+    recipe, speed, system = RECIPES[evaluation.system], evaluation.speed, system_of(emulator)
+    runs = recipe.transitions / recipe.picks
+    per_step = next(o.seconds for o in speed.opponents if o.scheme == system.truth) / system.truth.steps(emulator.dt)
+    data_seconds = runs * RUN_STEPS * system.truth.steps(emulator.dt) * per_step
+    training_seconds = time_chunk(emulator, system.structure, recipe.training()) * recipe.updates / UPDATES_PER_CHUNK
+    saved = (speed.physics_seconds * evaluation.substeps - speed.emulator_seconds) / emulator.dt
+    return (data_seconds + training_seconds) / saved / 3600
+
+
+def latency(emulator: Emulator) -> dict[str, float]:
+    """Return the 50th and 99th percentile of one super step called from Python [µs]: mostly the call."""
+    step, arrays = _compiled(emulator, lambda model, state, control: model.step(state, control))
+    state, control = jnp.asarray(emulator.identity.rest), jnp.zeros(emulator.identity.control.size)
+    spans = []
+    with one_core():
+        for _ in range(CALLS):
+            began = time.perf_counter()
+            step(arrays, state, control).block_until_ready()
+            spans.append((time.perf_counter() - began) * 1e6)
+    return {"call_p50_us": float(np.percentile(spans, 50)), "call_p99_us": float(np.percentile(spans, 99))}
+
+
+def batch_microseconds(emulator: Emulator, batch: int, steps: int = 400, repeats: int = 5) -> float:
+    """Return the time per trajectory and super step [µs] of a batch on one core."""
+    run, arrays = _compiled(
+        emulator, lambda model, state, control: jax.vmap(rollout, (None, 0, 0))(model, state, control)
+    )
+    states = jnp.tile(jnp.asarray(emulator.identity.rest), (batch, 1))
+    controls = jnp.tile(jnp.asarray(emulator.identity.bounds.middle, jnp.float32), (batch, steps, 1))
+    run(arrays, states, controls).block_until_ready()
+    spans = []
+    with one_core():
+        for _ in range(repeats):
+            began = time.perf_counter()
+            run(arrays, states, controls).block_until_ready()
+            spans.append(time.perf_counter() - began)
+    return float(np.median(spans)) / (batch * steps) * 1e6
+
+
+def _compiled(emulator: Emulator, function: Callable[..., Any]) -> tuple[Callable[..., Any], Any]:
+    arrays, rest = eqx.partition(emulator, eqx.is_array)
+    return jax.jit(lambda arrays, *inputs: function(eqx.combine(arrays, rest), *inputs)), arrays

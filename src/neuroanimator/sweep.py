@@ -1,0 +1,76 @@
+"""Which n? Emulators of several super steps, trained on equal budgets and compared after equal time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from neuroanimator.data.generate import generate
+from neuroanimator.data.transitions import dataset_config, read_transitions
+from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, rollout_error, root_mean_square
+from neuroanimator.evaluation.speed import measure_emulator
+from neuroanimator.systems.own import resolve
+from neuroanimator.training.config import training_config
+from neuroanimator.training.train import train
+
+TEST_RUNS = 24
+
+
+@dataclass(frozen=True)
+class SweepRow:
+    """One n of a sweep."""
+
+    substeps: int
+    one_step_error: float
+    error: float
+    """Rollout error after the time asked for."""
+    us_per_second: float
+    """Time one simulated second takes [µs]."""
+    path: Path
+
+
+def sweep(
+    reference: str,
+    counts: Sequence[int],
+    out: Path,
+    *,
+    seconds: float,
+    transitions: int,
+    updates: int,
+    on_row: Callable[[], None] = lambda: None,
+) -> list[SweepRow]:
+    """Return one row per n in `counts` for the system `reference` names; data and emulators are kept in `out`.
+
+    Every n gets the same number of transitions and of updates. Errors are compared after `seconds` [s].
+    """
+    name, definition, _ = resolve(reference)
+    rows = []
+    for substeps in sorted(set(counts)):
+        config = dataset_config(system=name, definition=definition, substeps=substeps, count=transitions)
+        folder, path = out / f"{name}-{substeps}", out / f"{name}-{substeps}.emulator.safetensors"
+        generate(config, folder)
+        emulator = train(read_transitions(folder), training_config(updates=updates), path)
+        test = held_out_runs(emulator, count=TEST_RUNS, seconds=max(seconds, emulator.dt))
+        found = np.asarray(emulator.rollout(test.states[:, 0], test.controls), float)
+        rows.append(
+            SweepRow(
+                substeps,
+                float(root_mean_square(one_step_error(emulator, test))),
+                float(rollout_error(test.frame, found, test.states)[-1]),
+                measure_emulator(emulator) * 1e6 / emulator.dt,
+                path,
+            )
+        )
+        on_row()
+    return rows
+
+
+def largest_within(rows: list[SweepRow], tolerance: float) -> SweepRow | None:
+    """Return the row of the largest n whose error is at most `tolerance`, or None."""
+    if not 0 < tolerance < float("inf"):
+        raise ArgumentError(f"tolerance: wanted a positive number, came {tolerance:g}.")
+    return max((row for row in rows if row.error <= tolerance), key=lambda row: row.substeps, default=None)

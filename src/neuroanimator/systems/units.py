@@ -1,0 +1,31 @@
+"""The units a state or a control may be given in: SI and radians, so that nothing needs converting inside."""
+
+from __future__ import annotations
+
+from neuroanimator.errors import BadFileError
+
+KNOWN_UNITS = (
+    "1", "m", "m/s", "m/s²", "rad", "rad/s", "rad/s²", "N", "N·m", "kg", "s", "Hz", "Pa", "K", "J", "W", "V", "A",
+    "m²", "m³", "m³/s", "kg/s", "K/s", "Pa/s", "1/s", "V/s", "A/s", "N/s",
+)  # fmt: skip
+
+SPELLINGS = {
+    "m/s2": "m/s²", "m/s^2": "m/s²", "rad/s2": "rad/s²", "rad/s^2": "rad/s²", "Nm": "N·m", "N*m": "N·m", "N.m": "N·m",
+    "m2": "m²", "m^2": "m²", "m3": "m³", "m^3": "m³", "m3/s": "m³/s", "m^3/s": "m³/s", "s^-1": "1/s",
+}  # fmt: skip
+"""Other ways to write some of them, on keyboards without ² and ·."""
+
+
+def known_unit(unit: str, where: str) -> str:
+    """Return the unit's one spelling; BadFileError names `where` it stands and lists the known ones."""
+    unit = SPELLINGS.get(unit, unit)
+    if unit not in KNOWN_UNITS:
+        raise BadFileError(
+            f"{where}: unknown unit '{unit[:20]}'. Convert to one of: {', '.join(KNOWN_UNITS)} (1 for a plain number)."
+        )
+    return unit
+
+
+def rate_unit(unit: str) -> str:
+    """Return the unit of the rate of change of something in `unit`, where it has a name of its own."""
+    return {"m/s": "m/s²", "rad/s": "rad/s²", "1": "1/s"}.get(unit, f"{unit}/s")

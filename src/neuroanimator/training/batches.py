@@ -1,0 +1,73 @@
+"""Which windows an update learns from."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from neuroanimator.data.transitions import Transitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.frame import Frame
+from neuroanimator.systems.rotation import conjugate, facing, multiply, rotate
+from neuroanimator.systems.structure import Structure
+from neuroanimator.training.config import UPDATES_PER_CHUNK
+
+RARE = 0.1
+"""Share of all windows that count as rare."""
+
+
+def rare_rows(emulator: Emulator, data: Transitions) -> np.ndarray:
+    """Return the rows of `data` whose change is the most unusual in any of its numbers: a tenth of all."""
+    normaliser = emulator.normaliser
+    change = emulator.frame.remainder(data.states[:, 0], data.states[:, 1])
+    unusual = np.abs((change - np.asarray(normaliser.change_mean)) / np.asarray(normaliser.change_scale)).max(axis=1)
+    count = max(1, round(RARE * len(unusual)))
+    return np.sort(np.argpartition(unusual, -count)[-count:]).astype(np.int32)
+
+
+def draw_batches(
+    key: PRNGKeyArray, size: int, rows: int, rare: Int[Array, " M"], rare_share: float
+) -> tuple[Int[Array, "U B"], Float[Array, " N"] | None]:
+    """Return (rows of each update's batch, weight of every row).
+
+    With a `rare_share`, that part of a batch comes from the `rare` rows, and weights make up for it
+    (importance sampling): the mean of the loss stays what it was, its noise falls where most of the
+    error comes from few rows.
+    """
+    batches = jax.random.randint(key, (UPDATES_PER_CHUNK, size), 0, rows)
+    from_rare = round(size * rare_share)
+    if not from_rare:
+        return batches, None
+    drawn = jax.random.randint(jax.random.fold_in(key, 1), (UPDATES_PER_CHUNK, from_rare), 0, rare.shape[0])
+    share = from_rare / size
+    density = jnp.full(rows, 1 - share).at[rare].add(share * rows / rare.shape[0])
+    return jnp.concatenate([batches[:, from_rare:], rare[drawn]], axis=1), 1 / density
+
+
+def folded(
+    structure: Structure,
+    frame: Frame,
+    key: PRNGKeyArray,
+    states: Float[Array, "N H S"],
+    controls: Float[Array, "N T C"],
+) -> tuple[Float[Array, "N H S"], Float[Array, "N T C"]]:
+    """Return the windows with each body turned at random into a position that looks the same: examples for free."""
+    part = jax.random.randint(key, (states.shape[0], 1), 0, structure.fold)
+    angle = 2 * jnp.pi * part / structure.fold
+    return turned_windows(structure, frame, angle, states, controls)
+
+
+def turned_windows(structure: Structure, frame: Frame, angle: Array, states: Array, controls: Array):
+    """Return the windows with the axes of each root turned by `angle` (N, 1) [rad] about its own Z."""
+    (turn, spin), turning = frame.turns[0], facing(angle)
+    quaternion = multiply(states[..., turn : turn + 4], conjugate(turning))
+    states = states.at[..., turn : turn + 4].set(quaternion)
+    states = states.at[..., spin : spin + 3].set(rotate(turning, states[..., spin : spin + 3]))
+    for x, y in structure.fold_controls:
+        cosine, sine = jnp.cos(angle), jnp.sin(angle)
+        along, across = controls[..., x], controls[..., y]
+        controls = controls.at[..., x].set(cosine * along - sine * across)
+        controls = controls.at[..., y].set(sine * along + cosine * across)
+    return states, controls

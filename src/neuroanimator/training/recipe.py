@@ -1,0 +1,60 @@
+"""The recipes of the emulators that ship in the package: same data, same seeds, same weights on one machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from neuroanimator.data.generate import generate
+from neuroanimator.data.transitions import DatasetConfig, dataset_config, read_transitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.shipped import shipped_path
+from neuroanimator.training.config import TrainingConfig, training_config
+from neuroanimator.training.train import Report, train
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What one system's emulators are trained on, and for how long."""
+
+    widths: tuple[int, ...]
+    transitions: int
+    updates: int
+    picks: Literal[12, 36] = 12
+    """Examples from each run; 36 where contacts make rare events matter and physics is dear."""
+    rare_share: float = 0.0
+    """See `TrainingConfig`."""
+
+    def data(self, system: str, substeps: int) -> DatasetConfig:
+        """Return the dataset to train on."""
+        return dataset_config(system=system, substeps=substeps, count=self.transitions, picks=self.picks)
+
+    def training(self, seed: int = 0) -> TrainingConfig:
+        """Return how to train; `seed` 0 is the emulator that ships."""
+        return training_config(widths=self.widths, updates=self.updates, rare_share=self.rare_share, seed=seed)
+
+
+RECIPES = {
+    "lander": Recipe((128, 80), transitions=1_440_000, updates=150_000, picks=36, rare_share=0.5),
+    "pendulum": Recipe((96, 64), transitions=300_000, updates=300_000),
+    "pendulum-passive": Recipe((64, 64), transitions=300_000, updates=300_000),
+    "truck": Recipe((128, 96), transitions=480_000, updates=100_000, picks=36),
+}
+
+
+def cook(
+    system: str,
+    substeps: int,
+    folder: Path,
+    *,
+    seed: int = 0,
+    on_report: Callable[[Report], None] = lambda report: None,
+) -> tuple[Emulator, Path]:
+    """Return the emulator the recipe makes in `folder` and its file; a killed run goes on where it stopped."""
+    recipe, data = RECIPES[system], folder / f"{system}-{substeps}"
+    generate(recipe.data(system, substeps), data)
+    name = shipped_path(system, substeps).name
+    out = folder / (name if seed == 0 else name.replace(".emulator", f"-seed-{seed}.emulator"))
+    return train(read_transitions(data), recipe.training(seed), out, on_report=on_report), out

@@ -1,0 +1,187 @@
+"""A Python step function becomes a system, an emulator and an evaluation; a stranger's never runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Cli
+
+from neuroanimator import (
+    Emulator,
+    NeuroAnimatorError,
+    dataset_config,
+    evaluate,
+    generate,
+    load_system,
+    read_transitions,
+    train,
+    training_config,
+    write_report,
+)
+from neuroanimator.evaluation.evaluate import Effort
+from neuroanimator.files import canonical_json
+from neuroanimator.new import write_definition
+from neuroanimator.systems.own import resolve
+from neuroanimator.systems.python_system import PythonSystem
+
+FAST = Effort(runs=8, transitions=200, repeats=3, starts=20, steps=50)
+
+SPRING = """\
+import numpy as np
+
+STEP = 0.01
+STATE = {"place": "m", "speed": "m/s"}
+CONTROL = {"force": ("N", -3.0, 3.0)}
+RATES = {"place": "speed"}
+SPREAD = {"place": 1.0, "speed": 2.0}
+BATCHED = True
+
+
+def step(state, control, dt):
+    speed = state[1] + dt * (control[0] - 9.0 * state[0] - 0.5 * state[1])
+    return np.array([state[0] + dt * speed, speed])
+"""
+
+
+def system_from(folder: Path, source: str = SPRING, name: str = "spring") -> PythonSystem:
+    path = folder / f"{name}.py"
+    path.write_text(source)
+    toml, _ = write_definition(str(path), force=True)
+    system = load_system(*resolve(str(toml))[:2])
+    assert isinstance(system, PythonSystem)
+    return system
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with spring.py, spring.toml, data and a briefly trained emulator."""
+    folder = tmp_path_factory.mktemp("spring")
+    system = system_from(folder)
+    config = dataset_config(system=system.name, definition=system.definition, substeps=10, count=3000)
+    generate(config, folder / "data")
+    settings = training_config(updates=500, widths=(24, 24), batch=128)
+    train(read_transitions(folder / "data"), settings, folder / "spring.emulator.safetensors")
+    return folder
+
+
+def test_a_run_is_the_function_called_again_and_again(tmp_path: Path):
+    system = system_from(tmp_path)
+    start, controls = np.array([[0.5, -1.0]]), np.array([[[1.0], [-2.0], [0.5]]])
+    found = system.simulate(start, controls, 0.05, scheme=system.scheme).states[0]
+    state = start[0]
+    for t in range(3):
+        for _ in range(5):
+            state = system.function(state, controls[0, t], 0.01)
+        np.testing.assert_allclose(found[t + 1], state, rtol=1e-12)
+
+
+def test_rows_one_by_one_and_in_batches_are_the_same(tmp_path: Path):
+    batched = system_from(tmp_path)
+    alone = system_from(tmp_path, SPRING.replace("BATCHED = True", "BATCHED = False"), "alone")
+    rng = np.random.default_rng(0)
+    starts, controls = batched.sample_starts(rng, 7), rng.uniform(-3, 3, (7, 4, 1))
+    runs = [system.simulate(starts, controls, 0.1).states for system in (batched, alone)]
+    np.testing.assert_allclose(*runs, rtol=1e-12)
+    assert not np.array_equal(runs[0][0], runs[0][1])
+
+
+def test_a_function_that_ignores_dt_teaches_at_its_own_step(tmp_path: Path):
+    system = system_from(tmp_path, SPRING.replace("control, dt):", "control, dt):\n    dt = 0.01"), "fixed")
+    assert system.truth == system.fine == system.scheme
+    halved = system_from(tmp_path)
+    assert halved.fine.dt == pytest.approx(halved.scheme.dt / 10)
+
+
+def test_a_run_that_blows_up_is_told_from_one_that_does_not(tmp_path: Path):
+    system = system_from(
+        tmp_path, SPRING.replace("control[0] -", "control[0] + 1e-3 * np.abs(state[0]) ** 3 -"), "wild"
+    )
+    runs = system.simulate(np.array([[1e-3, 0.0], [1e6, 0.0]]), np.zeros((2, 3, 1)), 0.1, scheme=system.scheme)
+    assert runs.is_alive.tolist() == [True, False]
+
+
+def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_function(folder: Path):
+    resolve(str(folder / "spring.toml"))
+    emulator = Emulator.load(folder / "spring.emulator.safetensors")
+    found = evaluate(emulator, data=read_transitions(folder / "data"), effort=FAST)
+    assert found.one_step_error < 0.05
+    assert found.blow_ups == 0
+    assert found.speed.physics == "Python function"
+    assert found.speed.rival.error <= found.one_step_error
+    assert "not compiled" in found.note
+    write_report([found], folder / "report.html")
+    assert "Python function" in (folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("STEP = 0.01", ""), "broken.py: STEP: wanted a line like `STEP = 0.01`, came nothing"),
+        (("STATE = ", "STATES = "), "STATE: wanted a line like"),
+        (('"m/s"}', '"knots"}'), "state.speed: unknown unit 'knots'. Convert to one of: 1, m, m/s"),
+        (('("N", -3.0, 3.0)', '("N", 3.0)'), "CONTROL: wanted a line like"),
+        (('("N", -3.0, 3.0)', '("N", 3.0, -3.0)'), "control.force: wanted as many numbers"),
+        (('{"place": "speed"}', '{"plaice": "speed"}'), "RATES: no part 'plaice' in STATE. Parts: place, speed"),
+        (("def step", "def stepp"), "wanted a function `def step(state, control, dt)"),
+        (("    speed = ", "    spee d = "), "broken.py, line 12: invalid syntax"),
+        (("control[0]", "control[1]"), "broken.py, line 12: IndexError: index 1 is out of bounds"),
+        (("[state[0] + dt * speed, speed]", "[speed]"), "broken.py: step returned shape"),
+        (("import numpy as np", "import numpy as np\nimport sys\nsys.exit(4)"), "broken.py, line 3: SystemExit: 4"),
+    ],
+)
+def test_a_fault_in_the_file_is_told_in_one_line(tmp_path: Path, change: tuple[str, str], message: str):
+    with pytest.raises(NeuroAnimatorError) as caught:
+        system_from(tmp_path, SPRING.replace(*change), "broken")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_function_that_answers_batches_otherwise_is_refused(tmp_path: Path):
+    with pytest.raises(NeuroAnimatorError, match="BATCHED"):
+        system_from(tmp_path, SPRING.replace("control[0] -", "control[0] + state[0].mean() -"), "mixed")
+
+
+def test_a_strangers_dataset_and_emulator_never_run_code(folder: Path, cli: Cli, tmp_path: Path):
+    marker = tmp_path / "ran"
+    (tmp_path / "spring.py").write_text(f"open({str(marker)!r}, 'w').close()\n" + SPRING)
+    for arguments in (("new", "spring.py"), ("generate", "spring.toml", "--count", "1200", "--out", "data")):
+        result = cli(*arguments, cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+    assert marker.exists()
+    marker.unlink()
+    emulator = "spring.emulator.safetensors"
+    result = cli("train", "data", "--updates", "250", "--widths", "8", "--out", emulator, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert cli("animate", emulator, "--out", "clip.csv", cwd=tmp_path).returncode == 0
+    refused = cli("evaluate", emulator, "--data", "data", cwd=tmp_path)
+    assert refused.returncode == 3
+    assert "pass its TOML file: --system" in refused.stderr
+    drawn = cli("animate", emulator, "--out", "clip.glb", cwd=tmp_path)
+    assert (drawn.returncode, drawn.stderr.count("\n")) == (2, 1)
+    assert "Use .csv" in drawn.stderr
+    assert not marker.exists()
+
+
+def test_a_definition_names_code_and_does_not_hold_it(folder: Path):
+    definition = json.loads(resolve(str(folder / "spring.toml"))[1])
+    digest = hashlib.sha256((folder / "spring.py").read_bytes()).hexdigest()
+    assert definition["files"] == {"name": "spring.py", "sha256": digest}
+    assert "def step" not in json.dumps(definition)
+
+
+def test_a_file_that_was_not_given_is_not_run_even_where_it_lies(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    source = SPRING + f"\nopen({str(tmp_path / 'ran')!r}, 'w').close()\n"
+    (tmp_path / "spring.py").write_text(source)
+    monkeypatch.chdir(tmp_path)
+    values = json.loads(resolve(str(folder / "spring.toml"))[1])
+    values["files"]["sha256"] = hashlib.sha256(source.encode()).hexdigest()
+    system = load_system("spring", canonical_json(values))
+    with pytest.raises(NeuroAnimatorError, match="--system my.toml"):
+        system.simulate(np.zeros((1, 2)), np.zeros((1, 1, 1)), 0.1)
+    assert not (tmp_path / "ran").exists()

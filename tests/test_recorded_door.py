@@ -1,0 +1,288 @@
+"""Recordings become a dataset and an emulator, and what is wrong with them is told by line."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Cli
+
+from neuroanimator import (
+    Emulator,
+    NeuroAnimatorError,
+    dataset_config,
+    evaluate,
+    generate,
+    load_system,
+    read_transitions,
+    train,
+    training_config,
+    write_report,
+)
+from neuroanimator.data.stretches import cut_stretches
+from neuroanimator.data.transitions import window_length
+from neuroanimator.errors import BadFileError
+from neuroanimator.evaluation.evaluate import Effort
+from neuroanimator.new import write_definition
+from neuroanimator.systems.own import resolve
+from neuroanimator.systems.recorded_system import RecordedSystem
+
+HEADER = "run,time s,state.angle rad,state.speed rad/s,control.torque N·m"
+SUBSTEPS = 5
+
+
+def recordings(runs: int = 6, rows: int = 400) -> np.ndarray:
+    """Return rows (run, time, angle, speed, torque) of a linear oscillator under a smooth torque, at 50 Hz."""
+    rng, table = np.random.default_rng(3), []
+    for run in range(runs):
+        angle, speed, phase = rng.uniform(-0.5, 0.5), 0.0, rng.uniform(0, 6, 3)
+        for k in range(rows):
+            torque = np.sin(0.02 * k * np.array([1.0, 2.3, 4.1]) + phase).sum()
+            table.append((run, k * 0.02, angle, speed, torque))
+            for _ in range(20):
+                speed += 0.001 * (6 * torque - 16 * angle - speed)
+                angle += 0.001 * speed
+    return np.array(table)
+
+
+def write_csv(path: Path, table: np.ndarray) -> None:
+    lines = [",".join([str(int(row[0])), *(repr(float(value)) for value in row[1:])]) for row in table]
+    path.write_text("\n".join([HEADER, *lines, ""]))
+
+
+def write_npz(path: Path, table: np.ndarray, **changes: object) -> None:
+    arrays: dict[str, object] = {"run": table[:, 0].astype(int), "time": table[:, 1], "states": table[:, 2:4]}
+    arrays |= {"controls": table[:, 4:], "state_names": ["angle rad", "speed rad/s"], "control_names": ["torque N*m"]}
+    np.savez(path, **{key: np.asarray(value) for key, value in (arrays | changes).items()})  # pyright: ignore
+
+
+def system_from(path: Path) -> RecordedSystem:
+    toml, _ = write_definition(str(path), force=True)
+    system = load_system(*resolve(str(toml))[:2])
+    assert isinstance(system, RecordedSystem)
+    return system
+
+
+def dataset_from(system: RecordedSystem, folder: Path, **changes: int) -> Path:
+    settings = {"substeps": SUBSTEPS, "count": 100_000} | changes
+    generate(dataset_config(system=system.name, definition=system.definition, **settings), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def table() -> np.ndarray:
+    return recordings()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, table: np.ndarray) -> Path:
+    """A folder with runs.csv, runs.toml and data."""
+    folder = tmp_path_factory.mktemp("recorded")
+    write_csv(folder / "runs.csv", table)
+    dataset_from(system_from(folder / "runs.csv"), folder / "data")
+    return folder
+
+
+def rows_of(table: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Return the row of the table each state (N, S) was recorded in; -1 if in none."""
+    known = {tuple(row): k for k, row in enumerate(table[:, 2:4].astype(np.float32).tolist())}
+    return np.array([known.get(tuple(state), -1) for state in states.astype(np.float32).tolist()])
+
+
+def test_every_number_of_the_dataset_is_one_of_the_recording(folder: Path, table: np.ndarray):
+    data = read_transitions(folder / "data")
+    rows = rows_of(table, data.states.reshape(-1, 2)).reshape(data.states.shape[:2])
+    assert rows.min() >= 0
+    assert (np.diff(rows, axis=1) == SUBSTEPS).all()
+    assert len(np.unique(rows[:, 0] % SUBSTEPS)) == SUBSTEPS
+    assert len(np.unique(rows[:, 0])) == len(rows)
+    held = table[rows[:, :-1, None] + np.arange(SUBSTEPS), 4].mean(axis=-1)
+    np.testing.assert_allclose(data.controls[..., 0], held, rtol=1e-5, atol=1e-6)
+
+
+def test_stretches_share_no_sample_and_the_test_is_never_trained_on(folder: Path, table: np.ndarray):
+    data = read_transitions(folder / "data")
+    assert data.held_out is not None
+    rows = rows_of(table, data.states.reshape(-1, 2)).reshape(data.states.shape[:2])
+    used = {int(run): range(rows[data.run == run].min(), rows[data.run == run].max() + 1) for run in set(data.run)}
+    tested = set(rows_of(table, data.held_out[0].reshape(-1, 2)).tolist())
+    seen: set[int] = set()
+    for samples in used.values():
+        assert seen.isdisjoint(samples)
+        seen |= set(samples)
+        assert len({int(table[row, 0]) for row in samples}) == 1
+    assert seen.isdisjoint(tested)
+    assert -1 not in tested
+
+
+def test_csv_and_npz_make_the_same_dataset(folder: Path, table: np.ndarray, tmp_path: Path):
+    write_npz(tmp_path / "runs.npz", table)
+    dataset_from(system_from(tmp_path / "runs.npz"), tmp_path / "data")
+    first, second = read_transitions(folder / "data"), read_transitions(tmp_path / "data")
+    np.testing.assert_array_equal(first.states, second.states)
+    np.testing.assert_array_equal(first.controls, second.controls)
+    np.testing.assert_array_equal(first.run, second.run)
+
+
+def test_a_lost_shard_is_made_again_with_the_same_bytes(folder: Path):
+    shard = folder / "data" / "shard-00000.safetensors"
+    before = shard.read_bytes()
+    shard.unlink()
+    dataset_from(system_from(folder / "runs.csv"), folder / "data")
+    assert shard.read_bytes() == before
+
+
+def test_an_emulator_of_a_linear_system_is_accurate_on_recordings_it_has_not_seen(folder: Path, tmp_path: Path):
+    data = read_transitions(folder / "data")
+    out = tmp_path / "runs.emulator.safetensors"
+    train(data, training_config(updates=750, widths=(24, 24), batch=128), out)
+    found = evaluate(Emulator.load(out), data=data, effort=Effort(repeats=3, starts=20, steps=50))
+    assert found.one_step_error < 0.05
+    assert found.one_step_error < 0.2 * found.baselines["persistence"]
+    assert found.blow_ups == 0
+    assert found.row()["nominal_speedup"] == "none"
+    assert "no physics to compare its speed with" in found.note
+    with pytest.raises(NeuroAnimatorError, match="no speed-ups"):
+        _ = found.speed
+    with pytest.raises(NeuroAnimatorError, match="--data"):
+        evaluate(Emulator.load(out))
+    write_report([found], tmp_path / "report.html")
+    assert "no physics to compare" in (tmp_path / "report.html").read_text()
+
+
+def test_what_the_columns_show_is_proposed(folder: Path):
+    system = load_system(*resolve(str(folder / "runs.toml"))[:2])
+    assert system.structure.rates == ((0, 1),)
+    assert system.physics_dt == 0.02
+    assert system.control.names == ["torque[0] N·m"]
+
+
+def test_an_angle_that_jumps_over_a_half_turn_goes_on(tmp_path: Path, table: np.ndarray):
+    turning = table.copy()
+    turning[:, 2] = (table[:, 1] * 3 + np.pi) % (2 * np.pi) - np.pi
+    turning[:, 3] = 3.0
+    write_csv(tmp_path / "turns.csv", turning)
+    system = system_from(tmp_path / "turns.csv")
+    data = read_transitions(dataset_from(system, tmp_path / "data"))
+    assert system.structure.rates == ((0, 1),)
+    np.testing.assert_allclose(np.diff(data.states[..., 0], axis=1), 3 * 0.02 * SUBSTEPS, atol=1e-4)
+
+
+def test_recordings_are_not_simulated(folder: Path):
+    system = load_system(*resolve(str(folder / "runs.toml"))[:2])
+    with pytest.raises(NeuroAnimatorError, match="recordings cannot be simulated"):
+        system.simulate(np.zeros((1, 2)), np.zeros((1, 1, 1)), 0.1)
+
+
+def test_the_command_line_goes_all_the_way(folder: Path, cli: Cli, tmp_path: Path):
+    (tmp_path / "runs.csv").write_bytes((folder / "runs.csv").read_bytes())
+    emulator = "runs.emulator.safetensors"
+    for arguments in (
+        ("new", "runs.csv"),
+        ("generate", "runs.toml", "--out", "data"),
+        ("train", "data", "--updates", "250", "--widths", "8", "--out", emulator),
+        ("evaluate", emulator, "--data", "data"),
+        ("animate", emulator, "--out", "clip.csv"),
+    ):
+        result = cli(*arguments, cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+    assert (tmp_path / "clip.csv").read_text().startswith("time s,angle[0] rad,speed[0] rad/s")
+    refused = cli("animate", emulator, "--out", "clip.mp4", cwd=tmp_path)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert cli("new", "runs.csv", cwd=tmp_path).returncode == 2
+
+
+GOOD = [HEADER, "0,0.00,0.1,0,1", "0,0.02,0.2,0,2", "0,0.04,0.3,0,1"]
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ([], "bad.csv is empty"),
+        (GOOD[1:], "bad.csv, line 1: no column 'time s'"),
+        (GOOD[:1], "bad.csv: 0 rows"),
+        ([*GOOD, "0,0.07,0.4,0,1"], "bad.csv, line 5, time: 0.03 s after the row before, elsewhere 0.02 s"),
+        ([*GOOD, "0,0.06,nan,0,1"], "bad.csv, line 5, column 3 (state.angle rad): wanted a finite number, came 'nan'"),
+        ([*GOOD, "0,0.06,0.4,inf,1"], "bad.csv, line 5, column 4"),
+        ([*GOOD, "0,0.06,0.4,0,on"], "bad.csv, line 5, column 5 (control.torque N·m)"),
+        ([*GOOD, "0,0.06,0.4,0"], "bad.csv, line 5: 4 cells; wanted 5"),
+        ([GOOD[0].replace("rad/s", "rpm"), *GOOD[1:]], "bad.csv, line 1, column 4: unknown unit 'rpm'"),
+        ([GOOD[0].replace("speed rad/s", "speed"), *GOOD[1:]], "line 1, column 4: wanted a name and a unit"),
+        ([GOOD[0].replace("speed rad/s", "angle rad"), *GOOD[1:]], "two columns are called 'state.angle'"),
+        ([GOOD[0].replace("control.", "motor."), *GOOD[1:]], "'motor.torque N·m' is none of run"),
+        ([GOOD[0].replace("control.", "state."), *GOOD[1:]], "no control column"),
+        ([HEADER, *(f"0,{k / 50},{k},0,1" for k in range(99))], "control.torque never changes"),
+    ],
+)
+def test_a_bad_table_is_refused_by_line(tmp_path: Path, lines: list[str], message: str):
+    (tmp_path / "bad.csv").write_text("\n".join(lines))
+    with pytest.raises(BadFileError) as caught:
+        write_definition(str(tmp_path / "bad.csv"))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "bad.toml").exists()
+
+
+def test_a_missing_file_is_refused(tmp_path: Path):
+    with pytest.raises(BadFileError, match="Could not read .*nowhere.csv"):
+        write_definition(str(tmp_path / "nowhere.csv"))
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"), [(18, "bad.csv, line 2: a run of 18 rows; wanted at least 21"), (40, "too few")]
+)
+def test_runs_too_short_or_too_few_are_refused(tmp_path: Path, rows: int, message: str):
+    write_csv(tmp_path / "bad.csv", recordings(runs=1, rows=rows))
+    system = system_from(tmp_path / "bad.csv")
+    with pytest.raises(BadFileError, match=message):
+        dataset_config(system=system.name, definition=system.definition, substeps=SUBSTEPS)
+
+
+class _Trap:
+    def __reduce__(self) -> tuple:
+        return os.mkdir, ("sprung",)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"states": np.zeros((3, 2))}, "states has shape (3, 2); wanted one row per time"),
+        ({"state_names": ["angle rad"]}, "state_names lists 1 names for 2 columns"),
+        ({"state_names": ["angle rad", "speed mph"]}, "state_names[1]: unknown unit 'mph'"),
+        ({"controls": np.full((2400, 1), np.nan)}, "controls, row 0, column 0: not a finite number"),
+        ({"run": np.array([_Trap()] * 2400)}, "Object arrays cannot be loaded"),
+    ],
+)
+def test_a_bad_npz_is_refused_by_array(
+    tmp_path: Path, table: np.ndarray, changes: dict, message: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    write_npz(tmp_path / "bad.npz", table, **changes)
+    with pytest.raises(BadFileError) as caught:
+        write_definition("bad.npz")
+    assert message in str(caught.value)
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_one_long_recording_is_cut_so_that_something_is_left_to_test_on(tmp_path: Path):
+    write_csv(tmp_path / "one.csv", recordings(runs=1, rows=2400))
+    learn, test = cut_stretches(system_from(tmp_path / "one.csv"), window_length(SUBSTEPS))
+    assert len(learn) > 10
+    assert len(test) > 1
+    assert sum(stretch.stop - stretch.start for stretch in [*learn, *test]) == 2400
+
+
+def test_a_toml_that_disagrees_with_its_recordings_is_refused(folder: Path, table: np.ndarray, tmp_path: Path):
+    write_csv(tmp_path / "runs.csv", table)
+    system_from(tmp_path / "runs.csv")
+    toml = tmp_path / "runs.toml"
+    for old, new, message in (
+        ("0.02", "0.01", "sampled every 0.02 s"),
+        ("angle", "angel", "state columns are angle rad"),
+    ):
+        (tmp_path / "edited.toml").write_text(toml.read_text().replace(old, new))
+        system = load_system(*resolve(str(tmp_path / "edited.toml"))[:2])
+        with pytest.raises(NeuroAnimatorError, match=message):
+            dataset_from(system, tmp_path / "data")
