@@ -20,7 +20,7 @@ lint: setup
 check: lint test
 
 bench: setup
-	$(BIN)/python benchmarks/pendulum.py
+	$(BIN)/neuroanimator bench --table1
 
 setup: $(STAMP)
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from machine import describe_machine, write_results
+from machine import write_results
 
 from neuroanimator import Emulator, descend, find_emulator, is_upright, load_system, replay, stand_upright
+from neuroanimator.bench import describe_machine
+from neuroanimator.systems.layout import Bounds
 from neuroanimator.systems.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
 from neuroanimator.terminal import print_table
 
@@ -30,12 +32,12 @@ FIRST_SHARE = 0.3
 def trial(emulator: Emulator, motors: str, seconds: float, method: str, iterations: int) -> dict[str, Any]:
     """Return one row: how descents from `SEEDS` first controls fared, on emulator and physics."""
     system, objective, start = load_system("pendulum"), stand_upright(), np.zeros(6)
-    limit, steps = np.array(LIMITS[motors]), round(seconds / emulator.dt)
+    bounds, steps = Bounds.symmetric(LIMITS[motors]), round(seconds / emulator.dt)
     found, outcomes = [], []
     for seed in range(SEEDS):
-        first = smooth(np.random.default_rng(seed), steps, emulator.dt) * limit * FIRST_SHARE * (seed > 0)
+        first = smooth(np.random.default_rng(seed), steps, emulator.dt) * bounds.half * FIRST_SHARE * (seed > 0)
         result = descend(
-            emulator, objective, start, steps=steps, method=method, iterations=iterations, first=first, limit=limit
+            emulator, objective, start, steps=steps, method=method, iterations=iterations, first=first, bounds=bounds
         )
         found.append(result)
         outcomes.append(replay(emulator, system, objective, start, result.controls))

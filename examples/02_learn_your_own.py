@@ -10,7 +10,7 @@ na.generate(config, folder)
 data = na.read_transitions(folder)
 
 emulator = na.train(data, na.training_config(updates=10_000), folder / "passive.emulator.safetensors")
-evaluation = na.evaluate(emulator, data=data, starts=100, steps=200)
+evaluation = na.evaluate(emulator, data=data, effort=na.Effort(starts=100, steps=200))
 
 print(f"one-step error {evaluation.one_step_error:.3f}")
 print(f"nominal speed-up {evaluation.speed.nominal:.0f}, at equal error {evaluation.speed.equal_error:.1f}")

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from neuroanimator.animation.clip import Clip, make_clip
     from neuroanimator.control.descend import descend
-    from neuroanimator.control.objective import Objective, stand_upright
+    from neuroanimator.control.objective import Objective, is_reached, reach_state, stand_upright
     from neuroanimator.control.replay import is_upright, replay
     from neuroanimator.control.synthesise import synthesise
     from neuroanimator.data.generate import generate
     from neuroanimator.data.transitions import dataset_config, read_transitions
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.errors import NeuroAnimatorError
-    from neuroanimator.evaluation.evaluate import evaluate
+    from neuroanimator.evaluation.evaluate import Effort, evaluate
     from neuroanimator.evaluation.report import write_report
     from neuroanimator.export.gltf import write_glb
     from neuroanimator.export.table import read_clip, write_clip
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 # Loaded on first use, so that `neuroanimator --help` does not wait for JAX and MuJoCo.
 _HOMES = {
     "Clip": "animation.clip",
+    "Effort": "evaluation.evaluate",
     "Emulator": "emulator.emulator",
     "NeuroAnimatorError": "errors",
     "Objective": "control.objective",
@@ -36,11 +37,13 @@ _HOMES = {
     "evaluate": "evaluation.evaluate",
     "find_emulator": "shipped",
     "generate": "data.generate",
+    "is_reached": "control.objective",
     "is_upright": "control.replay",
     "load_system": "systems",
     "make_clip": "animation.clip",
     "read_clip": "export.table",
     "read_transitions": "data.transitions",
+    "reach_state": "control.objective",
     "replay": "control.replay",
     "stand_upright": "control.objective",
     "synthesise": "control.synthesise",
@@ -53,10 +56,10 @@ _HOMES = {
 }
 
 __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
-    "Clip", "Emulator", "NeuroAnimatorError", "Objective",
+    "Clip", "Effort", "Emulator", "NeuroAnimatorError", "Objective",
     "load_system", "dataset_config", "generate", "read_transitions", "training_config", "train",
     "find_emulator", "evaluate", "write_report",
-    "stand_upright", "descend", "replay", "synthesise", "is_upright",
+    "stand_upright", "reach_state", "descend", "replay", "synthesise", "is_upright", "is_reached",
     "make_clip", "read_clip", "write_clip", "write_glb", "write_video",
 ]  # fmt: skip
 

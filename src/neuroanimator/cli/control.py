@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -49,6 +50,7 @@ def run(
         method=method,
         iterations=iterations,
         data=read_transitions(data) if data else None,
+        on_refine=lambda gap: print(f"gap {gap:.2f}: learning the physics around the motion ...", file=sys.stderr),
     )
     controls = found.descent.controls
     write_table(out, np.arange(len(controls)) * found.emulator.dt, controls, found.emulator.identity.control)

@@ -8,11 +8,13 @@ EXAMPLE = "neuroanimator list"
 def run() -> None:
     """List the systems and the ready-made emulators."""
     from neuroanimator.shipped import SHIPPED, shipped_path
-    from neuroanimator.systems import SYSTEMS
+    from neuroanimator.systems import GOALS, SYSTEMS
     from neuroanimator.terminal import print_rows
 
     print("Systems")
     print_rows((f"  {name}", text) for name, text in SYSTEMS.items())
+    print("\nGoals for 'control'")
+    print_rows((f"  {name}", goals) for name, goals in GOALS.items())
     print("\nReady-made emulators")
     present = [(system, n) for system, n in sorted(SHIPPED) if shipped_path(system, n).is_file()]
     print_rows((f"  {system}-{n}", f"leaps {n} physics steps at a time") for system, n in present)

@@ -12,14 +12,23 @@ SYSTEMS = {
     "truck": "an off-road truck on a parking lot: rear-wheel drive, steered front wheels",
 }
 
+GOALS = {
+    "lander": "pad (stand on the home pad)",
+    "pendulum": "upright",
+    "truck": "bay_1 to bay_6 (stand in a parking bay)",
+}
+"""Named goals of each system that has some."""
+
 
 def load_system(name: str, definition: str = "") -> System:
-    """Return the system called `name`, or the one `definition` describes.
+    """Return the system called `name`, of the TOML file `name`, or the one `definition` describes.
 
     `definition` is what a dataset or an emulator of a user's own system carries along.
     """
     from neuroanimator.systems import own, pendulum
 
+    if name.endswith(".toml"):
+        definition = own.resolve(name)[1]
     if definition:
         return own.from_text(definition)
     makers = {

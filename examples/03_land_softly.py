@@ -1,0 +1,22 @@
+"""Land the lunar lander on its pad: found through the emulator, proved on MuJoCo, written as GLB."""
+
+from pathlib import Path
+
+import neuroanimator as na
+
+emulator = na.Emulator.load(na.find_emulator("lander-50"))
+system = na.load_system("lander")
+pad = system.goals["pad"]
+
+start = system.rest.copy()
+start[:3] += [3.0, -2.0, 6.0]  # 6 m up, off to the side,
+start[9] = -0.5  # and sinking at 0.5 m/s
+
+goal = na.reach_state(system.structure, system.rest, pad)
+found = na.descend(emulator, goal, start, steps=round(pad.seconds / emulator.dt))
+proof = na.replay(emulator, system, goal, start, found.controls)
+
+print(f"{found.iterations} iterations, {found.seconds:.2f} s")
+print(f"J on emulator {proof.cost_emulator:.2f}, on MuJoCo {proof.cost_physics:.2f}")
+print("landed on MuJoCo:", na.is_reached(system, pad, proof.physical[-1]))
+na.write_glb(na.make_clip(emulator, proof.physical), Path("landing.glb"))

@@ -1,0 +1,161 @@
+"""Anybody's own MJCF becomes an emulator without a line of Python."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuroanimator import Emulator, NeuroAnimatorError, dataset_config, evaluate, generate, load_system
+from neuroanimator.data.transitions import read_transitions
+from neuroanimator.evaluation.evaluate import Effort
+from neuroanimator.new import write_definition
+from neuroanimator.propose import propose
+from neuroanimator.systems.own import resolve
+
+CART = """<mujoco model="cart">
+  <option timestep="0.01" integrator="RK4"/>
+  <worldbody>
+    <body name="cart">
+      <joint name="track" type="slide" axis="1 0 0" damping="0.5"/>
+      <geom type="box" size="0.2 0.1 0.1" mass="1" contype="0" conaffinity="0"/>
+      <body name="pole">
+        <joint name="hinge" type="hinge" axis="0 1 0" damping="0.02"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.6" size="0.04" mass="0.3" contype="0" conaffinity="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="push" joint="track" ctrlrange="-5 5" ctrllimited="true"/></actuator>
+</mujoco>"""
+
+BALL = """<mujoco><worldbody><geom type="plane" size="5 5 1"/>
+  <body name="post"><joint name="neck" type="ball" damping="0.1"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.05" contype="0" conaffinity="0"/></body>
+  </worldbody><actuator><motor name="twist" joint="neck" gear="0 0 1" ctrlrange="-1 1"/></actuator></mujoco>"""
+
+
+@pytest.fixture
+def cart(tmp_path: Path) -> Path:
+    path = tmp_path / "cart.xml"
+    path.write_text(CART)
+    return path
+
+
+def test_what_joints_are_decides_how_they_are_seen(cart: Path, tmp_path: Path):
+    found = propose(cart).definition
+    assert found.state == {"track": "cyclic", "hinge": "sine"}
+    assert found.control == {"push": (-5.0, 5.0)}
+    assert found.substeps == 10
+    assert found.physics.integrator == "rk4"
+    (tmp_path / "ball.xml").write_text(BALL)
+    assert propose(tmp_path / "ball.xml").definition.state == {"neck": "ball"}
+
+
+@pytest.mark.parametrize("name", ["Swimmer-v5", "InvertedPendulum-v5"])
+def test_gymnasiums_models_are_proposed_with_their_symmetries(name: str, tmp_path: Path):
+    path, proposal = write_definition(name, tmp_path / "model.toml")
+    assert path.exists()
+    if name == "Swimmer-v5":
+        assert proposal.definition.frame.planar == ("slider1", "slider2", "free_body_rot")
+    reference, definition, _ = resolve(str(path))
+    system = load_system(reference, definition)
+    starts = system.sample_starts(np.random.default_rng(0), 4)
+    runs = system.simulate(starts, np.zeros((4, 5, system.control.size)), 0.2)
+    assert runs.is_alive.all()
+
+
+def test_the_command_line_goes_all_the_way(cart: Path, cli, tmp_path: Path):
+    goal = '\n[goals.right]\nseconds = 1.0\nreach = { "track" = [0.5] }\nwithin = { "track" = 0.05 }\n'
+    assert cli("new", cart).returncode == 0
+    toml, out = cart.with_suffix(".toml"), tmp_path / "cart.emulator.safetensors"
+    toml.write_text(toml.read_text() + goal)
+    for arguments in (
+        ("generate", toml, "--count", 3000, "--out", tmp_path / "data"),
+        ("train", tmp_path / "data", "--updates", 1500, "--out", out),
+        ("animate", out, "--seconds", 1, "--out", tmp_path / "clip.glb"),
+        ("control", out, "--goal", "right", "--data", tmp_path / "data", "--out", tmp_path / "c.csv"),
+        ("info", out),
+    ):
+        result = cli(*arguments)
+        assert result.returncode == 0, result.stderr
+    toml.unlink(), cart.unlink()  # the emulator carries its system along
+    found = evaluate(Emulator.load(out), effort=Effort(runs=4, transitions=100, repeats=1, starts=20, steps=100))
+    assert found.one_step_error < 0.1
+    assert found.blow_ups == 0
+    assert found.speed.nominal > 1
+
+
+def test_a_toml_file_holds_edits_and_is_not_overwritten(cart: Path):
+    path, _ = write_definition(str(cart))
+    path.write_text(path.read_text() + "# mine\n")
+    with pytest.raises(NeuroAnimatorError, match="--force overwrites it"):
+        write_definition(str(cart))
+    assert path.read_text().endswith("# mine\n")
+    write_definition(str(cart), force=True)
+    assert not path.read_text().endswith("# mine\n")
+
+
+def test_the_toml_says_all_of_the_definition_and_nothing_else(cart: Path):
+    path, proposal = write_definition(str(cart))
+    written = tomllib.loads(path.read_text())
+    assert written == json.loads(proposal.definition.model_dump_json(exclude={"goals"}))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda xml: xml.replace("<motor", "<!--").replace('limited="true"/>', "-->"), "no actuators"),
+        (
+            lambda xml: xml.replace(
+                '</worldbody>', '<body name="b"><freejoint name="f"/><geom size="0.1"/></body></worldbody>'
+            ),
+            "free joint must be the model's first joint",
+        ),
+        (lambda xml: xml.replace('"hinge" type', '"track.speed" type'), "would be called 'track.speed'"),
+        (lambda xml: xml.replace('timestep="0.01"', 'timestep="-1"'), "timestep"),
+        (lambda xml: xml.replace("<body name=\"cart\">", '<include file="../x.xml"/><body name="cart">'), r"\.\."),
+        (lambda xml: xml.replace("</worldbody>", '<flexcomp name="x" type="grid"/></worldbody>'), "soft bodies"),
+    ],
+)  # fmt: skip
+def test_models_that_cannot_be_emulated_are_refused_by_name(change, message: str, cart: Path):
+    cart.write_text(change(CART))
+    with pytest.raises(NeuroAnimatorError, match=message):
+        propose(cart)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda toml: toml.replace("[physics]\n", "[physics]\nstpe = 1\n"), "physics.stpe"),
+        (lambda toml: toml.replace('hinge = "sine"', 'hinge = "ball"'), "state.hinge: a hinge joint cannot be 'ball'"),
+        (lambda toml: toml.replace('hinge = "sine"', 'hinjge = "sine"'), "No joint called 'hinjge'. Joints: track"),
+        (lambda toml: toml.replace("push = [-5.0, 5.0]", "push = [5.0, -5.0]"), "control.push"),
+        (lambda toml: toml.replace("push =", "pull ="), "no actuator called 'pull'. Actuators: push"),
+        (lambda toml: toml.replace('model = "cart.xml"', 'model = "../cart.xml"'), "a file beside it"),
+        (lambda toml: toml + '\n[goals.x]\nreach = { "trakc" = [1.0] }\n', "No part called 'trakc'"),
+    ],
+)
+def test_a_wrong_line_in_the_toml_is_named(change, message: str, cart: Path):
+    path, _ = write_definition(str(cart))
+    path.write_text(change(path.read_text()))
+    with pytest.raises(NeuroAnimatorError, match=message):
+        resolve(str(path))
+
+
+def test_a_dataset_carries_its_system_and_another_edit_is_another_dataset(cart: Path, tmp_path: Path):
+    path, _ = write_definition(str(cart))
+    name, definition, n = resolve(str(path))
+    generate(dataset_config(system=name, definition=definition, substeps=n, count=120), tmp_path / "d")
+    assert read_transitions(tmp_path / "d").system.state.names == [
+        "track[0] m",
+        "hinge[0] rad",
+        "track.speed[0] m/s",
+        "hinge.speed[0] rad/s",
+    ]
+    path.write_text(path.read_text().replace("push = [-5.0, 5.0]", "push = [-4.0, 4.0]"))
+    name, definition, n = resolve(str(path))
+    with pytest.raises(NeuroAnimatorError, match="holds another dataset"):
+        generate(dataset_config(system=name, definition=definition, substeps=n, count=120), tmp_path / "d")
