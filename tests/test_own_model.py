@@ -88,6 +88,22 @@ def test_the_command_line_goes_all_the_way(cart: Path, cli, tmp_path: Path):
     assert found.speed.nominal > 1
 
 
+def test_sensors_are_emulated_and_agree_with_mujoco(cart: Path):
+    cart.write_text(CART.replace("</mujoco>", '<sensor><jointvel name="pace" joint="track"/></sensor></mujoco>'))
+    path, _ = write_definition(str(cart))
+    assert "of: pace" in path.read_text()
+    path.write_text(path.read_text().replace("sensors = []", 'sensors = ["pace"]'))
+    system = load_system(str(path))
+    assert system.state.names[-1] == "sensor.pace[0] 1"
+    starts = system.sample_starts(np.random.default_rng(0), 5)
+    np.testing.assert_allclose(starts[:, 4], starts[:, 2])
+    fine = system.simulate(starts, np.ones((5, 3, 1)), 0.1, scheme=system.fine)
+    np.testing.assert_allclose(fine.states[:, :, 4], fine.states[:, :, 2], atol=0.02)  # of the step before
+    path.write_text(path.read_text().replace('"pace"', '"race"'))
+    with pytest.raises(NeuroAnimatorError, match="no sensor called 'race'. Sensors: pace"):
+        load_system(str(path))
+
+
 def test_a_toml_file_holds_edits_and_is_not_overwritten(cart: Path):
     path, _ = write_definition(str(cart))
     path.write_text(path.read_text() + "# mine\n")

@@ -96,11 +96,15 @@ def as_toml(proposal: Proposal) -> str:
     definition = proposal.definition
     is_model = isinstance(definition, Definition)
     values = definition.model_dump(mode="json", exclude_unset=not is_model)
-    top = {key: values.pop(key) for key in ("name", "kind", "model", "file", "batched", "substeps") if key in values}
+    top = {
+        key: values.pop(key)
+        for key in ("name", "kind", "model", "file", "batched", "substeps", "sensors")
+        if key in values
+    }
     values.pop("goals", None)
     source, titles = (top["model"], TITLES) if is_model else (top["file"], PART_TITLES)
     lines = [f"# How NeuroAnimator sees {source}. Edit what you know better; every line is checked when used."]
-    lines += [_line(key, value, "") for key, value in top.items()]
+    lines += [_line(key, value, proposal.notes.get(key, "")) for key, value in top.items()]
     for name, table in values.items():
         write: Any = _parts if isinstance(table, list) else _table
         lines += write(name, table, proposal.notes, titles)

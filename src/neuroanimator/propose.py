@@ -52,6 +52,8 @@ def propose(path: Path) -> Proposal:
         raise BadFileError(f"{path.name} has no actuators. Add an <actuator> section: something must drive the model.")
     values = _read_off(path, model)
     notes = {"physics.step": "the model's own [s]", "physics.integrator": "the model's own"}
+    sensors = [name for i in range(model.nsensor) if (name := model.sensor(i).name)]
+    notes["sensors"] = f"those to be emulated too, of: {', '.join(sensors) or 'none'}"
     notes |= {
         f"control.{name}": "the model gives no range: say what your motor can do"
         for name, unlimited in zip(values["control"], _unlimited(model), strict=True)

@@ -102,6 +102,8 @@ class Definition(_Table):
     """Per joint, how the network sees it."""
     control: dict[str, tuple[Finite, Finite]] = {}
     """Per actuator, its least and largest value."""
+    sensors: tuple[str, ...] = ()
+    """Sensors that are emulated too."""
     frame: FrameTable = FrameTable()
     sampling: Sampling = Sampling()
     goals: dict[Name, GoalTable] = {}

@@ -28,15 +28,16 @@ class ModelSystem(MujocoSystem):
         """`text` is what the system can be made from again; empty for one that comes with the package."""
         self.name, self.definition, self.model = definition.name, text, model
         self.views = joint_views(model, dict(definition.state), definition.frame.planar)
-        self.state = state_layout(model, self.views)
+        self.sensors = sensor_entries(model, definition.sensors)
+        self.state = state_layout(model, self.views, definition.sensors)
         self.control, self.bounds = _controls(model, definition)
-        self.structure = structure_of(model, self.views, definition.frame, self.control)
+        self.structure = structure_of(model, self.views, definition.frame, self.control, self.state.size)
         physics = definition.physics
         self.scheme = Scheme(physics.integrator, physics.step)
         self.truth = Scheme(physics.truth_integrator, physics.truth_step)
         self.fine = Scheme(physics.fine_integrator, physics.fine_step)
         self.skeleton = skeleton_of(model)
-        self.rest = _rest(model)
+        self.rest = self.with_sensors(_rest(model)[None])[0]
         self.sampling = definition.sampling
         self.warm_up = definition.sampling.warm_up
         self._check_sampling()
@@ -48,7 +49,18 @@ class ModelSystem(MujocoSystem):
         starts = np.repeat(self.rest[None], count, axis=0)
         for view in self.views:
             self._scatter(view, starts, spread, rng)
-        return starts
+        return self.with_sensors(starts[:, : self.physical_size])
+
+    def with_sensors(self, physical: np.ndarray) -> np.ndarray:
+        """Return states (B, S) with what the sensors say in the physical states (B, P)."""
+        if not self.sensors:
+            return physical
+        data, sensed = mujoco.MjData(self.model), np.empty((len(physical), len(self.sensors)))
+        for row, state in enumerate(physical):
+            self.put(data, state)
+            mujoco.mj_forward(self.model, data)
+            sensed[row] = data.sensordata[list(self.sensors)]
+        return np.concatenate([physical, sensed], axis=1)
 
     def _scatter(self, view: JointView, starts: np.ndarray, spread: np.ndarray, rng: np.random.Generator) -> None:
         count, sampling = len(starts), self.sampling
@@ -115,6 +127,16 @@ class ModelSystem(MujocoSystem):
         if len(entries) < len(numbers) or (part.endswith(".turn") and len(numbers) != 4):
             raise ArgumentError(f"goals.{name}.reach: '{part}' has {place.stop - place.start} numbers.")
         return entries, numbers
+
+
+def sensor_entries(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the entries of MuJoCo's sensor data the sensors called `names` fill."""
+    known = [model.sensor(i).name for i in range(model.nsensor)]
+    for name in names:
+        if name not in known:
+            raise ArgumentError(f"sensors: no sensor called '{name}'. Sensors: {', '.join(known) or 'none'}.")
+    places = [(int(model.sensor(name).adr[0]), int(model.sensor(name).dim[0])) for name in names]
+    return tuple(start + i for start, size in places for i in range(size))
 
 
 def _controls(model: mujoco.MjModel, definition: Definition) -> tuple[Layout, Bounds]:

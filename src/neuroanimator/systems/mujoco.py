@@ -31,7 +31,10 @@ def load_model(file_name: str) -> mujoco.MjModel:
 
 
 class MujocoSystem(System):
-    """A MuJoCo model whose state is (qpos, qvel, act), driven by motors or by forces on its bodies.
+    """A MuJoCo model whose state is (qpos, qvel, act, sensors), driven by motors or by forces on its bodies.
+
+    Sensors are what MuJoCo reports at the last physics step. They are emulated like the rest, but nothing
+    follows from them.
 
     Subclasses set the fields of `System`, `model`, and `pushes`: per control a (body, axis) pair
     naming the world-frame force it is [N]; empty where the controls are the model's own actuators.
@@ -39,6 +42,13 @@ class MujocoSystem(System):
 
     model: mujoco.MjModel
     pushes: tuple[tuple[str, int], ...] = ()
+    sensors: tuple[int, ...] = ()
+    """Entries of MuJoCo's sensor data that belong to the state."""
+
+    @property
+    def physical_size(self) -> int:
+        """State entries that physics goes on from: all but the sensors."""
+        return self.model.nq + self.model.nv + self.model.na
 
     def model_with(self, scheme: Scheme) -> mujoco.MjModel:
         """Return a copy of the model that steps by `scheme`."""
@@ -78,15 +88,17 @@ class MujocoSystem(System):
     def put(self, data: mujoco.MjData, state: np.ndarray) -> None:
         """Make `state` (S,) the state of `data`."""
         mujoco.mj_resetData(self.model, data)
-        parts = np.split(state, [self.model.nq, self.model.nq + self.model.nv])
+        parts = np.split(state[: self.physical_size], [self.model.nq, self.model.nq + self.model.nv])
         data.qpos[:], data.qvel[:], data.act[:] = parts
 
     def _rollout(self, model, workers, starts, controls, substeps) -> np.ndarray:
-        initial = np.concatenate([np.zeros((len(starts), 1)), starts], axis=1)  # MuJoCo's state leads with time
+        physical = starts[:, : self.physical_size]
+        initial = np.concatenate([np.zeros((len(starts), 1)), physical], axis=1)  # MuJoCo's state leads with time
         kind, signal = self.drive(controls)
         signal = np.repeat(signal, substeps, axis=1)
-        states, _ = rollout.rollout(model, workers, initial, signal, control_spec=int(kind))
-        return np.asarray(states)[:, substeps - 1 :: substeps, 1:]
+        found = rollout.rollout(model, workers, initial, signal, control_spec=int(kind))
+        states, sensed = (np.asarray(part)[:, substeps - 1 :: substeps] for part in found)
+        return np.concatenate([states[..., 1:], sensed[..., list(self.sensors)]], axis=-1)
 
     def drive(self, controls: np.ndarray) -> tuple[mujoco.mjtState, np.ndarray]:
         """Return which part of MuJoCo's input the controls are, and their values there."""

@@ -64,12 +64,13 @@ def _check(views: list[JointView], looks: dict[str, str], planar: tuple[str, ...
         raise ArgumentError("frame.planar: wanted three joints x, y, heading, of which x and y follow each other.")
 
 
-def state_layout(model: mujoco.MjModel, views: list[JointView]) -> Layout:
-    """Return the named parts of (qpos, qvel, act)."""
+def state_layout(model: mujoco.MjModel, views: list[JointView], sensors: tuple[str, ...] = ()) -> Layout:
+    """Return the named parts of (qpos, qvel, act, sensors)."""
     places = [part for view in views for part in _place_slices(view)]
     rates = [part for view in views for part in _rate_slices(view)]
     activation = [Slice("activation", model.na, "1")] if model.na else []
-    parts = [*places, *rates, *activation]
+    sensed = [Slice(f"sensor.{name}", int(model.sensor(name).dim[0]), "1") for name in sensors]
+    parts = [*places, *rates, *activation, *sensed]
     names = [part.name for part in parts]
     for name in names:
         if names.count(name) > 1:
@@ -95,16 +96,18 @@ def _rate_slices(view: JointView) -> list[Slice]:
     }[view.kind]
 
 
-def structure_of(model: mujoco.MjModel, views: list[JointView], frame: FrameTable, control: Layout) -> Structure:
-    """Return what an emulator of `model` may exploit."""
+def structure_of(
+    model: mujoco.MjModel, views: list[JointView], frame: FrameTable, control: Layout, size: int
+) -> Structure:
+    """Return what an emulator of `model` with states of `size` entries may exploit."""
     if frame.fold > 1 and [view.kind for view in views] != ["free"]:
         raise ArgumentError("frame.fold: only a body whose one joint is free may have such a symmetry.")
     rates = [(v.place + i, v.rate + i) for v in views for i in range({"free": 3, "ball": 0}.get(v.kind, 1))]
     return Structure(
-        angles=tuple(_angle_rows(model, views)),
+        angles=tuple(_angle_rows(model, views, size)),
         rates=tuple(rates),
         plain=tuple(_plain(model, views, frame.ground)),
-        segments=_segments(model, views, frame.planar),
+        segments=_segments(views, frame.planar, size),
         probes=frame.probes,
         fold=frame.fold,
         fold_controls=tuple((control.index(x).start, control.index(y).start) for x, y in frame.fold_controls),
@@ -123,9 +126,9 @@ def _plain(model: mujoco.MjModel, views: list[JointView], ground: bool) -> list[
     return entries + [model.nq + model.nv + i for i in range(model.na)]
 
 
-def _angle_rows(model: mujoco.MjModel, views: list[JointView]) -> list[tuple[int, ...]]:
+def _angle_rows(model: mujoco.MjModel, views: list[JointView], size: int) -> list[tuple[int, ...]]:
     """Return each sine hinge's angle, and its sum with those of parallel hinges above it: gravity sees the sum."""
-    size, hinges = model.nq + model.nv + model.na, {v.name: v for v in views if v.look == "sine"}
+    hinges = {v.name: v for v in views if v.look == "sine"}
     rows: list[tuple[int, ...]] = []
     for view in hinges.values():
         alone = np.zeros(size, int)
@@ -149,13 +152,14 @@ def _parallel_above(model: mujoco.MjModel, view: JointView, hinges: dict[str, Jo
     return found
 
 
-def _segments(model: mujoco.MjModel, views: list[JointView], planar: tuple[str, ...]) -> tuple[Segment, ...]:
+def _segments(views: list[JointView], planar: tuple[str, ...], size: int) -> tuple[Segment, ...]:
     """Return how the state changes, in order; empty if it is plain all through."""
     if not planar and all(view.kind in ("hinge", "slide") for view in views):
         return ()
     parts = [segment for view in views for segment in _place_segments(view, planar)]
     parts += [segment for view in views for segment in _rate_segments(view, planar)]
-    return tuple(_merged([*parts, Segment("plain", model.na)]))
+    rest = size - sum(part.size for part in parts)  # activations and sensors
+    return tuple(_merged([*parts, Segment("plain", rest)]))
 
 
 def _place_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
