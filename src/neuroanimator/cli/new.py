@@ -32,6 +32,6 @@ def run(
             ("system", definition.name),
             ("super step", f"{definition.substeps} physics steps, {definition.substeps * definition.physics.step:g} s"),
             ("written", path),
-            ("next", f"edit {path}, then: neuroanimator generate {path} --out data/{definition.name}"),
+            ("next", f"edit {path}, then: neuroanimator train {path} --out {definition.name}.emulator.safetensors"),
         ]
     )

@@ -1,0 +1,71 @@
+"""The table and the sweep measure what they say."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neuroanimator import NeuroAnimatorError
+from neuroanimator.bench import chosen_rows
+from neuroanimator.shipped import SHIPPED, shipped_path
+from neuroanimator.sweep import SweepRow, largest_within, sweep
+from neuroanimator.training.batches import draw_batches
+from neuroanimator.training.recipe import RECIPES, recipe_of
+
+
+def test_a_row_of_the_table_is_complete(cli, tmp_path: Path):
+    out = tmp_path / "bench"
+    result = cli("bench", "--table1", "--quick", "--json", "--systems", "lander", "--substeps", 50, "--out", out)
+    assert result.returncode == 0, result.stderr
+    (row,) = json.loads(result.stdout)
+    assert (row["system"], row["substeps"], row["nominal_1998"]) == ("lander", 50, 54)
+    assert row["blow_ups"] == 0
+    assert row["nominal_speedup"] > 20
+    assert row["equal_error_speedup"] > 1
+    assert row["one_step_error"] < 0.06 < row["constant_velocity_error"] < row["persistence_error"]
+    assert row["ridge_regression_error"] > row["one_step_error"]
+    assert row["break_even_hours"] > 0
+    assert (out / "table1.csv").read_text().startswith("# ")
+    assert (out / "work-precision.png").stat().st_size > 5000
+
+
+def test_rows_are_chosen_by_name():
+    assert len(chosen_rows(None, None)) == len(SHIPPED) == 12
+    assert chosen_rows("truck,lander", "50") == [("lander", 50), ("truck", 50)]
+    with pytest.raises(NeuroAnimatorError, match="no rows for car"):
+        chosen_rows("car", None)
+
+
+def test_every_row_has_a_recipe_and_ships_small():
+    for system, substeps in SHIPPED:
+        assert recipe_of(system, substeps).widths == RECIPES[system].widths
+        assert shipped_path(system, substeps).stat().st_size < 300_000
+
+
+def test_a_sweep_names_the_largest_n_that_keeps_the_tolerance(tmp_path: Path):
+    rows = sweep("pendulum", (25, 50), tmp_path, seconds=0.1, transitions=1500, updates=500)
+    assert [row.substeps for row in rows] == [25, 50]
+    assert all(row.path.exists() and 0 < row.error < 1 for row in rows)
+    made = [SweepRow(n, 0.0, error, 1.0, tmp_path) for n, error in ((25, 0.05), (50, 0.09), (100, 0.4))]
+    best = largest_within(made, 0.1)
+    assert best is not None
+    assert best.substeps == 50
+    assert largest_within(made, 0.01) is None
+
+
+def test_drawing_rare_rows_more_often_does_not_change_the_mean():
+    values = jnp.asarray(np.random.default_rng(0).normal(size=1000))
+    rare = jnp.arange(0, 1000, 10)
+    means = []
+    for key in jax.random.split(jax.random.key(0), 20):
+        rows, weights = draw_batches(key, 64, 1000, rare, 0.5)
+        assert weights is not None
+        means.append(float(jnp.mean(values[rows] * weights[rows])))
+    spread = np.std(means) / np.sqrt(len(means))
+    assert abs(np.mean(means) - float(values.mean())) < 4 * spread
+    assert float(jnp.isin(rows, rare).mean()) > 0.5
