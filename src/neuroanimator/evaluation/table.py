@@ -19,7 +19,7 @@ from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, roo
 from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, evaluate
 from neuroanimator.evaluation.speed import PHYSICS_STEPS, one_core
 from neuroanimator.training.config import UPDATES_PER_CHUNK
-from neuroanimator.training.recipe import recipe_of
+from neuroanimator.training.recipe import RECIPES
 from neuroanimator.training.train import time_chunk
 
 NOMINAL_1998 = {
@@ -115,8 +115,7 @@ def break_even_hours(emulator: Emulator, evaluation: Evaluation) -> float:
 
     Both are estimated from this machine's own speed: physics steps of the teacher, and a timed stretch of training.
     """
-    recipe = recipe_of(evaluation.system, evaluation.substeps)
-    speed, system = evaluation.speed, system_of(emulator)
+    recipe, speed, system = RECIPES[evaluation.system], evaluation.speed, system_of(emulator)
     runs = recipe.transitions / recipe.picks
     per_step = next(o.seconds for o in speed.opponents if o.scheme == system.truth) / system.truth.steps(emulator.dt)
     data_seconds = runs * RUN_STEPS * system.truth.steps(emulator.dt) * per_step

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -44,15 +44,6 @@ RECIPES = {
 }
 
 
-LONGER = {("lander", 50): replace(RECIPES["lander"], updates=300_000)}
-"""The lander at n = 50 is the one the 1998 table names; twice the updates make its touchdowns a tenth better."""
-
-
-def recipe_of(system: str, substeps: int) -> Recipe:
-    """Return how the shipped emulator of `system` at `substeps` is made."""
-    return LONGER.get((system, substeps), RECIPES[system])
-
-
 def cook(
     system: str,
     substeps: int,
@@ -62,7 +53,7 @@ def cook(
     on_report: Callable[[Report], None] = lambda report: None,
 ) -> tuple[Emulator, Path]:
     """Return the emulator the recipe makes in `folder` and its file; a killed run goes on where it stopped."""
-    recipe, data = recipe_of(system, substeps), folder / f"{system}-{substeps}"
+    recipe, data = RECIPES[system], folder / f"{system}-{substeps}"
     generate(recipe.data(system, substeps), data)
     name = shipped_path(system, substeps).name
     out = folder / (name if seed == 0 else name.replace(".emulator", f"-seed-{seed}.emulator"))
