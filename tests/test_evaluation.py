@@ -12,11 +12,11 @@ from neuroanimator import Emulator, evaluate, write_report
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.evaluation.accuracy import (
     baselines,
-    count_blow_ups,
     held_out_runs,
     one_step_error,
     scheme_error,
 )
+from neuroanimator.evaluation.blow_ups import count_blow_ups
 from neuroanimator.evaluation.evaluate import Effort
 from neuroanimator.evaluation.speed import OPPONENT_INTEGRATORS
 from neuroanimator.systems.system import Scheme
@@ -46,7 +46,7 @@ def test_no_rollout_of_the_shipped_emulator_blows_up(shipped: Emulator):
 def test_a_broken_emulator_is_found_to_blow_up(shipped: Emulator):
     import equinox as eqx
 
-    wild = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: 50 * out)
+    wild = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: 500 * out)
     assert count_blow_ups(wild, starts=20, steps=200) > 0
 
 

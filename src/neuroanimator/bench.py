@@ -18,7 +18,8 @@ from neuroanimator.evaluation.work_precision import draw_work_precision
 from neuroanimator.files import write_whole
 from neuroanimator.shipped import SHIPPED, find_emulator
 from neuroanimator.terminal import progress_bar
-from neuroanimator.training.recipe import cook
+from neuroanimator.training.recipe import RECIPES, cook
+from neuroanimator.training.train import time_chunk
 
 Wanted = list[tuple[str, int]]
 
@@ -37,13 +38,15 @@ def chosen_rows(systems: str | None, substeps: str | None) -> Wanted:
 
 def run_table(wanted: Wanted, out: Path, *, is_quick: bool, seeds: int) -> tuple[list[dict[str, Any]], list[Path]]:
     """Return (one dictionary per row, files written); further training seeds are cooked in `out` and kept."""
-    rows = []
+    rows, chunk_seconds = [], {}
     with progress_bar("rows", len(wanted)) as bar:
         for system, n in wanted:
             bar.advance_to(len(rows), f"{system}-{n}")
             emulators = [Emulator.load(find_emulator(f"{system}-{n}"))]
             emulators += [cook(system, n, out, seed=seed)[0] for seed in range(1, seeds)]
-            rows.append(measure_row(emulators, QUICK if is_quick else THOROUGH))
+            if system not in chunk_seconds:
+                chunk_seconds[system] = time_chunk(emulators[0], RECIPES[system].training())
+            rows.append(measure_row(emulators, chunk_seconds[system], QUICK if is_quick else THOROUGH))
     figures = [row.figures for row in rows]
     table, plot = out / "table1.csv", out / "work-precision.png"
     write_csv(table, figures)

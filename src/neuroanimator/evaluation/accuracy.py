@@ -28,9 +28,6 @@ HELD_OUT_RUNS = 32
 MOST_TRANSITIONS = 1_600
 """Super steps on which one-step errors are measured; the physics must take each by every scheme."""
 
-BLOCK = 500
-"""Super steps rolled out at once when looking for blow-ups."""
-
 
 @dataclass(frozen=True)
 class TestSet:
@@ -154,29 +151,6 @@ def recorded_runs(emulator: Emulator, data: Transitions | None) -> TestSet:
     if (data.system.state, data.system.control) != (identity.state, identity.control) or abs(dt - identity.dt) > 1e-9:
         raise ArgumentError(f"data: other state, control or super step than the emulator's of {identity.system}.")
     return test_set(data.system, identity.dt, *data.held_out)
-
-
-def count_blow_ups(
-    emulator: Emulator, starts: int, steps: int, seed: int = 1, *, among: np.ndarray | None = None
-) -> int:
-    """Return how many of `starts` random starts leave the range the network saw in training tenfold.
-
-    The starts are the system's own random ones, or drawn from the states `among` (N, S). Controls are as
-    random and as strong as in training, for `steps` super steps.
-    """
-    identity, rng = emulator.identity, np.random.default_rng(seed)
-    system = system_of(emulator)
-    drawn = sample_starts(system, rng, starts, os.cpu_count() or 1) if among is None else rng.choice(among, starts)
-    states, rest = np.asarray(drawn, np.float32), np.asarray(identity.rest, np.float32)
-    bound = 10 * np.maximum(*(np.abs(np.asarray(side)) for side in (emulator.domain.low, emulator.domain.high)))
-    fine = np.ones(starts, dtype=bool)
-    for _ in range(-(-steps // BLOCK)):
-        block = np.stack([sample_controls(rng, BLOCK, identity.dt, system.bounds) for _ in range(starts)])
-        path = np.asarray(emulator.rollout(np.where(fine[:, None], states, rest), block))
-        seen = np.abs(emulator.plain_of(path[:, 1:], block.astype(np.float32)))
-        fine &= np.isfinite(path).all(axis=(1, 2)) & (seen <= bound).all(axis=(1, 2))
-        states = path[:, -1]
-    return int((~fine).sum())
 
 
 def baselines(data: Transitions, test: TestSet) -> dict[str, float]:

@@ -14,7 +14,6 @@ from neuroanimator.evaluation.accuracy import (
     MOST_TRANSITIONS,
     TestSet,
     baselines,
-    count_blow_ups,
     held_out_runs,
     one_step_error,
     recorded_runs,
@@ -22,6 +21,7 @@ from neuroanimator.evaluation.accuracy import (
     root_mean_square,
     system_of,
 )
+from neuroanimator.evaluation.blow_ups import count_blow_ups
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
 from neuroanimator.systems.recorded_system import RecordedSystem
 
@@ -42,10 +42,12 @@ class Effort:
     """Random starts that might blow up; 0 leaves that out."""
     steps: int = 2000
     """Super steps rolled out from each."""
+    rounds: int = 5
+    """Sets of unseen runs, in a table."""
 
 
 THOROUGH = Effort()
-QUICK = Effort(runs=8, transitions=400, repeats=3, starts=200, steps=500)
+QUICK = Effort(runs=8, transitions=320, repeats=3, starts=200, steps=300, rounds=1)
 
 
 @dataclass(frozen=True)

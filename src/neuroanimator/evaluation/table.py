@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
@@ -20,7 +20,6 @@ from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, eval
 from neuroanimator.evaluation.speed import PHYSICS_STEPS, one_core
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 from neuroanimator.training.recipe import RECIPES
-from neuroanimator.training.train import time_chunk
 
 NOMINAL_1998 = {
     ("pendulum-passive", 25): 47, ("pendulum-passive", 50): 94, ("pendulum-passive", 100): 235,
@@ -43,11 +42,19 @@ class TableRow:
     evaluations: list[Evaluation]
 
 
-def measure_row(emulators: list[Emulator], effort: Effort = THOROUGH) -> TableRow:
-    """Return the row of emulators that differ in their training seed alone, each tested on runs of its own."""
+def measure_row(emulators: list[Emulator], chunk_seconds: float, effort: Effort = THOROUGH) -> TableRow:
+    """Return the row of emulators that differ in their training seed alone, each tested on runs of its own.
+
+    There are at least `effort.rounds` rounds of unseen runs and timings, so that there are quartiles of both.
+    `chunk_seconds` is what a chunk of training takes here, for the break-even.
+    """
     shipped = emulators[0]
     examples = few_transitions(shipped)
-    found = [evaluate(emulator, data=examples, effort=effort, seed=seed) for seed, emulator in enumerate(emulators)]
+    again = replace(effort, starts=0)  # blow-ups are counted once
+    found = [
+        evaluate(emulators[seed % len(emulators)], data=examples, effort=again if seed else effort, seed=seed)
+        for seed in range(max(effort.rounds, len(emulators)))
+    ]
     rows = [each.row() for each in found]
     medians = {key: _middle([row[key] for row in rows]) for key in rows[0]}
     first = found[0]
@@ -63,8 +70,9 @@ def measure_row(emulators: list[Emulator], effort: Effort = THOROUGH) -> TableRo
         **{f"{name.replace(' ', '_')}_error": error for name, error in first.baselines.items()},
         "physics_s_for_20000_steps": first.speed.physics_seconds * PHYSICS_STEPS,
         "emulator_s_for_20000_steps": first.emulator_seconds * PHYSICS_STEPS / first.substeps,
-        "break_even_hours": break_even_hours(shipped, first),
-        "seeds": len(found),
+        "break_even_hours": break_even_hours(shipped, first, chunk_seconds),
+        "seeds": len(emulators),
+        "rounds": len(found),
         "blow_ups": sum(each.blow_ups for each in found),
         "blow_up_starts": sum(each.blow_up_starts for each in found),
         **latency(shipped),
@@ -110,7 +118,7 @@ def divergence_at(evaluation: Evaluation, seconds: float) -> float:
     return float(evaluation.self_divergence[min(round(seconds / evaluation.dt), len(evaluation.self_divergence) - 1)])
 
 
-def break_even_hours(emulator: Emulator, evaluation: Evaluation) -> float:
+def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: float) -> float:
     """Return after how much simulated time [h] the emulator has saved what its data and training cost.
 
     Both are estimated from this machine's own speed: physics steps of the teacher, and a timed stretch of training.
@@ -119,7 +127,7 @@ def break_even_hours(emulator: Emulator, evaluation: Evaluation) -> float:
     runs = recipe.transitions / recipe.picks
     per_step = next(o.seconds for o in speed.opponents if o.scheme == system.truth) / system.truth.steps(emulator.dt)
     data_seconds = runs * RUN_STEPS * system.truth.steps(emulator.dt) * per_step
-    training_seconds = time_chunk(emulator, system.structure, recipe.training()) * recipe.updates / UPDATES_PER_CHUNK
+    training_seconds = chunk_seconds * recipe.updates / UPDATES_PER_CHUNK
     saved = (speed.physics_seconds * evaluation.substeps - speed.emulator_seconds) / emulator.dt
     return (data_seconds + training_seconds) / saved / 3600
 
