@@ -37,7 +37,7 @@ class Recipe:
 
 
 RECIPES = {
-    "lander": Recipe((96, 64), transitions=1_440_000, updates=120_000, picks=36, rare_share=0.5),
+    "lander": Recipe((64, 48), transitions=1_440_000, updates=120_000, picks=36, rare_share=0.5),
     "pendulum": Recipe((96, 64), transitions=300_000, updates=300_000),
     "pendulum-passive": Recipe((64, 64), transitions=300_000, updates=300_000),
     "truck": Recipe((128, 96), transitions=480_000, updates=100_000, picks=36),
