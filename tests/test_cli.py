@@ -96,11 +96,11 @@ def test_interrupting_ends_with_130_and_loses_nothing(tmp_path: Path):
     import signal
     import time
 
-    command = [sys.executable, "-c", "from neuroanimator.cli.main import main; main()"]
-    command += ["generate", "pendulum", "--count", "400000", "--out", str(tmp_path)]
     # A job started in the background inherits 'ignore Ctrl-C'; a user's terminal does not.
-    hear = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=hear)
+    command = ["env", "--default-signal=INT", sys.executable]
+    command += ["-c", "from neuroanimator.cli.main import main; main()"]
+    command += ["generate", "pendulum", "--count", "400000", "--out", str(tmp_path)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     while not (tmp_path / "shard-00000.safetensors").exists():
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
