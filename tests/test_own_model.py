@@ -54,6 +54,21 @@ def test_what_joints_are_decides_how_they_are_seen(cart: Path, tmp_path: Path):
     assert propose(tmp_path / "ball.xml").definition.state == {"neck": "ball"}
 
 
+def test_joints_and_actuators_without_names_get_numbers(cart: Path):
+    bare = CART.replace(' name="hinge"', "").replace('<motor name="push"', "<motor")
+    cart.write_text(bare)
+    found = propose(cart).definition
+    assert found.state == {"track": "cyclic", "joint_1": "sine"}
+    assert found.control == {"actuator_0": (-5.0, 5.0)}
+    cart.write_text(
+        bare.replace(
+            "</body>", '<body pos="0 0 -0.6"><joint type="hinge" axis="0 1 0"/><geom size="0.1"/></body></body>', 1
+        )
+    )
+    path, _ = write_definition(str(cart))
+    assert load_system(str(path)).structure.angles == ((0, 1, 0, 0, 0, 0), (0, 0, 1, 0, 0, 0), (0, 1, 1, 0, 0, 0))
+
+
 @pytest.mark.parametrize("name", ["Swimmer-v5", "InvertedPendulum-v5"])
 def test_gymnasiums_models_are_proposed_with_their_symmetries(name: str, tmp_path: Path):
     path, proposal = write_definition(name, tmp_path / "model.toml")

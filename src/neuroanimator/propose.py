@@ -16,7 +16,7 @@ from neuroanimator.systems.model_file import compile_model, read_model_files
 from neuroanimator.systems.model_system import ModelSystem, control_range
 from neuroanimator.systems.mujoco import INTEGRATORS
 from neuroanimator.systems.mujoco_skeleton import JOINT_NAMES
-from neuroanimator.systems.mujoco_structure import LOOKS
+from neuroanimator.systems.mujoco_structure import LOOKS, actuator_name, joint_name
 from neuroanimator.systems.system import Scheme
 
 WANTED_SUPER_STEP = 0.1
@@ -76,7 +76,7 @@ def _read_off(path: Path, model: mujoco.MjModel) -> dict[str, Any]:
     integrator = next(name for name, value in INTEGRATORS.items() if int(value) == int(model.opt.integrator))
     planar, has_free = planar_root(model), model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
     ground = bool(has_free and np.any(model.opt.gravity) and _can_touch_ground(model))
-    names = [model.actuator(i).name or f"actuator_{i}" for i in range(model.nu)]
+    names = [actuator_name(model, i) for i in range(model.nu)]
     return {
         "name": path.stem.lower().replace(" ", "-"),
         "model": path.name,
@@ -89,15 +89,13 @@ def _read_off(path: Path, model: mujoco.MjModel) -> dict[str, Any]:
             "fine_step": step / 10,
             "fine_integrator": "rk4",
         },
-        "state": {model.joint(j).name or f"joint_{j}": look(model, j, planar) for j in range(model.njnt)},
+        "state": {joint_name(model, j): look(model, j, planar) for j in range(model.njnt)},
         "frame": {"ground": ground, "planar": planar},
         "control": {name: control_range(model, i) or UNLIMITED_CONTROL for i, name in enumerate(names)},
         "sampling": {
             "warm_up": 1.0 if has_contacts(model) else 0.0,
             "tilt": 0.1 if has_free else 0.0,
-            "position": {
-                model.joint(j).name or f"joint_{j}": width for j in range(model.njnt) if (width := _width(model, j))
-            },
+            "position": {joint_name(model, j): width for j in range(model.njnt) if (width := _width(model, j))},
         },
     }
 
@@ -112,12 +110,12 @@ def planar_root(model: mujoco.MjModel) -> tuple[str, ...]:
     is_level = np.linalg.norm(np.cross(model.opt.gravity, turn)) < 1e-9
     is_plane = np.allclose(np.cross(x, y), turn) and abs(x @ y) < 1e-9
     hangs_free = not has_contacts(model) and model.body_parentid[model.jnt_bodyid[0]] == 0
-    return tuple(model.joint(j).name for j in joints) if is_level and is_plane and hangs_free else ()
+    return tuple(joint_name(model, j) for j in joints) if is_level and is_plane and hangs_free else ()
 
 
 def look(model: mujoco.MjModel, joint: int, planar: tuple[str, ...]) -> str:
     """Return how the network should see a joint."""
-    kind, name = JOINT_NAMES[int(model.jnt_type[joint])], model.joint(joint).name
+    kind, name = JOINT_NAMES[int(model.jnt_type[joint])], joint_name(model, joint)
     if name in planar:
         return "planar"
     if kind == "hinge":

@@ -10,7 +10,13 @@ from neuroanimator.systems.definition import Definition, GoalTable
 from neuroanimator.systems.layout import Bounds, Layout, Slice
 from neuroanimator.systems.mujoco import MujocoSystem
 from neuroanimator.systems.mujoco_skeleton import skeleton_of
-from neuroanimator.systems.mujoco_structure import JointView, joint_views, state_layout, structure_of
+from neuroanimator.systems.mujoco_structure import (
+    JointView,
+    actuator_name,
+    joint_views,
+    state_layout,
+    structure_of,
+)
 from neuroanimator.systems.rotation import facing, multiply, rotate, turned_by
 from neuroanimator.systems.system import Goal, Scheme
 
@@ -141,7 +147,7 @@ def sensor_entries(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, 
 
 def _controls(model: mujoco.MjModel, definition: Definition) -> tuple[Layout, Bounds]:
     """Return the actuators as a control vector, with bounds from the definition or the model."""
-    names = [model.actuator(i).name or f"actuator_{i}" for i in range(model.nu)]
+    names = [actuator_name(model, i) for i in range(model.nu)]
     for name in definition.control:
         if name not in names:
             raise ArgumentError(f"control: no actuator called '{name}'. Actuators: {', '.join(names)}.")

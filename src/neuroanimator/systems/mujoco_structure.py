@@ -26,6 +26,8 @@ LOOKS = {
 class JointView:
     """One joint and how it is seen."""
 
+    index: int
+    """Its number in the model."""
     name: str
     kind: str
     look: str
@@ -35,18 +37,28 @@ class JointView:
     """State entry where its speed begins."""
 
 
+def joint_name(model: mujoco.MjModel, joint: int) -> str:
+    """Return what a joint is called; `joint_3` if the model does not say."""
+    return model.joint(joint).name or f"joint_{joint}"
+
+
+def actuator_name(model: mujoco.MjModel, actuator: int) -> str:
+    """Return what an actuator is called; `actuator_3` if the model does not say."""
+    return model.actuator(actuator).name or f"actuator_{actuator}"
+
+
 def joint_views(model: mujoco.MjModel, looks: dict[str, str], planar: tuple[str, ...] = ()) -> list[JointView]:
     """Return the joints in the model's order; `looks` names how each is seen, its kind's first way if not there."""
     views = []
     for joint in range(model.njnt):
         kind = JOINT_NAMES[int(model.jnt_type[joint])]
-        name = model.joint(joint).name or f"joint_{joint}"
+        name = joint_name(model, joint)
         look = "planar" if name in planar else looks.get(name) or LOOKS[kind][0]
         if look not in LOOKS[kind] or (look == "planar") != (name in planar):
             valid = ", ".join(way for way in LOOKS[kind] if way != "planar")
             raise ArgumentError(f"state.{name}: a {kind} joint cannot be '{look}'. Ways: {valid}.")
         rate = model.nq + int(model.jnt_dofadr[joint])
-        views.append(JointView(name, kind, look, int(model.jnt_qposadr[joint]), rate))
+        views.append(JointView(joint, name, kind, look, int(model.jnt_qposadr[joint]), rate))
     _check(views, looks, planar)
     return views
 
@@ -128,7 +140,7 @@ def _plain(model: mujoco.MjModel, views: list[JointView], ground: bool) -> list[
 
 def _angle_rows(model: mujoco.MjModel, views: list[JointView], size: int) -> list[tuple[int, ...]]:
     """Return each sine hinge's angle, and its sum with those of parallel hinges above it: gravity sees the sum."""
-    hinges = {v.name: v for v in views if v.look == "sine"}
+    hinges = {v.index: v for v in views if v.look == "sine"}
     rows: list[tuple[int, ...]] = []
     for view in hinges.values():
         alone = np.zeros(size, int)
@@ -140,12 +152,12 @@ def _angle_rows(model: mujoco.MjModel, views: list[JointView], size: int) -> lis
     return list(dict.fromkeys(rows))
 
 
-def _parallel_above(model: mujoco.MjModel, view: JointView, hinges: dict[str, JointView]) -> list[JointView]:
-    found, axis = [], model.joint(view.name).axis
-    body = int(model.body_parentid[model.joint(view.name).bodyid[0]])
+def _parallel_above(model: mujoco.MjModel, view: JointView, hinges: dict[int, JointView]) -> list[JointView]:
+    found, axis = [], model.jnt_axis[view.index]
+    body = int(model.body_parentid[model.jnt_bodyid[view.index]])
     while body:
         for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
-            above = hinges.get(model.joint(joint).name)
+            above = hinges.get(joint)
             if above and np.allclose(model.jnt_axis[joint], axis):
                 found.append(above)
         body = int(model.body_parentid[body])
