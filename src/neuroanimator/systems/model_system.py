@@ -17,14 +17,12 @@ from neuroanimator.systems.mujoco_structure import (
     state_layout,
     structure_of,
 )
+from neuroanimator.systems.parts import goal_of
 from neuroanimator.systems.rotation import facing, multiply, rotate, turned_by
 from neuroanimator.systems.system import Goal, Scheme
 
 HOME = "home"
 """Keyframe that is the state of rest, if the model has one of this name."""
-
-DEFAULT_TOLERANCE = 0.1
-"""Of a goal's entry for which none is given, in its own unit."""
 
 
 class ModelSystem(MujocoSystem):
@@ -100,18 +98,10 @@ class ModelSystem(MujocoSystem):
                     raise ArgumentError(f"sampling.speed.{name}: wanted {sizes[name]} numbers, came {len(value)}.")
 
     def _goal(self, name: str, table: GoalTable) -> Goal:
-        wanted = {part: np.array(values, float) for part, values in table.reach.items()}
+        reach = {part: np.array(values, float) for part, values in table.reach.items()}
         if table.site:
-            wanted |= self._at_site(name, table.site)
-        values, tolerances = [], []
-        for part, numbers in wanted.items():
-            entries, numbers = self._entries(name, part, numbers)
-            values += list(zip(entries, (float(number) for number in numbers), strict=True))
-            tolerances += [table.within.get(part, DEFAULT_TOLERANCE)] * len(entries)
-        for part in table.within:
-            if part not in wanted:
-                raise ArgumentError(f"goals.{name}.within: '{part}' is not reached for. Parts: {', '.join(wanted)}.")
-        return Goal(tuple(values), tuple(tolerances), table.seconds)
+            reach |= self._at_site(name, table.site)
+        return goal_of(name, table, {part: self._entries(name, part, numbers) for part, numbers in reach.items()})
 
     def _at_site(self, name: str, site: str) -> dict[str, np.ndarray]:
         sites = [self.model.site(i).name for i in range(self.model.nsite)]

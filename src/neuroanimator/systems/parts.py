@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -73,20 +73,31 @@ def structure_of_parts(parts: Sequence[StatePart]) -> Structure:
 
 def goals_of(layout: Layout, tables: Mapping[str, GoalTable]) -> dict[str, Goal]:
     """Return the goals as entries of the state."""
-    return {name: _goal(layout, name, table) for name, table in tables.items()}
+    return {name: goal_of(name, table, _wanted(layout, name, table)) for name, table in tables.items()}
 
 
-def _goal(layout: Layout, name: str, table: GoalTable) -> Goal:
-    values, tolerances = [], []
+def _wanted(layout: Layout, name: str, table: GoalTable) -> dict[str, tuple[range, Sequence[float]]]:
+    wanted = {}
     for part, numbers in table.reach.items():
         place = layout.index(part)
         if len(numbers) != place.stop - place.start:
             raise ArgumentError(f"goals.{name}.reach: '{part}' has {place.stop - place.start} numbers.")
-        values += list(zip(range(place.start, place.stop), numbers, strict=True))
-        tolerances += [table.within.get(part, GOAL_TOLERANCE)] * len(numbers)
+        wanted[part] = (range(place.start, place.stop), numbers)
+    return wanted
+
+
+def goal_of(name: str, table: GoalTable, wanted: Mapping[str, tuple[Sequence[int], Iterable[float]]]) -> Goal:
+    """Return the goal that each part in `wanted` has its numbers in its state entries.
+
+    Raises ArgumentError where the table gives a tolerance to another part.
+    """
+    values, tolerances = [], []
+    for part, (entries, numbers) in wanted.items():
+        values += [(entry, float(number)) for entry, number in zip(entries, numbers, strict=True)]
+        tolerances += [table.within.get(part, GOAL_TOLERANCE)] * len(entries)
     for part in table.within:
-        if part not in table.reach:
-            raise ArgumentError(f"goals.{name}.within: '{part}' is not reached for. Parts: {', '.join(table.reach)}.")
+        if part not in wanted:
+            raise ArgumentError(f"goals.{name}.within: '{part}' is not reached for. Parts: {', '.join(wanted)}.")
     return Goal(tuple(values), tuple(tolerances), table.seconds)
 
 
