@@ -17,21 +17,13 @@ from neuroanimator.systems.model_system import ModelSystem, control_range
 from neuroanimator.systems.mujoco import INTEGRATORS
 from neuroanimator.systems.mujoco_skeleton import JOINT_NAMES
 from neuroanimator.systems.mujoco_structure import LOOKS, actuator_name, joint_name
+from neuroanimator.systems.proposed import GOOD_ENOUGH, WHOLE_TURN, proposed_substeps
 from neuroanimator.systems.system import Scheme
-
-WANTED_SUPER_STEP = 0.1
-"""[s] A super step proposed is at most about this long: three pictures of a film."""
 
 TRIAL_RUNS, TRIAL_SECONDS = 16, 2.0
 TRIAL_SEED = 0
 
-GOOD_ENOUGH = 0.002
-"""One-step error at which a scheme may teach, over the change's standard deviation."""
-
 UNLIMITED_CONTROL = (-1.0, 1.0)
-
-WHOLE_TURN = 3.1416
-"""[rad] Half the width of a spread over all angles."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +72,7 @@ def _read_off(path: Path, model: mujoco.MjModel) -> dict[str, Any]:
     return {
         "name": path.stem.lower().replace(" ", "-"),
         "model": path.name,
-        "substeps": max(1, round(WANTED_SUPER_STEP / step)),
+        "substeps": proposed_substeps(step),
         "physics": {
             "step": step,
             "integrator": integrator,
@@ -159,8 +151,7 @@ def _unlimited(model: mujoco.MjModel) -> list[bool]:
 def _trial(system: ModelSystem) -> tuple[np.ndarray, np.ndarray, float]:
     """Return (states (B, T+1, S), controls, super step) of trial runs under random controls that jump at every step."""
     rng = np.random.default_rng(TRIAL_SEED)
-    dt = WANTED_SUPER_STEP if system.physics_dt <= WANTED_SUPER_STEP else system.physics_dt
-    dt = round(dt / system.physics_dt) * system.physics_dt
+    dt = proposed_substeps(system.physics_dt) * system.physics_dt
     starts = system.sample_starts(rng, TRIAL_RUNS)
     shape = (TRIAL_RUNS, round(TRIAL_SECONDS / dt), system.control.size)
     controls = system.bounds.middle + rng.uniform(-1, 1, shape) * system.bounds.half

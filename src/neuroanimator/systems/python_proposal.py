@@ -11,22 +11,16 @@ import numpy as np
 from neuroanimator.errors import BadFileError
 from neuroanimator.systems.definition import PythonDefinition, check_definition
 from neuroanimator.systems.given import give_file
+from neuroanimator.systems.proposed import GOOD_ENOUGH, WHOLE_TURN, proposed_substeps
 from neuroanimator.systems.python_step import call_step, run_file
 from neuroanimator.systems.python_system import PythonSystem
 from neuroanimator.systems.system import Scheme
-
-WANTED_SUPER_STEP = 0.1
-"""[s] A super step proposed is at most about this long, as for models."""
 
 FINE_PARTS = 10
 TEACHER_PARTS = (1, 2, 5, 10)
 """Parts of the user's step tried for the teacher."""
 
-GOOD_ENOUGH = 0.002
-"""Error of one step at which a scheme may teach, over the change's standard deviation."""
-
 TRIAL_RUNS, TRIAL_STEPS = 8, 25
-WHOLE_TURN = 3.1416
 
 EXAMPLES = {
     "STEP": "STEP = 0.01",
@@ -82,7 +76,7 @@ def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
         "kind": "python",
         "file": path.name,
         "batched": bool(getattr(module, "BATCHED", False)),
-        "substeps": max(1, round(WANTED_SUPER_STEP / step)) if step > 0 else 1,
+        "substeps": proposed_substeps(step) if step > 0 else 1,
         "physics": {"step": step, "truth_step": step, "fine_step": step},
         "state": [_state_part(path, name, value, name in angles, named) for name, value in state.items()],
         "control": [_control_part(path, name, value) for name, value in control.items()],
@@ -136,7 +130,7 @@ def _trial(system: PythonSystem) -> tuple[np.ndarray, np.ndarray]:
     starts = system.sample_starts(rng, TRIAL_RUNS)
     shape = (TRIAL_RUNS, TRIAL_STEPS, system.control.size)
     controls = system.bounds.middle + rng.uniform(-1, 1, shape) * system.bounds.half
-    dt = system.physics_dt * max(1, round(WANTED_SUPER_STEP / system.physics_dt))
+    dt = proposed_substeps(system.physics_dt) * system.physics_dt
     runs = system.simulate(starts, controls, dt, scheme=system.scheme)
     if runs.is_alive.sum() < TRIAL_RUNS / 2:
         raise BadFileError(

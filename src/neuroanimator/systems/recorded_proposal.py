@@ -10,11 +10,9 @@ import numpy as np
 from neuroanimator.errors import BadFileError
 from neuroanimator.systems.definition import RecordedDefinition, check_definition
 from neuroanimator.systems.given import give_file
+from neuroanimator.systems.proposed import proposed_substeps
 from neuroanimator.systems.recording import Recording, read_recording
 from neuroanimator.systems.units import rate_unit
-
-WANTED_SUPER_STEP = 0.1
-"""[s] A super step proposed is about this long, and never less than one sample."""
 
 HALF_TURN = np.pi
 """[rad] An angle that covers more than this is seen by sine and cosine."""
@@ -32,7 +30,7 @@ def propose_recording(path: Path) -> tuple[RecordedDefinition, dict[str, str]]:
         "name": path.stem.lower().replace(" ", "-"),
         "kind": "recorded",
         "file": path.name,
-        "substeps": max(1, round(WANTED_SUPER_STEP / recording.step)),
+        "substeps": proposed_substeps(recording.step),
         "physics": {"step": recording.step},
         "state": [_state_part(recording, entry, rates.get(entry)) for entry in range(len(recording.state))],
         "control": [_control_part(recording, entry, path) for entry in range(len(recording.control))],
