@@ -18,7 +18,7 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import read_tensors, write_tensors
 from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.skeleton import Skeleton
-from neuroanimator.systems.structure import segments_from_json
+from neuroanimator.systems.structure import segments_from_json, segments_to_json
 
 FORMAT = 2
 """Raised whenever an older reader would misunderstand a file."""
@@ -70,7 +70,7 @@ def describe(emulator: Emulator) -> dict[str, Any]:
         "skeleton": identity.skeleton.to_json(),
         "rates": [list(pair) for pair in identity.rates],
         "frame": {
-            "segments": [[segment.kind, segment.size, segment.rate] for segment in emulator.frame.segments],
+            "segments": segments_to_json(emulator.frame.segments),
             "probes": [list(probe) for probe in emulator.frame.probes],
         },
         "features": {

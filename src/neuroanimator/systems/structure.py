@@ -60,13 +60,14 @@ class Structure:
     fold: int = 1
     fold_controls: tuple[tuple[int, int], ...] = ()
 
-    def to_json(self) -> list[list[Any]]:
-        """Return the segments as plain lists."""
-        return [[segment.kind, segment.size, segment.rate] for segment in self.segments]
+
+def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
+    """Return the segments as plain lists."""
+    return [[segment.kind, segment.size, segment.rate] for segment in segments]
 
 
 def segments_from_json(rows: list[list[Any]]) -> tuple[Segment, ...]:
-    """Return the segments `Structure.to_json` wrote; ValueError if they cannot be."""
+    """Return the segments `segments_to_json` wrote; ValueError if they cannot be."""
     segments = tuple(Segment(kind, int(size), int(rate)) for kind, size, rate in rows)
     for segment in segments:
         if segment.kind != "plain" and STATE_SIZES.get(segment.kind) != segment.size:
