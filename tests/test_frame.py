@@ -97,7 +97,7 @@ def test_quaternions_stay_of_unit_length(fresh: Emulator):
 @pytest.mark.parametrize("name", ["truck", "lander", "pendulum"])
 def test_applying_the_remainder_leads_from_state_to_state(name: str):
     system = load_system(name)
-    frame = Frame(system.structure.segments, system.structure.probes, 0.1)
+    frame = Frame.of(system.structure, 0.1)
     rng = np.random.default_rng(2)
     before, after = system.sample_starts(rng, 50), system.sample_starts(rng, 50)
     found = frame.apply(before, frame.remainder(before, after))

@@ -96,7 +96,7 @@ def test_a_quarter_turn_of_the_lander_changes_nothing_but_the_names_of_its_axes(
     path = lander.simulate(starts, controls, 0.1).states
     with jax.enable_x64(True):
         quarters = jnp.asarray(np.pi / 2 * rng.integers(1, 4, (30, 1)))
-        frame = Frame(lander.structure.segments, (), 0.1)
+        frame = Frame.of(lander.structure, 0.1)
         turned, held = turned_windows(lander.structure, frame, quarters, jnp.asarray(path), jnp.asarray(controls))
     again = lander.simulate(np.asarray(turned[:, 0]), lander.bounds.clip(np.asarray(held)), 0.1).states
     np.testing.assert_allclose(again, turned, atol=1e-9)
@@ -120,7 +120,7 @@ def test_the_truth_is_close_to_the_fine_reference(name: str):
     starts = system.sample_starts(rng, 30)
     controls = system.bounds.middle + rng.uniform(-1, 1, (30, 5, system.control.size)) * system.bounds.half
     settled = system.simulate(starts, controls, 0.1).states[:, -1]
-    frame = Frame(system.structure.segments, (), 0.1)
+    frame = Frame.of(system.structure, 0.1)
     exact, found = (
         system.simulate(settled, controls[:, :1], 0.1, scheme=scheme).states[:, 1]
         for scheme in (system.fine, system.truth)

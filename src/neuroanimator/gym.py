@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, final
 
@@ -15,7 +16,6 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective import Objective
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.frame import Frame
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.shipped import SHIPPED, find_emulator
 
@@ -207,7 +207,7 @@ class EmulatorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 def start_near_rest(emulator: Emulator, noise: float, random: np.random.Generator) -> np.ndarray:
     """Return rest (S,) with noise along what a state can change by, so that quaternions stay of length one."""
-    frame = Frame(emulator.frame.segments, (), 0.0)
+    frame = replace(emulator.frame, dt=0.0)  # noise is drawn around rest as it is, not as it would coast
     unit = np.asarray(emulator.normaliser.unit, float)
     return frame.apply(np.array(emulator.identity.rest), noise * unit * random.normal(size=unit.shape))
 

@@ -180,7 +180,7 @@ def _teacher(system: ModelSystem) -> tuple[Scheme, float, float]:
     states, controls, dt = _trial(system)
     starts, held = states[:, :-1].reshape(-1, system.state.size), controls.reshape(-1, 1, system.control.size)
     exact = system.simulate(starts, held, dt, scheme=system.fine)
-    frame = Frame(system.structure.segments, (), dt)
+    frame = Frame.of(system.structure, dt)
     unit = np.maximum(frame.difference(starts, exact.states[:, 1]).std(axis=0), 1e-9)
 
     def error(scheme: Scheme) -> float:

@@ -78,7 +78,7 @@ def reach_state(
 
     A third of a goal's tolerance counts as an error of one.
     """
-    frame = Frame(structure.segments, (), 0.0)
+    frame = Frame.of(structure, 0.0)
     target = goal_state(rest, goal)
     weights = 3 * tangent_weights(frame, len(rest), goal)
     compare = np.diag(weights)[weights > 0]
@@ -109,7 +109,7 @@ def tangent_weights(frame: Frame, size: int, goal: Goal) -> np.ndarray:
 
 def is_reached(system: System, goal: Goal, state: np.ndarray) -> bool:
     """Return whether `state` (S,) is within the tolerances of `goal`."""
-    frame = Frame(system.structure.segments, (), 0.0)
+    frame = Frame.of(system.structure, 0.0)
     off = frame.difference(goal_state(system.rest, goal), state) * tangent_weights(frame, len(state), goal)
     return bool((np.abs(off) <= 1).all())
 

@@ -28,7 +28,7 @@ def transitions_near(
     system, rng = data.system, np.random.default_rng([seed, 7])
     steps = rng.integers(0, max(1, len(controls) - LONGEST_UNROLL + 1), count)
     bounds = system.bounds
-    starts = scattered(Frame(system.structure.segments, (), 0.0), states, steps, rng)
+    starts = scattered(Frame.of(system.structure, 0.0), states, steps, rng)
     windows = np.minimum(steps[:, None] + np.arange(LONGEST_UNROLL), len(controls) - 1)
     held = controls[windows] + rng.normal(size=(count, LONGEST_UNROLL, len(bounds.half))) * CONTROL_SPREAD * bounds.half
     held = bounds.clip(held)

@@ -22,7 +22,7 @@ from neuroanimator.systems.rotation import (
     turned_by,
     upward,
 )
-from neuroanimator.systems.structure import Probe, Segment
+from neuroanimator.systems.structure import Probe, Segment, Structure
 
 PROBE_CEILING = 1.0
 """[m] A foot higher than about this is as good as infinitely high: no super step crosses it unseen."""
@@ -39,6 +39,11 @@ class Frame(eqx.Module):
     probes: tuple[Probe, ...] = eqx.field(static=True)
     dt: float = eqx.field(static=True)
     """Super step [s], for what the state would become if its rates stayed."""
+
+    @classmethod
+    def of(cls, structure: Structure, dt: float) -> Frame:
+        """Return the frame of states with this structure; a `dt` of zero leaves out coasting."""
+        return cls(structure.segments, structure.probes, dt)
 
     def change_size(self, state_size: int) -> int:
         """Return how many numbers describe a change of a state of `state_size` entries."""

@@ -48,7 +48,7 @@ class TestSet:
     @property
     def frame(self) -> Frame:
         """The frame in which states are compared."""
-        return frame_of(self.system, self.dt)
+        return Frame.of(self.system.structure, self.dt)
 
     @property
     def transitions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -66,11 +66,6 @@ class TestSet:
 def system_of(emulator: Emulator) -> System:
     """Return the physics `emulator` stands for."""
     return load_system(emulator.identity.system, emulator.identity.definition)
-
-
-def frame_of(system: System, dt: float) -> Frame:
-    """Return the frame in which states of `system` are compared after `dt` [s]."""
-    return Frame(system.structure.segments, (), dt)
 
 
 def held_out_runs(
@@ -99,7 +94,7 @@ def held_out_runs(
 
 def test_set(system: System, dt: float, states: np.ndarray, controls: np.ndarray) -> TestSet:
     """Return the runs (B, T+1, S) under controls (B, T, C) as a test."""
-    changes = frame_of(system, dt).difference(states[:, :-1], states[:, 1:])
+    changes = Frame.of(system.structure, dt).difference(states[:, :-1], states[:, 1:])
     return TestSet(system, dt, states, controls, np.maximum(changes.std(axis=(0, 1)), SMALLEST_CHANGE))
 
 
@@ -180,7 +175,7 @@ def baselines(data: Transitions, test: TestSet) -> dict[str, float]:
 def _linear_features(test: TestSet, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
     structure = test.system.structure
     angles = states @ np.array(structure.angles, dtype=float).reshape(-1, states.shape[1]).T
-    seen = Frame(structure.segments, structure.probes, test.dt).local(states)
+    seen = test.frame.local(states)
     plain = states[:, np.array(structure.plain, dtype=int)]
     ones = np.ones((len(states), 1))
     return np.concatenate([np.sin(angles), np.cos(angles), plain, seen, controls, ones], axis=1)

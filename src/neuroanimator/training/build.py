@@ -24,7 +24,7 @@ def build_emulator(data: Transitions, config: TrainingConfig) -> Emulator:
     system = data.system
     dt = data.config.substeps * system.physics_dt
     structure, size = system.structure, system.state.size
-    frame = Frame(structure.segments, structure.probes, dt)
+    frame = Frame.of(structure, dt)
     features = Features.of(structure, size, dt)
     states, following = data.states[:, 0], data.states[:, 1]
     plain = features.plain_of(states, frame.local(states), data.controls[:, 0])
