@@ -140,22 +140,21 @@ class Frame(eqx.Module):
 
     def remainder(self, before: Numbers, after: Numbers) -> Numbers:
         """Return the change (..., V) for which `apply(before, change)` is `after`."""
+        return self._differences(before, after, coasts=True)
+
+    def difference(self, before: Numbers, after: Numbers) -> Numbers:
+        """Return how `after` differs from `before` (..., V), seen from `before`: the unit-carrying error or change."""
+        return self._differences(before, after, coasts=False)
+
+    def _differences(self, before: Numbers, after: Numbers, *, coasts: bool) -> Numbers:
         if not self.segments:
             return after - before
         xp = before.__array_namespace__()
         root, found = self._root(before), []
         for segment, (first, last) in self._parts(before, after):
-            found.append(_difference(segment, first, last, self._coasting(segment, before), root))
+            coasting = self._coasting(segment, before) if coasts else None
+            found.append(_difference(segment, first, last, coasting, root))
         return xp.concat(found, axis=-1)
-
-    def difference(self, before: Numbers, after: Numbers) -> Numbers:
-        """Return how `after` differs from `before` (..., V), seen from `before`: the unit-carrying error or change."""
-        if not self.segments:
-            return after - before
-        xp = before.__array_namespace__()
-        root = self._root(before)
-        pairs = self._parts(before, after)
-        return xp.concat([_difference(segment, first, last, None, root) for segment, (first, last) in pairs], axis=-1)
 
     def _coasting(self, segment: Segment, state: Numbers) -> Numbers | None:
         """Return what the segment's own rate adds in a super step; None where that is left to the network."""
