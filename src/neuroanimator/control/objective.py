@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.emulator.frame import Frame
-from neuroanimator.systems.structure import Structure
+from neuroanimator.systems.structure import Segment, Structure
 from neuroanimator.systems.system import Goal, System
 
 
@@ -99,11 +99,10 @@ def tangent_weights(frame: Frame, size: int, goal: Goal) -> np.ndarray:
     """Return (V,) one over the goal's tolerance for each number of a change; zero where anything will do."""
     wanted = {entry: tolerance for (entry, _), tolerance in zip(goal.values, goal.tolerances, strict=True)}
     weights, start = [], 0
-    for segment in frame.segments or [None]:
-        state_size = segment.size if segment else size
-        entries = range(start, start + (segment.change_size if segment else size))
+    for segment in frame.segments or (Segment("plain", size),):
+        entries = range(start, start + segment.change_size)
         weights += [1 / wanted[entry] if entry in wanted else 0.0 for entry in entries]
-        start += state_size
+        start += segment.size
     return np.array(weights)
 
 
