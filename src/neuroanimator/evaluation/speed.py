@@ -10,13 +10,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from jaxtyping import Array, Float
 
 from neuroanimator.emulator.emulator import UNROLL, Emulator
 from neuroanimator.evaluation.accuracy import TestSet, scheme_error
@@ -156,15 +158,24 @@ def emulator_player(emulator: Emulator) -> Callable[[], None]:
     share = rng.uniform(-0.3, 0.3, (TIMED_SUPER_STEPS, identity.control.size))
     controls = jnp.asarray(identity.bounds.middle + share * identity.bounds.half, jnp.float32)
     start = jnp.asarray(identity.rest, jnp.float32)
-    arrays, rest = eqx.partition(emulator, eqx.is_array)
+    run = compiled(emulator, _last_state)
+    run(start, controls)
+    return lambda: run(start, controls).block_until_ready()
 
-    @jax.jit
-    def run(arrays, state, controls):
-        step = eqx.combine(arrays, rest).step
-        return jax.lax.scan(lambda state, control: (step(state, control), None), state, controls, unroll=UNROLL)[0]
 
-    run(arrays, start, controls)
-    return lambda: run(arrays, start, controls).block_until_ready()
+def _last_state(emulator: Emulator, state: Float[Array, " S"], controls: Float[Array, "T C"]) -> Float[Array, " S"]:
+    step = emulator.step
+    return jax.lax.scan(lambda state, control: (step(state, control), None), state, controls, unroll=UNROLL)[0]
+
+
+def compiled(emulator: Emulator, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function` of the emulator and arrays as a compiled function of the arrays.
+
+    The weights go in as arguments, as in use: constants could be folded into the code.
+    """
+    weights, rest = eqx.partition(emulator, eqx.is_array)
+    run = jax.jit(lambda weights, *inputs: function(eqx.combine(weights, rest), *inputs))
+    return partial(run, weights)
 
 
 def physics_player(system: MujocoSystem, test: TestSet, integrator: str) -> Callable[[], None]:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +15,7 @@ from neuroanimator.data.transitions import RUN_STEPS, Transitions, dataset_confi
 from neuroanimator.emulator.emulator import Emulator, rollout
 from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, root_mean_square, system_of
 from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, evaluate
-from neuroanimator.evaluation.speed import PHYSICS_STEPS, one_core
+from neuroanimator.evaluation.speed import PHYSICS_STEPS, compiled, one_core
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 from neuroanimator.training.recipe import RECIPES
 
@@ -134,34 +132,27 @@ def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: 
 
 def latency(emulator: Emulator) -> dict[str, float]:
     """Return the 50th and 99th percentile of one super step called from Python [µs]: mostly the call."""
-    step, arrays = _compiled(emulator, lambda model, state, control: model.step(state, control))
+    step = compiled(emulator, Emulator.step)
     state, control = jnp.asarray(emulator.identity.rest), jnp.zeros(emulator.identity.control.size)
     spans = []
     with one_core():
         for _ in range(CALLS):
             began = time.perf_counter()
-            step(arrays, state, control).block_until_ready()
+            step(state, control).block_until_ready()
             spans.append((time.perf_counter() - began) * 1e6)
     return {"call_p50_us": float(np.percentile(spans, 50)), "call_p99_us": float(np.percentile(spans, 99))}
 
 
 def batch_microseconds(emulator: Emulator, batch: int, steps: int = 400, repeats: int = 5) -> float:
     """Return the time per trajectory and super step [µs] of a batch on one core."""
-    run, arrays = _compiled(
-        emulator, lambda model, state, control: jax.vmap(rollout, (None, 0, 0))(model, state, control)
-    )
+    run = compiled(emulator, jax.vmap(rollout, (None, 0, 0)))
     states = jnp.tile(jnp.asarray(emulator.identity.rest), (batch, 1))
     controls = jnp.tile(jnp.asarray(emulator.identity.bounds.middle, jnp.float32), (batch, steps, 1))
-    run(arrays, states, controls).block_until_ready()
+    run(states, controls).block_until_ready()
     spans = []
     with one_core():
         for _ in range(repeats):
             began = time.perf_counter()
-            run(arrays, states, controls).block_until_ready()
+            run(states, controls).block_until_ready()
             spans.append(time.perf_counter() - began)
     return float(np.median(spans)) / (batch * steps) * 1e6
-
-
-def _compiled(emulator: Emulator, function: Callable[..., Any]) -> tuple[Callable[..., Any], Any]:
-    arrays, rest = eqx.partition(emulator, eqx.is_array)
-    return jax.jit(lambda arrays, *inputs: function(eqx.combine(arrays, rest), *inputs)), arrays
