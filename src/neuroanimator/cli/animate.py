@@ -22,22 +22,15 @@ def run(
     """Animate a random motion, or one found by 'control', without running the physics."""
     from neuroanimator.animation.clip import make_clip
     from neuroanimator.animation.motion import controlled_motion, random_motion
-    from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.export.by_suffix import check_bodies, check_format, export_clip
+    from neuroanimator.export.by_suffix import emulator_for, export_clip
     from neuroanimator.export.table import read_table
-    from neuroanimator.shipped import find_emulator
     from neuroanimator.terminal import print_rows
 
-    for path in out:
-        check_format(path)
-    model = Emulator.load(find_emulator(emulator))
-    for path in out:
-        check_bodies(model.identity.skeleton, path)
+    model = emulator_for(out, emulator)
     if controls:
         states = controlled_motion(model, read_table(controls, model.identity.control)[1])
     else:
         states = random_motion(model, seconds, seed)
     clip = make_clip(model, states, rate=rate, interpolation=interpolation)
-    for path in out:
-        export_clip(clip, model, path)
+    export_clip(clip, model, out)
     print_rows([("frames", len(clip.times)), ("seconds", f"{clip.times[-1]:.2f}"), *(("file", path) for path in out)])

@@ -16,18 +16,11 @@ def run(
     out: Annotated[list[Path], typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times.")],
 ) -> None:
     """Export a clip as GLB for Blender and the web, or as MP4 video."""
-    from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.export.by_suffix import check_bodies, check_format, export_clip
+    from neuroanimator.export.by_suffix import emulator_for, export_clip
     from neuroanimator.export.table import read_clip
-    from neuroanimator.shipped import find_emulator
     from neuroanimator.terminal import print_rows
 
-    for path in out:
-        check_format(path)
-    model = Emulator.load(find_emulator(emulator))
-    for path in out:
-        check_bodies(model.identity.skeleton, path)
+    model = emulator_for(out, emulator)
     motion = read_clip(clip, model)
-    for path in out:
-        export_clip(motion, model, path)
+    export_clip(motion, model, out)
     print_rows([("frames", len(motion.times)), *(("file", path) for path in out)])

@@ -1,4 +1,4 @@
-"""Write a clip in the format its file name asks for."""
+"""Write a clip in the formats its file names ask for."""
 
 from __future__ import annotations
 
@@ -10,30 +10,41 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.export.gltf import write_glb
 from neuroanimator.export.table import write_clip
 from neuroanimator.export.video import write_video
+from neuroanimator.shipped import find_emulator
 from neuroanimator.systems.skeleton import Skeleton
 
 FORMATS = (".csv", ".glb", ".mp4")
 
 
-def export_clip(clip: Clip, emulator: Emulator, path: Path) -> None:
-    """Write `clip` to `path` as .csv, .glb or .mp4."""
-    check_format(path)
-    check_bodies(clip.skeleton, path)
-    if path.suffix == ".glb":
-        write_glb(clip, path)
-    elif path.suffix == ".mp4":
-        write_video(clip, path)
-    else:
-        write_clip(clip, path, emulator.identity.state)
+def emulator_for(outs: list[Path], name: str) -> Emulator:
+    """Return the emulator called `name`; refuse file names it cannot be exported to, before any work is done."""
+    _check_formats(outs)
+    emulator = Emulator.load(find_emulator(name))
+    _check_bodies(emulator.identity.skeleton, outs)
+    return emulator
 
 
-def check_format(path: Path) -> None:
-    """Refuse a file name with another ending, before any work is done for it."""
-    if path.suffix not in FORMATS:
-        raise ArgumentError(f"out: '{path.name}' ends in none of {', '.join(FORMATS)}.")
+def export_clip(clip: Clip, emulator: Emulator, outs: list[Path]) -> None:
+    """Write `clip` to each path as .csv, .glb or .mp4; nothing is written if one of them is refused."""
+    _check_formats(outs)
+    _check_bodies(clip.skeleton, outs)
+    for path in outs:
+        if path.suffix == ".glb":
+            write_glb(clip, path)
+        elif path.suffix == ".mp4":
+            write_video(clip, path)
+        else:
+            write_clip(clip, path, emulator.identity.state)
 
 
-def check_bodies(skeleton: Skeleton, path: Path) -> None:
+def _check_formats(outs: list[Path]) -> None:
+    for path in outs:
+        if path.suffix not in FORMATS:
+            raise ArgumentError(f"out: '{path.name}' ends in none of {', '.join(FORMATS)}.")
+
+
+def _check_bodies(skeleton: Skeleton, outs: list[Path]) -> None:
     """Refuse to draw a system that has no bodies: a step function or recordings."""
-    if not skeleton.bones and path.suffix != ".csv":
-        raise ArgumentError(f"out: {path.name} shows bodies, and this system has none, only numbers. Use .csv.")
+    for path in outs:
+        if not skeleton.bones and path.suffix != ".csv":
+            raise ArgumentError(f"out: {path.name} shows bodies, and this system has none, only numbers. Use .csv.")
