@@ -13,12 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from neuroanimator.evaluation.evaluate import NO_OPPONENT, Evaluation
+from neuroanimator.evaluation.work_precision import EMULATOR, draw_work
 from neuroanimator.files import write_whole
 
 SHOWN = 3
 """State entries drawn of a motion, at most."""
 
-PHYSICS, EMULATOR, QUIET = "#2b5a94", "#e8892b", "#8a94a0"
+PHYSICS, QUIET = "#2b5a94", "#8a94a0"
 
 STYLE = """body{font:16px/1.55 system-ui,sans-serif;color:#1c2733;max-width:62rem;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}table{border-collapse:collapse;margin:1rem 0}
@@ -126,18 +127,7 @@ def _plot_rollout(axes: Axes, e: Evaluation) -> None:
 
 
 def _plot_work(axes: Axes, e: Evaluation) -> None:
-    for integrator in sorted({o.scheme.integrator for o in e.speed.opponents}):
-        points = sorted((o.seconds * 1e6, o.error) for o in e.speed.opponents if o.scheme.integrator == integrator)
-        points = [point for point in points if 1e-6 < point[1] < 2]
-        axes.plot(
-            *zip(*points, strict=True),
-            "o-",
-            ms=3,
-            lw=1,
-            label=f"{e.speed.physics} {integrator}" if e.speed.physics == "MuJoCo" else e.speed.physics,
-        )
-    axes.plot(e.speed.emulator_seconds * 1e6, e.one_step_error, "*", ms=14, color=EMULATOR, label="emulator")
-    axes.set(xlabel="cost of one super step [µs]", ylabel="one-step error", xscale="log", yscale="log")
+    draw_work(axes, [e])
     axes.legend(frameon=False, fontsize=8)
 
 

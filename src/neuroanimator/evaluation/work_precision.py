@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -11,6 +12,8 @@ from neuroanimator.evaluation.evaluate import Evaluation
 
 EMULATOR = "#e8892b"
 COLOURS = {"euler": "#2b5a94", "implicitfast": "#4fa3a0", "implicit": "#8a94a0", "rk4": "#7a4f9a"}
+LEAST_ERROR, LARGEST_ERROR = 1e-6, 2.0
+"""Between them lie the schemes drawn: finer ones are the reference itself, coarser ones blow up."""
 PANEL = 3.4
 """[inch] Side of one panel."""
 
@@ -36,16 +39,19 @@ def _draw_panel(axes: Axes, evaluations: list[Evaluation], title: str) -> None:
     if not evaluations:
         axes.set_axis_off()
         return
-    for integrator, colour in COLOURS.items():
-        rivals = [o for o in evaluations[0].speed.opponents if o.scheme.integrator == integrator]
-        points = sorted((o.seconds * 1e6, o.error) for o in rivals if 1e-6 < o.error < 2)
-        cost, error = [x for x, _ in points], [y for _, y in points]
-        axes.plot(cost, error, "o-", ms=3, lw=0.8, color=colour, label=f"MuJoCo {integrator}")
-    axes.plot(
-        [e.emulator_seconds * 1e6 for e in evaluations],
-        [e.one_step_error for e in evaluations],
-        "*", ms=12, color=EMULATOR, label="emulator",
-    )  # fmt: skip
-    axes.set(xscale="log", yscale="log")
-    axes.set_xlabel("cost of one super step [µs]", fontsize=7)
-    axes.set_ylabel("one-step error", fontsize=7)
+    draw_work(axes, evaluations)
+    axes.xaxis.label.set_size(7)
+    axes.yaxis.label.set_size(7)
+
+
+def draw_work(axes: Axes, evaluations: list[Evaluation]) -> None:
+    """Draw error over cost: the physics' schemes as timed in the first evaluation, and a star for each emulator."""
+    speed = evaluations[0].speed
+    for integrator in sorted({o.scheme.integrator for o in speed.opponents}):
+        points = sorted((o.seconds * 1e6, o.error) for o in speed.opponents if o.scheme.integrator == integrator)
+        shown = np.array([point for point in points if LEAST_ERROR < point[1] < LARGEST_ERROR]).reshape(-1, 2)
+        name = f"MuJoCo {integrator}" if speed.physics == "MuJoCo" else speed.physics
+        axes.plot(*shown.T, "o-", ms=3, lw=0.8, color=COLOURS.get(integrator), label=name)
+    stars = [(e.emulator_seconds * 1e6, e.one_step_error) for e in evaluations]
+    axes.plot(*np.array(stars).T, "*", ms=12, color=EMULATOR, label="emulator")
+    axes.set(xlabel="cost of one super step [µs]", ylabel="one-step error", xscale="log", yscale="log")
