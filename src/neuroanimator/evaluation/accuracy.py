@@ -30,10 +30,8 @@ MOST_TRANSITIONS = 1_600
 
 
 @dataclass(frozen=True)
-class TestSet:
+class HeldOut:
     """Unseen runs and what fine physics makes of them."""
-
-    __test__ = False  # not for pytest
 
     system: System
     dt: float
@@ -75,7 +73,7 @@ def held_out_runs(
     seed: int = 0,
     *,
     is_shifted: bool = False,
-) -> TestSet:
+) -> HeldOut:
     """Return `count` unseen runs of the emulator's system under random, never idle controls.
 
     Shifted ones use the full range and another control at every super step: training seldom saw such.
@@ -89,22 +87,20 @@ def held_out_runs(
     if is_shifted:
         controls = system.bounds.middle + rng.uniform(-1, 1, controls.shape) * system.bounds.half
     runs = system.simulate(starts, controls, identity.dt, scheme=system.fine, threads=threads)
-    return test_set(system, identity.dt, runs.states[runs.is_alive], controls[runs.is_alive])
+    return make_test(system, identity.dt, runs.states[runs.is_alive], controls[runs.is_alive])
 
 
-def test_set(system: System, dt: float, states: np.ndarray, controls: np.ndarray) -> TestSet:
+def make_test(system: System, dt: float, states: np.ndarray, controls: np.ndarray) -> HeldOut:
     """Return the runs (B, T+1, S) under controls (B, T, C) as a test."""
     changes = Frame.of(system.structure, dt).difference(states[:, :-1], states[:, 1:])
-    return TestSet(system, dt, states, controls, np.maximum(changes.std(axis=(0, 1)), SMALLEST_CHANGE))
+    return HeldOut(system, dt, states, controls, np.maximum(changes.std(axis=(0, 1)), SMALLEST_CHANGE))
 
-
-test_set.__test__ = False  # not for pytest  # pyright: ignore[reportFunctionMemberAccess]
 
 SMALLEST_CHANGE = 1e-9
 """A number that never changes is measured against this instead of zero."""
 
 
-def one_step_error(emulator: Emulator, test: TestSet) -> np.ndarray:
+def one_step_error(emulator: Emulator, test: HeldOut) -> np.ndarray:
     """Return (V,) rms one-step errors over the standard deviation of the change."""
     states, controls, truth = test.transitions
     kind = emulator.normaliser.change_scale.dtype
@@ -123,7 +119,7 @@ def rollout_error(frame: Frame, found: np.ndarray, truth: np.ndarray) -> np.ndar
     return root_mean_square(frame.difference(truth, found) / np.maximum(reach, SMALLEST_CHANGE), axis=(0, 2))
 
 
-def scheme_error(test: TestSet, scheme: Scheme) -> float:
+def scheme_error(test: HeldOut, scheme: Scheme) -> float:
     """Return the one-step error of the physics itself when stepped by `scheme`; infinite if it blows up."""
     states, controls, truth = test.transitions
     threads = os.cpu_count() or 1
@@ -134,7 +130,7 @@ def scheme_error(test: TestSet, scheme: Scheme) -> float:
     return float(root_mean_square(off / test.change_scale, axis=(0, 1)))
 
 
-def recorded_runs(emulator: Emulator, data: Transitions | None) -> TestSet:
+def recorded_runs(emulator: Emulator, data: Transitions | None) -> HeldOut:
     """Return the runs of `data` that were kept for the test; of an emulator of recordings."""
     identity = emulator.identity
     if data is None or data.held_out is None:
@@ -145,10 +141,10 @@ def recorded_runs(emulator: Emulator, data: Transitions | None) -> TestSet:
     dt = data.config.substeps * data.system.physics_dt
     if (data.system.state, data.system.control) != (identity.state, identity.control) or abs(dt - identity.dt) > 1e-9:
         raise ArgumentError(f"data: other state, control or super step than the emulator's of {identity.system}.")
-    return test_set(data.system, identity.dt, *data.held_out)
+    return make_test(data.system, identity.dt, *data.held_out)
 
 
-def baselines(data: Transitions, test: TestSet) -> dict[str, float]:
+def baselines(data: Transitions, test: HeldOut) -> dict[str, float]:
     """Return the one-step errors of cheap predictors: nothing changes, speeds stay, ridge regression."""
     states, controls, truth = test.transitions
     frame = test.frame
@@ -172,7 +168,7 @@ def baselines(data: Transitions, test: TestSet) -> dict[str, float]:
     }
 
 
-def _linear_features(test: TestSet, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+def _linear_features(test: HeldOut, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
     structure = test.system.structure
     angles = states @ np.array(structure.angles, dtype=float).reshape(-1, states.shape[1]).T
     seen = test.frame.local(states)

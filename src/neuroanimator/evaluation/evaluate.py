@@ -12,7 +12,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import (
     HELD_OUT_RUNS,
     MOST_TRANSITIONS,
-    TestSet,
+    HeldOut,
     baselines,
     held_out_runs,
     one_step_error,
@@ -162,7 +162,7 @@ def evaluate(
     )
 
 
-def self_divergence(test: TestSet) -> np.ndarray:
+def self_divergence(test: HeldOut) -> np.ndarray:
     """Return (T+1,) how far the physics at its own step strays from fine physics."""
     system = test.system
     runs = system.simulate(test.states[:, 0], test.controls, test.dt, scheme=system.scheme)

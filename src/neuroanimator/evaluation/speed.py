@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.emulator.emulator import UNROLL, Emulator
-from neuroanimator.evaluation.accuracy import TestSet, scheme_error
+from neuroanimator.evaluation.accuracy import HeldOut, scheme_error
 from neuroanimator.evaluation.speed_python import FUNCTION_STEPS, function_error, function_player, function_schemes
 from neuroanimator.systems.mujoco import MujocoSystem
 from neuroanimator.systems.python_system import FUNCTION, PythonSystem
@@ -83,10 +83,10 @@ class _Rivalry(NamedTuple):
     steps: int
     """Physics steps in one play."""
     schemes: set[Scheme]
-    error: Callable[[TestSet, Scheme], float]
+    error: Callable[[HeldOut, Scheme], float]
 
 
-def _rivalry_of(test: TestSet) -> _Rivalry:
+def _rivalry_of(test: HeldOut) -> _Rivalry:
     system = test.system
     if isinstance(system, PythonSystem):
         schemes = function_schemes(system, test.dt, OPPONENT_DIVISIONS)
@@ -112,7 +112,7 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, allowed)
 
 
-def measure_speed(emulator: Emulator, test: TestSet, error: float, repeats: int = REPEATS) -> Speed:
+def measure_speed(emulator: Emulator, test: HeldOut, error: float, repeats: int = REPEATS) -> Speed:
     """Return the speed-ups of an emulator whose one-step error is `error`."""
     system = test.system
     with one_core():
@@ -178,7 +178,7 @@ def compiled(emulator: Emulator, function: Callable[..., Any]) -> Callable[..., 
     return partial(run, weights)
 
 
-def physics_player(system: MujocoSystem, test: TestSet, integrator: str) -> Callable[[], None]:
+def physics_player(system: MujocoSystem, test: HeldOut, integrator: str) -> Callable[[], None]:
     """Return a function that runs `PHYSICS_STEPS` steps of MuJoCo inside C from unseen states, under random controls.
 
     A fresh state of the test begins each stretch, so that contacts are as frequent as in use. A step's

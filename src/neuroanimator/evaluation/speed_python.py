@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.evaluation.accuracy import TestSet, scheme_error
+from neuroanimator.evaluation.accuracy import HeldOut, scheme_error
 from neuroanimator.systems.python_step import call_step
 from neuroanimator.systems.python_system import FUNCTION, PythonSystem
 from neuroanimator.systems.system import Scheme
@@ -16,7 +16,7 @@ FUNCTION_STEPS = 500
 """Calls in one timed run: milliseconds, so that the clock's grain does not count."""
 
 
-def function_player(system: PythonSystem, test: TestSet) -> Callable[[], None]:
+def function_player(system: PythonSystem, test: HeldOut) -> Callable[[], None]:
     """Return a function that takes `FUNCTION_STEPS` steps, each from an unseen state under its control."""
     rows = np.random.default_rng(0).integers(0, test.controls.shape[0] * test.controls.shape[1], FUNCTION_STEPS)
     states = test.states[:, :-1].reshape(-1, system.state.size)[rows]
@@ -32,7 +32,7 @@ def function_player(system: PythonSystem, test: TestSet) -> Callable[[], None]:
     return play
 
 
-def function_error(test: TestSet, scheme: Scheme) -> float:
+def function_error(test: HeldOut, scheme: Scheme) -> float:
     """Return the function's one-step error with another dt; infinite if it fails at a step it was not made for."""
     try:
         return scheme_error(test, scheme)
