@@ -12,8 +12,6 @@ import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from machine import RESULTS
-
 from neuroanimator.bench import chosen_rows, describe_machine, run_table, write_csv
 from neuroanimator.terminal import print_table
 
@@ -29,7 +27,7 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         rows, _ = run_table(wanted, Path(folder), is_quick=options.quick, seeds=1)
     if not options.quick:
-        write_csv(RESULTS / "pendulum.csv", rows)
+        write_csv(Path(__file__).parent / "results" / "pendulum.csv", rows)
     if options.json:
         print(json.dumps(rows, indent=2))
     else:

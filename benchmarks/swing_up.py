@@ -5,13 +5,13 @@ python benchmarks/swing_up.py            table, and results/swing_up.csv
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import write_results
 
 from neuroanimator import Emulator, descend, find_emulator, is_upright, load_system, replay, stand_upright
-from neuroanimator.bench import describe_machine
+from neuroanimator.bench import describe_machine, write_csv
 from neuroanimator.systems.layout import Bounds
 from neuroanimator.systems.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
 from neuroanimator.terminal import print_table
@@ -64,6 +64,6 @@ def smooth(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 if __name__ == "__main__":
     emulator = Emulator.load(find_emulator("pendulum-50"))
     rows = [trial(emulator, *settings) for settings in TRIALS]
-    write_results("swing_up.csv", rows)
+    write_csv(Path(__file__).parent / "results" / "swing_up.csv", rows)
     print(describe_machine())
     print_table(rows)
