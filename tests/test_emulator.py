@@ -161,7 +161,7 @@ def _tampered(change) -> bytes:
 @pytest.mark.parametrize(
     "change",
     [
-        lambda m: m.update(format=3),
+        lambda m: m.update(format=4),
         lambda m: m.update(kind="shard"),
         lambda m: m.pop("state"),
         lambda m: m["network"].update(widths=[10**9, 64]),
@@ -172,9 +172,12 @@ def _tampered(change) -> bytes:
         lambda m: m.update(dt=[1]),
         lambda m: m.update(bounds=[[], []]),
         lambda m: m.update(rest=[0.0]),
-        lambda m: m["frame"].update(segments=[["plain", 5, -1]]),
-        lambda m: m["frame"].update(segments=[["wormhole", 6, -1]]),
+        lambda m: m["frame"].update(segments=[["plain", 5, -1, 0.0]]),
+        lambda m: m["frame"].update(segments=[["wormhole", 6, -1, 0.0]]),
         lambda m: m["frame"].update(probes=[[0, 0, 0, 1]]),
+        lambda m: m["frame"].update(segments=[["points", 6, -1, 0.0]]),
+        lambda m: m["features"].update(even=[2, 1]),
+        lambda m: m.update(modes={"cloud": [[], []]}),
     ],
 )
 def test_f08_a_file_that_lies_about_itself_is_refused(change, tmp_path: Path):

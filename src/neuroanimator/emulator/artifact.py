@@ -12,6 +12,7 @@ import numpy as np
 from neuroanimator.emulator.emulator import Domain, Emulator, Identity
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.frame import Frame
+from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.network import NETWORKS, make_network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError, BadFileError
@@ -20,7 +21,7 @@ from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.skeleton import Skeleton
 from neuroanimator.systems.structure import segments_from_json, segments_to_json
 
-FORMAT = 2
+FORMAT = 3
 """Raised whenever an older reader would misunderstand a file."""
 
 WIDEST_LAYER = 4096
@@ -69,16 +70,19 @@ def describe(emulator: Emulator) -> dict[str, Any]:
         "dt": identity.dt,
         "skeleton": identity.skeleton.to_json(),
         "rates": [list(pair) for pair in identity.rates],
+        "modes": None if emulator.modes is None else emulator.modes.to_json(),
         "frame": {
             "segments": segments_to_json(emulator.frame.segments),
             "probes": [list(probe) for probe in emulator.frame.probes],
+            "weighs": emulator.frame.weighs,
         },
         "features": {
             "rows": features.angles.shape[0],
             "plain": list(features.plain),
             "is_odd": features.is_odd,
+            "even": list(features.even),
         },
-        "network": {"kind": kind, "widths": list(network.widths)},
+        "network": {"kind": kind, "widths": list(network.widths), "even": list(getattr(network, "even", ()))},
     }
 
 
@@ -107,19 +111,23 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     zeros = jax.numpy.zeros
     plain = tuple(int(entry) for entry in described["plain"])
     rows, widths = int(described["rows"]), tuple(int(width) for width in metadata["network"]["widths"])
+    modes = None if metadata["modes"] is None else Modes.from_json(metadata["modes"], state.size, control.size)
+    inner = state.size if modes is None else modes.size
     bounds = Bounds(*(tuple(float(value) for value in side) for side in metadata["bounds"]))
     rest = tuple(float(value) for value in metadata["rest"])
     if max(state.size, control.size, rows, *widths) > WIDEST_LAYER:
         raise ValueError("sizes out of range")
     if (len(bounds.low), len(bounds.high), len(rest)) != (control.size, control.size, state.size):
         raise ValueError("bounds or rest: other sizes than control and state")
-    if any(not 0 <= entry < state.size for entry in [*plain, *(entry for pair in metadata["rates"] for entry in pair)]):
+    rates = [entry for pair in metadata["rates"] for entry in pair]
+    if any(not 0 <= entry < inner for entry in plain) or any(not 0 <= entry < state.size for entry in rates):
         raise ValueError("features: an entry lies outside the state")
-    features = Features(zeros((rows, state.size)), plain, bool(described["is_odd"]))
-    frame = _frame(metadata["frame"], state.size, float(metadata["dt"]))
-    others, changes, key = frame.local_size + control.size, frame.change_size(state.size), jax.random.key(0)
+    frame = _frame(metadata["frame"], inner, float(metadata["dt"]))
+    others, changes, key = frame.local_size + control.size, frame.change_size(inner), jax.random.key(0)
     numbers = len(plain) + others
-    network = make_network(metadata["network"]["kind"], *features.sizes(others), changes, widths, key)
+    even, even_out = _rising(described["even"], numbers), _rising(metadata["network"]["even"], changes)
+    features = Features(zeros((rows, inner)), plain, bool(described["is_odd"]), even)
+    network = make_network(metadata["network"]["kind"], *features.sizes(others), changes, widths, key, even_out)
     return Emulator(
         frame=frame,
         features=features,
@@ -138,7 +146,16 @@ def blank(metadata: dict[str, Any]) -> Emulator:
             skeleton=Skeleton.from_json(metadata["skeleton"]),
             rates=tuple((int(position), int(rate)) for position, rate in metadata["rates"]),
         ),
+        modes=modes,
     )
+
+
+def _rising(entries: list[int], size: int) -> tuple[int, ...]:
+    """Return `entries` if they rise and are below `size`."""
+    found = tuple(int(entry) for entry in entries)
+    if list(found) != sorted({*found}) or any(not 0 <= entry < size for entry in found):
+        raise ValueError("features: even entries out of order")
+    return found
 
 
 def _frame(described: dict[str, Any], state_size: int, dt: float) -> Frame:
@@ -146,8 +163,10 @@ def _frame(described: dict[str, Any], state_size: int, dt: float) -> Frame:
     probes = tuple((float(x), float(y), float(z), float(r)) for x, y, z, r in described["probes"])
     if segments and sum(segment.size for segment in segments) != state_size:
         raise ValueError("frame: its segments do not fill the state")
+    if any("point" in segment.kind for segment in segments):
+        raise ValueError("frame: mass points are decoded by modes")
     if any(segment.rate >= state_size - 1 or segment.rate < -1 for segment in segments):
         raise ValueError("frame: a rate lies outside the state")
     if probes and {"position", "quaternion", "velocity"} - {segment.kind for segment in segments}:
         raise ValueError("frame: probes need a root that moves freely")
-    return Frame(segments, probes, dt)
+    return Frame(segments, probes, dt, bool(described["weighs"]))

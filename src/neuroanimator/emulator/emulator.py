@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.frame import Frame
+from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError
@@ -67,6 +68,8 @@ class Emulator(eqx.Module):
     network: Network
     domain: Domain
     identity: Identity
+    modes: Modes | None = None
+    """Of a deformable body: the few numbers the super step is made in."""
 
     @property
     def dt(self) -> float:
@@ -75,13 +78,33 @@ class Emulator(eqx.Module):
 
     def step(self, state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " S"]:
         """Return the state `dt` seconds later. Differentiable, unchecked: for use inside jit."""
-        plain = self.normaliser.forward(self.domain.clip(self.plain_of(state, control)))
-        change = self.normaliser.inverse(self.network(*self.features.streams(state, plain)))
-        return self.frame.apply(state, change)
+        return self.decode(self.advance(self.encode(state), self.encode_control(control)))
+
+    def advance(self, inner: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " I"]:
+        """Return `step` in the numbers it is made in: those of `encode` and `encode_control`."""
+        plain = self.normaliser.forward(self.domain.clip(self.seen(inner, control)))
+        change = self.normaliser.inverse(self.network(*self.features.streams(inner, plain)))
+        return self.frame.apply(inner, change, control)
+
+    def encode(self, state: Numbers) -> Numbers:
+        """Return (..., I) the numbers in which the super step is made: of a deformable body few, else the state."""
+        return state if self.modes is None else self.modes.encode(state)
+
+    def decode(self, inner: Numbers) -> Numbers:
+        """Return the states (..., S) of `inner` (..., I)."""
+        return inner if self.modes is None else self.modes.decode(inner)
+
+    def encode_control(self, control: Numbers) -> Numbers:
+        """Return the controls (..., C) as `advance` takes them."""
+        return control if self.modes is None else self.modes.encode_control(control)
+
+    def seen(self, inner: Numbers, control: Numbers) -> Numbers:
+        """Return (..., K) what the network sees besides sines and cosines, not yet normalised: no place, no heading."""
+        return self.features.plain_of(inner, self.frame.local(inner), control)
 
     def plain_of(self, state: Numbers, control: Numbers) -> Numbers:
-        """Return (..., K) what the network sees besides sines and cosines, not yet normalised: no place, no heading."""
-        return self.features.plain_of(state, self.frame.local(state), control)
+        """Return (..., K) what the network sees of a state (..., S) and a control (..., C), not yet normalised."""
+        return self.seen(self.encode(state), self.encode_control(control))
 
     def rollout(self, state: ArrayLike, controls: ArrayLike) -> Float[Array, "*B T+1 S"]:
         """Return the trajectory from `state` (S,) under `controls` (T, C), the start included.
@@ -124,13 +147,18 @@ class Emulator(eqx.Module):
 
 def rollout(emulator: Emulator, state: Float[Array, " S"], controls: Float[Array, "T C"]) -> Float[Array, "T+1 S"]:
     """Return the trajectory from `state`, start included. For use inside jit, grad and vmap."""
+    inner = follow(emulator, emulator.encode(state), emulator.encode_control(controls))
+    return jnp.concatenate([state[None], emulator.decode(inner)])
 
-    def advance(state, control):
-        following = emulator.step(state, control)
+
+def follow(emulator: Emulator, inner: Float[Array, " I"], controls: Float[Array, "T C"]) -> Float[Array, "T I"]:
+    """Return the trajectory after `inner`, all in the numbers in which the super step is made."""
+
+    def advance(inner, control):
+        following = emulator.advance(inner, control)
         return following, following
 
-    _, states = jax.lax.scan(advance, state, controls, unroll=UNROLL)
-    return jnp.concatenate([state[None], states])
+    return jax.lax.scan(advance, inner, controls, unroll=UNROLL)[1]
 
 
 _rollout = eqx.filter_jit(rollout)

@@ -24,6 +24,9 @@ class Features(eqx.Module):
     """Each row: the combination of state entries whose sine and cosine are features."""
     plain: tuple[int, ...] = eqx.field(static=True)
     is_odd: bool = eqx.field(static=True)
+    """Whether there is a mirror."""
+    even: tuple[int, ...] = eqx.field(static=True, default=())
+    """Plain features that stay what they are in the mirror; the others change sign."""
 
     @classmethod
     def of(cls, structure: Structure, state_size: int, dt: float) -> Features:
@@ -38,13 +41,12 @@ class Features(eqx.Module):
     def sizes(self, others: int) -> tuple[int, int]:
         """Return the lengths of (odd, even), where `others` numbers join the state's plain ones."""
         angles, plain = self.angles.shape[0], len(self.plain) + others
-        return (angles + plain, angles) if self.is_odd else (2 * angles + plain, 0)
+        even = len(self.even)
+        return (angles + plain - even, angles + even) if self.is_odd else (2 * angles + plain, 0)
 
     def plain_of(self, state: Numbers, *others: Numbers) -> Numbers:
         """Return (..., K) what enters as it is, not yet normalised: plain entries of `state` (..., S), `others`."""
-        # One-entry slices, because indexing with an array compiles to a slow gather.
-        entries = [state[..., entry : entry + 1] for entry in self.plain]
-        return state.__array_namespace__().concat([*entries, *others], axis=-1)
+        return state.__array_namespace__().concat([*runs_of(state, self.plain), *others], axis=-1)
 
     def streams(
         self, state: Float[Array, " S"], plain: Float[Array, " K"]
@@ -53,14 +55,31 @@ class Features(eqx.Module):
 
         Without a mirror symmetry everything is in the odd part, and the even one is empty.
         """
-        if not self.is_odd and not self.angles.shape[0]:
-            return plain, plain[:0]
+        if not self.angles.shape[0]:
+            return self._parted(plain) if self.is_odd else (plain, plain[:0])
         # A sum of products, because it is fused with what follows and `@` is a call of its own.
         angle = jnp.sum(self.angles * state, axis=1)
         sine, cosine = sine_cosine(angle)
         if self.is_odd:
-            return jnp.concatenate([sine, plain]), cosine
+            odd, even = self._parted(plain)
+            return jnp.concatenate([sine, odd]), jnp.concatenate([cosine, even])
         return jnp.concatenate([sine, cosine, plain]), plain[:0]
+
+    def _parted(self, plain: Float[Array, " K"]) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
+        odd = tuple(i for i in range(plain.shape[0]) if i not in self.even)
+        pick = lambda chosen: jnp.concatenate(runs_of(plain, chosen) or [plain[:0]])  # noqa: E731
+        return pick(odd), pick(self.even)
+
+
+def runs_of(vector: Numbers, entries: tuple[int, ...]) -> list[Numbers]:
+    """Return the `entries` of `vector` (..., K) as slices, because indexing with an array compiles to a slow gather."""
+    runs: list[list[int]] = []
+    for entry in entries:
+        if runs and entry == runs[-1][1]:
+            runs[-1][1] += 1
+        else:
+            runs.append([entry, entry + 1])
+    return [vector[..., first:last] for first, last in runs]
 
 
 PI_HIGH, PI_LOW = 3.140625, 9.67653589793e-4

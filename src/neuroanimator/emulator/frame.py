@@ -7,11 +7,13 @@ turning it about the vertical changes nothing (Grzeszczuk et al., SIGGRAPH 1998)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import equinox as eqx
 import numpy as np
 
+from neuroanimator.systems.cloud import Cloud, seen_by, shown_by
 from neuroanimator.systems.rotation import (
     Numbers,
     cross,
@@ -39,11 +41,15 @@ class Frame(eqx.Module):
     probes: tuple[Probe, ...] = eqx.field(static=True)
     dt: float = eqx.field(static=True)
     """Super step [s], for what the state would become if its rates stayed."""
+    weighs: bool = eqx.field(static=True, default=True)
+    """Whether the direction of gravity matters."""
+    cloud: Cloud | None = eqx.field(static=True, default=None)
+    """The mass points that define the frame, where the state is theirs."""
 
     @classmethod
     def of(cls, structure: Structure, dt: float) -> Frame:
         """Return the frame of states with this structure; a `dt` of zero leaves out coasting."""
-        return cls(structure.segments, structure.probes, dt)
+        return cls(structure.segments, structure.probes, dt, structure.weighs, structure.cloud)
 
     def change_size(self, state_size: int) -> int:
         """Return how many numbers describe a change of a state of `state_size` entries."""
@@ -53,8 +59,9 @@ class Frame(eqx.Module):
     def local_size(self) -> int:
         """Length of what `local` returns."""
         sizes = {"quaternion": 6, "velocity": 3, "planar velocity": 2}
-        total = sum(sizes.get(segment.kind, 0) for segment in self.segments)
-        return total - 3 * self._has_root + 4 * len(self.probes)
+        points = ("points", "point velocities")
+        total = sum(s.size if s.kind in points else sizes.get(s.kind, 0) for s in self.segments)
+        return total - (3 if self.weighs else 6) * self._has_root + 4 * len(self.probes)
 
     @property
     def turns(self) -> tuple[tuple[int, int], ...]:
@@ -82,6 +89,8 @@ class Frame(eqx.Module):
         for segment, (entries,) in self._parts(state):
             if segment.kind in ("quaternion", "heading"):
                 return entries
+            if segment.kind == "points" and self.cloud is not None:
+                return self.cloud.turn(_points(entries))
         return state[..., :0]
 
     def local(self, state: Numbers) -> Numbers:
@@ -92,8 +101,11 @@ class Frame(eqx.Module):
         root, seen, is_root = self._root(state), [], self._has_root
         for segment, (entries,) in self._parts(state):
             if segment.kind == "quaternion":
-                seen.append(upward(entries) if is_root else _two_axes(entries))
+                if self.weighs or not is_root:
+                    seen.append(upward(entries) if is_root else _two_axes(entries))
                 is_root = False
+            elif segment.kind in ("points", "point velocities"):
+                seen.append(_seen_points(self.cloud, segment, entries, root))
             elif segment.kind == "velocity":
                 seen.append(rotate_back(root, entries))
             elif segment.kind == "planar velocity":
@@ -125,8 +137,11 @@ class Frame(eqx.Module):
     def _root_rate(self) -> int:
         return next(segment.rate for segment in self.segments if segment.kind == "quaternion")
 
-    def apply(self, state: Numbers, change: Numbers) -> Numbers:
-        """Return `state` (..., S) after `change` (..., V) on top of coasting at its present rates."""
+    def apply(self, state: Numbers, change: Numbers, control: Numbers | None = None) -> Numbers:
+        """Return `state` (..., S) after `change` (..., V) on top of coasting at its present rates.
+
+        Followers come closer to `control` (..., C); without one they stay.
+        """
         if not self.segments:
             return state + change
         xp = state.__array_namespace__()
@@ -134,9 +149,18 @@ class Frame(eqx.Module):
         for segment, (entries,) in self._parts(state):
             delta = change[..., start : start + segment.change_size]
             coasting = self._coasting(segment, state)
-            following.append(_moved(segment, entries, delta, coasting, root))
+            if segment.kind == "follower":
+                following.append(self._followed(segment, entries, control))
+            else:
+                following.append(_moved(segment, entries, delta, coasting, root))
             start += segment.change_size
         return xp.concat(following, axis=-1)
+
+    def _followed(self, segment: Segment, entries: Numbers, control: Numbers | None) -> Numbers:
+        if control is None:
+            return entries
+        left = math.exp(-self.dt / segment.response) if segment.response else 0.0
+        return control + left * (entries - control)
 
     def remainder(self, before: Numbers, after: Numbers) -> Numbers:
         """Return the change (..., V) for which `apply(before, change)` is `after`."""
@@ -152,13 +176,15 @@ class Frame(eqx.Module):
         xp = before.__array_namespace__()
         root, found = self._root(before), []
         for segment, (first, last) in self._parts(before, after):
+            if segment.kind == "follower":
+                continue
             coasting = self._coasting(segment, before) if coasts else None
             found.append(_difference(segment, first, last, coasting, root))
         return xp.concat(found, axis=-1)
 
     def _coasting(self, segment: Segment, state: Numbers) -> Numbers | None:
         """Return what the segment's own rate adds in a super step; None where that is left to the network."""
-        if segment.rate < 0 or segment.kind == "plain":
+        if segment.rate < 0 or segment.kind in ("plain", "follower"):
             return None
         size = 3 if segment.kind == "quaternion" else segment.size
         return self.dt * state[..., segment.rate : segment.rate + size]
@@ -172,6 +198,8 @@ def _moved(segment: Segment, entries: Numbers, delta: Numbers, coasting: Numbers
         return entries + extra + rotate(root, delta)
     if segment.kind in ("planar position", "planar velocity"):
         return entries + extra + _turn_plane(root, delta)
+    if segment.kind in ("points", "point velocities"):
+        return entries + extra + _flat(shown_by(root, _points(delta)))
     return entries + extra + delta
 
 
@@ -183,7 +211,26 @@ def _difference(segment: Segment, before: Numbers, after: Numbers, coasting: Num
         return rotate_back(root, after - before - extra)
     if segment.kind in ("planar position", "planar velocity"):
         return _turn_plane(-root, after - before - extra)
+    if segment.kind in ("points", "point velocities"):
+        return _flat(seen_by(root, _points(after - before - extra)))
     return after - before - extra
+
+
+def _points(entries: Numbers) -> Numbers:
+    """Return (..., N, 3) from (..., 3N)."""
+    return entries.reshape(*entries.shape[:-1], -1, 3)
+
+
+def _flat(points: Numbers) -> Numbers:
+    return points.reshape(*points.shape[:-2], -1)
+
+
+def _seen_points(cloud: Cloud | None, segment: Segment, entries: Numbers, root: Numbers) -> Numbers:
+    """Return places from the centroid, or speeds, (..., 3N) along the body's axes."""
+    points = _points(entries)
+    if segment.kind == "points" and cloud is not None:
+        points = points - cloud.centroid(points)[..., None, :]
+    return _flat(seen_by(root, points))
 
 
 # Roots instead of tanh and softplus, whose compiled forms take one number at a time and half a super step together.

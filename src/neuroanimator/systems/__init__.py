@@ -6,6 +6,8 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import System
 
 SYSTEMS = {
+    "dolphin": "a dolphin: 23 mass points, 91 springs, 6 muscle actuators; swims and leaps",
+    "fish": "a fish: 23 mass points, 91 springs, 12 muscles",
     "lander": "a lunar lander: one main thruster, three attitude jets, four feet",
     "pendulum": "three links, a torque motor at each joint",
     "pendulum-passive": "three links, no motors, pushed by outside forces",
@@ -32,6 +34,8 @@ def load_system(name: str, definition: str = "") -> System:
     if definition:
         return own.from_text(definition)
     makers = {
+        "dolphin": lambda: own.packaged("dolphin"),
+        "fish": lambda: own.packaged("fish"),
         "lander": lambda: own.packaged("lander"),
         "pendulum": pendulum.active_pendulum,
         "pendulum-passive": pendulum.passive_pendulum,

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import canonical_json
+from neuroanimator.systems.body_definition import BodyDefinition
 from neuroanimator.systems.definition import (
     Definition,
     PythonDefinition,
@@ -22,6 +23,7 @@ from neuroanimator.systems.definition import (
     check_definition,
     read_toml,
 )
+from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.given import give_file
 from neuroanimator.systems.model_file import ModelFiles, compile_model, read_model_files
 from neuroanimator.systems.model_system import ModelSystem
@@ -36,9 +38,12 @@ LARGEST_TEXT = 512 * 1024
 
 
 def packaged(name: str) -> System:
-    """Return the system whose TOML and MJCF ship in the package under `name`."""
+    """Return the system whose TOML, and MJCF if it has one, ship in the package under `name`."""
     with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
-        definition = check_definition(read_toml(folder / f"{name}.toml"), f"{name}.toml")
+        values = read_toml(folder / f"{name}.toml")
+    definition = check_definition(values, f"{name}.toml", _kind_of(values).table)
+    if isinstance(definition, BodyDefinition):
+        return DeformableSystem(definition)
     return ModelSystem(definition, load_model(definition.model))
 
 
@@ -48,7 +53,7 @@ class Kind(NamedTuple):
     table: type[Any]
     """What its TOML file may hold."""
     source: str
-    """Key that names the file beside the TOML."""
+    """Key that names the file beside the TOML; empty if there is none."""
     pack: Callable[[Path], Any]
     """What of that file travels along, as JSON."""
     make: Callable[[Any, Any, str], System]
@@ -74,8 +79,17 @@ def _pack_recording(path: Path) -> dict[str, Any]:
     return {"name": path.name, "sha256": digest, "rows": rows, "origins": list(runs.origins)}
 
 
+def _pack_nothing(path: Path) -> None:
+    """A body is all in its definition."""
+
+
+def _make_body(definition: BodyDefinition, files: None, text: str) -> System:
+    return DeformableSystem(definition, text)
+
+
 KINDS = {
     "mujoco": Kind(Definition, "model", _pack_model, _make_model),
+    "mass-spring": Kind(BodyDefinition, "", _pack_nothing, _make_body),
     "python": Kind(PythonDefinition, "file", _pack_function, PythonSystem),
     "recorded": Kind(RecordedDefinition, "file", _pack_recording, RecordedSystem),
 }
@@ -102,8 +116,8 @@ def resolve(reference: str) -> tuple[str, str, int]:
     values = read_toml(path)
     kind = _kind_of(values)
     definition = check_definition(values, path.name, kind.table)
-    source = getattr(definition, kind.source)
-    if Path(source).name != source:
+    source = getattr(definition, kind.source) if kind.source else ""
+    if source and Path(source).name != source:
         raise ArgumentError(f"{path.name}: {kind.source}: wanted a file beside it, came '{source}'.")
     files = kind.pack(path.parent / source)
     text = canonical_json({"definition": definition.model_dump(mode="json"), "files": files})

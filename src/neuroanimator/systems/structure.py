@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
+
+from neuroanimator.systems.cloud import Cloud
 
 Probe = tuple[float, float, float, float]
 """Centre [m] in the root's frame and radius [m] of a round part that may touch the ground."""
 
-Kind = Literal["plain", "position", "quaternion", "velocity", "planar position", "heading", "planar velocity"]
+Kind = Literal[
+    "plain", "position", "quaternion", "velocity", "planar position", "heading", "planar velocity",
+    "points", "point velocities", "follower",
+]  # fmt: skip
 
 STATE_SIZES: dict[str, int] = {
     "position": 3, "quaternion": 4, "velocity": 3, "planar position": 2, "heading": 1, "planar velocity": 2,
 }  # fmt: skip
-"""State entries of each kind of segment but `plain`, which may have any number."""
+"""State entries of each kind of segment that may not have any number."""
 
 
 @dataclass(frozen=True)
@@ -23,18 +28,32 @@ class Segment:
     `plain` numbers are added to. `position` and `velocity` are the root's, in the world; they change
     along the root's own axes. A `quaternion` is turned, in its own frame; the first one of a state with
     a `position` is the root's. `planar position`, `heading` and `planar velocity` are the same for a
-    root that moves in a plane.
+    root that moves in a plane. `points` and `point velocities` are places and speeds of many mass points, three
+    numbers each, seen along the axes of the cloud they make up. A `follower` tends to its control exponentially,
+    which is known exactly: nothing of its change is predicted.
     """
 
     kind: Kind
     size: int
     rate: int = -1
     """State entry where its rate of change begins; -1 if none is known or used."""
+    response: float = 0.0
+    """[s] Time constant of a follower."""
 
     @property
     def change_size(self) -> int:
-        """Numbers that describe a change: a quaternion's four need three."""
-        return 3 if self.kind == "quaternion" else self.size
+        """Numbers that describe a change: a quaternion's four need three, a follower's none."""
+        return {"quaternion": 3, "follower": 0}.get(self.kind, self.size)
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """Left and right of a body: what becomes of each when Y is reversed."""
+
+    points: tuple[int, ...]
+    """Per mass point, its partner; itself on the middle plane."""
+    controls: tuple[int, ...]
+    """Per control, its partner."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +68,8 @@ class Structure:
     `fold`: how many turns of the root about its own Z axis make a whole one, each of which leaves it as it was;
     `fold_controls`: pairs of controls that turn with it, as X and Y do.
     `is_odd`: negating state and control negates the motion (mirror symmetry).
+    `cloud`: the mass points of a deformable body, which define its frame; `mirror`: its left and right.
+    `weighs`: whether the root feels gravity, so that up and down matter.
     """
 
     angles: tuple[tuple[int, ...], ...]
@@ -59,17 +80,20 @@ class Structure:
     probes: tuple[Probe, ...] = ()
     fold: int = 1
     fold_controls: tuple[tuple[int, int], ...] = ()
+    cloud: Cloud | None = None
+    mirror: Mirror | None = None
+    weighs: bool = True
 
 
 def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
     """Return the segments as plain lists."""
-    return [[segment.kind, segment.size, segment.rate] for segment in segments]
+    return [[segment.kind, segment.size, segment.rate, segment.response] for segment in segments]
 
 
 def segments_from_json(rows: list[list[Any]]) -> tuple[Segment, ...]:
     """Return the segments `segments_to_json` wrote; ValueError if they cannot be."""
-    segments = tuple(Segment(kind, int(size), int(rate)) for kind, size, rate in rows)
+    segments = tuple(Segment(kind, int(size), int(rate), float(response)) for kind, size, rate, response in rows)
     for segment in segments:
-        if segment.kind != "plain" and STATE_SIZES.get(segment.kind) != segment.size:
+        if segment.kind not in get_args(Kind) or STATE_SIZES.get(segment.kind, segment.size) != segment.size:
             raise ValueError(f"segment '{str(segment.kind)[:40]}' of {segment.size} entries is not known")
     return segments

@@ -24,7 +24,7 @@ class TrainingConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    network: Literal["gated", "classic", "glu"] = "gated"
+    network: Literal["gated", "classic", "glu", "mirrored"] = "gated"
     widths: tuple[int, ...] = ()
     optimizer: Literal["muon", "adam", "momentum"] = "muon"
     learning_rate: float = Field(0.0, ge=0, lt=10, allow_inf_nan=False)
@@ -32,6 +32,9 @@ class TrainingConfig(BaseModel):
     batch: int = Field(512, ge=4, le=65_536)
     rare_share: float = Field(0.0, ge=0, lt=1)
     """Share of each batch drawn among the tenth of all windows with the most unusual changes, such as touchdowns."""
+    place_modes: int = Field(20, ge=1, le=256)
+    """Shapes a deformable body is made of, and how many ways they move; see `emulator/modes.py`."""
+    speed_modes: int = Field(20, ge=1, le=256)
     unroll: int = Field(LONGEST_UNROLL, ge=1, le=LONGEST_UNROLL)
     unroll_share: float = Field(0.2, ge=0, le=1)
     validation_share: float = Field(0.05, gt=0, lt=0.9)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from neuroanimator.emulator.emulator import Emulator, rollout
+from neuroanimator.emulator.emulator import Emulator, follow
 
 
 def squared_error(
@@ -17,10 +17,11 @@ def squared_error(
 ) -> Float[Array, " H V"]:
     """Return the mean squared error after 1..H super steps, in units of the change's standard deviation.
 
-    `weights` make rows count more or less; their mean should be one.
+    States and controls are those of `Emulator.encode`. `weights` make rows count more or less; their mean
+    should be one.
     """
-    found = jax.vmap(rollout, in_axes=(None, 0, 0))(emulator, states[:, 0], controls)
-    off = emulator.frame.difference(states[:, 1:], found[:, 1:]) / emulator.normaliser.unit
+    found = jax.vmap(follow, in_axes=(None, 0, 0))(emulator, states[:, 0], controls)
+    off = emulator.frame.difference(states[:, 1:], found) / emulator.normaliser.unit
     return jnp.mean(off**2 if weights is None else off**2 * weights[:, None, None], axis=0)
 
 

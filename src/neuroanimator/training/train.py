@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -100,6 +100,7 @@ class _Run:
             raise ArgumentError(f"count: {data.config.count} transitions are too few to train on; wanted some hundred.")
         learn, check = data.where(~held_out), data.where(held_out)
         base = start_from or build_emulator(learn, config)
+        learn, check = base_windows(base, learn), base_windows(base, check)
         contents = {"states": data.states, "controls": data.controls, "network": _first_leaf(base)}
         identity = f"{digest(contents)[:16]}-{config.hash}"
         fresh = Progress.fresh(base.network, make_optimizer(config))
@@ -140,6 +141,14 @@ class _Run:
             file.write(json.dumps(report._asdict()) + "\n")
         write_checkpoint(self.folder, self.identity, self.progress)
         return report
+
+
+def base_windows(base: Emulator, data: Transitions) -> Transitions:
+    """Return the windows in the numbers in which `base` makes its super steps."""
+    if base.modes is None:
+        return data
+    states, controls = base.encode(np.asarray(data.states, float)), base.encode_control(data.controls)
+    return replace(data, states=states.astype(np.float32), controls=controls.astype(np.float32))
 
 
 def validation_mask(run: np.ndarray, config: TrainingConfig) -> np.ndarray:
@@ -195,7 +204,7 @@ def time_chunk(emulator: Emulator, config: TrainingConfig) -> float:
     """Return how long one chunk of single-step updates takes here [s], compilation excluded."""
     rng, identity = np.random.default_rng(0), emulator.identity
     rest = jnp.asarray(identity.rest, jnp.float32)
-    states = rest + 1e-3 * rng.normal(size=(1024, 2, identity.state.size)).astype(np.float32)
+    states = emulator.encode(rest + 1e-3 * rng.normal(size=(1024, 2, identity.state.size)).astype(np.float32))
     controls = jnp.tile(jnp.asarray(identity.bounds.middle, jnp.float32), (1024, 1, 1))
     fresh = Progress.fresh(emulator.network, make_optimizer(config))
     spans = []

@@ -1,0 +1,261 @@
+"""The few numbers a deformable body's motion is made of: a frame, and how much of each shape seen in training.
+
+Hundreds of mass points move as one body that bends in a few ways. An emulator of those few numbers is
+smaller, faster and cannot tear the body apart: whatever it predicts is a mixture of shapes seen in training.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.systems.cloud import Cloud, seen_by, shown_by
+from neuroanimator.systems.rotation import Numbers, cross
+from neuroanimator.systems.structure import Mirror, Segment, Structure
+
+RIGID = 13
+"""Numbers of the frame: place, quaternion, velocity, spin."""
+
+
+class Modes(eqx.Module):
+    """Places and speeds of N mass points ↔ (frame, odd modes, even modes, odd contractions, even contractions).
+
+    Odd numbers change sign in the body's mirror, even ones do not; without a mirror all are odd. Modes of
+    places and of speeds are kept apart, because what bends is not what swings.
+    """
+
+    places: Float[Array, "3*N Q"]
+    """Orthonormal; how the shape differs from the mean one, per mode of places [m]."""
+    speeds: Float[Array, "3*N P"]
+    """Orthonormal; how mass points move besides the frame's motion, per mode of speeds [m/s]."""
+    mean_place: Float[Array, " 3*N"]
+    mean_speed: Float[Array, " 3*N"]
+    cloud: Cloud = eqx.field(static=True)
+    mirror: Mirror | None = eqx.field(static=True)
+    odd_places: int = eqx.field(static=True)
+    """How many modes of places are odd; they come first."""
+    odd_speeds: int = eqx.field(static=True)
+    muscles: int = eqx.field(static=True)
+    """How many contractions belong to the state."""
+    response: float = eqx.field(static=True)
+    """[s] Time constant of the muscles."""
+
+    @property
+    def size(self) -> int:
+        """How many numbers there are in all."""
+        return RIGID + self.count + self.muscles
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what, with the arrays, makes up the modes."""
+        return {
+            "cloud": [list(self.cloud.places), list(self.cloud.masses)],
+            "mirror": None if self.mirror is None else [list(self.mirror.points), list(self.mirror.controls)],
+            "counts": [self.places.shape[1], self.speeds.shape[1], self.odd_places, self.odd_speeds],
+            "muscles": self.muscles,
+            "response": self.response,
+        }
+
+    @classmethod
+    def from_json(cls, described: dict[str, Any], states: int, controls: int) -> Modes:
+        """Return the modes `to_json` wrote, arrays zero; ValueError unless they fit `states` and `controls`."""
+        places, masses = described["cloud"]
+        cloud = Cloud(tuple((float(x), float(y), float(z)) for x, y, z in places), tuple(float(m) for m in masses))
+        q, p, odd_q, odd_p = (int(count) for count in described["counts"])
+        size, muscles = 3 * cloud.count, int(described["muscles"])
+        fits = len(places) == cloud.count and states == 2 * size + muscles and muscles in (0, controls)
+        if not fits or not 0 <= odd_q <= q <= size or not 0 <= odd_p <= p <= size:
+            raise ValueError("modes: other sizes than the state")
+        mirror = None
+        if described["mirror"] is not None:
+            mirror = Mirror(*(tuple(int(i) for i in part) for part in described["mirror"]))
+            if not _swaps(mirror.points, cloud.count) or not _swaps(mirror.controls, controls):
+                raise ValueError("modes: a mirror that does not pair left and right")
+        arrays = jnp.zeros((size, q)), jnp.zeros((size, p)), jnp.zeros(size), jnp.zeros(size)
+        return cls(*arrays, cloud, mirror, odd_q, odd_p, muscles, float(described["response"]))
+
+    def encode(self, state: Numbers) -> Numbers:
+        """Return (..., I) the few numbers of `state` (..., S)."""
+        xp = state.__array_namespace__()
+        size = 3 * self.cloud.count
+        points = lambda entries: entries.reshape(*entries.shape[:-1], -1, 3)  # noqa: E731
+        places, speeds = points(state[..., :size]), points(state[..., size : 2 * size])
+        centre, velocity, turn = self.cloud.centroid(places), self.cloud.centroid(speeds), self.cloud.turn(places)
+        seen = seen_by(turn, places - centre[..., None, :])
+        flow = seen_by(turn, speeds - velocity[..., None, :])
+        spin = self.cloud.spin(seen, flow)
+        flow = flow - cross(spin[..., None, :], seen)
+        shape, swing = (part.reshape(*part.shape[:-2], -1) for part in (seen, flow))
+        q = (shape - _like(self.mean_place, state)) @ _like(self.places, state)
+        p = (swing - _like(self.mean_speed, state)) @ _like(self.speeds, state)
+        pulled = self.encode_control(state[..., 2 * size :])
+        return xp.concat([centre, turn, velocity, spin, *self._ordered(q, p), pulled], axis=-1)
+
+    def decode(self, inner: Numbers) -> Numbers:
+        """Return the states (..., S) closest to what `inner` (..., I) says."""
+        xp = inner.__array_namespace__()
+        centre, turn, velocity, spin = inner[..., :3], inner[..., 3:7], inner[..., 7:10], inner[..., 10:RIGID]
+        q, p = self._parted(inner)
+        points = lambda flat: flat.reshape(*flat.shape[:-1], -1, 3)  # noqa: E731
+        seen = points(_like(self.mean_place, inner) + q @ _like(self.places, inner).mT)
+        flow = points(_like(self.mean_speed, inner) + p @ _like(self.speeds, inner).mT)
+        flow = flow + cross(spin[..., None, :], seen)
+        places = centre[..., None, :] + shown_by(turn, seen)
+        speeds = velocity[..., None, :] + shown_by(turn, flow)
+        flat = [part.reshape(*part.shape[:-2], -1) for part in (places, speeds)]
+        return xp.concat([*flat, self.decode_control(inner[..., RIGID + self.count :])], axis=-1)
+
+    @property
+    def count(self) -> int:
+        """How many modes there are, of places and of speeds together."""
+        return self.places.shape[1] + self.speeds.shape[1]
+
+    def _ordered(self, q: Numbers, p: Numbers) -> list[Numbers]:
+        a, b = self.odd_places, self.odd_speeds
+        return [q[..., :a], p[..., :b], q[..., a:], p[..., b:]]
+
+    def _parted(self, inner: Numbers) -> tuple[Numbers, Numbers]:
+        xp = inner.__array_namespace__()
+        a, b, q = self.odd_places, self.odd_speeds, self.places.shape[1]
+        modes = inner[..., RIGID : RIGID + self.count]
+        even_places = modes[..., a + b : b + q]
+        return (
+            xp.concat([modes[..., :a], even_places], axis=-1),
+            xp.concat([modes[..., a : a + b], modes[..., b + q :]], axis=-1),
+        )
+
+    def encode_control(self, control: Numbers) -> Numbers:
+        """Return (..., C) what left and right do oppositely, then what they do alike."""
+        if self.mirror is None or not control.shape[-1]:
+            return control
+        return control @ _like(mixing(self.mirror)[0], control)
+
+    def decode_control(self, mixed: Numbers) -> Numbers:
+        """Return the controls (..., C) of which `encode_control` gives `mixed`."""
+        if self.mirror is None or not mixed.shape[-1]:
+            return mixed
+        return mixed @ _like(mixing(self.mirror)[0], mixed).mT
+
+    def structure(self, whole: Structure) -> Structure:
+        """Return what an emulator may exploit of the few numbers, given what it may of the body's state."""
+        segments = [
+            Segment("position", 3, rate=7),
+            Segment("quaternion", 4, rate=10),
+            Segment("velocity", 3),
+            Segment("plain", 3 + self.count),
+        ]
+        if self.muscles:
+            segments.append(Segment("follower", self.muscles, response=self.response))
+        return Structure(
+            angles=(),
+            rates=(),
+            plain=tuple(range(10, self.size)),
+            segments=tuple(segments),
+            probes=whole.probes,
+            weighs=whole.weighs,
+        )
+
+    def odd_changes(self) -> tuple[bool, ...]:
+        """Return, per number of a change, whether the mirror reverses it: along Y, and turns about X and Z."""
+        along, about = (False, True, False), (True, False, True)
+        return (*along, *about, *along, *about, *self._odd_modes())
+
+    def odd_features(self, whole: Structure, probes: int) -> tuple[bool, ...]:
+        """Return the same per plain feature: spin, modes, contractions, up, velocity, `probes` numbers, controls."""
+        along, about = (False, True, False), (True, False, True)
+        assert self.mirror is not None
+        differences = mixing(self.mirror)[1]
+        sides = tuple(i < differences for i in range(len(self.mirror.controls)))
+        seen = (*(along if whole.weighs else ()), *along, *(False,) * probes)
+        return (*about, *self._odd_modes(), *(sides if self.muscles else ()), *seen, *sides)
+
+    def _odd_modes(self) -> tuple[bool, ...]:
+        odd = self.odd_places + self.odd_speeds
+        return tuple(i < odd for i in range(self.count))
+
+
+def _like(numbers: Numbers, state: Numbers) -> Numbers:
+    return state.__array_namespace__().asarray(numbers, dtype=state.dtype)
+
+
+def mixing(mirror: Mirror) -> tuple[np.ndarray, int]:
+    """Return (orthogonal (C, C), how many of its columns are odd): differences of partners, then sums."""
+    count = len(mirror.controls)
+    odd, even = [], []
+    for i, partner in enumerate(mirror.controls):
+        unit, other = np.eye(count)[i], np.eye(count)[partner]
+        if partner == i:
+            even.append(unit)
+        elif i < partner:
+            odd.append((unit - other) / np.sqrt(2))
+            even.append((unit + other) / np.sqrt(2))
+    return np.stack([*odd, *even], axis=1), len(odd)
+
+
+def _swaps(partners: tuple[int, ...], count: int) -> bool:
+    return len(partners) == count and all(0 <= p < count and partners[p] == i for i, p in enumerate(partners))
+
+
+class Basis(NamedTuple):
+    """Orthonormal directions."""
+
+    mean: np.ndarray
+    """(D,)"""
+    directions: np.ndarray
+    """(D, K) odd ones first."""
+    odd: int
+    """How many are odd."""
+
+
+def principal(samples: np.ndarray, count: int, reflect: np.ndarray | None) -> Basis:
+    """Return the `count` directions in which `samples` (B, D) vary most; each odd or even under `reflect` (D, D)."""
+    if reflect is None:
+        mean = samples.mean(axis=0)
+        return Basis(mean, _leading(samples - mean)[0][:, :count], count)
+    even, odd = (samples + samples @ reflect.T) / 2, (samples - samples @ reflect.T) / 2
+    mean = even.mean(axis=0)
+    (even_ways, even_sizes), (odd_ways, odd_sizes) = _leading(even - mean), _leading(odd)
+    least = np.sort(np.concatenate([even_sizes, odd_sizes]))[-count]
+    chosen = odd_ways[:, odd_sizes >= least], even_ways[:, even_sizes >= least]
+    return Basis(mean, np.concatenate(chosen, axis=1)[:, :count], chosen[0].shape[1])
+
+
+def _leading(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    sizes, ways = np.linalg.eigh(samples.T @ samples / len(samples))
+    return ways[:, ::-1], sizes[::-1]
+
+
+def reflection(mirror: Mirror) -> np.ndarray:
+    """Return the matrix (3N, 3N) that swaps partners and reverses Y."""
+    swap = np.eye(len(mirror.points))[list(mirror.points)]
+    return np.kron(swap, np.diag([1.0, -1.0, 1.0]))
+
+
+def fit_modes(structure: Structure, states: np.ndarray, place_modes: int, speed_modes: int) -> Modes:
+    """Return the modes in which the bodies in `states` (B, S) vary most."""
+    cloud, mirror = structure.cloud, structure.mirror
+    assert cloud is not None
+    size = 3 * cloud.count
+    response = next((s.response for s in structure.segments if s.kind == "follower"), 0.0)
+    every = jnp.eye(size), jnp.eye(size)
+    muscles = sum(segment.size for segment in structure.segments if segment.kind == "follower")
+    whole = Modes(*every, jnp.zeros(size), jnp.zeros(size), cloud, None, size, size, muscles, response)
+    inner = whole.encode(np.asarray(states, float))[:, RIGID:]
+    reflect = None if mirror is None else reflection(mirror)
+    places = principal(inner[:, :size], min(place_modes, size), reflect)
+    speeds = principal(inner[:, size : 2 * size], min(speed_modes, size), reflect)
+    return Modes(
+        places=jnp.asarray(places.directions, jnp.float32),
+        speeds=jnp.asarray(speeds.directions, jnp.float32),
+        mean_place=jnp.asarray(places.mean, jnp.float32),
+        mean_speed=jnp.asarray(speeds.mean, jnp.float32),
+        cloud=cloud,
+        mirror=mirror,
+        odd_places=places.odd,
+        odd_speeds=speeds.odd,
+        muscles=muscles,
+        response=response,
+    )

@@ -1,0 +1,262 @@
+"""A deformable system written down: mass points, springs, muscles and faces by name.
+
+    name = "jelly"
+    kind = "mass-spring"
+
+    [nodes]
+    a = [0.0, 0.0, 0.1, 0.02]            # place [m] and mass [kg]
+
+    [springs.edges]
+    stiffness = 50.0                     # [N/m]
+    damping = 0.2                        # [N·s/m]
+    pairs = [["a", "b"], ["b", "c"]]
+
+`systems/assets/fish.toml` shows every table.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.body import Body, Ground, Water, largest_step
+from neuroanimator.systems.definition import Finite, GoalTable, Name, PartName, Positive, Share
+
+Integrator = Literal["symplectic", "semi-implicit", "rk4"]
+NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+Pair = tuple[PartName, PartName]
+Step = Annotated[float, Field(gt=0, le=0.1)]
+
+MOST_NODES, MOST_SPRINGS = 300, 3000
+"""A definition may come from a stranger, and costs grow with these."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class BodyPhysics(_Table):
+    """How the physics is stepped; see `System.scheme`, `truth` and `fine`."""
+
+    step: Step
+    integrator: Integrator = "symplectic"
+    truth_step: Step
+    truth_integrator: Integrator = "rk4"
+    fine_step: Step
+    fine_integrator: Integrator = "rk4"
+
+
+class SpringTable(_Table):
+    """Springs of one kind."""
+
+    stiffness: Positive
+    damping: NotNegative
+    pairs: tuple[Pair, ...] = Field(min_length=1, max_length=MOST_SPRINGS)
+
+
+class MuscleTable(_Table):
+    """Springs that shorten when told to; every control is one muscle from -1, longest, to 1, shortest."""
+
+    shorten: Annotated[float, Field(gt=0, lt=0.9)]
+    """Share of its length by which a muscle shortens or lengthens."""
+    response: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """[s] Time constant with which it follows its control."""
+    springs: dict[PartName, tuple[Pair, ...]] = Field(min_length=1, max_length=100)
+    """Per control, the springs it shortens."""
+
+
+class WaterTable(_Table):
+    """See `body.Water`."""
+
+    push: NotNegative
+    drag: NotNegative = 0.0
+    buoyancy: Annotated[float, Field(ge=0, le=10)] = 1.0
+    surface: Finite | None = None
+    depth: Positive = 0.1
+
+
+class GroundTable(_Table):
+    """See `body.Ground`."""
+
+    stiffness: Positive
+    damping: NotNegative = 0.0
+    friction: NotNegative = 0.5
+    slip: Positive = 0.05
+
+
+class BodySampling(_Table):
+    """Random starts of training runs, around the state of rest."""
+
+    rest_share: Share = 0.2
+    """Share of starts at rest, where most motions begin."""
+    warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
+    """Starts are taken from this first stretch of random driving [s]."""
+    speed: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
+    """Standard deviation of the speeds along the body's own axes [m/s]."""
+    spin: NotNegative = 0.0
+    """Standard deviation of each angular velocity [rad/s]."""
+    tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
+    """Standard deviation of the tilt [rad], where weight is felt; without weight a body starts turned anyhow."""
+    height: tuple[Finite, Finite] = (0.0, 0.0)
+    """Least and largest height over its place at rest [m]."""
+    strain: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    """Standard deviation of a random stretch of the whole body along each of its axes."""
+
+
+class BodyDefinition(_Table):
+    """A system whose physics is a mass-spring body's."""
+
+    name: Name
+    kind: Literal["mass-spring"]
+    substeps: int = Field(50, ge=1, le=1000)
+    physics: BodyPhysics
+    nodes: dict[PartName, tuple[Finite, Finite, Finite, Positive]] = Field(min_length=2, max_length=MOST_NODES)
+    """Place at rest [m] and mass [kg]; X forward, Z up."""
+    springs: dict[PartName, SpringTable] = Field(min_length=1, max_length=50)
+    muscles: MuscleTable | None = None
+    pushes: dict[PartName, tuple[Finite, Finite, Finite]] = {}
+    """Per control, the force [N] on the whole body at control 1; for bodies without muscles."""
+    faces: tuple[Annotated[tuple[PartName, ...], Field(min_length=3, max_length=4)], ...] = ()
+    """Corners of the parts of the skin that push water, counterclockwise from outside."""
+    mirror: dict[PartName, PartName] = {}
+    """Per mass point or control on the left its partner on the right, if the body has such a mirror."""
+    groups: dict[PartName, tuple[PartName, ...]] = {}
+    """Segments of the body, each a list of mass points; every one belongs to exactly one."""
+    water: WaterTable | None = None
+    ground: GroundTable | None = None
+    sampling: BodySampling = BodySampling()
+    goals: dict[Name, GoalTable] = {}
+
+
+def body_of(definition: BodyDefinition) -> Body:
+    """Return the body `definition` describes; ArgumentError names what is wrong with it."""
+    names = tuple(definition.nodes)
+    numbers = np.array(list(definition.nodes.values()), float)
+    rows = [(pair, table) for table in definition.springs.values() for pair in table.pairs]
+    springs = np.array([_numbers(names, pair, "springs") for pair, _ in rows])
+    _check_springs(rows, numbers[:, :3], springs)
+    muscles, pushes = _drives(definition, springs, names)
+    faces = np.array([_corners(names, face) for face in definition.faces], int).reshape(-1, 4)
+    _check_faces(definition, numbers[:, :3], faces)
+    return Body(
+        names=names,
+        places=numbers[:, :3],
+        masses=numbers[:, 3],
+        springs=springs,
+        stiffness=np.array([table.stiffness for _, table in rows]),
+        damping=np.array([table.damping for _, table in rows]),
+        muscles=muscles,
+        pushes=pushes,
+        faces=faces,
+        response=definition.muscles.response if definition.muscles else 0.0,
+        water=Water(**definition.water.model_dump()) if definition.water else None,
+        ground=Ground(**definition.ground.model_dump()) if definition.ground else None,
+    )
+
+
+def check_steps(definition: BodyDefinition, body: Body) -> None:
+    """Refuse a step at which the body's own vibrations would grow."""
+    physics, limit = definition.physics, largest_step(body)
+    for key in ("step", "truth_step", "fine_step"):
+        step, integrator = getattr(physics, key), getattr(physics, key.replace("step", "integrator"))
+        if integrator != "semi-implicit" and step > limit * (1.3 if integrator == "rk4" else 1.0):
+            raise ArgumentError(
+                f"physics.{key}: {step:g} s is too large: the stiffest springs vibrate so fast that {integrator} needs "
+                f"at most {limit:.3g} s. Take a smaller step, softer springs or more mass."
+            )
+
+
+def group_numbers(definition: BodyDefinition) -> dict[str, tuple[int, ...]]:
+    """Return the groups as numbers of mass points; refuse groups that miss or repeat one."""
+    names = list(definition.nodes)
+    seen: dict[str, str] = {}
+    for group, members in definition.groups.items():
+        for member in members:
+            if member not in names:
+                raise ArgumentError(f"groups.{group}: no node called '{member}'. Nodes: {', '.join(names)}.")
+            if member in seen:
+                raise ArgumentError(f"groups.{group}: node '{member}' is in '{seen[member]}' already.")
+            seen[member] = group
+    missing = [name for name in names if name not in seen]
+    if definition.groups and missing:
+        raise ArgumentError(f"groups: in none of them: {', '.join(missing)}. Every node belongs to exactly one.")
+    return {group: tuple(names.index(m) for m in members) for group, members in definition.groups.items()}
+
+
+def mirror_of(definition: BodyDefinition, kind: str) -> np.ndarray | None:
+    """Return (K,) each node's or control's partner; None where the body has no mirror, which must be exact."""
+    if not definition.mirror:
+        return None
+    names = list(definition.nodes) if kind == "nodes" else control_names(definition)
+    both = {**definition.mirror, **{right: left for left, right in definition.mirror.items()}}
+    partner = np.array([names.index(both.get(name, name)) if both.get(name, name) in names else -1 for name in names])
+    if (partner < 0).any():
+        raise ArgumentError(f"mirror: '{names[int(np.argmin(partner))]}' has a partner of another kind.")
+    return partner
+
+
+def control_names(definition: BodyDefinition) -> list[str]:
+    """Return the names of the controls in order."""
+    return list(definition.muscles.springs if definition.muscles else definition.pushes)
+
+
+def _numbers(names: tuple[str, ...], members: tuple[str, ...], key: str) -> list[int]:
+    for member in members:
+        if member not in names:
+            raise ArgumentError(f"{key}: {list(members)} names no node '{member}'. Nodes: {', '.join(names)}.")
+    return [names.index(member) for member in members]
+
+
+def _corners(names: tuple[str, ...], face: tuple[str, ...]) -> list[int]:
+    corners = _numbers(names, face, "faces")
+    return corners if len(corners) == 4 else [*corners, corners[0]]
+
+
+def _check_springs(rows: list[tuple[Pair, SpringTable]], places: np.ndarray, springs: np.ndarray) -> None:
+    lengths = np.linalg.norm(places[springs[:, 1]] - places[springs[:, 0]], axis=1)
+    seen = set()
+    for (pair, _), length, ends in zip(rows, lengths, springs, strict=True):
+        if length <= 0:
+            raise ArgumentError(f"springs: {list(pair)} has no length at rest: both ends are at one place.")
+        if frozenset(ends) in seen:
+            raise ArgumentError(f"springs: {list(pair)} is there twice.")
+        seen.add(frozenset(ends))
+
+
+def _drives(definition: BodyDefinition, springs: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the shares by which contractions shorten springs (P, M), and pushes (3, C)."""
+    table = definition.muscles
+    if bool(table) == bool(definition.pushes):
+        raise ArgumentError("muscles or pushes: wanted exactly one of the two tables; something must drive the body.")
+    if not table:
+        return np.zeros((len(springs), 0)), np.array(list(definition.pushes.values()), float).T
+    shorten = np.zeros((len(springs), len(table.springs)))
+    ends = [frozenset(pair) for pair in springs.tolist()]
+    for column, (name, pairs) in enumerate(table.springs.items()):
+        for pair in pairs:
+            wanted = frozenset(_numbers(names, pair, f"muscles.springs.{name}"))
+            if wanted not in ends:
+                raise ArgumentError(f"muscles.springs.{name}: no spring connects {list(pair)}.")
+            shorten[ends.index(wanted), column] = table.shorten
+    return shorten, np.zeros((3, shorten.shape[1]))
+
+
+def _check_faces(definition: BodyDefinition, places: np.ndarray, faces: np.ndarray) -> None:
+    """Refuse faces without area, and faces that look into the body.
+
+    A face that is there from both sides is a fin's and may look anywhere.
+    """
+    sides = [frozenset(face) for face in faces.tolist()]
+    centre = places.mean(axis=0)
+    for face, corners, side in zip(definition.faces, faces, sides, strict=True):
+        p = places[corners]
+        area = np.cross(p[2] - p[0], p[3] - p[1])
+        if np.linalg.norm(area) < 1e-12:
+            raise ArgumentError(f"faces: {list(face)} has no area.")
+        across = p.mean(axis=0) - centre
+        across = across * [0.0 if np.ptp(places[:, 0]) > 2 * np.ptp(places[:, 1]) else 1.0, 1.0, 1.0]
+        if sides.count(side) == 1 and area @ across < 0:
+            raise ArgumentError(f"faces: {list(face)} looks inward. List its corners counterclockwise from outside.")
