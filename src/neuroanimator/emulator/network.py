@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from neuroanimator.emulator.features import runs_of
+from neuroanimator.emulator.features import reordered
 from neuroanimator.errors import ArgumentError
 
 
@@ -151,7 +151,7 @@ class Mirrored(Network):
         place = {entry: first_even + i for i, entry in enumerate(self.even)}
         odd_places = iter(range(first_even))
         order = tuple(place[i] if i in place else next(odd_places) for i in range(answers.shape[0]))
-        return jnp.concatenate(runs_of(answers, order))
+        return reordered(answers, order)
 
 
 class Glu(Network):

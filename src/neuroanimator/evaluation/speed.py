@@ -151,20 +151,21 @@ def interleaved(players: dict[str, Callable[[], None]], repeats: int = REPEATS) 
 def emulator_player(emulator: Emulator) -> Callable[[], None]:
     """Return a function that takes `TIMED_SUPER_STEPS` super steps, already compiled.
 
-    Like MuJoCo's loop it keeps the last state only.
+    Like the loop of the physics it keeps the last state only, in the numbers the super step is made in: a
+    deformable body is decoded where it is drawn.
     """
     rng = np.random.default_rng(0)
     identity = emulator.identity
     share = rng.uniform(-0.3, 0.3, (TIMED_SUPER_STEPS, identity.control.size))
     controls = jnp.asarray(identity.bounds.middle + share * identity.bounds.half, jnp.float32)
-    start = jnp.asarray(identity.rest, jnp.float32)
+    controls, start = emulator.encode_control(controls), emulator.encode(jnp.asarray(identity.rest, jnp.float32))
     run = compiled(emulator, _last_state)
     run(start, controls)
     return lambda: run(start, controls).block_until_ready()
 
 
-def _last_state(emulator: Emulator, state: Float[Array, " S"], controls: Float[Array, "T C"]) -> Float[Array, " S"]:
-    step = emulator.step
+def _last_state(emulator: Emulator, state: Float[Array, " I"], controls: Float[Array, "T C"]) -> Float[Array, " I"]:
+    step = emulator.advance
     return jax.lax.scan(lambda state, control: (step(state, control), None), state, controls, unroll=UNROLL)[0]
 
 
