@@ -13,7 +13,10 @@ LONGEST = 3600.0
 
 
 def random_motion(emulator: Emulator, seconds: float, seed: int) -> np.ndarray:
-    """Return a trajectory (T+1, S) under random, never idle controls, from rest; free hinges start anywhere."""
+    """Return a trajectory (T+1, S) under random, never idle controls, from rest; free hinges start anywhere.
+
+    With the seed 0, what has a gait moves by it.
+    """
     if not emulator.dt <= seconds <= LONGEST:
         raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")
     if seed < 0:
@@ -24,7 +27,10 @@ def random_motion(emulator: Emulator, seconds: float, seed: int) -> np.ndarray:
     positions = np.intersect1d(angles, [position for position, _ in identity.rates])
     start[positions] = rng.uniform(-np.pi / 2, np.pi / 2, len(positions))
     steps = int(np.ceil(seconds / emulator.dt - 1e-9))
-    controls = sample_controls(rng, steps, emulator.dt, identity.bounds)
+    if seed == 0 and identity.gait is not None:
+        controls = identity.gait.controls(steps, emulator.dt, identity.bounds)
+    else:
+        controls = sample_controls(rng, steps, emulator.dt, identity.bounds, identity.gait)
     return np.asarray(emulator.rollout(start, controls), float)
 
 

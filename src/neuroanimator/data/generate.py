@@ -68,7 +68,9 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
     count = min(transitions.RUNS_PER_SHARD, config.runs - shard * transitions.RUNS_PER_SHARD)
     dt = config.substeps * system.physics_dt
     starts = sample_starts(system, rng, count, threads)
-    controls = np.stack([sample_controls(rng, transitions.RUN_STEPS, dt, system.bounds) for _ in range(count)])
+    controls = np.stack(
+        [sample_controls(rng, transitions.RUN_STEPS, dt, system.bounds, system.gait) for _ in range(count)]
+    )
     picks = np.stack([sample_picks(rng, config.picks) for _ in range(count)])
     runs = system.simulate(starts, controls, dt, threads=threads)
     alive = runs.is_alive

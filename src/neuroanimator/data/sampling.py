@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds
 from neuroanimator.systems.system import System
 
@@ -22,6 +23,13 @@ SMALLEST_SCALE = 0.2
 LONGEST_HOLD = 0.6
 """[s] Longest a held control stays."""
 
+GAIT_SHARE = 0.4
+"""Share of runs that move along by the system's gait, if it has one: faster, slower, weaker, steered."""
+FASTER_THAN_GAIT = 1.25
+"""Times the gait's frequency up to which smooth controls go."""
+STRONGEST_STEERING = 0.5
+"""Of the control's range, added to the gait."""
+
 
 def sample_starts(system: System, rng: np.random.Generator, count: int, threads: int = 1) -> np.ndarray:
     """Return `count` random states (count, S) as they occur in use: after some warm-up, if the system has one."""
@@ -30,7 +38,7 @@ def sample_starts(system: System, rng: np.random.Generator, count: int, threads:
         return starts
     dt = WARM_UP_SUBSTEPS * system.physics_dt
     steps = round(system.warm_up / dt)
-    controls = np.stack([sample_controls(rng, steps, dt, system.bounds) for _ in range(count)])
+    controls = np.stack([sample_controls(rng, steps, dt, system.bounds, system.gait) for _ in range(count)])
     runs = system.simulate(starts, controls, dt, scheme=system.scheme, threads=threads)
     chosen = runs.states[np.arange(count), rng.integers(0, steps + 1, count)]
     return np.where(runs.is_alive[:, None], chosen, system.rest)
@@ -40,11 +48,16 @@ WARM_UP_SUBSTEPS = 50
 """Physics steps a control is held for while warming up."""
 
 
-def sample_controls(rng: np.random.Generator, steps: int, dt: float, bounds: Bounds) -> np.ndarray:
+def sample_controls(
+    rng: np.random.Generator, steps: int, dt: float, bounds: Bounds, gait: Gait | None = None
+) -> np.ndarray:
     """Return one run's controls (steps, C), each entry held for `dt` [s] and within `bounds`."""
+    if gait is not None and rng.random() < GAIT_SHARE:
+        return _steered(rng, steps, dt, bounds, gait)
     kind, size = rng.random(), len(bounds.half)
     if kind < SMOOTH_SHARE:
-        shape = _smooth(rng, steps, dt, size)
+        fastest = FASTEST_WAVE if gait is None else max(FASTEST_WAVE, FASTER_THAN_GAIT / gait.period)
+        shape = _smooth(rng, steps, dt, size, fastest)
     elif kind < SMOOTH_SHARE + HELD_SHARE:
         shape = _held(rng, steps, dt, size)
     else:
@@ -52,10 +65,18 @@ def sample_controls(rng: np.random.Generator, steps: int, dt: float, bounds: Bou
     return bounds.middle + shape * rng.uniform(SMALLEST_SCALE, 1) * bounds.half
 
 
-def _smooth(rng: np.random.Generator, steps: int, dt: float, size: int) -> np.ndarray:
+def _steered(rng: np.random.Generator, steps: int, dt: float, bounds: Bounds, gait: Gait) -> np.ndarray:
+    """Return the gait at a random tempo and strength, with slow random offsets that steer."""
+    start = int(rng.integers(0, max(1, round(gait.period / dt))))
+    moves = gait.controls(start + steps, dt, bounds, tempo=rng.uniform(0.6, 1.4), strength=rng.uniform(0.2, 1.2))
+    offset = _smooth(rng, steps, dt, len(bounds.half), 0.5 / gait.period) * rng.uniform(0, STRONGEST_STEERING)
+    return bounds.clip(moves[start:] + offset * bounds.half)
+
+
+def _smooth(rng: np.random.Generator, steps: int, dt: float, size: int, fastest: float) -> np.ndarray:
     """Sums of sinusoids, pressed into ±1 so that strong ones saturate as optimised controls do."""
     time = np.arange(steps) * dt
-    frequency = rng.uniform(0.1, FASTEST_WAVE, (WAVES, 1, size))
+    frequency = rng.uniform(min(0.1, fastest / 2), fastest, (WAVES, 1, size))
     phase = rng.uniform(0, 2 * np.pi, (WAVES, 1, size))
     height = rng.normal(size=(WAVES, 1, size)) * rng.uniform(0.3, 1.5)
     return np.tanh((height * np.sin(2 * np.pi * frequency * time[:, None] + phase)).sum(axis=0))

@@ -17,6 +17,7 @@ from neuroanimator.emulator.network import NETWORKS, make_network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.skeleton import Skeleton
 from neuroanimator.systems.structure import segments_from_json, segments_to_json
@@ -66,6 +67,7 @@ def describe(emulator: Emulator) -> dict[str, Any]:
         "bounds": [list(identity.bounds.low), list(identity.bounds.high)],
         "definition": identity.definition,
         "rest": list(identity.rest),
+        "gait": None if identity.gait is None else identity.gait.to_json(),
         "substeps": identity.substeps,
         "dt": identity.dt,
         "skeleton": identity.skeleton.to_json(),
@@ -141,6 +143,7 @@ def blank(metadata: dict[str, Any]) -> Emulator:
             bounds=bounds,
             rest=rest,
             definition=str(metadata["definition"]),
+            gait=None if metadata["gait"] is None else Gait.from_json(metadata["gait"], control.size),
             substeps=int(metadata["substeps"]),
             dt=float(metadata["dt"]),
             skeleton=Skeleton.from_json(metadata["skeleton"]),

@@ -16,6 +16,7 @@ from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.rotation import Numbers
 from neuroanimator.systems.skeleton import Skeleton
@@ -57,6 +58,8 @@ class Identity(eqx.Module):
     """A state of rest, where motions begin if nothing else is said."""
     definition: str = eqx.field(static=True, default="")
     """JSON text the system can be made from again; empty for one that comes with the package."""
+    gait: Gait | None = eqx.field(static=True, default=None)
+    """How the system moves along if nothing else is said."""
 
 
 class Emulator(eqx.Module):

@@ -83,7 +83,7 @@ def held_out_runs(
     steps = round(seconds / identity.dt)
     threads = os.cpu_count() or 1
     starts = sample_starts(system, rng, count, threads)
-    controls = np.stack([sample_controls(rng, steps, identity.dt, system.bounds) for _ in range(count)])
+    controls = np.stack([sample_controls(rng, steps, identity.dt, system.bounds, system.gait) for _ in range(count)])
     if is_shifted:
         controls = system.bounds.middle + rng.uniform(-1, 1, controls.shape) * system.bounds.half
     runs = system.simulate(starts, controls, identity.dt, scheme=system.fine, threads=threads)

@@ -61,7 +61,8 @@ def reach(emulator: Emulator, steps: int) -> np.ndarray:
 
 def _control_blocks(emulator: Emulator, rng: np.random.Generator, starts: int, steps: int) -> Iterator[np.ndarray]:
     """Yield random controls (starts, at most BLOCK, C) for `steps` super steps in all."""
+    identity = emulator.identity
     for first in range(0, steps, BLOCK):
         length = min(BLOCK, steps - first)
-        one = [sample_controls(rng, length, emulator.dt, emulator.identity.bounds) for _ in range(starts)]
+        one = [sample_controls(rng, length, emulator.dt, identity.bounds, identity.gait) for _ in range(starts)]
         yield np.stack(one)

@@ -24,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.body import Body, Ground, Water, largest_step
 from neuroanimator.systems.definition import Finite, GoalTable, Name, PartName, Positive, Share
+from neuroanimator.systems.gait import Gait
 
 Integrator = Literal["symplectic", "semi-implicit", "rk4"]
 NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
@@ -87,6 +88,14 @@ class GroundTable(_Table):
     slip: Positive = 0.05
 
 
+class GaitTable(_Table):
+    """See `gait.Gait`."""
+
+    period: Positive
+    controls: dict[PartName, tuple[Finite, Finite]]
+    """Per control, amplitude and lag [rad]; others rest."""
+
+
 class BodySampling(_Table):
     """Random starts of training runs, around the state of rest."""
 
@@ -127,6 +136,9 @@ class BodyDefinition(_Table):
     """Segments of the body, each a list of mass points; every one belongs to exactly one."""
     water: WaterTable | None = None
     ground: GroundTable | None = None
+    probes: Annotated[tuple[tuple[Finite, Finite, Finite], ...], Field(max_length=32)] = ()
+    """Places [m] as in `nodes` whose height over ground or water's surface an emulator is shown."""
+    gait: GaitTable | None = None
     sampling: BodySampling = BodySampling()
     goals: dict[Name, GoalTable] = {}
 
@@ -196,6 +208,18 @@ def mirror_of(definition: BodyDefinition, kind: str) -> np.ndarray | None:
     if (partner < 0).any():
         raise ArgumentError(f"mirror: '{names[int(np.argmin(partner))]}' has a partner of another kind.")
     return partner
+
+
+def gait_of(definition: BodyDefinition) -> Gait | None:
+    """Return the gait; ArgumentError if it drives a control that is not there."""
+    table, names = definition.gait, control_names(definition)
+    if table is None:
+        return None
+    for name in table.controls:
+        if name not in names:
+            raise ArgumentError(f"gait.controls: no control called '{name}'. Controls: {', '.join(names)}.")
+    amplitudes, lags = zip(*(table.controls.get(name, (0.0, 0.0)) for name in names), strict=True)
+    return Gait(table.period, amplitudes, lags)
 
 
 def control_names(definition: BodyDefinition) -> list[str]:

@@ -15,6 +15,7 @@ from neuroanimator.systems.body_definition import (
     body_of,
     check_steps,
     control_names,
+    gait_of,
     group_numbers,
     mirror_of,
 )
@@ -24,7 +25,7 @@ from neuroanimator.systems.mass_spring import Motion, strains, trajectory
 from neuroanimator.systems.parts import goals_of
 from neuroanimator.systems.rotation import facing, multiply, turned_by
 from neuroanimator.systems.skeleton import Skeleton
-from neuroanimator.systems.structure import Mirror, Segment, Structure
+from neuroanimator.systems.structure import Mirror, Probe, Segment, Structure
 from neuroanimator.systems.system import Runs, Scheme, System
 
 ROWS = 256
@@ -55,6 +56,7 @@ class DeformableSystem(System):
         self.rest = self.pack(self.body.places, np.zeros_like(self.body.places), np.zeros(self.muscles))
         self.sampling, self.warm_up = definition.sampling, definition.sampling.warm_up
         self.skeleton = Skeleton(())
+        self.gait = gait_of(definition)
         self.goals = goals_of(self.state, definition.goals)
 
     @property
@@ -155,6 +157,16 @@ def _structure(definition: BodyDefinition, body: Body) -> Structure:
         cloud=Cloud.of(body.places, body.masses),
         weighs=body.weighs,
         mirror=_mirror(definition),
+        probes=_probes(definition, body),
+    )
+
+
+def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:
+    """Return the probes from the centroid; what is there as a radius is the height of the surface."""
+    centre = body.masses @ body.places / body.masses.sum()
+    level = (body.water and body.water.surface) or 0.0
+    return tuple(
+        (float(x), float(y), float(z), level) for x, y, z in np.array(definition.probes).reshape(-1, 3) - centre
     )
 
 

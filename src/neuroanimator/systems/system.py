@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.skeleton import Skeleton
 from neuroanimator.systems.structure import Structure
@@ -81,6 +82,8 @@ class System(abc.ABC):
     warm_up: float = 0.0
     """Random starts are taken from this first stretch of random driving [s]: contacts have settled in most."""
     goals: Mapping[str, Goal] = {}
+    gait: Gait | None = None
+    """How it moves along if nothing else is said; None if it has no such way."""
 
     @property
     def physics_dt(self) -> float:

@@ -114,6 +114,7 @@ def _identity(system: System, substeps: int, dt: float) -> Identity:
         rates=system.structure.rates,
         rest=tuple(float(value) for value in system.rest),
         definition=system.definition,
+        gait=system.gait,
     )
 
 

@@ -1,0 +1,43 @@
+"""A periodic pattern of controls by which a system moves along: an animal's way to swim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from neuroanimator.systems.layout import Bounds
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Controls middle + half width · amplitude · sin(2π t / period - lag)."""
+
+    period: float
+    """[s]"""
+    amplitudes: tuple[float, ...]
+    """(C,) of each control, 1 for its full range; negative ones move oppositely."""
+    lags: tuple[float, ...]
+    """(C,) [rad]"""
+
+    def controls(
+        self, steps: int, dt: float, bounds: Bounds, *, tempo: float = 1.0, strength: float = 1.0
+    ) -> np.ndarray:
+        """Return the pattern (steps, C), each entry held for `dt` [s]: `tempo` times as fast, `strength` as strong."""
+        middles = (np.arange(steps)[:, None] + 0.5) * dt
+        wave = np.sin(2 * np.pi * tempo / self.period * middles - np.array(self.lags))
+        return bounds.clip(bounds.middle + strength * np.array(self.amplitudes) * wave * bounds.half)
+
+    def to_json(self) -> list[Any]:
+        """Return plain lists."""
+        return [self.period, list(self.amplitudes), list(self.lags)]
+
+    @classmethod
+    def from_json(cls, row: list[Any], controls: int) -> Gait:
+        """Return the gait `to_json` wrote; ValueError unless it has that many `controls`."""
+        period, amplitudes, lags = row
+        gait = cls(float(period), tuple(float(a) for a in amplitudes), tuple(float(lag) for lag in lags))
+        if not (0 < gait.period < 1e6 and len(gait.amplitudes) == len(gait.lags) == controls):
+            raise ValueError("gait: other sizes than the control")
+        return gait
