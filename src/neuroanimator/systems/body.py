@@ -89,26 +89,58 @@ def _shares(faces: np.ndarray, count: int) -> np.ndarray:
 def linear_modes(body: Body) -> tuple[np.ndarray, np.ndarray]:
     """Return (frequencies (3N,) [rad/s], dampings (3N,) [1/s]) of small vibrations about rest, ascending.
 
-    A mode's amplitude falls as exp(-damping · t) if it is underdamped.
+    Of the springs alone. A mode's amplitude falls as exp(-damping · t) if it is underdamped.
     """
-    extent = body.places[body.springs[:, 1]] - body.places[body.springs[:, 0]]
-    along = extent / body.lengths[:, None]
-    stretch = np.zeros((len(body.springs), *body.places.shape))
-    rows = np.arange(len(body.springs))
-    stretch[rows, body.springs[:, 1]], stretch[rows, body.springs[:, 0]] = along, -along
-    per_root_mass = stretch.reshape(len(stretch), -1) / np.sqrt(np.repeat(body.masses, 3))
-    squares, modes = np.linalg.eigh(per_root_mass.T @ (body.stiffness[:, None] * per_root_mass))
-    friction = np.einsum("pi,p,pi->i", per_root_mass @ modes, body.damping, per_root_mass @ modes)
-    return np.sqrt(np.maximum(squares, 0)), friction / 2
+    stiffness, friction = _linear_springs(body)
+    squares, modes = np.linalg.eigh(stiffness)
+    return np.sqrt(np.maximum(squares, 0)), np.einsum("im,ij,jm->m", modes, friction, modes, optimize=True) / 2
 
 
 def largest_step(body: Body) -> float:
-    """Return the largest step [s] at which symplectic Euler is stable for small vibrations about rest.
+    """Return the largest step δt [s] at which symplectic Euler is stable for small vibrations about rest.
 
-    For ẍ = -ω² x - 2d ẋ it is (√(d² + ω²) - d) · 2/ω².
+    Of ẍ + D ẋ + K x = 0 that is where 4 - 2 δt D - δt² K stops being positive definite. Its roots μ = 1/δt, of
+    μ² - μ D/2 - K/4, are the eigenvalues of a symmetric matrix twice as large. Springs, water and ground all push
+    at once. Tu's semi-implicit scheme has the same limit: at rest its springs' effective stiffness is zero.
     """
-    frequency, damping = (numbers[6:] for numbers in linear_modes(body))
-    if not len(frequency) or frequency[-1] <= 0:
+    stiffness, friction = _linear_springs(body)
+    if not stiffness.any():
         raise ArgumentError("springs: the body has no springs that hold it together.")
-    frequency = np.maximum(frequency, frequency[-1] * 1e-6)
-    return float(np.min(2 / frequency**2 * (np.sqrt(damping**2 + frequency**2) - damping)))
+    stiffness, friction = stiffness + _linear_ground(body), friction + _linear_water(body)
+    squares, modes = np.linalg.eigh(stiffness)
+    root = (modes * np.sqrt(np.maximum(squares, 0))) @ modes.T / 2
+    return float(1 / np.linalg.eigvalsh(np.block([[friction / 2, root], [root, np.zeros_like(root)]]))[-1])
+
+
+def _linear_springs(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Return the springs' stiffness [1/s²] and damping [1/s] about rest, both (3N, 3N) and over the masses."""
+    first, second = body.springs.T
+    along = (body.places[second] - body.places[first]) / body.lengths[:, None]
+    stretch, rows = np.zeros((len(along), *body.places.shape)), np.arange(len(along))
+    stretch[rows, second], stretch[rows, first] = along, -along
+    pulls = stretch.reshape(len(stretch), -1) / _roots(body)
+    return pulls.T @ (body.stiffness[:, None] * pulls), pulls.T @ (body.damping[:, None] * pulls)
+
+
+def _linear_ground(body: Body) -> np.ndarray:
+    """Return the ground's stiffness (3N, 3N) [1/s²] over the masses, as if all mass points touched it."""
+    upward = np.zeros_like(body.places)
+    upward[:, 2] = 0.0 if body.ground is None else body.ground.stiffness
+    return np.diag(upward.ravel() / _roots(body) ** 2)
+
+
+def _linear_water(body: Body) -> np.ndarray:
+    """Return the water's damping (3N, 3N) [1/s] over the masses, as if all faces moved outward at rest."""
+    size = body.places.size
+    if body.water is None:
+        return np.zeros((size, size))
+    corners = body.places[body.faces]
+    area = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) / 2
+    weights = np.sqrt(body.water.push / np.linalg.norm(area, axis=1)) if len(area) else np.zeros(0)
+    flows = (weights[:, None, None] * body.face_shares[:, :, None] * area[:, None]).reshape(len(area), size)
+    return body.water.drag * np.eye(size) + (flows / _roots(body)).T @ (flows / _roots(body))
+
+
+def _roots(body: Body) -> np.ndarray:
+    """Return (3N,) the root of the mass each coordinate moves."""
+    return np.sqrt(np.repeat(body.masses, 3))

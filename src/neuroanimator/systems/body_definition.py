@@ -22,7 +22,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.body import Body, Ground, Water, largest_step
+from neuroanimator.systems.body import Body, Ground, Water
+from neuroanimator.systems.body_checks import check_faces, check_muscles, check_nodes, check_springs, listed
 from neuroanimator.systems.definition import Finite, GoalTable, Name, PartName, Positive, Share
 from neuroanimator.systems.gait import Gait
 
@@ -122,7 +123,7 @@ class BodyDefinition(_Table):
     kind: Literal["mass-spring"]
     substeps: int = Field(50, ge=1, le=1000)
     physics: BodyPhysics
-    nodes: dict[PartName, tuple[Finite, Finite, Finite, Positive]] = Field(min_length=2, max_length=MOST_NODES)
+    nodes: dict[PartName, tuple[Finite, Finite, Finite, Finite]] = Field(min_length=2)
     """Place at rest [m] and mass [kg]; X forward, Z up."""
     springs: dict[PartName, SpringTable] = Field(min_length=1, max_length=50)
     muscles: MuscleTable | None = None
@@ -145,14 +146,16 @@ class BodyDefinition(_Table):
 
 def body_of(definition: BodyDefinition) -> Body:
     """Return the body `definition` describes; ArgumentError names what is wrong with it."""
+    check_nodes(definition, MOST_NODES)
     names = tuple(definition.nodes)
     numbers = np.array(list(definition.nodes.values()), float)
     rows = [(pair, table) for table in definition.springs.values() for pair in table.pairs]
     springs = np.array([_numbers(names, pair, "springs") for pair, _ in rows])
-    _check_springs(rows, numbers[:, :3], springs)
+    check_springs(names, numbers[:, :3], springs, MOST_SPRINGS)
     muscles, pushes = _drives(definition, springs, names)
+    check_muscles(names, springs, muscles)
     faces = np.array([_corners(names, face) for face in definition.faces], int).reshape(-1, 4)
-    _check_faces(definition, numbers[:, :3], faces)
+    check_faces(definition.faces, numbers[:, :3], faces)
     return Body(
         names=names,
         places=numbers[:, :3],
@@ -169,18 +172,6 @@ def body_of(definition: BodyDefinition) -> Body:
     )
 
 
-def check_steps(definition: BodyDefinition, body: Body) -> None:
-    """Refuse a step at which the body's own vibrations would grow."""
-    physics, limit = definition.physics, largest_step(body)
-    for key in ("step", "truth_step", "fine_step"):
-        step, integrator = getattr(physics, key), getattr(physics, key.replace("step", "integrator"))
-        if integrator != "semi-implicit" and step > limit * (1.3 if integrator == "rk4" else 1.0):
-            raise ArgumentError(
-                f"physics.{key}: {step:g} s is too large: the stiffest springs vibrate so fast that {integrator} needs "
-                f"at most {limit:.3g} s. Take a smaller step, softer springs or more mass."
-            )
-
-
 def group_numbers(definition: BodyDefinition) -> dict[str, tuple[int, ...]]:
     """Return the groups as numbers of mass points; refuse groups that miss or repeat one."""
     names = list(definition.nodes)
@@ -188,26 +179,38 @@ def group_numbers(definition: BodyDefinition) -> dict[str, tuple[int, ...]]:
     for group, members in definition.groups.items():
         for member in members:
             if member not in names:
-                raise ArgumentError(f"groups.{group}: no node called '{member}'. Nodes: {', '.join(names)}.")
+                raise ArgumentError(f"groups.{group}: no node called '{member}'. Nodes: {listed(names)}.")
             if member in seen:
-                raise ArgumentError(f"groups.{group}: node '{member}' is in '{seen[member]}' already.")
+                raise ArgumentError(f"groups.{group}: node '{member}' is in '{seen[member]}' already. Leave it in one.")
             seen[member] = group
     missing = [name for name in names if name not in seen]
     if definition.groups and missing:
-        raise ArgumentError(f"groups: in none of them: {', '.join(missing)}. Every node belongs to exactly one.")
+        raise ArgumentError(f"groups: in none of them: {listed(missing)}. Put each into exactly one.")
     return {group: tuple(names.index(m) for m in members) for group, members in definition.groups.items()}
 
 
 def mirror_of(definition: BodyDefinition, kind: str) -> np.ndarray | None:
-    """Return (K,) each node's or control's partner; None where the body has no mirror, which must be exact."""
+    """Return (K,) each node's or control's partner; None where the body has no mirror.
+
+    `body_checks.check_mirror` says whether it is one.
+    """
     if not definition.mirror:
         return None
-    names = list(definition.nodes) if kind == "nodes" else control_names(definition)
-    both = {**definition.mirror, **{right: left for left, right in definition.mirror.items()}}
-    partner = np.array([names.index(both.get(name, name)) if both.get(name, name) in names else -1 for name in names])
-    if (partner < 0).any():
-        raise ArgumentError(f"mirror: '{names[int(np.argmin(partner))]}' has a partner of another kind.")
-    return partner
+    every = {"nodes": list(definition.nodes), "controls": control_names(definition)}
+    both = dict(definition.mirror)
+    for left, right in definition.mirror.items():
+        for name, partner in ((left, right), (right, left)):
+            if name not in every["nodes"] + every["controls"]:
+                raise ArgumentError(f"mirror: no node or control called '{name}'. Nodes: {listed(every['nodes'])}.")
+            if both.setdefault(name, partner) != partner:
+                raise ArgumentError(f"mirror: '{name}' has two partners, '{both[name]}' and '{partner}'. Name one.")
+    for name in every[kind]:
+        if both.get(name, name) not in every[kind]:
+            raise ArgumentError(
+                f"mirror: '{name}' has a partner of another kind, '{both[name]}'. Pair a node with a node, a control "
+                "with a control."
+            )
+    return np.array([every[kind].index(both.get(name, name)) for name in every[kind]])
 
 
 def gait_of(definition: BodyDefinition) -> Gait | None:
@@ -230,7 +233,7 @@ def control_names(definition: BodyDefinition) -> list[str]:
 def _numbers(names: tuple[str, ...], members: tuple[str, ...], key: str) -> list[int]:
     for member in members:
         if member not in names:
-            raise ArgumentError(f"{key}: {list(members)} names no node '{member}'. Nodes: {', '.join(names)}.")
+            raise ArgumentError(f"{key}: {list(members)}: no node called '{member}'. Nodes: {listed(names)}.")
     return [names.index(member) for member in members]
 
 
@@ -239,48 +242,27 @@ def _corners(names: tuple[str, ...], face: tuple[str, ...]) -> list[int]:
     return corners if len(corners) == 4 else [*corners, corners[0]]
 
 
-def _check_springs(rows: list[tuple[Pair, SpringTable]], places: np.ndarray, springs: np.ndarray) -> None:
-    lengths = np.linalg.norm(places[springs[:, 1]] - places[springs[:, 0]], axis=1)
-    seen = set()
-    for (pair, _), length, ends in zip(rows, lengths, springs, strict=True):
-        if length <= 0:
-            raise ArgumentError(f"springs: {list(pair)} has no length at rest: both ends are at one place.")
-        if frozenset(ends) in seen:
-            raise ArgumentError(f"springs: {list(pair)} is there twice.")
-        seen.add(frozenset(ends))
-
-
 def _drives(definition: BodyDefinition, springs: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return the shares by which contractions shorten springs (P, M), and pushes (3, C)."""
     table = definition.muscles
     if bool(table) == bool(definition.pushes):
-        raise ArgumentError("muscles or pushes: wanted exactly one of the two tables; something must drive the body.")
+        came = "both" if table else "neither"
+        raise ArgumentError(
+            f"muscles or pushes: wanted exactly one of the two tables to drive the body, came {came}. "
+            f"{'Leave one out' if table else 'Add one'}."
+        )
     if not table:
         return np.zeros((len(springs), 0)), np.array(list(definition.pushes.values()), float).T
     shorten = np.zeros((len(springs), len(table.springs)))
     ends = [frozenset(pair) for pair in springs.tolist()]
     for column, (name, pairs) in enumerate(table.springs.items()):
+        if not pairs:
+            raise ArgumentError(f"muscles.springs.{name}: wanted at least one spring, came none. Name some.")
         for pair in pairs:
             wanted = frozenset(_numbers(names, pair, f"muscles.springs.{name}"))
             if wanted not in ends:
-                raise ArgumentError(f"muscles.springs.{name}: no spring connects {list(pair)}.")
+                raise ArgumentError(
+                    f"muscles.springs.{name}: no spring connects {list(pair)}. Add it under 'springs', or name another."
+                )
             shorten[ends.index(wanted), column] = table.shorten
     return shorten, np.zeros((3, shorten.shape[1]))
-
-
-def _check_faces(definition: BodyDefinition, places: np.ndarray, faces: np.ndarray) -> None:
-    """Refuse faces without area, and faces that look into the body.
-
-    A face that is there from both sides is a fin's and may look anywhere.
-    """
-    sides = [frozenset(face) for face in faces.tolist()]
-    centre = places.mean(axis=0)
-    for face, corners, side in zip(definition.faces, faces, sides, strict=True):
-        p = places[corners]
-        area = np.cross(p[2] - p[0], p[3] - p[1])
-        if np.linalg.norm(area) < 1e-12:
-            raise ArgumentError(f"faces: {list(face)} has no area.")
-        across = p.mean(axis=0) - centre
-        across = across * [0.0 if np.ptp(places[:, 0]) > 2 * np.ptp(places[:, 1]) else 1.0, 1.0, 1.0]
-        if sides.count(side) == 1 and area @ across < 0:
-            raise ArgumentError(f"faces: {list(face)} looks inward. List its corners counterclockwise from outside.")

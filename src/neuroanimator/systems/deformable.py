@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.systems.body import Body
+from neuroanimator.systems.body_checks import check_mirror, check_steps
 from neuroanimator.systems.body_definition import (
     BodyDefinition,
     body_of,
-    check_steps,
     control_names,
     gait_of,
     group_numbers,
@@ -156,7 +156,7 @@ def _structure(definition: BodyDefinition, body: Body) -> Structure:
         segments=tuple(segments),
         cloud=Cloud.of(body.places, body.masses),
         weighs=body.weighs,
-        mirror=_mirror(definition),
+        mirror=_mirror(definition, body),
         probes=_probes(definition, body),
     )
 
@@ -170,10 +170,11 @@ def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:
     )
 
 
-def _mirror(definition: BodyDefinition) -> Mirror | None:
+def _mirror(definition: BodyDefinition, body: Body) -> Mirror | None:
     nodes, controls = (mirror_of(definition, kind) for kind in ("nodes", "controls"))
     if nodes is None or controls is None:
         return None
+    check_mirror(body, nodes, controls, control_names(definition))
     return Mirror(tuple(int(i) for i in nodes), tuple(int(i) for i in controls))
 
 
