@@ -29,7 +29,7 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["generate", "pendlum", "--out", "d"], 2, "No system called 'pendlum'. Systems: lander, pendulum, pend"),
+        (["generate", "pendlum", "--out", "d"], 2, "No system called 'pendlum'. Systems: cube, dolphin, fish, "),
         (["generate", "pendulum", "--out", "d", "--substeps", "0"], 2, "substeps: "),
         (["generate", "pendulum", "--out", "d", "--substeps", "7"], 2, "whole number"),
         (["generate", "pendulum", "--out", "d", "--count", "-5"], 2, "count: "),

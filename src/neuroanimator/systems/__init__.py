@@ -6,6 +6,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import System
 
 SYSTEMS = {
+    "cube": "an elastic cube: 8 mass points, 28 springs, pushed about on hard ground",
     "dolphin": "a dolphin: 23 mass points, 91 springs, 6 muscle actuators; swims and leaps",
     "fish": "a fish: 23 mass points, 91 springs, 12 muscles",
     "lander": "a lunar lander: one main thruster, three attitude jets, four feet",
@@ -34,6 +35,7 @@ def load_system(name: str, definition: str = "") -> System:
     if definition:
         return own.from_text(definition)
     makers = {
+        "cube": lambda: own.packaged("cube"),
         "dolphin": lambda: own.packaged("dolphin"),
         "fish": lambda: own.packaged("fish"),
         "lander": lambda: own.packaged("lander"),
