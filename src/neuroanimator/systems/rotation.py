@@ -27,6 +27,22 @@ def rotation_matrices(quaternions: Numbers) -> Numbers:
     return xp.stack([xp.stack(row, axis=-1) for row in rotation_rows(quaternions)], axis=-2)
 
 
+def quaternions_of(matrices: Numbers) -> Numbers:
+    """Return the unit quaternions (..., 4) of rotation matrices (..., 3, 3), by Shepperd's largest entry."""
+    xp = matrices.__array_namespace__()
+    (a, b, c), (d, e, f), (g, h, i) = ([matrices[..., row, column] for column in range(3)] for row in range(3))
+    products = [
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, d + b, c + g],
+        [c - g, d + b, 1 - a + e - i, f + h],
+        [d - b, c + g, f + h, 1 - a - e + i],
+    ]
+    rows = xp.stack([xp.stack(row, axis=-1) for row in products], axis=-2)
+    largest = xp.argmax(xp.stack([products[k][k] for k in range(4)], axis=-1), axis=-1)
+    found = xp.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
+    return found / xp.sqrt(xp.sum(found * found, axis=-1, keepdims=True))
+
+
 def rotate(quaternion: Numbers, vector: Numbers) -> Numbers:
     """Return R·vector (..., 3): from the body's frame to the world's."""
     xp = vector.__array_namespace__()

@@ -1,4 +1,4 @@
-"""How a state looks: a tree of bodies with simple shapes. Needs no physics engine."""
+"""How a state looks: a tree of bodies with simple shapes, or bones under a skin. Needs no physics engine."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from neuroanimator.systems.follow import Follow, follow_from_json, followed
 from neuroanimator.systems.rotation import multiply, rotate
+from neuroanimator.systems.skin import Skin, skin_from_json, skin_to_json
 
 Numbers = tuple[float, ...]
 
 JOINT_KINDS = ("hinge", "slide", "ball", "free")
 SHAPE_KINDS = ("capsule", "box", "sphere", "ellipsoid", "cylinder")
+JOINT_SIZES = {"ball": 4, "free": 7}
+"""State entries a joint reads, if more than one."""
+MOST_BONES = 300
+"""A skeleton may come from a stranger, and every bone is drawn."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,13 @@ class Bone:
     """Quaternion wxyz in the parent's frame, joints at their references."""
     joints: tuple[Joint, ...]
     shapes: tuple[Shape, ...]
+    follow: Follow | None = None
+    """Mass points it goes with, instead of joints; it then hangs from the world, `offset` and `turn` are at rest."""
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether anything moves it against its parent."""
+        return bool(self.joints) or self.follow is not None
 
 
 @dataclass(frozen=True)
@@ -66,6 +79,8 @@ class Skeleton:
     """Bones in order, each after its parent."""
 
     bones: tuple[Bone, ...]
+    skin: Skin | None = None
+    """Drawn around all bones."""
 
     def local_poses(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return places (T, B, 3) [m] and quaternions wxyz (T, B, 4), each in its parent's frame, for states (T, S)."""
@@ -82,22 +97,71 @@ class Skeleton:
                 turns[:, i] = multiply(above, turns[:, i])
         return places, turns
 
-    def to_json(self) -> list[dict[str, Any]]:
-        """Return plain dictionaries, one per bone."""
-        return [asdict(bone) for bone in self.bones]
+    def to_json(self) -> list[dict[str, Any]] | dict[str, Any]:
+        """Return plain dictionaries, one per bone; under a skin, in a dictionary with it."""
+        bones = [_bone_to_json(bone) for bone in self.bones]
+        return bones if self.skin is None else {"bones": bones, "skin": skin_to_json(self.skin)}
 
     @classmethod
-    def from_json(cls, rows: list[dict[str, Any]]) -> Skeleton:
-        """Return the skeleton `to_json` wrote; ValueError names what is wrong with it."""
-        bones = []
-        for i, row in enumerate(rows):
-            joints = tuple(_read(Joint, joint, JOINT_KINDS) for joint in row.get("joints", ()))
-            shapes = tuple(_read(Shape, shape, SHAPE_KINDS) for shape in row.get("shapes", ()))
-            bone = _read(Bone, row | {"joints": joints, "shapes": shapes})
-            if not -1 <= bone.parent < i:
-                raise ValueError(f"skeleton: bone '{str(bone.name)[:40]}' comes before its parent")
-            bones.append(bone)
-        return cls(tuple(bones))
+    def from_json(cls, described: Any, state_size: int | None = None) -> Skeleton:
+        """Return the skeleton `to_json` wrote; ValueError names what is wrong with it.
+
+        If `state_size` is given, no bone may read beyond that many state entries.
+        """
+        try:
+            return _skeleton_from_json(described, state_size)
+        except (TypeError, KeyError, AttributeError, OverflowError) as error:
+            raise ValueError(f"skeleton: {type(error).__name__} {str(error)[:80]}") from error
+
+
+def _skeleton_from_json(described: Any, state_size: int | None) -> Skeleton:
+    described = described if isinstance(described, dict) else {"bones": described, "skin": None}
+    if {*described} != {"bones", "skin"} or not isinstance(described["bones"], list):
+        raise ValueError("skeleton: wanted bones and a skin")
+    if len(described["bones"]) > MOST_BONES:
+        raise ValueError(f"skeleton: {len(described['bones'])} bones; wanted at most {MOST_BONES}")
+    bones = tuple(_bone_from_json(row, i) for i, row in enumerate(described["bones"]))
+    last = max((entry for bone in bones for entry in _entries_read(bone)), default=0)
+    if state_size is not None and last > state_size:
+        raise ValueError(f"skeleton: reads {last} state entries of {state_size}")
+    skin = None if described["skin"] is None else skin_from_json(described["skin"])
+    if skin is not None and (any(bone.follow is None for bone in bones) or not skin.fits([b.offset for b in bones])):
+        raise ValueError("skeleton: a skin needs other bones, which follow mass points")
+    return Skeleton(bones, skin)
+
+
+def _bone_to_json(bone: Bone) -> dict[str, Any]:
+    row = asdict(bone)
+    follow = row.pop("follow")
+    return row if follow is None else row | {"follow": follow.model_dump(mode="json")}
+
+
+def _bone_from_json(row: Any, number: int) -> Bone:
+    if not isinstance(row, dict):
+        raise ValueError("skeleton: a bone is no table")
+    joints = tuple(_read(Joint, joint, JOINT_KINDS) for joint in row.get("joints", ()))
+    shapes = tuple(_read(Shape, shape, SHAPE_KINDS) for shape in row.get("shapes", ()))
+    follow = None if row.get("follow") is None else follow_from_json(row["follow"])
+    bone = _read(Bone, row | {"joints": joints, "shapes": shapes, "follow": follow})
+    if not -1 <= bone.parent < number:
+        raise ValueError(f"skeleton: bone '{str(bone.name)[:40]}' comes before its parent")
+    if follow is not None and (joints or bone.parent >= 0):
+        raise ValueError(f"skeleton: bone '{str(bone.name)[:40]}' follows mass points and has joints or a parent")
+    _check_pose(bone.offset, bone.turn)
+    for shape in shapes:
+        _check_pose(shape.place, shape.turn)
+    return bone
+
+
+def _check_pose(place: Numbers, turn: Numbers) -> None:
+    if len(place) != 3 or len(turn) != 4 or not np.isfinite([*place, *turn]).all():
+        raise ValueError("skeleton: wanted a place of three and a quaternion of four numbers")
+
+
+def _entries_read(bone: Bone) -> list[int]:
+    """Return how many state entries there must be at least for each thing that moves `bone`."""
+    ends = [joint.entry + JOINT_SIZES.get(joint.kind, 1) for joint in bone.joints]
+    return ends if bone.follow is None else [*ends, bone.follow.last_entry + 1]
 
 
 def _read(kind: type, row: dict[str, Any], valid: tuple[str, ...] = ()) -> Any:
@@ -108,6 +172,8 @@ def _read(kind: type, row: dict[str, Any], valid: tuple[str, ...] = ()) -> Any:
 
 def _local_pose(bone: Bone, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (places (T, 3), quaternions (T, 4)) of a bone in its parent's frame, joint after joint as MuJoCo does."""
+    if bone.follow is not None:
+        return followed(bone.follow, states)
     place = np.broadcast_to(np.array(bone.offset), (len(states), 3))
     turn = np.broadcast_to(np.array(bone.turn), (len(states), 4))
     for joint in bone.joints:
