@@ -48,5 +48,6 @@ def make_clip(emulator: Emulator, states: np.ndarray, *, rate: float = 30.0, int
     frames = max(1, int(duration * rate + 1e-6))
     times = np.arange(frames + 1) / rate
     times = times[times <= duration + 1e-9] if frames > 1 else np.array([0.0, duration])
-    between = INTERPOLATIONS[interpolation](states, identity.dt, times, identity.rates, emulator.frame.turns)
+    turns = emulator.frame.turns if emulator.modes is None else ()  # mass points have no quaternions to keep
+    between = INTERPOLATIONS[interpolation](states, identity.dt, times, identity.rates, turns)
     return Clip(identity.system, identity.skeleton, times, between, identity.definition)

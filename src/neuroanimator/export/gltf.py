@@ -6,7 +6,6 @@ Quaternions are wxyz inside and xyzw in the file.
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -15,13 +14,12 @@ import numpy as np
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import continuous
+from neuroanimator.export.glb import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, container
 from neuroanimator.export.shapes import shape_mesh
+from neuroanimator.export.skin_gltf import skin_material, skin_mesh_object, skin_object
 from neuroanimator.files import write_whole
-from neuroanimator.systems.skeleton import Bone
+from neuroanimator.systems.skeleton import Bone, Skeleton
 
-FLOAT, UNSIGNED_SHORT = 5126, 5123
-ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
-MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 """xyzw: a quarter turn about x that takes Z up to Y up."""
 
@@ -31,39 +29,15 @@ SMALLEST_WAY = 1e-9
 """[m] A bone that moves less against its parent gets no track of its places."""
 
 
-class _Buffer:
-    """The binary chunk and the glTF objects that point into it."""
-
-    def __init__(self) -> None:
-        self.content = bytearray()
-        self.views: list[dict[str, Any]] = []
-        self.accessors: list[dict[str, Any]] = []
-
-    def add(self, array: np.ndarray, kind: str, *, target: int | None = None, bounds: bool = False) -> int:
-        """Append `array` and return the index of its accessor."""
-        component = FLOAT if array.dtype == np.float32 else UNSIGNED_SHORT
-        view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": array.nbytes}
-        self.views.append(view | ({"target": target} if target else {}))
-        self.content += array.tobytes() + b"\0" * (-array.nbytes % 4)
-        accessor = {
-            "bufferView": len(self.views) - 1,
-            "componentType": component,
-            "count": len(array),
-            "type": kind,
-        }
-        if bounds:
-            flat = array.reshape(len(array), -1)
-            accessor |= {"min": flat.min(axis=0).tolist(), "max": flat.max(axis=0).tolist()}
-        self.accessors.append(accessor)
-        return len(self.accessors) - 1
-
-
 def write_glb(clip: Clip, path: Path) -> None:
-    """Write `clip` to `path`: one node per bone, one mesh per bone that has shapes, channels for what moves."""
-    buffer = _Buffer()
+    """Write `clip` to `path`: one node per bone, one mesh per bone that has shapes, channels for what moves.
+
+    A skin is one more node beside the scene's, for what moves it is its bones alone.
+    """
+    buffer = Buffer()
     palette = list(dict.fromkeys(shape.colour for bone in clip.skeleton.bones for shape in bone.shapes))
     places, turns = clip.skeleton.local_poses(clip.states)
-    document = {
+    document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "NeuroAnimator"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
@@ -73,9 +47,21 @@ def write_glb(clip: Clip, path: Path) -> None:
         "animations": [_animation(clip, places, continuous(turns), buffer)],
         "bufferViews": buffer.views,
         "accessors": buffer.accessors,
-        "buffers": [{"byteLength": len(buffer.content)}],
     }
-    write_whole(path, _container(document, bytes(buffer.content)))
+    if clip.skeleton.skin is not None:
+        _add_skin(document, clip.skeleton, buffer)
+    document["buffers"] = [{"byteLength": len(buffer.content)}]
+    document = {key: value for key, value in document.items() if value != []}  # the format knows no empty lists
+    write_whole(path, container(document, bytes(buffer.content)))
+
+
+def _add_skin(document: dict[str, Any], skeleton: Skeleton, buffer: Buffer) -> None:
+    mesh, material, node = len(document["meshes"]), len(document["materials"]), len(document["nodes"])
+    document["meshes"].append(skin_mesh_object(skeleton, material, buffer))
+    document["materials"].append(skin_material())
+    document["skins"] = [skin_object(skeleton, 1, buffer)]
+    document["nodes"].append({"name": "skin", "mesh": mesh, "skin": 0})
+    document["scenes"][0]["nodes"].append(node)
 
 
 def _nodes(clip: Clip, places: np.ndarray, turns: np.ndarray) -> list[dict[str, Any]]:
@@ -91,7 +77,7 @@ def _nodes(clip: Clip, places: np.ndarray, turns: np.ndarray) -> list[dict[str, 
     return nodes
 
 
-def _mesh(bone: Bone, palette: list[tuple[float, ...]], buffer: _Buffer) -> dict[str, Any]:
+def _mesh(bone: Bone, palette: list[tuple[float, ...]], buffer: Buffer) -> dict[str, Any]:
     primitives = []
     for shape in bone.shapes:
         mesh = shape_mesh(shape)
@@ -109,11 +95,11 @@ def _material(colour: tuple[float, ...]) -> dict[str, Any]:
     return {"pbrMetallicRoughness": surface} | ({"alphaMode": "BLEND"} if colour[3] < 1 else {})
 
 
-def _animation(clip: Clip, places: np.ndarray, turns: np.ndarray, buffer: _Buffer) -> dict[str, Any]:
+def _animation(clip: Clip, places: np.ndarray, turns: np.ndarray, buffer: Buffer) -> dict[str, Any]:
     times = buffer.add(clip.times.astype(np.float32), "SCALAR", bounds=True)
     samplers, channels = [], []
     for i, bone in enumerate(clip.skeleton.bones):
-        if not bone.joints:
+        if not bone.is_moving:
             continue
         tracks = [("rotation", turns[:, i][:, XYZW], "VEC4"), ("translation", places[:, i], "VEC3")]
         for path, track, kind in tracks:
@@ -123,11 +109,3 @@ def _animation(clip: Clip, places: np.ndarray, turns: np.ndarray, buffer: _Buffe
             channels.append({"sampler": len(samplers), "target": {"node": i + 1, "path": path}})
             samplers.append({"input": times, "output": output, "interpolation": "LINEAR"})
     return {"name": "motion", "samplers": samplers, "channels": channels}
-
-
-def _container(document: dict[str, Any], binary: bytes) -> bytes:
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    words = [MAGIC, 2, 12 + 8 + len(text) + 8 + len(binary), len(text), JSON_CHUNK]
-    head = np.array(words, "<u4").tobytes()
-    return head + text + np.array([len(binary), BINARY_CHUNK], "<u4").tobytes() + binary

@@ -16,6 +16,7 @@ import numpy as np
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.errors import ResourceError
+from neuroanimator.files import canonical_json
 
 BACKENDS = ("egl", "osmesa")
 """Ways to draw without a screen, tried in this order."""
@@ -37,7 +38,8 @@ def write_video(clip: Clip, path: Path, *, width: int = 960, height: int = 720) 
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f"{path.stem}.tmp-{os.getpid()}{path.suffix}")
     content = io.BytesIO()
-    np.savez(content, states=clip.states, definition=np.array(clip.definition))
+    skeleton = np.array(canonical_json(clip.skeleton.to_json()))
+    np.savez(content, states=clip.states, definition=np.array(clip.definition), skeleton=skeleton)
     arguments = [str(temporary), clip.name, str(clip.rate), str(width), str(height)]
     result = _run("neuroanimator.export.draw", arguments, backend, content.getvalue())
     if result.returncode != 0:
