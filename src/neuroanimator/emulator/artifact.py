@@ -146,7 +146,7 @@ def blank(metadata: dict[str, Any]) -> Emulator:
             gait=None if metadata["gait"] is None else Gait.from_json(metadata["gait"], control.size),
             substeps=int(metadata["substeps"]),
             dt=float(metadata["dt"]),
-            skeleton=Skeleton.from_json(metadata["skeleton"]),
+            skeleton=Skeleton.from_json(metadata["skeleton"], state.size),
             rates=tuple((int(position), int(rate)) for position, rate in metadata["rates"]),
         ),
         modes=modes,

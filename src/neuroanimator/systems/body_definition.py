@@ -26,6 +26,7 @@ from neuroanimator.systems.body import Body, Ground, Water
 from neuroanimator.systems.body_checks import check_faces, check_muscles, check_nodes, check_springs, listed
 from neuroanimator.systems.definition import Finite, GoalTable, Name, PartName, Positive, Share
 from neuroanimator.systems.gait import Gait
+from neuroanimator.systems.skin import SkinTable
 
 Integrator = Literal["symplectic", "semi-implicit", "rk4"]
 NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
@@ -140,6 +141,8 @@ class BodyDefinition(_Table):
     probes: Annotated[tuple[tuple[Finite, Finite, Finite], ...], Field(max_length=32)] = ()
     """Places [m] as in `nodes` whose height over ground or water's surface an emulator is shown."""
     gait: GaitTable | None = None
+    skin: SkinTable | None = None
+    """What is drawn; without it, a ball at every mass point."""
     sampling: BodySampling = BodySampling()
     goals: dict[Name, GoalTable] = {}
 

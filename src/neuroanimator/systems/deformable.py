@@ -19,12 +19,12 @@ from neuroanimator.systems.body_definition import (
     group_numbers,
     mirror_of,
 )
+from neuroanimator.systems.body_skeleton import body_skeleton
 from neuroanimator.systems.cloud import Cloud, shown_by
 from neuroanimator.systems.layout import Bounds, Layout, Slice
 from neuroanimator.systems.mass_spring import Motion, strains, trajectory
 from neuroanimator.systems.parts import goals_of
 from neuroanimator.systems.rotation import facing, multiply, turned_by
-from neuroanimator.systems.skeleton import Skeleton
 from neuroanimator.systems.structure import Mirror, Probe, Segment, Structure
 from neuroanimator.systems.system import Runs, Scheme, System
 
@@ -55,7 +55,7 @@ class DeformableSystem(System):
         self.structure = _structure(definition, self.body)
         self.rest = self.pack(self.body.places, np.zeros_like(self.body.places), np.zeros(self.muscles))
         self.sampling, self.warm_up = definition.sampling, definition.sampling.warm_up
-        self.skeleton = Skeleton(())
+        self.skeleton = body_skeleton(self.body, definition.skin)
         self.gait = gait_of(definition)
         self.goals = goals_of(self.state, definition.goals)
 
