@@ -224,6 +224,8 @@ STEPPERS: dict[str, Stepper] = {"symplectic": symplectic_step, "semi-implicit": 
 def advance(body: Body, integrator: str, dt: float, steps: int, motion: Motion, controls: Array) -> Motion:
     """Return the motion after `steps` physics steps of `dt` [s] under held controls (C, ...)."""
     step = STEPPERS[integrator]
+    if body.response <= 0 and motion.contractions.shape[0]:
+        motion = motion._replace(contractions=controls)  # at once: else the first step is of order 1
     one = lambda motion, _: (step(body, motion, controls, dt), None)  # noqa: E731
     return jax.lax.scan(one, motion, None, length=steps)[0]
 
