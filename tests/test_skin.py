@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import json
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 
 from neuroanimator import Clip, NeuroAnimatorError, load_system, write_glb
 from neuroanimator.errors import ArgumentError
+from neuroanimator.export.stage import camera_way
 from neuroanimator.export.video import graphics_backend, write_video
 from neuroanimator.systems.body_skeleton import body_skeleton
 from neuroanimator.systems.deformable import DeformableSystem
@@ -25,6 +27,7 @@ ANIMALS = ("fish", "dolphin")
 TURN = np.array([0.5, -0.5, 0.1, 0.7]) / np.linalg.norm([0.5, -0.5, 0.1, 0.7])
 
 
+@functools.cache
 def a_body(name: str) -> DeformableSystem:
     system = load_system(name)
     assert isinstance(system, DeformableSystem)
@@ -190,15 +193,16 @@ def test_a_strangers_skeleton_is_refused(spoil: Any):
 
 
 def test_a_skeleton_of_rigid_bodies_reads_as_before():
-    truck = load_system("truck").skeleton
+    system = load_system("truck")
+    truck, size = system.skeleton, system.state.size
     rows = truck.to_json()
     assert isinstance(rows, list)
     assert "follow" not in rows[0]
-    assert Skeleton.from_json(json.loads(json.dumps(rows)), load_system("truck").state.size) == truck
+    assert Skeleton.from_json(json.loads(json.dumps(rows)), size) == truck
     moving = next(row for row in rows if row["joints"])
     moving["joints"] = [joint | {"entry": 10**6} for joint in moving["joints"]]
     with pytest.raises(ValueError, match="state entries"):
-        Skeleton.from_json(json.loads(json.dumps(rows)), load_system("truck").state.size)
+        Skeleton.from_json(json.loads(json.dumps(rows)), size)
 
 
 def test_a_skin_that_cannot_be_bound_is_refused_by_name():
@@ -272,6 +276,15 @@ def skinned(document: dict, binary: bytes, frame: int) -> np.ndarray:
     blended = np.einsum("vk,vkij->vij", read("WEIGHTS_0"), (scene @ np.array(matrices) @ bind)[read("JOINTS_0")])
     points = np.concatenate([read("POSITION"), np.ones((len(read("POSITION")), 1))], axis=1)
     return np.einsum("vij,vj->vi", blended, points)[:, :3]
+
+
+def test_the_camera_goes_along_smoothly_and_loses_nobody():
+    times = np.arange(150)[:, None] / 30
+    steady = np.concatenate([times, 0.03 * np.sin(20 * times), 0 * times], axis=1)
+    assert np.abs(camera_way(steady, 24, 0.3)[50:-50, 1]).max() < 0.003
+    thrown = np.concatenate([0 * times, 0 * times, -9.81 / 2 * times**2], axis=1)
+    assert np.linalg.norm(camera_way(thrown, 24, 0.05) - thrown, axis=1).max() <= 0.05
+    np.testing.assert_array_equal(camera_way(thrown[:2], 24, 0.0)[0], thrown[0])
 
 
 def test_an_animal_is_filmed_or_the_missing_library_named(tmp_path: Path):

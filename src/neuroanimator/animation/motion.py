@@ -23,8 +23,7 @@ def random_motion(emulator: Emulator, seconds: float, seed: int) -> np.ndarray:
         raise ArgumentError(f"seed: wanted 0 or more, came {seed}.")
     rng, identity = np.random.default_rng(seed), emulator.identity
     start = np.array(identity.rest)
-    angles = np.flatnonzero(np.asarray(emulator.features.angles).any(axis=0) & (start == 0))
-    positions = np.intersect1d(angles, [position for position, _ in identity.rates])
+    positions = _free_hinges(emulator)
     start[positions] = rng.uniform(-np.pi / 2, np.pi / 2, len(positions))
     steps = int(np.ceil(seconds / emulator.dt - 1e-9))
     if seed == 0 and identity.gait is not None:
@@ -32,6 +31,14 @@ def random_motion(emulator: Emulator, seconds: float, seed: int) -> np.ndarray:
     else:
         controls = sample_controls(rng, steps, emulator.dt, identity.bounds, identity.gait)
     return np.asarray(emulator.rollout(start, controls), float)
+
+
+def _free_hinges(emulator: Emulator) -> np.ndarray:
+    """Return the state entries of hinges that are at 0 at rest; a body of mass points has none."""
+    if emulator.modes is not None:
+        return np.array([], int)
+    angles = np.asarray(emulator.features.angles).any(axis=0) & (np.array(emulator.identity.rest) == 0)
+    return np.intersect1d(np.flatnonzero(angles), [position for position, _ in emulator.identity.rates])
 
 
 def controlled_motion(emulator: Emulator, controls: np.ndarray) -> np.ndarray:

@@ -11,20 +11,22 @@ from neuroanimator.systems.rotation import heading_of
 from neuroanimator.systems.skeleton import Bone, Skeleton
 from neuroanimator.systems.skin_mesh import SkinMesh, colours_of, skin_mesh
 
-ELEVATION, ASIDE = -14.0, -22.0
-"""[deg] The camera looks down by so much, and so much from ahead of the body's side."""
-DISTANCE, DISTANCE_OVER_WATER = 1.35, 1.6
-"""Of the camera, over the body's length."""
+ELEVATION, ELEVATION_UNDER_WATER, ASIDE = -14.0, -26.0, -22.0
+"""[deg] The camera looks down by so much, more where it must show a tail's beat, and from ahead of the body's side."""
+DISTANCE, DISTANCE_FROM_WATER, DISTANCE_ON_GROUND = 1.2, 1.4, 2.2
+"""Of the camera, over the body's size; leaps and falls need room."""
 FOLLOWING = 0.8
 """[s] Over which the camera's way is smoothed."""
-DEPTH = 0.5
-"""Of the seabed under the deepest point of the motion, over the body's length."""
+LAG = 0.15
+"""Farthest the camera may look beside the body, over its size."""
+DEPTH = 0.45
+"""Of the seabed under the deepest point of the motion, over the body's size."""
 PALETTE, MARGIN = 256, 16
 """Width of the texture of colours [texels], and what is left free at both ends, which blend into each other."""
 LIGHT = 4.0
-"""Distance of the light, over the body's length: near enough for sharp shadows, it goes along."""
+"""Distance of the light, over the body's size: near enough for sharp shadows, it goes along."""
 FAR = 60.0
-"""Half the width of floor and water, over the body's length."""
+"""Half the width of floor and water, over the body's size."""
 
 
 class Setting(NamedTuple):
@@ -35,6 +37,23 @@ class Setting(NamedTuple):
     ground: bool
     """Whether there is ground at height 0, and air around."""
 
+    @property
+    def is_dry(self) -> bool:
+        """Whether the camera is in air."""
+        return self.ground or self.surface is not None
+
+    @property
+    def elevation(self) -> float:
+        """Of the camera [deg]."""
+        return ELEVATION if self.is_dry else ELEVATION_UNDER_WATER
+
+    @property
+    def distance(self) -> float:
+        """Of the camera, over the body's size."""
+        if self.ground:
+            return DISTANCE_ON_GROUND
+        return DISTANCE if self.surface is None else DISTANCE_FROM_WATER
+
 
 class Stage:
     """A MuJoCo model that shows a motion of bones, frame by frame."""
@@ -43,9 +62,9 @@ class Stage:
         self.places, self.turns = skeleton.world_poses(states)
         mesh = skin_mesh(skeleton) if skeleton.skin is not None else None
         points = np.array([bone.offset for bone in skeleton.bones]) if mesh is None else mesh.points
-        self.size = float(np.ptp(points, axis=0).max())
+        self.size = float(np.linalg.norm(np.ptp(points, axis=0)))
         self.setting = setting
-        self._centres = _smoothed(self.places.mean(axis=1), max(1, round(rate * FOLLOWING)))
+        self._centres = camera_way(self.places.mean(axis=1), round(rate * FOLLOWING), LAG * self.size)
         self._heading = float(np.degrees(heading_of(self.turns[0, len(skeleton.bones) // 2])))
         lowest = 0.0 if setting.ground else float(self.places[..., 2].min()) - DEPTH * self.size
         spec = mujoco.MjSpec.from_string(_scene(self.size, lowest, setting))
@@ -64,14 +83,24 @@ class Stage:
         """Return the camera in `frame`: at the side of the body, a little above."""
         camera = mujoco.MjvCamera()
         camera.lookat[:] = self._centres[frame]
-        camera.azimuth, camera.elevation = self._heading + 90 + ASIDE, ELEVATION
-        camera.distance = self.size * (DISTANCE if self.setting.surface is None else DISTANCE_OVER_WATER)
+        camera.azimuth, camera.elevation = self._heading + 90 + ASIDE, self.setting.elevation
+        camera.distance = self.size * self.setting.distance
         return camera
 
     def prepare(self, scene: mujoco.MjvScene) -> None:
         """Let what is far away fade into water or air."""
         scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
         scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
+
+
+def camera_way(ways: np.ndarray, frames: int, lag: float) -> np.ndarray:
+    """Return ways (F, 3) [m] smoothed over up to `frames`, less if the camera would lag by more than `lag` [m]."""
+    while frames > 0:
+        smoothed = _smoothed(ways, frames)
+        if np.linalg.norm(smoothed - ways, axis=1).max() <= lag:
+            return smoothed
+        frames //= 2
+    return ways
 
 
 def _smoothed(ways: np.ndarray, frames: int) -> np.ndarray:
@@ -86,7 +115,7 @@ def _smoothed(ways: np.ndarray, frames: int) -> np.ndarray:
 
 def _scene(size: float, lowest: float, setting: Setting) -> str:
     """Return the place without the body, as MJCF."""
-    dry = setting.ground or setting.surface is not None
+    dry = setting.is_dry
     sky = ("0.5 0.68 0.86", "0.86 0.91 0.95") if dry else ("0.36 0.66 0.8", "0.05 0.2 0.32")
     fog = "0.86 0.91 0.95" if setting.ground else "0.62 0.77 0.86" if dry else "0.12 0.36 0.5"
     floor = "0.75 0.75 0.76" if setting.ground else "0.12 0.34 0.46" if dry else "0.66 0.65 0.54"
