@@ -10,6 +10,7 @@ import numpy as np
 from neuroanimator.data.sampling import sample_controls, sample_starts
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.accuracy import system_of
+from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.mujoco import MujocoSystem
 
 BLOCK = 500
@@ -44,10 +45,10 @@ def count_blow_ups(
 
 
 def reach(emulator: Emulator, steps: int) -> np.ndarray:
-    """Return (K,) the largest magnitude of what the network sees, in training and in `steps` super steps of MuJoCo."""
+    """Return (K,) the largest magnitude of what the network sees, in training and in `steps` super steps of physics."""
     domain, system = emulator.domain, system_of(emulator)
     largest = np.maximum(np.abs(np.asarray(domain.low)), np.abs(np.asarray(domain.high)))
-    if not isinstance(system, MujocoSystem):
+    if not isinstance(system, MujocoSystem | DeformableSystem):
         return largest
     rng, threads = np.random.default_rng(2), os.cpu_count() or 1
     states = sample_starts(system, rng, PHYSICS_STARTS, threads)

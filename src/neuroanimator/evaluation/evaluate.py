@@ -23,6 +23,8 @@ from neuroanimator.evaluation.accuracy import (
 )
 from neuroanimator.evaluation.blow_ups import count_blow_ups
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
+from neuroanimator.evaluation.speed_deformable import JAX, NO_COMPILER
+from neuroanimator.evaluation.speed_python import PYTHON_FUNCTION
 from neuroanimator.systems.recorded_system import RecordedSystem
 
 NO_OPPONENT = "learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
@@ -92,8 +94,10 @@ class Evaluation:
         """What must be said about the speed-ups, if anything."""
         if self.measured_speed is None:
             return f"{self.system}: {NO_OPPONENT}"
-        if self.measured_speed.physics != "MuJoCo":
-            return f"{self.system}: the physics is a {self.measured_speed.physics}, not compiled; so are its speed-ups."
+        if self.measured_speed.physics == JAX:
+            return f"{self.system}: {NO_COMPILER}"
+        if self.measured_speed.physics == PYTHON_FUNCTION:
+            return f"{self.system}: the physics is a {PYTHON_FUNCTION}, not compiled; so are its speed-ups."
         return ""
 
     @property

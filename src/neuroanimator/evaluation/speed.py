@@ -22,7 +22,15 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.emulator import UNROLL, Emulator
 from neuroanimator.evaluation.accuracy import HeldOut, scheme_error
-from neuroanimator.evaluation.speed_python import FUNCTION_STEPS, function_error, function_player, function_schemes
+from neuroanimator.evaluation.speed_deformable import deformable_players, deformable_schemes, twin_error
+from neuroanimator.evaluation.speed_python import (
+    FUNCTION_STEPS,
+    PYTHON_FUNCTION,
+    function_error,
+    function_player,
+    function_schemes,
+)
+from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.mujoco import MujocoSystem
 from neuroanimator.systems.python_system import FUNCTION, PythonSystem
 from neuroanimator.systems.system import Scheme
@@ -71,7 +79,7 @@ class Speed:
     """That fastest physics."""
     opponents: tuple[Opponent, ...]
     physics: str = "MuJoCo"
-    """Who steps the physics: `MuJoCo`, compiled, or a `Python function`, which is not."""
+    """Who steps the physics: `MuJoCo` or a `C twin`, compiled, `JAX` without one, a `Python function`, which is not."""
 
 
 class _Rivalry(NamedTuple):
@@ -91,7 +99,11 @@ def _rivalry_of(test: HeldOut) -> _Rivalry:
     if isinstance(system, PythonSystem):
         schemes = function_schemes(system, test.dt, OPPONENT_DIVISIONS)
         players = {FUNCTION: function_player(system, test)}
-        return _Rivalry("Python function", players, FUNCTION_STEPS, schemes, function_error)
+        return _Rivalry(PYTHON_FUNCTION, players, FUNCTION_STEPS, schemes, function_error)
+    if isinstance(system, DeformableSystem):
+        physics, players = deformable_players(system, test, PHYSICS_STEPS, STRETCHES)
+        schemes = deformable_schemes(system, test.dt, OPPONENT_DIVISIONS)
+        return _Rivalry(physics, players, PHYSICS_STEPS, schemes, twin_error)
     assert isinstance(system, MujocoSystem)
     players = {kind: physics_player(system, test, kind) for kind in OPPONENT_INTEGRATORS}
     schemes = {Scheme(kind, test.dt / parts) for kind in OPPONENT_INTEGRATORS for parts in OPPONENT_DIVISIONS}

@@ -12,6 +12,8 @@ from neuroanimator.systems.python_step import call_step
 from neuroanimator.systems.python_system import FUNCTION, PythonSystem
 from neuroanimator.systems.system import Scheme
 
+PYTHON_FUNCTION = "Python function"
+
 FUNCTION_STEPS = 500
 """Calls in one timed run: milliseconds, so that the clock's grain does not count."""
 

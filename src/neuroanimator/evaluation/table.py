@@ -15,7 +15,9 @@ from neuroanimator.data.transitions import RUN_STEPS, Transitions, dataset_confi
 from neuroanimator.emulator.emulator import Emulator, rollout
 from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, root_mean_square, system_of
 from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, evaluate
-from neuroanimator.evaluation.speed import PHYSICS_STEPS, compiled, one_core
+from neuroanimator.evaluation.speed import PHYSICS_STEPS, compiled, interleaved, one_core
+from neuroanimator.evaluation.speed_deformable import BATCH_STEPS, c_batch_players
+from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 from neuroanimator.training.recipe import RECIPES
 
@@ -75,6 +77,7 @@ def measure_row(emulators: list[Emulator], chunk_seconds: float, effort: Effort 
         "blow_up_starts": sum(each.blow_up_starts for each in found),
         **latency(shipped),
         **{f"us_in_batch_{batch}": batch_microseconds(shipped, batch) for batch in BATCHES},
+        **{f"physics_us_in_batch_{batch}": physics_batch_microseconds(shipped, batch) for batch in BATCHES},
     }
     return TableRow(figures, found)
 
@@ -156,3 +159,17 @@ def batch_microseconds(emulator: Emulator, batch: int, steps: int = 400, repeats
             run(states, controls).block_until_ready()
             spans.append(time.perf_counter() - began)
     return float(np.median(spans)) / (batch * steps) * 1e6
+
+
+def physics_batch_microseconds(emulator: Emulator, batch: int) -> float | str:
+    """Return the C twin's time per body and physics step [µs] in a batch on one core, by its fastest layout.
+
+    Empty for rigid bodies, which MuJoCo steps one after another, and where there is no compiler.
+    """
+    system = system_of(emulator)
+    if not isinstance(system, DeformableSystem):
+        return ""
+    players = c_batch_players(system, batch, system.scheme.integrator)
+    with one_core():
+        spans = interleaved(players)
+    return min(spans.values()) / (batch * BATCH_STEPS) * 1e6 if spans else ""

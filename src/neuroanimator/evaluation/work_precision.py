@@ -1,4 +1,4 @@
-"""Error over cost: every MuJoCo setting and the emulators as points in one picture."""
+"""Error over cost: every setting of the physics and the emulators as points in one picture."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from neuroanimator.evaluation.evaluate import Evaluation
+from neuroanimator.evaluation.speed_python import PYTHON_FUNCTION
 
 EMULATOR = "#e8892b"
 COLOURS = {"euler": "#2b5a94", "implicitfast": "#4fa3a0", "implicit": "#8a94a0", "rk4": "#7a4f9a"}
+COLOURS |= {"symplectic": COLOURS["euler"], "semi-implicit": COLOURS["implicitfast"]}
 LEAST_ERROR, LARGEST_ERROR = 1e-6, 2.0
 """Between them lie the schemes drawn: finer ones are the reference itself, coarser ones blow up."""
 PANEL = 3.4
@@ -50,7 +52,7 @@ def draw_work(axes: Axes, evaluations: list[Evaluation]) -> None:
     for integrator in sorted({o.scheme.integrator for o in speed.opponents}):
         points = sorted((o.seconds * 1e6, o.error) for o in speed.opponents if o.scheme.integrator == integrator)
         shown = np.array([point for point in points if LEAST_ERROR < point[1] < LARGEST_ERROR]).reshape(-1, 2)
-        name = f"MuJoCo {integrator}" if speed.physics == "MuJoCo" else speed.physics
+        name = speed.physics if speed.physics == PYTHON_FUNCTION else f"{speed.physics} {integrator}"
         axes.plot(*shown.T, "o-", ms=3, lw=0.8, color=COLOURS.get(integrator), label=name)
     stars = [(e.emulator_seconds * 1e6, e.one_step_error) for e in evaluations]
     axes.plot(*np.array(stars).T, "*", ms=12, color=EMULATOR, label="emulator")
