@@ -18,7 +18,7 @@ from neuroanimator.control.descend import _cost
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import rollout
 from neuroanimator.emulator.features import Features, sine_cosine
-from neuroanimator.emulator.network import make_network
+from neuroanimator.emulator.networks import make_network
 from neuroanimator.files import METADATA_KEY, _seal
 from neuroanimator.training.build import build_emulator
 

@@ -12,8 +12,9 @@ import numpy as np
 from neuroanimator.emulator.emulator import Domain, Emulator, Identity
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.frame import Frame
+from neuroanimator.emulator.hierarchy import parts_from_json, parts_to_json
 from neuroanimator.emulator.modes import Modes
-from neuroanimator.emulator.network import NETWORKS, make_network
+from neuroanimator.emulator.networks import NETWORKS, make_network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import read_tensors, write_tensors
@@ -84,7 +85,12 @@ def describe(emulator: Emulator) -> dict[str, Any]:
             "is_odd": features.is_odd,
             "even": list(features.even),
         },
-        "network": {"kind": kind, "widths": list(network.widths), "even": list(getattr(network, "even", ()))},
+        "network": {
+            "kind": kind,
+            "widths": list(network.widths),
+            "even": list(getattr(network, "even", ())),
+            "parts": parts_to_json(getattr(network, "parts", ())),
+        },
     }
 
 
@@ -128,8 +134,9 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     others, changes, key = frame.local_size + control.size, frame.change_size(inner), jax.random.key(0)
     numbers = len(plain) + others
     even, even_out = _rising(described["even"], numbers), _rising(metadata["network"]["even"], changes)
+    parts = parts_from_json(metadata["network"]["parts"])
     features = Features(zeros((rows, inner)), plain, bool(described["is_odd"]), even)
-    network = make_network(metadata["network"]["kind"], *features.sizes(others), changes, widths, key, even_out)
+    network = make_network(metadata["network"]["kind"], *features.sizes(others), changes, widths, key, even_out, parts)
     return Emulator(
         frame=frame,
         features=features,

@@ -137,6 +137,19 @@ class Frame(eqx.Module):
     def _root_rate(self) -> int:
         return next(segment.rate for segment in self.segments if segment.kind == "quaternion")
 
+    def change_entries(self, state_size: int) -> list[tuple[int, ...]]:
+        """Return, per state entry, the numbers of a change that change it: for a quaternion's four the same three."""
+        if not self.segments:
+            return [(entry,) for entry in range(state_size)]
+        found: list[tuple[int, ...]] = []
+        start = 0
+        for segment in self.segments:
+            numbers = tuple(range(start, start + segment.change_size))
+            one_by_one = segment.change_size == segment.size and segment.kind == "plain"
+            found += [(number,) for number in numbers] if one_by_one else [numbers] * segment.size
+            start += segment.change_size
+        return found
+
     def apply(self, state: Numbers, change: Numbers, control: Numbers | None = None) -> Numbers:
         """Return `state` (..., S) after `change` (..., V) on top of coasting at its present rates.
 

@@ -212,20 +212,29 @@ class Basis(NamedTuple):
 
 def principal(samples: np.ndarray, count: int, reflect: np.ndarray | None) -> Basis:
     """Return the `count` directions in which `samples` (B, D) vary most; each odd or even under `reflect` (D, D)."""
+    size = samples.shape[1]
+    signs, ways = (np.full(size, -1.0), np.eye(size)) if reflect is None else np.linalg.eigh(reflect)
+    odd, even = (_leading(samples, ways[:, signs * sign > 0], centred=sign > 0) for sign in (-1, 1))
     if reflect is None:
-        mean = samples.mean(axis=0)
-        return Basis(mean, _leading(samples - mean)[0][:, :count], count)
-    even, odd = (samples + samples @ reflect.T) / 2, (samples - samples @ reflect.T) / 2
-    mean = even.mean(axis=0)
-    (even_ways, even_sizes), (odd_ways, odd_sizes) = _leading(even - mean), _leading(odd)
-    least = np.sort(np.concatenate([even_sizes, odd_sizes]))[-count]
-    chosen = odd_ways[:, odd_sizes >= least], even_ways[:, even_sizes >= least]
+        odd = _leading(samples, ways, centred=True)
+    least = np.sort(np.concatenate([odd.sizes, even.sizes]))[-count]
+    chosen = [each.ways[:, each.sizes >= least] for each in (odd, even)]
+    mean = odd.mean if reflect is None else even.mean
     return Basis(mean, np.concatenate(chosen, axis=1)[:, :count], chosen[0].shape[1])
 
 
-def _leading(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    sizes, ways = np.linalg.eigh(samples.T @ samples / len(samples))
-    return ways[:, ::-1], sizes[::-1]
+class _Leading(NamedTuple):
+    mean: np.ndarray
+    ways: np.ndarray
+    sizes: np.ndarray
+
+
+def _leading(samples: np.ndarray, within: np.ndarray, *, centred: bool) -> _Leading:
+    """Return principal directions of `samples` (B, D) within a subspace (D, K), and variances, the largest first."""
+    inside = samples @ within
+    mean = inside.mean(axis=0) * centred
+    sizes, ways = np.linalg.eigh((inside - mean).T @ (inside - mean) / len(samples))
+    return _Leading(within @ mean, (within @ ways)[:, ::-1], sizes[::-1])
 
 
 def reflection(mirror: Mirror) -> np.ndarray:

@@ -25,7 +25,7 @@ from neuroanimator.systems.layout import Bounds, Layout, Slice
 from neuroanimator.systems.mass_spring import Motion, strains, trajectory
 from neuroanimator.systems.parts import goals_of
 from neuroanimator.systems.rotation import facing, multiply, turned_by
-from neuroanimator.systems.structure import Mirror, Probe, Segment, Structure
+from neuroanimator.systems.structure import Group, Mirror, Probe, Segment, Structure
 from neuroanimator.systems.system import Runs, Scheme, System
 
 ROWS = 256
@@ -43,7 +43,6 @@ class DeformableSystem(System):
         self.name, self.definition = definition.name, text
         self.body = body_of(definition)
         check_steps(definition, self.body)
-        self.groups = group_numbers(definition)
         names = control_names(definition)
         self.control = Layout(tuple(Slice(name, 1, "1") for name in names))
         self.bounds = Bounds.symmetric(np.ones(len(names)))
@@ -158,7 +157,18 @@ def _structure(definition: BodyDefinition, body: Body) -> Structure:
         weighs=body.weighs,
         mirror=_mirror(definition, body),
         probes=_probes(definition, body),
+        groups=_groups(definition, body),
     )
+
+
+def _groups(definition: BodyDefinition, body: Body) -> tuple[Group, ...]:
+    """Return the segments with the muscles that have an end in each."""
+    pulls = np.abs(body.muscles) > 0
+    found = []
+    for name, points in group_numbers(definition).items():
+        touched = np.isin(body.springs, points).any(axis=1)
+        found.append(Group(name, points, tuple(int(c) for c in np.flatnonzero(pulls[touched].any(axis=0)))))
+    return tuple(found)
 
 
 def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:

@@ -57,6 +57,17 @@ class Mirror:
 
 
 @dataclass(frozen=True)
+class Group:
+    """A part of a body, such as a segment or a limb, named by the user."""
+
+    name: str
+    entries: tuple[int, ...]
+    """Mass points of a deformable body; state entries of any other system."""
+    controls: tuple[int, ...]
+    """Controls that act on it."""
+
+
+@dataclass(frozen=True)
 class Structure:
     """How a state may be looked at and changed.
 
@@ -69,6 +80,7 @@ class Structure:
     `fold_controls`: pairs of controls that turn with it, as X and Y do.
     `is_odd`: negating state and control negates the motion (mirror symmetry).
     `cloud`: the mass points of a deformable body, which define its frame; `mirror`: its left and right.
+    `groups`: parts of it that move much on their own.
     `weighs`: whether the root feels gravity, so that up and down matter.
     """
 
@@ -83,6 +95,7 @@ class Structure:
     cloud: Cloud | None = None
     mirror: Mirror | None = None
     weighs: bool = True
+    groups: tuple[Group, ...] = ()
 
 
 def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:

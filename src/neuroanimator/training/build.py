@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,10 +13,14 @@ from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import Domain, Emulator, Identity
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.frame import Frame
+from neuroanimator.emulator.grouped_modes import GroupedModes, fit_grouped_modes
+from neuroanimator.emulator.hierarchy import Part
 from neuroanimator.emulator.modes import Modes, fit_modes
-from neuroanimator.emulator.network import make_network
+from neuroanimator.emulator.network import Network
+from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.normaliser import Normaliser
-from neuroanimator.systems.structure import Structure
+from neuroanimator.emulator.parts import parts_of_body, parts_of_joints
+from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import System
 from neuroanimator.training.config import TrainingConfig
 
@@ -29,42 +34,72 @@ SHAPES_TRIED, SMALL_CHANGE = 64, 1e-5
 """States around which, and changes by which, the effect of a body's few numbers is measured."""
 
 
+class _Sight(NamedTuple):
+    """How states are seen, before any network."""
+
+    modes: GroupedModes | None
+    frame: Frame
+    features: Features
+    odd_changes: np.ndarray
+    """(V,) whether the mirror reverses each number of a change."""
+    inner: tuple[np.ndarray, np.ndarray, np.ndarray]
+    """States, following states and controls in the numbers in which the super step is made."""
+
+
 def build_emulator(data: Transitions, config: TrainingConfig) -> Emulator:
     """Return an emulator normalised by `data`, its network drawn from the config's seed."""
-    system = data.system
-    dt = data.config.substeps * system.physics_dt
-    modes = _modes(data, config)
-    structure = system.structure if modes is None else modes.structure(system.structure)
-    windows = data.states[:, :2], data.controls[:, 0]
-    if modes is not None:
-        windows = modes.encode(np.asarray(windows[0], float)), modes.encode_control(np.asarray(windows[1], float))
-    (states, following), controls = np.moveaxis(windows[0], 1, 0), windows[1]
-    frame, size = Frame.of(structure, dt), states.shape[1]
-    features = Features.of(structure, size, dt)
-    odd_changes = np.full(frame.change_size(size), features.is_odd)
-    if modes is not None and modes.mirror is not None:
-        odd = modes.odd_features(system.structure, 4 * len(structure.probes))
-        even = tuple(i for i, is_odd in enumerate(odd) if not is_odd)
-        features, odd_changes = replace(features, is_odd=True, even=even), np.array(modes.odd_changes())
+    system, sight = data.system, _sight(data, config)
+    states, _, controls = sight.inner
+    features, frame = sight.features, sight.frame
     plain = features.plain_of(states, frame.local(states), controls)
     odd_plain = np.array([features.is_odd and i not in features.even for i in range(plain.shape[1])])
-    normaliser = _normaliser(plain, frame, states, following, odd_plain, odd_changes)
+    normaliser = _normaliser(plain, sight, odd_plain)
+    modes = None if sight.modes is None else sight.modes.modes
     if modes is not None:
-        normaliser = replace(normaliser, unit=_body_units(modes, system.structure, structure, data.states, states))
-    sizes = features.sizes(frame.local_size + system.control.size)
-    even_out = tuple(int(i) for i in np.flatnonzero(~odd_changes))
-    network = make_network(
-        _kind(config, features), *sizes, len(odd_changes), config.widths, jax.random.key(config.seed), even_out
-    )
+        normaliser = replace(normaliser, unit=_body_units(modes, data, sight))
     return Emulator(
         frame=frame,
         features=features,
         normaliser=normaliser,
-        network=network,
+        network=_network(config, sight, system, plain.shape[1]),
         domain=_domain(plain, odd_plain),
-        identity=_identity(system, data.config.substeps, dt),
+        identity=_identity(system, data.config.substeps, frame.dt),
         modes=modes,
     )
+
+
+def _sight(data: Transitions, config: TrainingConfig) -> _Sight:
+    system = data.system
+    dt = data.config.substeps * system.physics_dt
+    states, controls = data.states[:, :2], data.controls[:, 0]
+    if system.structure.cloud is None:
+        frame, features = Frame.of(system.structure, dt), Features.of(system.structure, states.shape[-1], dt)
+        odd = np.full(frame.change_size(states.shape[-1]), features.is_odd)
+        return _Sight(None, frame, features, odd, (states[:, 0], states[:, 1], controls))
+    grouped = _modes(data, config)
+    modes, structure = grouped.modes, grouped.modes.structure(system.structure)
+    states, controls = modes.encode(np.asarray(states, float)), modes.encode_control(np.asarray(controls, float))
+    frame, features = Frame.of(structure, dt), Features.of(structure, states.shape[-1], dt)
+    odd = np.zeros(frame.change_size(states.shape[-1]), bool)
+    if modes.mirror is not None:
+        is_odd = modes.odd_features(system.structure, 4 * len(structure.probes))
+        features = replace(features, is_odd=True, even=tuple(i for i, each in enumerate(is_odd) if not each))
+        odd = np.array(modes.odd_changes())
+    return _Sight(grouped, frame, features, odd, (states[:, 0], states[:, 1], controls))
+
+
+def _network(config: TrainingConfig, sight: _Sight, system: System, numbers: int) -> Network:
+    features = sight.features
+    even = tuple(int(i) for i in np.flatnonzero(~sight.odd_changes)) if features.even else ()
+    sizes = (*features.sizes(numbers - len(features.plain)), len(sight.odd_changes))
+    parts: tuple[Part, ...] = ()
+    if config.network == "hierarchy" and not system.structure.groups:
+        raise ArgumentError(f"network: {system.name} has no [groups], which a hierarchy needs. Name its segments.")
+    if config.network == "hierarchy" and sight.modes is not None:
+        parts = parts_of_body(sight.modes, system.structure, features.even, numbers)
+    elif config.network == "hierarchy":
+        parts = parts_of_joints(system.structure, sight.frame, features, system.control.size)
+    return make_network(_kind(config, features), *sizes, config.widths, jax.random.key(config.seed), even, parts)
 
 
 def _kind(config: TrainingConfig, features: Features) -> str:
@@ -74,31 +109,29 @@ def _kind(config: TrainingConfig, features: Features) -> str:
     return "mirrored" if features.even else "gated" if features.is_odd else "glu"
 
 
-def _modes(data: Transitions, config: TrainingConfig) -> Modes | None:
-    if data.system.structure.cloud is None:
-        return None
-    rows = np.random.default_rng(config.seed).choice(
-        len(data.states), min(len(data.states), MOST_SHAPES), replace=False
-    )
-    return fit_modes(data.system.structure, data.states[np.sort(rows), 0], config.place_modes, config.speed_modes)
+def _modes(data: Transitions, config: TrainingConfig) -> GroupedModes:
+    rng = np.random.default_rng(config.seed)
+    rows = np.sort(rng.choice(len(data.states), min(len(data.states), MOST_SHAPES), replace=False))
+    structure, states = data.system.structure, data.states[rows, 0]
+    if config.network == "hierarchy":
+        return fit_grouped_modes(structure, states, config.local_modes)
+    return GroupedModes(fit_modes(structure, states, config.place_modes, config.speed_modes), [], [])
 
 
-def _body_units(
-    modes: Modes, whole: Structure, structure: Structure, states: np.ndarray, inner: np.ndarray
-) -> jax.Array:
+def _body_units(modes: Modes, data: Transitions, sight: _Sight) -> jax.Array:
     """Return (V,) the error of each number of a change that costs as much as any other in the body's whole state.
 
     Errors of modes are measured by what they do to all mass points, found by small changes of some states.
     """
-    frame, body = Frame.of(structure, 0.0), Frame.of(whole, 0.0)
+    inner, body = sight.inner[0], Frame.of(data.system.structure, 0.0)
+    frame = replace(sight.frame, dt=0.0)
     few = inner[:: max(1, len(inner) // SHAPES_TRIED)]
-    scale = np.maximum(
-        body.difference(*np.moveaxis(np.asarray(states[:MOST_SHAPES, :2], float), 1, 0)).std(axis=0), SMALLEST_SCALE
-    )
-    before, units = modes.decode(few), []
-    for way in np.eye(frame.change_size(inner.shape[1])) * SMALL_CHANGE:
-        moved = body.difference(before, modes.decode(frame.apply(few, np.broadcast_to(way, (len(few), len(way))))))
-        units.append(SMALL_CHANGE / np.sqrt(np.mean((moved / scale) ** 2)))
+    before, after = np.moveaxis(np.asarray(data.states[:MOST_SHAPES, :2], float), 1, 0)
+    scale = np.maximum(body.difference(before, after).std(axis=0), SMALLEST_SCALE)
+    places, units = modes.decode(few), []
+    for way in np.eye(len(sight.odd_changes)) * SMALL_CHANGE:
+        moved = body.difference(places, modes.decode(frame.apply(few, np.broadcast_to(way, (len(few), len(way))))))
+        units.append(SMALL_CHANGE / np.maximum(np.sqrt(np.mean((moved / scale) ** 2)), SMALL_CHANGE))
     return jnp.asarray(np.array(units) / np.sqrt(len(units)), jnp.float32)
 
 
@@ -126,17 +159,12 @@ def _domain(plain: np.ndarray, odd: np.ndarray) -> Domain:
     return Domain(jnp.asarray(low, jnp.float32), jnp.asarray(high, jnp.float32))
 
 
-def _normaliser(
-    plain: np.ndarray,
-    frame: Frame,
-    states: np.ndarray,
-    following: np.ndarray,
-    odd_plain: np.ndarray,
-    odd_changes: np.ndarray,
-) -> Normaliser:
+def _normaliser(plain: np.ndarray, sight: _Sight, odd_plain: np.ndarray) -> Normaliser:
     """Return the normaliser of plain features and changes; what the mirror reverses has a mean of zero."""
-    change, whole = frame.remainder(states, following), frame.difference(states, following)
-    means = [np.where(odd, 0.0, values.mean(axis=0)) for values, odd in ((plain, odd_plain), (change, odd_changes))]
+    states, following, _ = sight.inner
+    change, whole = sight.frame.remainder(states, following), sight.frame.difference(states, following)
+    pairs = (plain, odd_plain), (change, sight.odd_changes)
+    means = [np.where(odd, 0.0, values.mean(axis=0)) for values, odd in pairs]
     scales = [np.maximum(values.std(axis=0), SMALLEST_SCALE) for values in (plain, change, whole)]
     numbers = [jnp.asarray(value, jnp.float32) for value in (means[0], scales[0], means[1], scales[1], scales[2])]
     return Normaliser(*numbers)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from neuroanimator.data.transitions import LONGEST_UNROLL
-from neuroanimator.emulator.network import DEFAULT_WIDTHS
+from neuroanimator.emulator.networks import DEFAULT_WIDTHS
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files import canonical_json
 from neuroanimator.systems.definition import first_fault
@@ -24,7 +24,7 @@ class TrainingConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    network: Literal["gated", "classic", "glu", "mirrored"] = "gated"
+    network: Literal["gated", "classic", "glu", "mirrored", "hierarchy"] = "gated"
     widths: tuple[int, ...] = ()
     optimizer: Literal["muon", "adam", "momentum"] = "muon"
     learning_rate: float = Field(0.0, ge=0, lt=10, allow_inf_nan=False)
@@ -35,6 +35,8 @@ class TrainingConfig(BaseModel):
     place_modes: int = Field(20, ge=1, le=256)
     """Shapes a deformable body is made of, and how many ways they move; see `emulator/modes.py`."""
     speed_modes: int = Field(20, ge=1, le=256)
+    local_modes: int = Field(4, ge=1, le=64)
+    """The same per segment, besides where it is; of hierarchies."""
     unroll: int = Field(LONGEST_UNROLL, ge=1, le=LONGEST_UNROLL)
     unroll_share: float = Field(0.2, ge=0, le=1)
     validation_share: float = Field(0.05, gt=0, lt=0.9)

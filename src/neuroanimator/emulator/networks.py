@@ -1,0 +1,42 @@
+"""Every network by its name."""
+
+from __future__ import annotations
+
+from jaxtyping import PRNGKeyArray
+
+from neuroanimator.emulator.hierarchy import Hierarchy, Part
+from neuroanimator.emulator.network import Classic, Gated, Glu, Mirrored, Network
+from neuroanimator.errors import ArgumentError
+
+NETWORKS: dict[str, type[Network]] = {
+    "classic": Classic, "gated": Gated, "glu": Glu, "hierarchy": Hierarchy, "mirrored": Mirrored,
+}  # fmt: skip
+DEFAULT_WIDTHS = {
+    "classic": (40,), "gated": (96, 64), "glu": (96, 64), "hierarchy": (48, 0, 24), "mirrored": (96, 64),
+}  # fmt: skip
+
+
+def make_network(
+    kind: str,
+    odd: int,
+    even: int,
+    out: int,
+    widths: tuple[int, ...],
+    key: PRNGKeyArray,
+    even_out: tuple[int, ...] = (),
+    parts: tuple[Part, ...] = (),
+) -> Network:
+    """Return a fresh network of `kind` with hidden layers of `widths` units.
+
+    `even_out` names the answers that stay what they are in the mirror; of `mirrored` and `hierarchy` only.
+    `parts` says who sees and answers what; of `hierarchy` only.
+    """
+    if any(width < 1 for width in widths if kind != "hierarchy"):
+        raise ArgumentError(f"widths: wanted at least 1 unit in every hidden layer, came {list(widths)}.")
+    if kind not in NETWORKS:
+        raise ArgumentError(f"No network called '{kind}'. Networks: {', '.join(sorted(NETWORKS))}.")
+    if kind == "hierarchy":
+        return Hierarchy(odd, even, out, widths, key=key, even_out=even_out, parts=parts)
+    if kind == "mirrored":
+        return Mirrored(odd, even, out, widths, key=key, even_out=even_out)
+    return NETWORKS[kind](odd, even, out, widths, key=key)  # pyright: ignore[reportCallIssue]

@@ -1,0 +1,191 @@
+"""Emulators of deformable bodies: few numbers, a frame of their own, left and right alike, networks in a hierarchy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neuroanimator import Emulator, load_system, training_config
+from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.data.transitions import Transitions, dataset_config
+from neuroanimator.emulator.frame import Frame
+from neuroanimator.emulator.hierarchy import Hierarchy, Part, check_parts
+from neuroanimator.emulator.modes import fit_modes, reflection
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.rotation import rotate
+from neuroanimator.training.build import build_emulator
+
+FLAT = {"widths": (16, 8), "place_modes": 12, "speed_modes": 14}
+DEEP = {"network": "hierarchy", "widths": (16, 0, 8), "local_modes": 3}
+
+
+@pytest.fixture(scope="module", params=["fish", "dolphin"])
+def data(request) -> Transitions:
+    return simulate_transitions(dataset_config(system=request.param, count=360, picks=36))
+
+
+@pytest.fixture(params=[FLAT, DEEP], ids=["flat", "hierarchy"])
+def emulator(request, data: Transitions) -> Emulator:
+    return build_emulator(data, training_config(**request.param))
+
+
+def windows(data: Transitions) -> tuple[np.ndarray, np.ndarray]:
+    return np.asarray(data.states[:20, 0], float), np.asarray(data.controls[:20, 0], float)
+
+
+def turned(data: Transitions, states: np.ndarray, turn: np.ndarray, way: np.ndarray) -> np.ndarray:
+    size = 3 * len(data.system.structure.cloud.masses)
+    parts = [rotate(turn, states[:, i * size : (i + 1) * size].reshape(len(states), -1, 3)) for i in range(2)]
+    parts[0] = parts[0] + way
+    return np.concatenate([*(part.reshape(len(states), -1) for part in parts), states[:, 2 * size :]], axis=1)
+
+
+def test_all_modes_together_lose_nothing(data: Transitions):
+    states, _ = windows(data)
+    modes = fit_modes(data.system.structure, data.states[:, 0], 69, 69)
+    assert np.abs(modes.decode(modes.encode(states)) - states).max() < 1e-5 * np.abs(states).max()
+
+
+def test_encoding_what_was_decoded_changes_nothing(data: Transitions):
+    states, _ = windows(data)
+    modes = fit_modes(data.system.structure, data.states[:, 0], 12, 12)
+    once = modes.decode(modes.encode(states))
+    assert np.abs(modes.decode(modes.encode(once)) - once).max() < 1e-2 * np.abs(once).max()
+
+
+def test_moving_and_turning_the_world_changes_nothing(data: Transitions, emulator: Emulator):
+    states, controls = windows(data)
+    turn = np.array([0.8, 0.3, -0.4, 0.33]) if not data.system.structure.weighs else np.array([0.6, 0, 0, 0.8])
+    turn, way = turn / np.linalg.norm(turn), np.array([0.7, -0.4, 0.0])
+    step = jax.jit(jax.vmap(emulator.step))
+    with jax.enable_x64(True):
+        here = np.asarray(step(states, controls))
+        there = np.asarray(step(turned(data, states, turn, way), controls))
+    assert np.abs(turned(data, here, turn, way) - there).max() < 1e-5
+
+
+def test_left_and_right_are_the_same_exactly(data: Transitions, emulator: Emulator):
+    states, controls = windows(data)
+    mirror = data.system.structure.mirror
+    flip, size, partners = reflection(mirror), 3 * len(mirror.points), list(mirror.controls)
+
+    def image(s: np.ndarray) -> np.ndarray:
+        parts = s[:, :size] @ flip.T, s[:, size : 2 * size] @ flip.T, s[:, 2 * size :][:, partners]
+        return np.concatenate(parts, axis=1)
+
+    step = jax.jit(jax.vmap(emulator.step))
+    here, there = np.asarray(step(states, controls)), np.asarray(step(image(states), controls[:, partners]))
+    assert np.abs(image(here) - there).max() < 2e-5 * max(1, np.abs(here).max())
+
+
+def test_muscles_follow_their_controls_exactly(data: Transitions, emulator: Emulator):
+    states, controls = windows(data)
+    muscles = data.system.muscles
+    found = np.asarray(jax.vmap(emulator.step)(states, controls))[:, -muscles:]
+    assert np.abs(found - data.states[:20, 1, -muscles:]).max() < 1e-5
+
+
+def test_a_rollout_is_repeated_steps_of_a_decoded_body(data: Transitions, emulator: Emulator):
+    path = emulator.rollout(data.states[0, 0], data.controls[0])
+    inner, advance = emulator.encode(jnp.asarray(data.states[0, 0])), eqx.filter_jit(emulator.advance)
+    for control, state in zip(data.controls[0], path[1:], strict=True):
+        inner = advance(inner, emulator.encode_control(jnp.asarray(control)))
+        assert np.abs(np.asarray(emulator.decode(inner) - state)).max() < 1e-5 * max(1, float(jnp.abs(state).max()))
+
+
+def test_the_gradient_of_a_motion_equals_finite_differences(data: Transitions, emulator: Emulator):
+    controls = 0.7 * np.asarray(data.controls[0], float)  # well within what was seen: clipping has kinks
+    way = np.random.default_rng(0).normal(size=controls.shape)
+    with jax.enable_x64(True):
+        double = jax.tree.map(lambda leaf: leaf.astype(float) if isinstance(leaf, jax.Array) else leaf, emulator)
+        inner = double.encode(np.asarray(data.states[0, 0], float))
+
+        def reach(controls):
+            state = jnp.asarray(inner)
+            for control in double.encode_control(controls):
+                state = double.advance(state, control)
+            return double.decode(state)[0]
+
+        slope = jnp.vdot(jax.jit(jax.grad(reach))(jnp.asarray(controls)), way)
+        ends = [jax.jit(reach)(jnp.asarray(controls + sign * 1e-6 * way)) for sign in (1, -1)]
+    assert float(slope) == pytest.approx(float(ends[0] - ends[1]) / 2e-6, rel=1e-4, abs=1e-9)
+
+
+def test_saving_and_loading_changes_no_bit(data: Transitions, emulator: Emulator, tmp_path: Path):
+    emulator.save(tmp_path / "a.safetensors")
+    again = Emulator.load(tmp_path / "a.safetensors")
+    again.save(tmp_path / "b.safetensors")
+    assert (tmp_path / "a.safetensors").read_bytes() == (tmp_path / "b.safetensors").read_bytes()
+    here, there = (each.rollout(data.states[0, 0], data.controls[0]) for each in (emulator, again))
+    assert np.array_equal(here, there)
+
+
+def test_the_frame_of_a_body_wobbles_least(data: Transitions):
+    """Eckart's frame: no other turn brings the body at rest closer."""
+    states, _ = windows(data)
+    cloud = data.system.structure.cloud
+    size = 3 * cloud.count
+    places = states[:, :size].reshape(len(states), -1, 3)
+    centred, shares = places - cloud.centroid(places)[:, None], np.array(cloud.masses)[:, None]
+    apart = lambda turns: np.sum(shares * (centred - rotate(turns[:, None], np.array(cloud.places))) ** 2, axis=(1, 2))  # noqa: E731
+    best = cloud.turn(places)
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        other = best + 0.02 * rng.normal(size=best.shape)
+        assert (apart(other / np.linalg.norm(other, axis=1, keepdims=True)) >= apart(best) - 1e-12).all()
+
+
+def test_a_change_is_put_back_where_it_was_seen(data: Transitions):
+    states, _ = windows(data)
+    frame = Frame.of(data.system.structure, 0.1)
+    following = np.asarray(data.states[:20, 1], float)
+    again = frame.apply(states, frame.remainder(states, following))
+    size = 2 * 3 * len(data.system.structure.cloud.masses)
+    assert np.abs(again - following)[:, :size].max() < 1e-9 * max(1, np.abs(states).max())
+
+
+def test_repeated_parts_share_weights():
+    """Two segments that are alike use one network: half the weights, and the same answers for the same sight."""
+    upper = Part("body", (0,), (), (0,))
+    legs = [Part("left", (1,), (), (1,), hears=(0,)), Part("right", (2,), (), (2,), hears=(0,), like=0)]
+    key = jax.random.key(0)
+    network = Hierarchy(3, 0, 3, (4, 0, 4), key=key, even_out=(), parts=(upper, *legs))
+    assert network.children.out.shape[0] == 1
+    answers = network(jnp.array([0.3, 0.7, 0.7]), jnp.zeros(0))
+    assert answers[1] == answers[2]
+    other = network(jnp.array([0.3, 0.7, -0.2]), jnp.zeros(0))
+    assert answers[1] == other[1]
+    assert answers[2] != other[2]
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda parts: parts[:-1], "every number"),
+        (lambda parts: (*parts[:-1], replace(parts[-1], odd=(999,))), "sees or hears"),
+        (lambda parts: (*parts[:-1], replace(parts[-1], hears=(999,))), "sees or hears"),
+        (lambda parts: (*parts[:-1], replace(parts[-1], like=7)), "weights of part 7"),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(data: Transitions, change, word: str):
+    emulator = build_emulator(data, training_config(**DEEP))
+    sizes = emulator.features.sizes(emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain))
+    with pytest.raises(ArgumentError, match=word):
+        check_parts(change(emulator.network.parts), *sizes, emulator.normaliser.unit.shape[0], (16, 0, 8))
+
+
+def test_a_hierarchy_needs_groups():
+    data = simulate_transitions(dataset_config(system="pendulum", count=120))
+    with pytest.raises(ArgumentError, match="no \\[groups\\]"):
+        build_emulator(data, training_config(network="hierarchy"))
+
+
+def test_the_dolphin_feels_gravity_and_the_fish_does_not():
+    assert load_system("dolphin").structure.weighs
+    assert not load_system("fish").structure.weighs
