@@ -12,7 +12,7 @@ import pytest
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.body import largest_step
-from neuroanimator.systems.body_definition import MOST_NODES, MOST_SPRINGS, BodyDefinition
+from neuroanimator.systems.body_definition import MOST_NODES, MOST_SPRINGS, BodyDefinition, group_numbers
 from neuroanimator.systems.definition import check_definition
 from neuroanimator.systems.deformable import DeformableSystem
 
@@ -118,7 +118,8 @@ def test_the_body_itself_is_accepted_and_its_mirror_found():
     assert system.structure.mirror is not None
     assert system.structure.mirror.points == (0, 2, 1, 3, 4)
     assert system.structure.mirror.controls == (1, 0, 2)
-    assert set(system.groups) == {"front", "back"}
+    definition = check_definition(JELLY, "jelly.toml", BodyDefinition)
+    assert group_numbers(definition) == {"front": (0, 1, 2), "back": (3, 4)}
 
 
 @pytest.mark.parametrize(

@@ -69,9 +69,10 @@ def test_controls_are_bounded_and_never_idle():
 def test_a_run_that_blows_up_is_dropped_and_counted():
     system = load_system("pendulum")
     system.sample_starts = lambda rng, count: np.full((count, 6), 1e4)
-    tensors, blow_ups = make_shard(system, dataset_config(system="pendulum", count=120), 0, threads=1)
-    assert blow_ups == 10
-    assert len(tensors["states"]) == 0
+    shard = make_shard(system, dataset_config(system="pendulum", count=120), 0, threads=1)
+    assert shard.blow_ups == 10
+    assert len(shard.tensors["states"]) == 0
+    assert (shard.starts == 1e4).all()
 
 
 def test_a_folder_of_another_configuration_is_refused_and_untouched(dataset: Path):

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from neuroanimator.control.objective import Objective, is_reached, reach_state, stand_upright
     from neuroanimator.control.replay import is_upright, replay
     from neuroanimator.control.synthesise import synthesise
+    from neuroanimator.data.diverged import read_diverged
     from neuroanimator.data.generate import generate
     from neuroanimator.data.transitions import dataset_config, read_transitions
     from neuroanimator.emulator.emulator import Emulator
@@ -42,6 +43,7 @@ _HOMES = {
     "load_system": "systems",
     "make_clip": "animation.clip",
     "read_clip": "export.table",
+    "read_diverged": "data.diverged",
     "read_transitions": "data.transitions",
     "reach_state": "control.objective",
     "replay": "control.replay",
@@ -57,7 +59,7 @@ _HOMES = {
 
 __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
     "Clip", "Effort", "Emulator", "NeuroAnimatorError", "Objective",
-    "load_system", "dataset_config", "generate", "read_transitions", "training_config", "train",
+    "load_system", "dataset_config", "generate", "read_transitions", "read_diverged", "training_config", "train",
     "find_emulator", "evaluate", "write_report",
     "stand_upright", "reach_state", "descend", "replay", "synthesise", "is_upright", "is_reached",
     "make_clip", "read_clip", "write_clip", "write_glb", "write_video",

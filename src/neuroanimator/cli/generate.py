@@ -26,6 +26,7 @@ def run(
     ] = None,
 ) -> None:
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
+    from neuroanimator.data.diverged import PATTERN
     from neuroanimator.data.transitions import dataset_config
     from neuroanimator.systems.own import resolve
     from neuroanimator.terminal import print_rows
@@ -34,10 +35,12 @@ def run(
     chosen = usual if substeps is None else substeps
     config = dataset_config(system=name, definition=definition, substeps=chosen, count=count, seed=seed)
     blow_ups = generate_with_bar(config, out, threads)
+    kept = [("to be replayed from", out / PATTERN)] if blow_ups else []
     print_rows(
         [
             ("transitions", (config.runs - blow_ups) * config.picks),
             ("runs blown up and dropped", blow_ups),
+            *kept,
             ("shards", config.shards),
             ("folder", out),
         ]

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from neuroanimator.data import transitions
+from neuroanimator.data.diverged import has_diverged, write_diverged
 from neuroanimator.data.recorded import cut_shard, write_held_out
 from neuroanimator.data.sampling import sample_controls, sample_starts
 from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
@@ -28,7 +30,8 @@ def generate(
 ) -> int:
     """Fill `folder` with the dataset `config` describes; return how many runs blew up and were dropped.
 
-    Shards already there are kept, damaged ones made again. `on_shard` is called as each is done.
+    Shards already there are kept, damaged ones made again. `on_shard` is called as each is done. The runs that blew
+    up can be replayed, see `data.diverged`.
     """
     system = load_system(config.system, config.definition)
     with locked(folder):
@@ -47,23 +50,43 @@ def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> T
     """Return the dataset `config` describes without storing it."""
     system = load_system(config.system, config.definition)
     cores = threads or os.cpu_count() or 1
-    return gather_transitions(config, (make_shard(system, config, shard, cores) for shard in range(config.shards)))
+    made = (make_shard(system, config, shard, cores) for shard in range(config.shards))
+    return gather_transitions(config, ((shard.tensors, shard.blow_ups) for shard in made))
+
+
+class Shard(NamedTuple):
+    """A shard, and what was left out of it."""
+
+    tensors: dict[str, np.ndarray]
+    starts: np.ndarray
+    """(B, S) of the runs that blew up."""
+    controls: np.ndarray
+    """(B, T, C) of the runs that blew up."""
+
+    @property
+    def blow_ups(self) -> int:
+        """How many runs blew up."""
+        return len(self.starts)
 
 
 def _ensure_shard(system: System, config: DatasetConfig, folder: Path, shard: int, threads: int) -> int:
     try:
-        return int(read_shard(folder, config, shard)[1]["blow_ups"])
+        blow_ups = int(read_shard(folder, config, shard)[1]["blow_ups"])
+        if has_diverged(folder, config, shard, blow_ups):
+            return blow_ups
     except BadFileError:
-        tensors, blow_ups = make_shard(system, config, shard, threads)
-    metadata = {"kind": "shard", "config": config.hash, "shard": shard, "blow_ups": blow_ups}
-    write_tensors(config.shard_path(folder, shard), tensors, metadata)
-    return blow_ups
+        pass
+    made = make_shard(system, config, shard, threads)
+    write_diverged(folder, config, shard, made.starts, made.controls)
+    metadata = {"kind": "shard", "config": config.hash, "shard": shard, "blow_ups": made.blow_ups}
+    write_tensors(config.shard_path(folder, shard), made.tensors, metadata)
+    return made.blow_ups
 
 
-def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) -> tuple[dict[str, np.ndarray], int]:
-    """Return shard number `shard` and how many of its runs blew up: a function of its arguments alone."""
+def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) -> Shard:
+    """Return shard number `shard`: a function of its arguments alone."""
     if isinstance(system, RecordedSystem):
-        return cut_shard(system, config, shard), 0
+        return Shard(cut_shard(system, config, shard), np.zeros((0, 0)), np.zeros((0, 0, 0)))
     rng = np.random.default_rng([config.seed, shard])
     count = min(transitions.RUNS_PER_SHARD, config.runs - shard * transitions.RUNS_PER_SHARD)
     dt = config.substeps * system.physics_dt
@@ -79,7 +102,7 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
         "controls": controls[alive].astype(np.float32),
         "picks": picks[alive].astype(np.int32),
     }
-    return tensors, int(count - alive.sum())
+    return Shard(tensors, starts[~alive], controls[~alive])
 
 
 def sample_picks(rng: np.random.Generator, count: int) -> np.ndarray:
