@@ -30,6 +30,11 @@ def data(request) -> Transitions:
     return simulate_transitions(dataset_config(system=request.param, count=360, picks=36))
 
 
+@pytest.fixture(scope="module")
+def cube() -> Transitions:
+    return simulate_transitions(dataset_config(system="cube", count=360, picks=36))
+
+
 @pytest.fixture(params=[FLAT, DEEP], ids=["flat", "hierarchy"])
 def emulator(request, data: Transitions) -> Emulator:
     return build_emulator(data, training_config(**request.param))
@@ -39,7 +44,7 @@ def windows(data: Transitions) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(data.states[:20, 0], float), np.asarray(data.controls[:20, 0], float)
 
 
-def turned(data: Transitions, states: np.ndarray, turn: np.ndarray, way: np.ndarray) -> np.ndarray:
+def turned(data: Transitions, states: np.ndarray, turn: np.ndarray, way: np.ndarray | float) -> np.ndarray:
     size = 3 * len(data.system.structure.cloud.masses)
     parts = [rotate(turn, states[:, i * size : (i + 1) * size].reshape(len(states), -1, 3)) for i in range(2)]
     parts[0] = parts[0] + way
@@ -68,6 +73,16 @@ def test_moving_and_turning_the_world_changes_nothing(data: Transitions, emulato
         here = np.asarray(step(states, controls))
         there = np.asarray(step(turned(data, states, turn, way), controls))
     assert np.abs(turned(data, here, turn, way) - there).max() < 1e-5
+
+
+def test_turning_the_world_turns_pushes_too(cube: Transitions):
+    emulator = build_emulator(cube, training_config(widths=(16, 8), place_modes=18, speed_modes=18))
+    states, controls = windows(cube)
+    turn, step = np.array([0.6, 0, 0, 0.8]), jax.jit(jax.vmap(emulator.step))
+    pushed = rotate(np.broadcast_to(turn, (len(controls), 4)), controls)
+    with jax.enable_x64(True):
+        here, there = np.asarray(step(states, controls)), np.asarray(step(turned(cube, states, turn, 0), pushed))
+    assert np.abs(turned(cube, here, turn, 0) - there).max() < 1e-5
 
 
 def test_left_and_right_are_the_same_exactly(data: Transitions, emulator: Emulator):

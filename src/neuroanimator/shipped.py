@@ -8,7 +8,9 @@ from pathlib import Path
 from neuroanimator.errors import BadFileError
 
 SHIPPED = [
-    (system, substeps) for system in ("lander", "pendulum", "pendulum-passive", "truck") for substeps in (50, 100, 25)
+    (system, substeps)
+    for system in ("cube", "dolphin", "fish", "lander", "pendulum", "pendulum-passive", "truck")
+    for substeps in (50, 100, 25)
 ]
 """(system, substeps) of each."""
 

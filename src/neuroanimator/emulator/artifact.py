@@ -78,6 +78,7 @@ def describe(emulator: Emulator) -> dict[str, Any]:
             "segments": segments_to_json(emulator.frame.segments),
             "probes": [list(probe) for probe in emulator.frame.probes],
             "weighs": emulator.frame.weighs,
+            "pushes": [list(row) for row in emulator.frame.pushes],
         },
         "features": {
             "rows": features.angles.shape[0],
@@ -130,13 +131,15 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     rates = [entry for pair in metadata["rates"] for entry in pair]
     if any(not 0 <= entry < inner for entry in plain) or any(not 0 <= entry < state.size for entry in rates):
         raise ValueError("features: an entry lies outside the state")
-    frame = _frame(metadata["frame"], inner, float(metadata["dt"]))
-    others, changes, key = frame.local_size + control.size, frame.change_size(inner), jax.random.key(0)
+    frame = _frame(metadata["frame"], inner, control.size, float(metadata["dt"]))
+    others, changes = frame.local_size + frame.control_size(control.size), frame.change_size(inner)
     numbers = len(plain) + others
     even, even_out = _rising(described["even"], numbers), _rising(metadata["network"]["even"], changes)
     parts = parts_from_json(metadata["network"]["parts"])
     features = Features(zeros((rows, inner)), plain, bool(described["is_odd"]), even)
-    network = make_network(metadata["network"]["kind"], *features.sizes(others), changes, widths, key, even_out, parts)
+    network = make_network(
+        metadata["network"]["kind"], *features.sizes(others), changes, widths, jax.random.key(0), even_out, parts
+    )
     return Emulator(
         frame=frame,
         features=features,
@@ -168,7 +171,7 @@ def _rising(entries: list[int], size: int) -> tuple[int, ...]:
     return found
 
 
-def _frame(described: dict[str, Any], state_size: int, dt: float) -> Frame:
+def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float) -> Frame:
     segments = segments_from_json(described["segments"])
     probes = tuple((float(x), float(y), float(z), float(r)) for x, y, z, r in described["probes"])
     if segments and sum(segment.size for segment in segments) != state_size:
@@ -179,4 +182,7 @@ def _frame(described: dict[str, Any], state_size: int, dt: float) -> Frame:
         raise ValueError("frame: a rate lies outside the state")
     if probes and {"position", "quaternion", "velocity"} - {segment.kind for segment in segments}:
         raise ValueError("frame: probes need a root that moves freely")
-    return Frame(segments, probes, dt, bool(described["weighs"]))
+    pushes = tuple(tuple(float(force) for force in row) for row in described["pushes"])
+    if pushes and (len(pushes) != 3 or any(len(row) != controls for row in pushes)):
+        raise ValueError("frame: pushes of another size than the control")
+    return Frame(segments, probes, dt, bool(described["weighs"]), pushes=pushes)

@@ -103,7 +103,7 @@ class Emulator(eqx.Module):
 
     def seen(self, inner: Numbers, control: Numbers) -> Numbers:
         """Return (..., K) what the network sees besides sines and cosines, not yet normalised: no place, no heading."""
-        return self.features.plain_of(inner, self.frame.local(inner), control)
+        return self.features.plain_of(inner, self.frame.local(inner), self.frame.seen_control(inner, control))
 
     def plain_of(self, state: Numbers, control: Numbers) -> Numbers:
         """Return (..., K) what the network sees of a state (..., S) and a control (..., C), not yet normalised."""

@@ -45,11 +45,13 @@ class Frame(eqx.Module):
     """Whether the direction of gravity matters."""
     cloud: Cloud | None = eqx.field(static=True, default=None)
     """The mass points that define the frame, where the state is theirs."""
+    pushes: tuple[tuple[float, ...], ...] = eqx.field(static=True, default=())
+    """(3, C) force [N] in the world per control; empty where controls are no such forces."""
 
     @classmethod
     def of(cls, structure: Structure, dt: float) -> Frame:
         """Return the frame of states with this structure; a `dt` of zero leaves out coasting."""
-        return cls(structure.segments, structure.probes, dt, structure.weighs, structure.cloud)
+        return cls(structure.segments, structure.probes, dt, structure.weighs, structure.cloud, structure.pushes)
 
     def change_size(self, state_size: int) -> int:
         """Return how many numbers describe a change of a state of `state_size` entries."""
@@ -136,6 +138,17 @@ class Frame(eqx.Module):
 
     def _root_rate(self) -> int:
         return next(segment.rate for segment in self.segments if segment.kind == "quaternion")
+
+    def control_size(self, controls: int) -> int:
+        """Return how many numbers `seen_control` makes of so many controls."""
+        return 3 if self.pushes else controls
+
+    def seen_control(self, state: Numbers, control: Numbers) -> Numbers:
+        """Return the controls (..., C) as the body feels them: forces of the world along its own axes."""
+        if not self.pushes:
+            return control
+        force = control @ control.__array_namespace__().asarray(self.pushes, dtype=control.dtype).T
+        return rotate_back(self._root(state), force)
 
     def change_entries(self, state_size: int) -> list[tuple[int, ...]]:
         """Return, per state entry, the numbers of a change that change it: for a quaternion's four the same three."""

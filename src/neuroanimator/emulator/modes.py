@@ -156,6 +156,7 @@ class Modes(eqx.Module):
             segments=tuple(segments),
             probes=whole.probes,
             weighs=whole.weighs,
+            pushes=whole.pushes,
         )
 
     def odd_changes(self) -> tuple[bool, ...]:

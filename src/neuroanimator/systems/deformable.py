@@ -158,6 +158,7 @@ def _structure(definition: BodyDefinition, body: Body) -> Structure:
         mirror=_mirror(definition, body),
         probes=_probes(definition, body),
         groups=_groups(definition, body),
+        pushes=tuple(tuple(float(force) for force in row) for row in body.pushes) if body.pushes.any() else (),
     )
 
 

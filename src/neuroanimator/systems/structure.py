@@ -80,6 +80,7 @@ class Structure:
     `fold_controls`: pairs of controls that turn with it, as X and Y do.
     `is_odd`: negating state and control negates the motion (mirror symmetry).
     `cloud`: the mass points of a deformable body, which define its frame; `mirror`: its left and right.
+    `pushes`: (3, C) force [N] in the world per control, where controls are such forces; empty where they are not.
     `groups`: parts of it that move much on their own.
     `weighs`: whether the root feels gravity, so that up and down matter.
     """
@@ -96,6 +97,7 @@ class Structure:
     mirror: Mirror | None = None
     weighs: bool = True
     groups: tuple[Group, ...] = ()
+    pushes: tuple[tuple[float, ...], ...] = ()
 
 
 def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:

@@ -51,7 +51,7 @@ def build_emulator(data: Transitions, config: TrainingConfig) -> Emulator:
     system, sight = data.system, _sight(data, config)
     states, _, controls = sight.inner
     features, frame = sight.features, sight.frame
-    plain = features.plain_of(states, frame.local(states), controls)
+    plain = features.plain_of(states, frame.local(states), frame.seen_control(states, controls))
     odd_plain = np.array([features.is_odd and i not in features.even for i in range(plain.shape[1])])
     normaliser = _normaliser(plain, sight, odd_plain)
     modes = None if sight.modes is None else sight.modes.modes

@@ -26,6 +26,8 @@ class Recipe:
     """Examples from each run; 36 where contacts make rare events matter and physics is dear."""
     rare_share: float = 0.0
     """See `TrainingConfig`."""
+    modes: tuple[int, int] = (1, 1)
+    """Shapes of places and of speeds; of deformable bodies."""
 
     def data(self, system: str, substeps: int) -> DatasetConfig:
         """Return the dataset to train on."""
@@ -33,10 +35,20 @@ class Recipe:
 
     def training(self, seed: int = 0) -> TrainingConfig:
         """Return how to train; `seed` 0 is the emulator that ships."""
-        return training_config(widths=self.widths, updates=self.updates, rare_share=self.rare_share, seed=seed)
+        return training_config(
+            widths=self.widths,
+            updates=self.updates,
+            rare_share=self.rare_share,
+            place_modes=self.modes[0],
+            speed_modes=self.modes[1],
+            seed=seed,
+        )
 
 
 RECIPES = {
+    "cube": Recipe((96, 64), transitions=360_000, updates=80_000, picks=36, rare_share=0.5, modes=(18, 18)),
+    "dolphin": Recipe((96, 64), transitions=504_000, updates=100_000, picks=36, modes=(28, 40)),
+    "fish": Recipe((64,), transitions=504_000, updates=100_000, picks=36, modes=(36, 48)),
     "lander": Recipe((64, 48), transitions=1_440_000, updates=120_000, picks=36, rare_share=0.5),
     "pendulum": Recipe((96, 64), transitions=300_000, updates=300_000),
     "pendulum-passive": Recipe((64, 64), transitions=300_000, updates=300_000),
