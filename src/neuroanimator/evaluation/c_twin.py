@@ -95,12 +95,16 @@ class CTwin:
 
 def c_twin(body: Body, dtype: type[np.floating] = np.float32, lanes: int = 1) -> CTwin | None:
     """Return the C twin of `body`, compiled at the first call; None where there is no C compiler."""
-    compiler = find_compiler()
-    if compiler is None:
+    if find_compiler() is None:
         return None
-    text = c_source(body, "float" if dtype is np.float32 else "double", lanes)
-    library = _compiled(text, compiler)
+    library = compiled_library(c_source(body, "float" if dtype is np.float32 else "double", lanes))
     return library and CTwin(library, 6 * len(body.masses) + body.muscles.shape[1], dtype, lanes)
+
+
+def compiled_library(text: str) -> ctypes.CDLL | None:
+    """Return the library of the C program `text`; None without a compiler, or if it fails."""
+    compiler = find_compiler()
+    return None if compiler is None else _compiled(text, compiler)
 
 
 def find_compiler() -> str | None:

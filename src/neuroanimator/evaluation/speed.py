@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.emulator import UNROLL, Emulator
 from neuroanimator.evaluation.accuracy import HeldOut, scheme_error
-from neuroanimator.evaluation.speed_deformable import deformable_players, deformable_schemes, twin_error
+from neuroanimator.evaluation.speed_deformable import PLAIN, deformable_players, deformable_schemes, twin_error
 from neuroanimator.evaluation.speed_python import (
     FUNCTION_STEPS,
     PYTHON_FUNCTION,
@@ -80,6 +80,8 @@ class Speed:
     opponents: tuple[Opponent, ...]
     physics: str = "MuJoCo"
     """Who steps the physics: `MuJoCo` or a `C twin`, compiled, `JAX` without one, a `Python function`, which is not."""
+    tuned_seconds: float | None = None
+    """Per physics step of the same scheme by a program made for this body alone; None where there is none."""
 
 
 class _Rivalry(NamedTuple):
@@ -137,10 +139,20 @@ def measure_speed(emulator: Emulator, test: HeldOut, error: float, repeats: int 
         for scheme in sorted(rivalry.schemes, key=lambda scheme: (scheme.integrator, scheme.dt))
     ]
     rival = min((o for o in opponents if o.error <= error), key=lambda o: o.seconds)
-    own = per_step[system.scheme.integrator]
+    tuned = per_step[system.scheme.integrator]
+    own = per_step.get(PLAIN, tuned)
     nominal = own * emulator.identity.substeps / per_super_step
     equal = rival.seconds / per_super_step
-    return Speed(per_super_step, own, nominal, equal, rival, tuple(opponents), rivalry.physics)
+    return Speed(
+        per_super_step,
+        own,
+        nominal,
+        equal,
+        rival,
+        tuple(opponents),
+        rivalry.physics,
+        tuned if PLAIN in per_step else None,
+    )
 
 
 def measure_emulator(emulator: Emulator) -> float:

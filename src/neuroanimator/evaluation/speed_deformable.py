@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.evaluation.accuracy import HeldOut, runs_error, scheme_error
+from neuroanimator.evaluation.c_plain import plain_player
 from neuroanimator.evaluation.c_twin import INTEGRATORS, LANES, c_twin
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.mass_spring import Motion, advance
 from neuroanimator.systems.system import Runs, Scheme
 
 C_TWIN, JAX = "C twin", "JAX"
+
+PLAIN = "plain C"
+"""The own scheme as one writes it down in C, reading the body from tables as MuJoCo reads its model: what is nominal.
+The fastest program for this one body, its C twin, is the opponent of equal error."""
 
 NO_COMPILER = (
     "no C compiler was found, so the physics is timed in JAX; a C twin would be faster, and speed-ups smaller."
@@ -24,7 +30,7 @@ NO_COMPILER = (
 BATCH_STEPS = 200
 """Physics steps of every body in one timed run of a batch."""
 
-Player = Callable[[], None]
+Player = Callable[[], Any]
 
 
 def deformable_players(
@@ -40,7 +46,11 @@ def deformable_players(
     length, twin = steps // stretches, c_twin(system.body)
     if twin is not None:
         dt = system.physics_dt
-        return C_TWIN, {kind: twin.player(starts, controls, kind, dt, length) for kind in INTEGRATORS}
+        players: dict[str, Player] = {kind: twin.player(starts, controls, kind, dt, length) for kind in INTEGRATORS}
+        plain = plain_player(system.body, starts, controls, dt, length)
+        if plain is not None and system.scheme.integrator == "symplectic":
+            players[PLAIN] = plain
+        return C_TWIN, players
     return JAX, {kind: _one_by_one(system, starts, controls, kind, length) for kind in INTEGRATORS}
 
 

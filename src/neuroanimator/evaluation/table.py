@@ -24,7 +24,7 @@ from neuroanimator.training.recipe import RECIPES
 NOMINAL_1998 = {
     ("pendulum-passive", 25): 47, ("pendulum-passive", 50): 94, ("pendulum-passive", 100): 235,
     ("pendulum", 25): 38, ("pendulum", 50): 75, ("pendulum", 100): 151,
-    ("truck", 50): 70, ("lander", 50): 54,
+    ("truck", 50): 70, ("lander", 50): 54, ("dolphin", 50): 66,
 }  # fmt: skip
 """Speed-ups in Table 1 of the seminar paper: times for 20,000 physics steps, divided."""
 
@@ -61,6 +61,7 @@ def measure_row(emulators: list[Emulator], chunk_seconds: float, effort: Effort 
     figures = {
         **medians,
         "nominal_quartiles": quartiles([each.speed.nominal for each in found]),
+        "nominal_tuned_c": _nominal_tuned(first),
         "nominal_1998": NOMINAL_1998.get((first.system, first.substeps), ""),
         "one_step_quartiles": quartiles([each.one_step_error for each in found]),
         "one_step_error_shifted": shifted_error(shipped, effort),
@@ -80,6 +81,12 @@ def measure_row(emulators: list[Emulator], chunk_seconds: float, effort: Effort 
         **{f"physics_us_in_batch_{batch}": physics_batch_microseconds(shipped, batch) for batch in BATCHES},
     }
     return TableRow(figures, found)
+
+
+def _nominal_tuned(evaluation: Evaluation) -> float | str:
+    """Return the nominal speed-up against C made for this one body; empty where there is no such opponent."""
+    tuned, speed = evaluation.speed.tuned_seconds, evaluation.speed
+    return "" if tuned is None else tuned * evaluation.substeps / speed.emulator_seconds
 
 
 def _middle(values: list[Any]) -> Any:

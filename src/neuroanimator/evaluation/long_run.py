@@ -1,0 +1,97 @@
+"""Does a deformable body keep its shape over a hundred thousand super steps?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from neuroanimator.data.sampling import sample_controls, sample_starts
+from neuroanimator.emulator.correction import Correction, follow_corrected
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.systems.cloud import seen_by
+from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.systems.mass_spring import Motion, energy, strains
+
+BLOCK = 500
+"""Super steps rolled out at once."""
+LOOKED_AT = 25
+"""Super steps from one look at the body to the next."""
+MEASURES = ("strain", "energy", "shape")
+
+
+@dataclass(frozen=True)
+class LongRun:
+    """The extremes of a body's shape, over those training showed."""
+
+    steps: int
+    alive: int
+    """Starts whose numbers stayed finite."""
+    starts: int
+    worst: dict[str, float]
+    """Per measure, the largest seen over the largest in training."""
+    typical: dict[str, float]
+    """Per measure, the median in the last tenth of the run over the median in training."""
+    inside: int
+    """Starts that stayed within what training showed plus a tenth, in every measure."""
+
+
+def measures(system: DeformableSystem, states: np.ndarray | jax.Array) -> jax.Array:
+    """Return (3, ...) of states (..., S): largest strain, energy [J], rms distance of the shape from rest [m]."""
+    size, cloud = 3 * len(system.body.masses), system.structure.cloud
+    assert cloud is not None
+    flat = jnp.moveaxis(jnp.asarray(states).reshape(-1, states.shape[-1]), 0, -1)
+    places, speeds = (flat[i * size : (i + 1) * size].reshape(-1, 3, flat.shape[-1]) for i in range(2))
+    motion = Motion(places, speeds, flat[2 * size :])
+    points = jnp.moveaxis(places, -1, 0)
+    seen = seen_by(cloud.turn(points), points - cloud.centroid(points)[:, None])
+    shape = jnp.sqrt(jnp.mean(jnp.sum((seen - jnp.asarray(cloud.places)) ** 2, axis=-1), axis=-1))
+    found = jnp.stack([jnp.abs(strains(system.body, places)).max(axis=0), energy(system.body, motion), shape])
+    return found.reshape(3, *states.shape[:-1])
+
+
+def measure_long_run(
+    emulator: Emulator,
+    system: DeformableSystem,
+    training: np.ndarray,
+    correction: Correction | None,
+    *,
+    every: int = 1,
+    starts: int = 100,
+    steps: int = 100_000,
+    seed: int = 3,
+    on_block: Callable[[int], None] = lambda done: None,
+) -> LongRun:
+    """Return how far bodies stray under random swimming, against the states `training` (N, S) showed."""
+    rng = np.random.default_rng(seed)
+    known = np.asarray(jax.jit(lambda states: measures(system, states))(jnp.asarray(training, jnp.float32)))
+    inner = jnp.asarray(emulator.encode(sample_starts(system, rng, starts)), jnp.float32)
+    roll = eqx.filter_jit(lambda inner, controls: _block(emulator, system, correction, every, inner, controls))
+    largest, late = np.zeros((3, starts)), []
+    for done in range(0, steps, BLOCK):
+        one = [sample_controls(rng, BLOCK, emulator.dt, system.bounds, system.gait) for _ in range(starts)]
+        inner, seen = roll(inner, jnp.asarray(emulator.encode_control(np.stack(one)), jnp.float32))
+        seen = np.asarray(seen)
+        largest = np.maximum(largest, np.where(np.isfinite(seen), seen, np.inf).max(axis=2))
+        late += [seen] if done >= 0.9 * steps else []
+        on_block(done + BLOCK)
+    ratios = largest / known.max(axis=1)[:, None]
+    middle = np.median(np.concatenate(late, axis=2), axis=(1, 2)) / np.median(known, axis=1)
+    return LongRun(
+        steps=steps,
+        alive=int(np.isfinite(largest).all(axis=0).sum()),
+        starts=starts,
+        worst=dict(zip(MEASURES, map(float, ratios.max(axis=1)), strict=True)),
+        typical=dict(zip(MEASURES, map(float, middle), strict=True)),
+        inside=int((ratios <= 1.1).all(axis=0).sum()),
+    )
+
+
+def _block(emulator, system, correction, every, inner, controls):
+    """Return (states at the end, measures (3, B, looks)) of a block of super steps."""
+    path = jax.vmap(lambda start, held: follow_corrected(emulator, start, held, correction, every))(inner, controls)
+    return path[:, -1], measures(system, emulator.decode(path[:, LOOKED_AT - 1 :: LOOKED_AT]))

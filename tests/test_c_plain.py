@@ -1,0 +1,26 @@
+"""The plain C loop is the physics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from neuroanimator import load_system
+from neuroanimator.evaluation.c_plain import plain_player
+from neuroanimator.evaluation.c_twin import find_compiler
+
+
+@pytest.mark.parametrize("name", ["fish", "dolphin", "cube"])
+def test_plain_c_equals_the_physics(name: str):
+    system = load_system(name)
+    rng = np.random.default_rng(0)
+    starts = system.sample_starts(rng, 5)
+    controls = rng.uniform(-1, 1, (5, system.control.size))
+    play = plain_player(system.body, starts, controls, system.physics_dt, 20)
+    if find_compiler() is None:
+        assert play is None
+        return
+    same = system.simulate(starts, controls[:, None], 20 * system.physics_dt, scheme=system.scheme).states[:, 1]
+    found = play()
+    assert np.abs(found - same).max() < 1e-4 * np.abs(same).max()
+    assert np.abs(found - starts).max() > 100 * np.abs(found - same).max()
