@@ -44,6 +44,12 @@ PART_TITLES = {
 OTHER_DOORS = {".py": propose_function, ".csv": propose_recording, ".npz": propose_recording}
 """What is not a model: a step function, recordings."""
 
+GROUP_HINT = """
+# Limbs, or other parts of the body, and their joints: with them 'train --network hierarchy' works.
+# [groups]
+# limb = ["JOINT"]
+"""
+
 GOAL_HINT = """
 # A goal for 'neuroanimator control': a state, or part of one, to be in at the end.
 # [goals.there]
@@ -102,12 +108,14 @@ def as_toml(proposal: Proposal) -> str:
         if key in values
     }
     values.pop("goals", None)
+    values.pop("groups", None)
     source, titles = (top["model"], TITLES) if is_model else (top["file"], PART_TITLES)
     lines = [f"# How NeuroAnimator sees {source}. Edit what you know better; every line is checked when used."]
     lines += [_line(key, value, proposal.notes.get(key, "")) for key, value in top.items()]
     for name, table in values.items():
         write: Any = _parts if isinstance(table, list) else _table
         lines += write(name, table, proposal.notes, titles)
+    lines += GROUP_HINT.splitlines() if is_model else []
     hint = GOAL_HINT + ", ".join(proposal.parts) + "\n"
     return "\n".join(lines) + "\n" + (hint if "goals" in type(definition).model_fields else "")
 

@@ -142,7 +142,7 @@ def check_parts(parts: tuple[Part, ...], odd: int, even: int, out: int, widths: 
     answered = sorted(entry for part in parts for entry in part.answers)
     if len(parts) < 2 or answered != list(range(out)):
         raise ArgumentError("hierarchy: every number of the change must belong to exactly one of two or more parts.")
-    if widths.count(0) != 1 or 0 in (widths[0], widths[-1]):
+    if widths.count(0) != 1 or 0 in (widths[0], widths[-1]) or min(widths) < 0:
         raise ArgumentError(f"widths: wanted the upper network's layers, 0, a child's layers; came {list(widths)}.")
     for number, part in enumerate(parts[1:]):
         inside = all(0 <= i < odd for i in part.odd) and all(0 <= i < even for i in part.even)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 
 from neuroanimator.emulator.features import Features
@@ -9,6 +11,7 @@ from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.grouped_modes import GroupedModes
 from neuroanimator.emulator.hierarchy import Part
 from neuroanimator.emulator.modes import Modes, mixing
+from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.structure import Group, Structure
 
 RIGID_CHANGES = 12
@@ -69,21 +72,33 @@ def _part(
 def parts_of_joints(structure: Structure, frame: Frame, features: Features, controls: int) -> tuple[Part, ...]:
     """Return who sees and answers what of a model with joints: the upper network sees all and answers for the rest.
 
-    A child sees its joints, their motors and how the root moves, and hears what becomes of the rest.
+    The rest is what is in no group: the root, and joints left out. A child sees its own joints, their motors and
+    the rest as it is now, and hears what becomes of the rest.
     """
     angles, plain = np.asarray(features.angles), features.plain
     first = 2 * len(angles)
-    seen = first + len(plain) + frame.local_size + controls
     local = range(first + len(plain), first + len(plain) + frame.local_size)
+    motors = range(local.stop, local.stop + controls)
     changes = frame.change_entries(angles.shape[1])
     grouped = {entry for group in structure.groups for entry in group.entries}
-    rest = tuple(sorted({c for entry, cs in enumerate(changes) if entry not in grouped for c in cs}))
-    parts = [Part("body", tuple(range(seen)), (), rest)]
+    left = [entry for entry in range(angles.shape[1]) if entry not in grouped]
+    rest = _changed(changes, left)
+    if not rest:
+        raise ArgumentError("groups: every joint is in one. Leave out those that carry the others, such as a waist.")
+    parts = [Part("body", tuple(range(motors.stop)), (), rest)]
     for group in structure.groups:
-        turned = np.flatnonzero(np.abs(angles[:, list(group.entries)]).sum(axis=1)) if len(angles) else []
-        own = [i for row in turned for i in (int(row), int(row) + len(angles))]
-        own += [first + plain.index(entry) for entry in group.entries if entry in plain]
-        motors = [seen - controls + motor for motor in group.controls]
-        answers = tuple(sorted({c for entry in group.entries for c in changes[entry]}))
-        parts.append(Part(group.name, (*own, *local, *motors), (), answers, hears=rest))
+        seen = {*_seen_of(angles, plain, group.entries), *_seen_of(angles, plain, left), *local}
+        seen |= {motors[motor] for motor in group.controls}
+        parts.append(Part(group.name, tuple(sorted(seen)), (), _changed(changes, group.entries), hears=rest))
     return tuple(parts)
+
+
+def _changed(changes: list[tuple[int, ...]], entries: Iterable[int]) -> tuple[int, ...]:
+    return tuple(sorted({number for entry in entries for number in changes[entry]}))
+
+
+def _seen_of(angles: np.ndarray, plain: tuple[int, ...], entries: Sequence[int]) -> list[int]:
+    """Return the features that show state `entries`: sines and cosines of angles they take part in, and themselves."""
+    rows = [int(row) for row in np.flatnonzero(np.abs(angles[:, list(entries)]).sum(axis=1))]
+    places = [2 * len(angles) + i for i, entry in enumerate(plain) if entry in entries]
+    return [*rows, *(row + len(angles) for row in rows), *places]

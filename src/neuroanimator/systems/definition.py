@@ -105,6 +105,8 @@ class Definition(_Table):
     sensors: tuple[str, ...] = ()
     """Sensors that are emulated too."""
     frame: FrameTable = FrameTable()
+    groups: dict[PartName, tuple[str, ...]] = {}
+    """Per limb or other part of the body its joints, no joint twice; of a hierarchy's networks."""
     sampling: Sampling = Sampling()
     goals: dict[Name, GoalTable] = {}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
@@ -9,6 +11,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.definition import Definition, GoalTable
 from neuroanimator.systems.layout import Bounds, Layout, Slice
 from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.mujoco_groups import groups_of
 from neuroanimator.systems.mujoco_skeleton import skeleton_of
 from neuroanimator.systems.mujoco_structure import (
     JointView,
@@ -35,7 +38,8 @@ class ModelSystem(MujocoSystem):
         self.sensors = sensor_entries(model, definition.sensors)
         self.state = state_layout(model, self.views, definition.sensors)
         self.control, self.bounds = _controls(model, definition)
-        self.structure = structure_of(model, self.views, definition.frame, self.control, self.state.size)
+        structure = structure_of(model, self.views, definition.frame, self.control, self.state.size)
+        self.structure = replace(structure, groups=groups_of(model, self.views, definition.groups))
         physics = definition.physics
         self.scheme = Scheme(physics.integrator, physics.step)
         self.truth = Scheme(physics.truth_integrator, physics.truth_step)
