@@ -1,6 +1,9 @@
 """Deformable bodies, part by part; each writes results/deformables_PART.csv.
 
 python benchmarks/deformables.py physics          what the physics costs in C and in JAX, and how exact it is
+python benchmarks/deformables.py accuracy         shipped emulators after one super step and after a hundred
+python benchmarks/deformables.py long             100,000 super steps, with and without correction
+python benchmarks/deformables.py hierarchy        flat networks against hierarchies of equal cost
 python benchmarks/deformables.py physics --quick  fewer repeats; writes no file
 """
 
@@ -12,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from deformable_emulators import accuracy_rows, deformable, hierarchy_rows, long_rows
 
 from neuroanimator.bench import describe_machine, write_csv
 from neuroanimator.evaluation.accuracy import HeldOut, make_test
@@ -24,7 +28,6 @@ from neuroanimator.evaluation.speed_deformable import (
     random_bodies,
     twin_error,
 )
-from neuroanimator.systems import load_system
 from neuroanimator.systems.body import largest_step
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.system import Scheme
@@ -48,13 +51,6 @@ Rows = list[dict[str, Any]]
 def physics_rows(repeats: int) -> Rows:
     """Return a row per system and integrator; every time is of one body's one step [µs]."""
     return [row for name in SYSTEMS for row in system_rows(deformable(name), repeats)]
-
-
-def deformable(name: str) -> DeformableSystem:
-    """Return the system of that name."""
-    system = load_system(name)
-    assert isinstance(system, DeformableSystem)
-    return system
 
 
 def system_rows(system: DeformableSystem, repeats: int) -> Rows:
@@ -120,7 +116,12 @@ def simulated(system: DeformableSystem) -> HeldOut:
     return make_test(system, dt, runs.states[runs.is_alive], controls[runs.is_alive])
 
 
-PARTS: dict[str, Callable[[int], Rows]] = {"physics": physics_rows}
+PARTS: dict[str, Callable[[int], Rows]] = {
+    "physics": physics_rows,
+    "accuracy": accuracy_rows,
+    "long": long_rows,
+    "hierarchy": hierarchy_rows,
+}
 """By name, what makes a part's rows from the number of repeats."""
 
 

@@ -45,7 +45,7 @@ def run_table(wanted: Wanted, out: Path, *, is_quick: bool, seeds: int) -> tuple
             emulators = [Emulator.load(find_emulator(f"{system}-{n}"))]
             emulators += [cook(system, n, out, seed=seed)[0] for seed in range(1, seeds)]
             if system not in chunk_seconds:
-                chunk_seconds[system] = time_chunk(emulators[0], RECIPES[system].training())
+                chunk_seconds[system] = time_chunk(emulators[0], RECIPES[system].training(n))
             rows.append(measure_row(emulators, chunk_seconds[system], QUICK if is_quick else THOROUGH))
     figures = [row.figures for row in rows]
     table, plot = out / "table1.csv", out / "work-precision.png"

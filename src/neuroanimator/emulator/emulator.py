@@ -84,7 +84,15 @@ class Emulator(eqx.Module):
         return self.decode(self.advance(self.encode(state), self.encode_control(control)))
 
     def advance(self, inner: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " I"]:
-        """Return `step` in the numbers it is made in: those of `encode` and `encode_control`."""
+        """Return `step` in the numbers it is made in: those of `encode` and `encode_control`.
+
+        A deformable body's shape and speed are kept within what training showed.
+        """
+        following = self.leap(inner, control)
+        return following if self.modes is None else self.modes.bounded(following)
+
+    def leap(self, inner: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " I"]:
+        """Return what the network makes of `inner`: `advance` before anything is kept within bounds."""
         plain = self.normaliser.forward(self.domain.clip(self.seen(inner, control)))
         change = self.normaliser.inverse(self.network(*self.features.streams(inner, plain)))
         return self.frame.apply(inner, change, control)
@@ -154,11 +162,17 @@ def rollout(emulator: Emulator, state: Float[Array, " S"], controls: Float[Array
     return jnp.concatenate([state[None], emulator.decode(inner)])
 
 
-def follow(emulator: Emulator, inner: Float[Array, " I"], controls: Float[Array, "T C"]) -> Float[Array, "T I"]:
-    """Return the trajectory after `inner`, all in the numbers in which the super step is made."""
+def follow(
+    emulator: Emulator, inner: Float[Array, " I"], controls: Float[Array, "T C"], *, is_bounded: bool = True
+) -> Float[Array, "T I"]:
+    """Return the trajectory after `inner`, all in the numbers in which the super step is made.
+
+    Training follows the network alone: what bounds do to a stray body teaches nothing.
+    """
+    one = emulator.advance if is_bounded else emulator.leap
 
     def advance(inner, control):
-        following = emulator.advance(inner, control)
+        following = one(inner, control)
         return following, following
 
     return jax.lax.scan(advance, inner, controls, unroll=UNROLL)[1]

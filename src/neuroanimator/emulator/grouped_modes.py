@@ -47,7 +47,7 @@ def fit_grouped_modes(structure: Structure, states: np.ndarray, local: int) -> G
         odd_places=odd_q,
         odd_speeds=odd_p,
     )
-    return GroupedModes(modes, own_q, own_p)
+    return GroupedModes(modes.with_reach(states), own_q, own_p)
 
 
 def _mirrored_mean(structure: Structure, mean: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.features import reordered
-from neuroanimator.emulator.network import Glu, Mirrored, Network
+from neuroanimator.emulator.network import LinearGlu, Mirrored, Network
 from neuroanimator.errors import ArgumentError
 
 Entries = tuple[int, ...]
@@ -43,8 +43,8 @@ class Part:
 class Hierarchy(Network):
     """An upper network, and children side by side in one computation, each padded to the largest."""
 
-    upper: Glu | Mirrored
-    children: Glu | Mirrored
+    upper: LinearGlu | Mirrored
+    children: LinearGlu | Mirrored
     """Arrays have a leading axis: one entry for each child with weights of its own."""
     parts: tuple[Part, ...] = eqx.field(static=True)
     """The upper one first."""
@@ -71,12 +71,12 @@ class Hierarchy(Network):
         make = lambda key: self._make(parts[1:], widths[middle + 1 :], key)  # noqa: E731
         self.children = eqx.filter_vmap(make)(jax.random.split(keys[1], own))
 
-    def _make(self, parts: tuple[Part, ...], widths: tuple[int, ...], key: PRNGKeyArray) -> Glu | Mirrored:
+    def _make(self, parts: tuple[Part, ...], widths: tuple[int, ...], key: PRNGKeyArray) -> LinearGlu | Mirrored:
         """Return a network large enough for each of `parts`; its odd answers come first."""
         odd_in, even_in = (max(len(self._inputs(part)[i]) for part in parts) for i in range(2))
         odd_out, even_out = (max(len(self._answers(part)[i]) for part in parts) for i in range(2))
         if not self.even:
-            return Glu(odd_in, even_in, odd_out, widths, key=key)
+            return LinearGlu(odd_in, even_in, odd_out, widths, key=key)
         rising = tuple(range(odd_out, odd_out + even_out))
         return Mirrored(odd_in, even_in, odd_out + even_out, widths, key=key, even_out=rising)
 
@@ -105,7 +105,7 @@ class Hierarchy(Network):
         answers = eqx.filter_vmap(lambda network, *both: network(*both))(self._weights(), *seen)
         return reordered(jnp.concatenate([told, answers.ravel()]), self._order(answers.shape[1]))
 
-    def _weights(self) -> Glu | Mirrored:
+    def _weights(self) -> LinearGlu | Mirrored:
         """Return the children's networks, one entry per child."""
         own = iter(range(len(self.parts)))
         rows: list[int] = []

@@ -6,6 +6,7 @@ smaller, faster and cannot tear the body apart: whatever it predicts is a mixtur
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,6 +20,12 @@ from neuroanimator.systems.structure import Mirror, Segment, Structure
 
 RIGID = 13
 """Numbers of the frame: place, quaternion, velocity, spin."""
+
+HARDLY_EXCEEDED = 0.9995
+"""Share of the training states within the reach of the modes."""
+
+SMALLEST_SPREAD, TINY = 1e-9, 1e-12
+"""Modes that never vary, and motions that stand still, are not divided by zero."""
 
 
 class Modes(eqx.Module):
@@ -34,6 +41,11 @@ class Modes(eqx.Module):
     """Orthonormal; how mass points move besides the frame's motion, per mode of speeds [m/s]."""
     mean_place: Float[Array, " 3*N"]
     mean_speed: Float[Array, " 3*N"]
+    spread: Float[Array, " Q+P"]
+    """Standard deviation of every mode in training, in their order within the few numbers."""
+    reach: Float[Array, " 4"]
+    """What training hardly exceeded: rms of the modes of places and of speeds in standard deviations, speed [m/s],
+    spin [rad/s]."""
     cloud: Cloud = eqx.field(static=True)
     mirror: Mirror | None = eqx.field(static=True)
     odd_places: int = eqx.field(static=True)
@@ -74,7 +86,8 @@ class Modes(eqx.Module):
             mirror = Mirror(*(tuple(int(i) for i in part) for part in described["mirror"]))
             if not _swaps(mirror.points, cloud.count) or not _swaps(mirror.controls, controls):
                 raise ValueError("modes: a mirror that does not pair left and right")
-        arrays = jnp.zeros((size, q)), jnp.zeros((size, p)), jnp.zeros(size), jnp.zeros(size)
+        bases = jnp.zeros((size, q)), jnp.zeros((size, p)), jnp.zeros(size), jnp.zeros(size)
+        arrays = *bases, jnp.zeros(q + p), jnp.zeros(4)
         return cls(*arrays, cloud, mirror, odd_q, odd_p, muscles, float(described["response"]))
 
     def encode(self, state: Numbers) -> Numbers:
@@ -126,6 +139,41 @@ class Modes(eqx.Module):
             xp.concat([modes[..., :a], even_places], axis=-1),
             xp.concat([modes[..., a : a + b], modes[..., b + q :]], axis=-1),
         )
+
+    def bounded(self, inner: Float[Array, " I"]) -> Float[Array, " I"]:
+        """Return `inner` (I,) with shape, swing, speed and spin shrunk to what training showed, if they are beyond it.
+
+        It keeps a body in shape for ever: see `docs/decisions/0008-long-runs.md`.
+        """
+        velocity, spin, modes = inner[7:10], inner[10:RIGID], inner[RIGID : RIGID + self.count]
+        size = (modes / self.spread) ** 2
+        shape = self._is_place()
+        squares = (
+            jnp.mean(size, where=shape), jnp.mean(size, where=~shape), jnp.sum(velocity**2), jnp.sum(spin**2)
+        )  # fmt: skip
+        kept = [jnp.minimum(1.0, self.reach[i] / jnp.sqrt(square + TINY)) for i, square in enumerate(squares)]
+        shrunk = modes * jnp.where(shape, kept[0], kept[1])
+        parts = inner[:7], velocity * kept[2], spin * kept[3], shrunk, inner[RIGID + self.count :]
+        return jnp.concatenate(parts)
+
+    def _is_place(self) -> np.ndarray:
+        """Return (K,) which modes, in their order within the few numbers, are of places."""
+        q, p = self.places.shape[1], self.speeds.shape[1]
+        a, b = self.odd_places, self.odd_speeds
+        return np.repeat([True, False, True, False], [a, b, q - a, p - b])
+
+    def with_reach(self, states: np.ndarray) -> Modes:
+        """Return the modes with spread and reach of the bodies in `states` (B, S)."""
+        inner = self.encode(np.asarray(states, float))
+        modes = inner[:, RIGID : RIGID + self.count]
+        spread = np.maximum(modes.std(axis=0), SMALLEST_SPREAD)
+        size, shape = (modes / spread) ** 2, self._is_place()
+        seen = (
+            np.sqrt(size[:, shape].mean(axis=1)), np.sqrt(size[:, ~shape].mean(axis=1)),
+            np.linalg.norm(inner[:, 7:10], axis=1), np.linalg.norm(inner[:, 10:RIGID], axis=1),
+        )  # fmt: skip
+        reach = np.array([np.quantile(each, HARDLY_EXCEEDED) for each in seen])
+        return replace(self, spread=jnp.asarray(spread, jnp.float32), reach=jnp.asarray(reach, jnp.float32))
 
     def encode_control(self, control: Numbers) -> Numbers:
         """Return (..., C) what left and right do oppositely, then what they do alike."""
@@ -252,16 +300,19 @@ def fit_modes(structure: Structure, states: np.ndarray, place_modes: int, speed_
     response = next((s.response for s in structure.segments if s.kind == "follower"), 0.0)
     every = jnp.eye(size), jnp.eye(size)
     muscles = sum(segment.size for segment in structure.segments if segment.kind == "follower")
-    whole = Modes(*every, jnp.zeros(size), jnp.zeros(size), cloud, None, size, size, muscles, response)
+    nothing = jnp.zeros(size), jnp.zeros(size), jnp.ones(2 * size), jnp.ones(4)
+    whole = Modes(*every, *nothing, cloud, None, size, size, muscles, response)
     inner = whole.encode(np.asarray(states, float))[:, RIGID:]
     reflect = None if mirror is None else reflection(mirror)
     places = principal(inner[:, :size], min(place_modes, size), reflect)
     speeds = principal(inner[:, size : 2 * size], min(speed_modes, size), reflect)
-    return Modes(
+    modes = Modes(
         places=jnp.asarray(places.directions, jnp.float32),
         speeds=jnp.asarray(speeds.directions, jnp.float32),
         mean_place=jnp.asarray(places.mean, jnp.float32),
         mean_speed=jnp.asarray(speeds.mean, jnp.float32),
+        spread=jnp.ones(places.directions.shape[1] + speeds.directions.shape[1]),
+        reach=jnp.ones(4),
         cloud=cloud,
         mirror=mirror,
         odd_places=places.odd,
@@ -269,3 +320,4 @@ def fit_modes(structure: Structure, states: np.ndarray, place_modes: int, speed_
         muscles=muscles,
         response=response,
     )
+    return modes.with_reach(states)

@@ -188,6 +188,25 @@ class Glu(Network):
         return units @ self.out
 
 
+class LinearGlu(Network):
+    """A linear map plus the layers of `Glu`, as `Mirrored` has one: what is nearly linear needs no units."""
+
+    glu: Glu
+    linear: Float[Array, "I S"]
+
+    def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray):
+        self.glu = Glu(odd, even, out, widths, key=key)
+        self.linear = jnp.zeros((odd + even, out))
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        return self.glu.widths
+
+    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+        seen = jnp.concatenate([odd, even]) if even.shape[0] else odd
+        return self.glu(odd, even) + seen @ self.linear
+
+
 def _check_halves(widths: tuple[int, ...]) -> None:
     if any(width % 2 for width in widths):
         raise ArgumentError(f"widths: gated layers are half odd, half even units; came {list(widths)}, want even.")

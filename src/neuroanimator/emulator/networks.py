@@ -5,14 +5,16 @@ from __future__ import annotations
 from jaxtyping import PRNGKeyArray
 
 from neuroanimator.emulator.hierarchy import Hierarchy, Part
-from neuroanimator.emulator.network import Classic, Gated, Glu, Mirrored, Network
+from neuroanimator.emulator.network import Classic, Gated, Glu, LinearGlu, Mirrored, Network
 from neuroanimator.errors import ArgumentError
 
 NETWORKS: dict[str, type[Network]] = {
-    "classic": Classic, "gated": Gated, "glu": Glu, "hierarchy": Hierarchy, "mirrored": Mirrored,
+    "classic": Classic, "gated": Gated, "glu": Glu, "linear-glu": LinearGlu, "hierarchy": Hierarchy,
+    "mirrored": Mirrored,
 }  # fmt: skip
 DEFAULT_WIDTHS = {
-    "classic": (40,), "gated": (96, 64), "glu": (96, 64), "hierarchy": (48, 0, 24), "mirrored": (96, 64),
+    "classic": (40,), "gated": (96, 64), "glu": (96, 64), "linear-glu": (96, 64), "hierarchy": (48, 0, 24),
+    "mirrored": (96, 64),
 }  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -61,6 +62,7 @@ def measure_long_run(
     correction: Correction | None,
     *,
     every: int = 1,
+    is_bounded: bool = True,
     starts: int = 100,
     steps: int = 100_000,
     seed: int = 3,
@@ -70,7 +72,9 @@ def measure_long_run(
     rng = np.random.default_rng(seed)
     known = np.asarray(jax.jit(lambda states: measures(system, states))(jnp.asarray(training, jnp.float32)))
     inner = jnp.asarray(emulator.encode(sample_starts(system, rng, starts)), jnp.float32)
-    roll = eqx.filter_jit(lambda inner, controls: _block(emulator, system, correction, every, inner, controls))
+    way = partial(follow_corrected, emulator, correction=correction, every=every, is_bounded=is_bounded)
+    decode = emulator.decode
+    roll = eqx.filter_jit(lambda inner, controls: _block(way, decode, system, inner, controls))
     largest, late = np.zeros((3, starts)), []
     for done in range(0, steps, BLOCK):
         one = [sample_controls(rng, BLOCK, emulator.dt, system.bounds, system.gait) for _ in range(starts)]
@@ -91,7 +95,7 @@ def measure_long_run(
     )
 
 
-def _block(emulator, system, correction, every, inner, controls):
+def _block(way, decode, system, inner, controls):
     """Return (states at the end, measures (3, B, looks)) of a block of super steps."""
-    path = jax.vmap(lambda start, held: follow_corrected(emulator, start, held, correction, every))(inner, controls)
-    return path[:, -1], measures(system, emulator.decode(path[:, LOOKED_AT - 1 :: LOOKED_AT]))
+    path = jax.vmap(way)(inner, controls)
+    return path[:, -1], measures(system, decode(path[:, LOOKED_AT - 1 :: LOOKED_AT]))

@@ -132,10 +132,10 @@ def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: 
     Both are estimated from this machine's own speed: physics steps of the teacher, and a timed stretch of training.
     """
     recipe, speed, system = RECIPES[evaluation.system], evaluation.speed, system_of(emulator)
-    runs = recipe.transitions / recipe.picks
+    runs = recipe.data(evaluation.system, evaluation.substeps).runs
     per_step = next(o.seconds for o in speed.opponents if o.scheme == system.truth) / system.truth.steps(emulator.dt)
     data_seconds = runs * RUN_STEPS * system.truth.steps(emulator.dt) * per_step
-    training_seconds = chunk_seconds * recipe.updates / UPDATES_PER_CHUNK
+    training_seconds = chunk_seconds * recipe.training(evaluation.substeps).updates / UPDATES_PER_CHUNK
     saved = (speed.physics_seconds * evaluation.substeps - speed.emulator_seconds) / emulator.dt
     return (data_seconds + training_seconds) / saved / 3600
 

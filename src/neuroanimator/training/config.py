@@ -24,7 +24,7 @@ class TrainingConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    network: Literal["gated", "classic", "glu", "mirrored", "hierarchy"] = "gated"
+    network: Literal["gated", "classic", "glu", "linear-glu", "mirrored", "hierarchy"] = "gated"
     widths: tuple[int, ...] = ()
     optimizer: Literal["muon", "adam", "momentum"] = "muon"
     learning_rate: float = Field(0.0, ge=0, lt=10, allow_inf_nan=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -20,7 +22,7 @@ def squared_error(
     States and controls are those of `Emulator.encode`. `weights` make rows count more or less; their mean
     should be one.
     """
-    found = jax.vmap(follow, in_axes=(None, 0, 0))(emulator, states[:, 0], controls)
+    found = jax.vmap(partial(follow, emulator, is_bounded=False))(states[:, 0], controls)
     off = emulator.frame.difference(states[:, 1:], found) / emulator.normaliser.unit
     return jnp.mean(off**2 if weights is None else off**2 * weights[:, None, None], axis=0)
 

@@ -11,6 +11,7 @@ from neuroanimator.data.generate import generate
 from neuroanimator.data.transitions import DatasetConfig, dataset_config, read_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.shipped import shipped_path
+from neuroanimator.systems.own import USUAL_SUBSTEPS
 from neuroanimator.training.config import TrainingConfig, training_config
 from neuroanimator.training.train import Report, train
 
@@ -26,18 +27,24 @@ class Recipe:
     """Examples from each run; 36 where contacts make rare events matter and physics is dear."""
     rare_share: float = 0.0
     """See `TrainingConfig`."""
+    aside: float = 1.0
+    """Share of transitions and updates for other super steps than of 50 physics steps."""
     modes: tuple[int, int] = (1, 1)
     """Shapes of places and of speeds; of deformable bodies."""
 
     def data(self, system: str, substeps: int) -> DatasetConfig:
         """Return the dataset to train on."""
-        return dataset_config(system=system, substeps=substeps, count=self.transitions, picks=self.picks)
+        count = round(self.transitions * self._share(substeps))
+        return dataset_config(system=system, substeps=substeps, count=count, picks=self.picks)
 
-    def training(self, seed: int = 0) -> TrainingConfig:
+    def _share(self, substeps: int) -> float:
+        return 1.0 if substeps == USUAL_SUBSTEPS else self.aside
+
+    def training(self, substeps: int, seed: int = 0) -> TrainingConfig:
         """Return how to train; `seed` 0 is the emulator that ships."""
         return training_config(
             widths=self.widths,
-            updates=self.updates,
+            updates=round(self.updates * self._share(substeps)),
             rare_share=self.rare_share,
             place_modes=self.modes[0],
             speed_modes=self.modes[1],
@@ -46,9 +53,9 @@ class Recipe:
 
 
 RECIPES = {
-    "cube": Recipe((96, 64), transitions=360_000, updates=80_000, picks=36, rare_share=0.5, modes=(18, 18)),
-    "dolphin": Recipe((96, 64), transitions=504_000, updates=100_000, picks=36, modes=(28, 40)),
-    "fish": Recipe((64,), transitions=504_000, updates=100_000, picks=36, modes=(36, 48)),
+    "cube": Recipe((96, 64), transitions=360_000, updates=80_000, picks=36, rare_share=0.5, modes=(18, 18), aside=0.5),
+    "dolphin": Recipe((96, 64), transitions=504_000, updates=100_000, picks=36, modes=(28, 40), aside=0.5),
+    "fish": Recipe((64,), transitions=504_000, updates=100_000, picks=36, modes=(36, 48), aside=0.5),
     "lander": Recipe((64, 48), transitions=1_440_000, updates=120_000, picks=36, rare_share=0.5),
     "pendulum": Recipe((96, 64), transitions=300_000, updates=300_000),
     "pendulum-passive": Recipe((64, 64), transitions=300_000, updates=300_000),
@@ -69,4 +76,4 @@ def cook(
     generate(recipe.data(system, substeps), data)
     name = shipped_path(system, substeps).name
     out = folder / (name if seed == 0 else name.replace(".emulator", f"-seed-{seed}.emulator"))
-    return train(read_transitions(data), recipe.training(seed), out, on_report=on_report), out
+    return train(read_transitions(data), recipe.training(substeps, seed), out, on_report=on_report), out

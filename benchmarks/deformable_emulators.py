@@ -1,0 +1,170 @@
+"""Parts of deformables.py about emulators: how exact, how lasting, flat or in a hierarchy."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from neuroanimator import Emulator, find_emulator, load_system
+from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.data.transitions import Transitions, dataset_config
+from neuroanimator.emulator.correction import relaxed
+from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, root_mean_square
+from neuroanimator.evaluation.blow_ups import count_blow_ups
+from neuroanimator.evaluation.long_run import measure_long_run
+from neuroanimator.evaluation.speed import TIMED_SUPER_STEPS, emulator_player, interleaved, one_core
+from neuroanimator.evaluation.swimming import compare_swims
+from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.training.config import training_config
+from neuroanimator.training.train import train
+
+Rows = list[dict[str, Any]]
+COUNTS = (25, 50, 100)
+SWIM_STEPS, SWIMS = 100, 64
+LONG_STEPS, LONG_STARTS = 100_000, 100
+KNOWN_RUNS = 36 * 1_000
+"""Training states a long run is measured against."""
+
+
+def deformable(name: str) -> DeformableSystem:
+    """Return the system of that name."""
+    system = load_system(name)
+    assert isinstance(system, DeformableSystem)
+    return system
+
+
+def accuracy_rows(repeats: int) -> Rows:
+    """Return a row per shipped emulator: one step, a hundred steps, and what its modes cannot show."""
+    names = [f"{name}-{n}" for name in ("fish", "dolphin", "cube") for n in COUNTS]
+    return [accuracy_row(Emulator.load(find_emulator(name)), quick=repeats < 5) for name in names]
+
+
+def accuracy_row(emulator: Emulator, *, quick: bool) -> dict[str, Any]:
+    """Return the errors of one emulator; quartiles are over swims."""
+    system, test = deformable(emulator.identity.system), held_out_runs(emulator, 8 if quick else 32)
+    swims = compare_swims(emulator, system, 16 if quick else SWIMS, SWIM_STEPS)
+    errors, last = one_step_error(emulator, test), -1
+    size = 3 * len(system.body.masses)
+    shown = np.asarray(emulator.decode(np.asarray(emulator.encode(test.transitions[2]))))
+    floor = test.frame.difference(test.transitions[2], shown) / test.change_scale
+    return {
+        "system": system.name,
+        "substeps": emulator.identity.substeps,
+        "one_step_error": float(root_mean_square(errors)),
+        "places": float(root_mean_square(errors[:size])),
+        "speeds": float(root_mean_square(errors[size:])),
+        "least_with_these_modes": float(root_mean_square(floor, axis=(0, 1))),
+        "shape_error_100": float(np.median(swims.shape[:, last])),
+        "shape_quartiles": quartiles(swims.shape[:, last]),
+        "place_error_100": float(np.median(swims.place[:, last])),
+        "place_quartiles": quartiles(swims.place[:, last]),
+        "turn_error_100_deg": float(np.degrees(np.median(swims.turn[:, last]))),
+        "way_m": float(np.median(swims.way[:, last])),
+        "blow_ups_of_1000": count_blow_ups(emulator, 100 if quick else 1000, SWIM_STEPS),
+    }
+
+
+def quartiles(values: np.ndarray) -> str:
+    """Return the quartiles, such as `0.02-0.06`."""
+    low, high = np.percentile(values, [25, 75])
+    return f"{low:.2g}-{high:.2g}"
+
+
+def long_rows(repeats: int) -> Rows:
+    """Return a row per system and correction: a hundred thousand super steps against what training showed."""
+    quick, rows = repeats < 5, []
+    for name in ("fish", "dolphin", "cube"):
+        emulator, system = Emulator.load(find_emulator(f"{name}-50")), deformable(name)
+        known = simulate_transitions(dataset_config(system=name, count=KNOWN_RUNS // (20 if quick else 1), picks=36))
+        states = known.states.reshape(-1, known.states.shape[-1])
+        ways = {
+            "none": (None, 1, False),
+            "bounded by what training showed (the default)": (None, 1, True),
+            "3 relaxation steps of the springs, every step": (relaxed(emulator, system.body), 1, False),
+            "3 relaxation steps of the springs, every 10": (relaxed(emulator, system.body), 10, False),
+        }
+        for label, (correction, every, is_bounded) in ways.items():
+            began = time.perf_counter()
+            starts, steps = (20, 2_000) if quick else (LONG_STARTS, LONG_STEPS)
+            found = measure_long_run(
+                emulator, system, states, correction, every=every, is_bounded=is_bounded, starts=starts, steps=steps
+            )
+            rows.append(
+                {
+                    "system": name,
+                    "correction": label,
+                    "super_steps": steps,
+                    "alive": f"{found.alive}/{found.starts}",
+                    "inside_110_percent": f"{found.inside}/{found.starts}",
+                    **{f"worst_{key}": value for key, value in found.worst.items()},
+                    **{f"typical_{key}": value for key, value in found.typical.items()},
+                    "seconds": time.perf_counter() - began,
+                }
+            )
+    return rows
+
+
+FLAT = {
+    "mirrored 64": {"widths": (64,)},
+    "mirrored 64-48": {"widths": (64, 48)},
+    "mirrored 96-64": {"widths": (96, 64)},
+}
+DEEP = {
+    "hierarchy 48 / 16": {"widths": (48, 0, 16)},
+    "hierarchy 64 / 24": {"widths": (64, 0, 24)},
+}
+LOCAL_MODES = 8
+HIERARCHY_EXAMPLES, HIERARCHY_UPDATES = 200_016, 30_000
+
+
+def hierarchy_rows(repeats: int) -> Rows:
+    """Return a row per network: flat ones on modes of the whole body, hierarchies on modes of its segments."""
+    quick, rows = repeats < 5, []
+    for name, modes in (("fish", (32, 44)), ("dolphin", (28, 40))):
+        examples = HIERARCHY_EXAMPLES // (20 if quick else 1)
+        data = simulate_transitions(dataset_config(system=name, count=examples, picks=36))
+        flat = {label: {**each, "place_modes": modes[0], "speed_modes": modes[1]} for label, each in FLAT.items()}
+        deep = {label: {**each, "network": "hierarchy", "local_modes": LOCAL_MODES} for label, each in DEEP.items()}
+        updates = 1_000 if quick else HIERARCHY_UPDATES
+        found = {label: trained(data, updates, settings) for label, settings in {**flat, **deep}.items()}
+        rows += compared(name, found)
+    return rows
+
+
+def trained(data: Transitions, updates: int, settings: dict[str, Any]) -> Emulator:
+    """Return a freshly trained emulator."""
+    with TemporaryDirectory() as folder:
+        return train(data, training_config(updates=updates, **settings), Path(folder) / "one.emulator.safetensors")
+
+
+def compared(name: str, found: dict[str, Emulator]) -> Rows:
+    """Return a row per emulator, tested on the same runs, timed in turn; and which wins at its cost."""
+    with one_core():
+        spans = interleaved({label: emulator_player(emulator) for label, emulator in found.items()}, 15)
+    rows = []
+    for label, emulator in found.items():
+        test = held_out_runs(emulator, 32)
+        shown = np.asarray(emulator.decode(np.asarray(emulator.encode(test.transitions[2]))))
+        floor = test.frame.difference(test.transitions[2], shown) / test.change_scale
+        arrays = jax.tree.leaves(eqx.filter(emulator.network, eqx.is_array))
+        rows.append(
+            {
+                "system": name,
+                "network": label,
+                "weights": sum(array.size for array in arrays),
+                "numbers": emulator.normaliser.unit.shape[0],
+                "super_step_us": spans[label] / TIMED_SUPER_STEPS * 1e6,
+                "one_step_error": float(root_mean_square(one_step_error(emulator, test))),
+                "least_with_these_modes": float(root_mean_square(floor, axis=(0, 1))),
+            }
+        )
+    for row in rows:
+        cheaper = [other for other in rows if other["super_step_us"] <= row["super_step_us"] * 1.05]
+        row["best_at_its_cost"] = min(cheaper, key=lambda other: other["one_step_error"])["network"]
+    return rows

@@ -1,0 +1,57 @@
+"""How far an emulated body is from the true one after a while: in shape, in place, in heading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuroanimator.data.sampling import sample_controls, sample_starts
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.systems.cloud import seen_by
+from neuroanimator.systems.deformable import DeformableSystem
+
+
+@dataclass(frozen=True)
+class Swims:
+    """Errors (B, T+1) of bodies emulated from the same starts under the same controls as the true ones."""
+
+    shape: np.ndarray
+    """Rms distance of mass points, each body seen in its own frame, over the standard deviation of the true shapes."""
+    place: np.ndarray
+    """Distance of the centroids over the way the true one has come."""
+    turn: np.ndarray
+    """Angle between the two [rad]."""
+    way: np.ndarray
+    """The way the true centroid has come [m]."""
+
+
+def compare_swims(emulator: Emulator, system: DeformableSystem, runs: int, steps: int, seed: int = 5) -> Swims:
+    """Return the errors of `runs` random swims of `steps` super steps, unseen in training."""
+    rng = np.random.default_rng([seed, 2**31])
+    starts = sample_starts(system, rng, runs)
+    controls = np.stack([sample_controls(rng, steps, emulator.dt, system.bounds, system.gait) for _ in range(runs)])
+    true = system.simulate(starts, controls, emulator.dt)
+    alive = true.is_alive
+    found = np.asarray(emulator.rollout(starts[alive], controls[alive]), float)
+    (seen, centre, turn), (seen_found, centre_found, turn_found) = (
+        _seen(system, states) for states in (true.states[alive], found)
+    )
+    spread = np.sqrt(np.mean(np.sum((seen - seen.mean(axis=(0, 1))) ** 2, axis=-1)))
+    way = np.cumsum(np.linalg.norm(np.diff(centre, axis=1, prepend=centre[:, :1]), axis=2), axis=1)
+    cosine = np.clip(np.abs(np.sum(turn * turn_found, axis=-1)), 0, 1)
+    return Swims(
+        shape=np.sqrt(np.mean(np.sum((seen - seen_found) ** 2, axis=-1), axis=-1)) / spread,
+        place=np.linalg.norm(centre - centre_found, axis=2) / np.maximum(way, 1e-9),
+        turn=2 * np.arccos(cosine),
+        way=way,
+    )
+
+
+def _seen(system: DeformableSystem, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return mass points in the body's frame (B, T, N, 3), centroids (B, T, 3) and turns (B, T, 4)."""
+    cloud = system.structure.cloud
+    assert cloud is not None
+    places = system.unpack(states)[0]
+    centre, turn = cloud.centroid(places), cloud.turn(places)
+    return seen_by(turn, places - centre[..., None, :]), centre, turn
