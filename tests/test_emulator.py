@@ -71,10 +71,10 @@ def test_the_gradient_of_a_motion_equals_finite_differences(fresh: Emulator):
         np.testing.assert_allclose(gradient, numeric, rtol=1e-6, atol=1e-6 * float(jnp.abs(gradient).max()))
 
 
-@pytest.mark.parametrize("kind", ["glu", "classic"])
+@pytest.mark.parametrize("kind", ["glu", "linear-glu", "classic"])
 def test_without_a_mirror_symmetry_the_network_is_not_forced_into_one(kind: str):
     features = Features(jnp.eye(2), plain=(1,), is_odd=False)
-    network = make_network(kind, *features.sizes(1), 2, {"glu": (8, 8), "classic": (8,)}[kind], jax.random.key(0))
+    network = make_network(kind, *features.sizes(1), 2, {"classic": (8,)}.get(kind, (8, 8)), jax.random.key(0))
 
     def change(state, control):
         return network(*features.streams(state, features.plain_of(state, control)))

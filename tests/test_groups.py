@@ -134,6 +134,14 @@ def test_joints_that_are_all_in_groups_are_refused_where_no_root_is_left(tmp_pat
         parts_of(windows)
 
 
+@pytest.mark.parametrize("kind", ["linear-glu", "hierarchy"])
+def test_saving_and_loading_changes_no_bit(kind: str, data: Transitions, tmp_path: Path):
+    emulator = build_emulator(data, training_config(network=kind))
+    emulator.save(tmp_path / "a.safetensors")
+    Emulator.load(tmp_path / "a.safetensors").save(tmp_path / "b.safetensors")
+    assert (tmp_path / "a.safetensors").read_bytes() == (tmp_path / "b.safetensors").read_bytes()
+
+
 def test_the_command_line_trains_a_hierarchy(toml: Path, cli, tmp_path: Path):
     out = tmp_path / "swimmer.emulator.safetensors"
     assert cli("generate", toml, "--count", 720, "--out", tmp_path / "data").returncode == 0
