@@ -63,7 +63,7 @@ NETWORKS: dict[str, tuple[tuple[int, ...], ...]] = {
 """Per kind the widths tried: networks that cost 2 to 4 µs a super step."""
 
 CLEAR = 0.03
-"""Share by which errors must differ to call one better: what another seed changes."""
+"""Share by which errors must differ to call one better: chosen, as one seed cannot show its own spread."""
 
 REPEATS = 25
 """Timings of each side: enough to outlast a burst of other work on a shared machine."""
