@@ -16,7 +16,8 @@ from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import Transitions, dataset_config
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.hierarchy import Hierarchy, Part, check_parts
-from neuroanimator.emulator.modes import fit_modes, reflection
+from neuroanimator.emulator.modes import fit_modes
+from neuroanimator.emulator.principal import reflection
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.rotation import rotate
 from neuroanimator.training.build import build_emulator

@@ -1,7 +1,7 @@
 """The cure of 1998 for shapes that drift: let the true springs pull the emulated body back now and then.
 
 `Modes.bounded`, which every super step of a deformable body ends with, does better at a tenth of the price
-(docs/decisions/0008-long-runs.md); this is what it is measured against.
+(docs/decisions/0008-bodies-in-few-numbers.md); this is what it is measured against.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator.emulator.modes import RIGID, Modes, fit_modes, principal, reflection
+from neuroanimator.emulator.modes import RIGID, Modes, fit_modes
+from neuroanimator.emulator.principal import principal, reflection
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.structure import Structure
 

@@ -7,13 +7,14 @@ smaller, faster and cannot tear the body apart: whatever it predicts is a mixtur
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from neuroanimator.emulator.principal import mixing, principal, reflection
 from neuroanimator.systems.cloud import Cloud, seen_by, shown_by
 from neuroanimator.systems.rotation import Numbers, cross
 from neuroanimator.systems.structure import Mirror, Segment, Structure
@@ -143,7 +144,7 @@ class Modes(eqx.Module):
     def bounded(self, inner: Float[Array, " I"]) -> Float[Array, " I"]:
         """Return `inner` (I,) with shape, swing, speed and spin shrunk to what training showed, if they are beyond it.
 
-        It keeps a body in shape for ever: see `docs/decisions/0008-long-runs.md`.
+        It keeps a body in shape for ever: see `docs/decisions/0008-bodies-in-few-numbers.md`.
         """
         velocity, spin, modes = inner[7:10], inner[10:RIGID], inner[RIGID : RIGID + self.count]
         size = (modes / self.spread) ** 2
@@ -230,66 +231,8 @@ def _like(numbers: Numbers, state: Numbers) -> Numbers:
     return state.__array_namespace__().asarray(numbers, dtype=state.dtype)
 
 
-def mixing(mirror: Mirror) -> tuple[np.ndarray, int]:
-    """Return (orthogonal (C, C), how many of its columns are odd): differences of partners, then sums."""
-    count = len(mirror.controls)
-    odd, even = [], []
-    for i, partner in enumerate(mirror.controls):
-        unit, other = np.eye(count)[i], np.eye(count)[partner]
-        if partner == i:
-            even.append(unit)
-        elif i < partner:
-            odd.append((unit - other) / np.sqrt(2))
-            even.append((unit + other) / np.sqrt(2))
-    return np.stack([*odd, *even], axis=1), len(odd)
-
-
 def _swaps(partners: tuple[int, ...], count: int) -> bool:
     return len(partners) == count and all(0 <= p < count and partners[p] == i for i, p in enumerate(partners))
-
-
-class Basis(NamedTuple):
-    """Orthonormal directions."""
-
-    mean: np.ndarray
-    """(D,)"""
-    directions: np.ndarray
-    """(D, K) odd ones first."""
-    odd: int
-    """How many are odd."""
-
-
-def principal(samples: np.ndarray, count: int, reflect: np.ndarray | None) -> Basis:
-    """Return the `count` directions in which `samples` (B, D) vary most; each odd or even under `reflect` (D, D)."""
-    size = samples.shape[1]
-    signs, ways = (np.full(size, -1.0), np.eye(size)) if reflect is None else np.linalg.eigh(reflect)
-    odd, even = (_leading(samples, ways[:, signs * sign > 0], centred=sign > 0) for sign in (-1, 1))
-    if reflect is None:
-        odd = _leading(samples, ways, centred=True)
-    least = np.sort(np.concatenate([odd.sizes, even.sizes]))[-count]
-    chosen = [each.ways[:, each.sizes >= least] for each in (odd, even)]
-    mean = odd.mean if reflect is None else even.mean
-    return Basis(mean, np.concatenate(chosen, axis=1)[:, :count], chosen[0].shape[1])
-
-
-class _Leading(NamedTuple):
-    mean: np.ndarray
-    ways: np.ndarray
-    sizes: np.ndarray
-
-
-def _leading(samples: np.ndarray, within: np.ndarray, *, centred: bool) -> _Leading:
-    """Return principal directions of `samples` (B, D) within a subspace (D, K), and variances, the largest first."""
-    inside = samples @ within
-    mean = inside.mean(axis=0) * centred
-    sizes, ways = np.linalg.eigh((inside - mean).T @ (inside - mean) / len(samples))
-    return _Leading(within @ mean, (within @ ways)[:, ::-1], sizes[::-1])
-
-
-def reflection(mirror: Mirror) -> np.ndarray:
-    """Return the matrix (3N, 3N) that swaps partners and reverses Y."""
-    swap = np.eye(len(mirror.points))[list(mirror.points)]
-    return np.kron(swap, np.diag([1.0, -1.0, 1.0]))
 
 
 def fit_modes(structure: Structure, states: np.ndarray, place_modes: int, speed_modes: int) -> Modes:

@@ -10,7 +10,8 @@ from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.grouped_modes import GroupedModes
 from neuroanimator.emulator.hierarchy import Part
-from neuroanimator.emulator.modes import Modes, mixing
+from neuroanimator.emulator.modes import Modes
+from neuroanimator.emulator.principal import mixing
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.structure import Group, Structure
 

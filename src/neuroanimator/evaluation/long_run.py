@@ -81,7 +81,7 @@ def measure_long_run(
         inner, seen = roll(inner, jnp.asarray(emulator.encode_control(np.stack(one)), jnp.float32))
         seen = np.asarray(seen)
         largest = np.maximum(largest, np.where(np.isfinite(seen), seen, np.inf).max(axis=2))
-        late += [seen] if done >= 0.9 * steps else []
+        late += [seen] if done + BLOCK > 0.9 * steps else []
         on_block(done + BLOCK)
     ratios = largest / known.max(axis=1)[:, None]
     middle = np.median(np.concatenate(late, axis=2), axis=(1, 2)) / np.median(known, axis=1)

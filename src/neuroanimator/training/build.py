@@ -131,7 +131,8 @@ def _body_units(modes: Modes, data: Transitions, sight: _Sight) -> jax.Array:
     places, units = modes.decode(few), []
     for way in np.eye(len(sight.odd_changes)) * SMALL_CHANGE:
         moved = body.difference(places, modes.decode(frame.apply(few, np.broadcast_to(way, (len(few), len(way))))))
-        units.append(SMALL_CHANGE / np.maximum(np.sqrt(np.mean((moved / scale) ** 2)), SMALL_CHANGE))
+        effect = np.sqrt(np.mean((moved / scale) ** 2)) / SMALL_CHANGE
+        units.append(1 / max(effect, SMALLEST_SCALE))
     return jnp.asarray(np.array(units) / np.sqrt(len(units)), jnp.float32)
 
 

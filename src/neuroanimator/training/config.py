@@ -32,9 +32,9 @@ class TrainingConfig(BaseModel):
     batch: int = Field(512, ge=4, le=65_536)
     rare_share: float = Field(0.0, ge=0, lt=1)
     """Share of each batch drawn among the tenth of all windows with the most unusual changes, such as touchdowns."""
-    place_modes: int = Field(20, ge=1, le=256)
-    """Shapes a deformable body is made of, and how many ways they move; see `emulator/modes.py`."""
-    speed_modes: int = Field(20, ge=1, le=256)
+    place_modes: int = Field(0, ge=0, le=256)
+    """Shapes a deformable body is made of, and ways its parts move; 0: as many as matter. See `emulator/modes.py`."""
+    speed_modes: int = Field(0, ge=0, le=256)
     local_modes: int = Field(4, ge=1, le=64)
     """The same per segment, besides where it is; of hierarchies."""
     unroll: int = Field(LONGEST_UNROLL, ge=1, le=LONGEST_UNROLL)

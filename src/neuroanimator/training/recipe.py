@@ -25,6 +25,7 @@ class Recipe:
     updates: int
     picks: Literal[12, 36] = 12
     """Examples from each run; 36 where contacts make rare events matter and physics is dear."""
+    network: Literal["gated", "linear-glu"] = "gated"
     rare_share: float = 0.0
     """See `TrainingConfig`."""
     aside: float = 1.0
@@ -43,6 +44,7 @@ class Recipe:
     def training(self, substeps: int, seed: int = 0) -> TrainingConfig:
         """Return how to train; `seed` 0 is the emulator that ships."""
         return training_config(
+            network=self.network,
             widths=self.widths,
             updates=round(self.updates * self._share(substeps)),
             rare_share=self.rare_share,
@@ -53,8 +55,17 @@ class Recipe:
 
 
 RECIPES = {
-    "cube": Recipe((96, 64), transitions=360_000, updates=80_000, picks=36, rare_share=0.5, modes=(18, 18), aside=0.5),
-    "dolphin": Recipe((96, 64), transitions=504_000, updates=100_000, picks=36, modes=(28, 40), aside=0.5),
+    "cube": Recipe(
+        (96, 64),
+        transitions=360_000,
+        updates=60_000,
+        picks=36,
+        network="linear-glu",
+        rare_share=0.5,
+        modes=(18, 18),
+        aside=0.5,
+    ),
+    "dolphin": Recipe((96, 64), transitions=360_000, updates=80_000, picks=36, modes=(28, 40), aside=0.5),
     "fish": Recipe((64,), transitions=504_000, updates=100_000, picks=36, modes=(36, 48), aside=0.5),
     "lander": Recipe((64, 48), transitions=1_440_000, updates=120_000, picks=36, rare_share=0.5),
     "pendulum": Recipe((96, 64), transitions=300_000, updates=300_000),
