@@ -19,8 +19,10 @@ from neuroanimator.emulator.hierarchy import Hierarchy, Part, check_parts
 from neuroanimator.emulator.modes import fit_modes
 from neuroanimator.emulator.principal import reflection
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.own import resolve
 from neuroanimator.systems.rotation import rotate
 from neuroanimator.training.build import build_emulator
+from neuroanimator.training.train import train
 
 FLAT = {"widths": (16, 8), "place_modes": 12, "speed_modes": 14}
 DEEP = {"network": "hierarchy", "widths": (16, 0, 8), "local_modes": 3}
@@ -200,6 +202,18 @@ def test_a_hierarchy_needs_groups():
     data = simulate_transitions(dataset_config(system="pendulum", count=120))
     with pytest.raises(ArgumentError, match="no \\[groups\\]"):
         build_emulator(data, training_config(network="hierarchy"))
+
+
+def test_the_tutorials_body_is_learnt(tmp_path: Path):
+    """Forty seconds of a soft worm, and the change in a super step is known to a quarter."""
+    page = (Path(__file__).parents[1] / "docs/tutorials/my-body.md").read_text()
+    (tmp_path / "worm.toml").write_text(page.partition("```toml\n")[2].partition("```")[0])
+    name, text, _ = resolve(str(tmp_path / "worm.toml"))
+    data = simulate_transitions(dataset_config(system=name, definition=text, count=3600, picks=36))
+    errors: list[float] = []
+    config = training_config(updates=1000, widths=(16,))
+    train(data, config, tmp_path / "worm.emulator.safetensors", on_report=lambda report: errors.append(report.error))
+    assert errors[-1] < 0.25
 
 
 def test_the_dolphin_feels_gravity_and_the_fish_does_not():
