@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import equinox as eqx
@@ -28,19 +29,30 @@ FLAT = {"widths": (16, 8), "place_modes": 12, "speed_modes": 14}
 DEEP = {"network": "hierarchy", "widths": (16, 0, 8), "local_modes": 3}
 
 
-@pytest.fixture(scope="module", params=["fish", "dolphin"])
+@cache
+def few(system: str) -> Transitions:
+    return simulate_transitions(dataset_config(system=system, count=360, picks=36))
+
+
+@pytest.fixture(params=["fish", "dolphin"])
 def data(request) -> Transitions:
-    return simulate_transitions(dataset_config(system=request.param, count=360, picks=36))
+    return few(request.param)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
+def fish() -> Transitions:
+    return few("fish")
+
+
+@pytest.fixture
 def cube() -> Transitions:
-    return simulate_transitions(dataset_config(system="cube", count=360, picks=36))
+    return few("cube")
 
 
-@pytest.fixture(params=[FLAT, DEEP], ids=["flat", "hierarchy"])
-def emulator(request, data: Transitions) -> Emulator:
-    return build_emulator(data, training_config(**request.param))
+@pytest.fixture(params=[("fish", FLAT), ("fish", DEEP), ("dolphin", FLAT)], ids=["fish", "hierarchy", "dolphin"])
+def case(request) -> tuple[Transitions, Emulator]:
+    name, settings = request.param
+    return few(name), build_emulator(few(name), training_config(**settings))
 
 
 def windows(data: Transitions) -> tuple[np.ndarray, np.ndarray]:
@@ -67,7 +79,8 @@ def test_encoding_what_was_decoded_changes_nothing(data: Transitions):
     assert np.abs(modes.decode(modes.encode(once)) - once).max() < 1e-2 * np.abs(once).max()
 
 
-def test_moving_and_turning_the_world_changes_nothing(data: Transitions, emulator: Emulator):
+def test_moving_and_turning_the_world_changes_nothing(case: tuple[Transitions, Emulator]):
+    data, emulator = case
     states, controls = windows(data)
     turn = np.array([0.8, 0.3, -0.4, 0.33]) if not data.system.structure.weighs else np.array([0.6, 0, 0, 0.8])
     turn, way = turn / np.linalg.norm(turn), np.array([0.7, -0.4, 0.0])
@@ -88,7 +101,8 @@ def test_turning_the_world_turns_pushes_too(cube: Transitions):
     assert np.abs(turned(cube, here, turn, 0) - there).max() < 1e-5
 
 
-def test_left_and_right_are_the_same_exactly(data: Transitions, emulator: Emulator):
+def test_left_and_right_are_the_same_exactly(case: tuple[Transitions, Emulator]):
+    data, emulator = case
     states, controls = windows(data)
     mirror = data.system.structure.mirror
     flip, size, partners = reflection(mirror), 3 * len(mirror.points), list(mirror.controls)
@@ -102,14 +116,16 @@ def test_left_and_right_are_the_same_exactly(data: Transitions, emulator: Emulat
     assert np.abs(image(here) - there).max() < 2e-5 * max(1, np.abs(here).max())
 
 
-def test_muscles_follow_their_controls_exactly(data: Transitions, emulator: Emulator):
+def test_muscles_follow_their_controls_exactly(case: tuple[Transitions, Emulator]):
+    data, emulator = case
     states, controls = windows(data)
     muscles = data.system.muscles
     found = np.asarray(jax.vmap(emulator.step)(states, controls))[:, -muscles:]
     assert np.abs(found - data.states[:20, 1, -muscles:]).max() < 1e-5
 
 
-def test_a_rollout_is_repeated_steps_of_a_decoded_body(data: Transitions, emulator: Emulator):
+def test_a_rollout_is_repeated_steps_of_a_decoded_body(case: tuple[Transitions, Emulator]):
+    data, emulator = case
     path = emulator.rollout(data.states[0, 0], data.controls[0])
     inner, advance = emulator.encode(jnp.asarray(data.states[0, 0])), eqx.filter_jit(emulator.advance)
     for control, state in zip(data.controls[0], path[1:], strict=True):
@@ -117,7 +133,8 @@ def test_a_rollout_is_repeated_steps_of_a_decoded_body(data: Transitions, emulat
         assert np.abs(np.asarray(emulator.decode(inner) - state)).max() < 1e-5 * max(1, float(jnp.abs(state).max()))
 
 
-def test_the_gradient_of_a_motion_equals_finite_differences(data: Transitions, emulator: Emulator):
+def test_the_gradient_of_a_motion_equals_finite_differences(case: tuple[Transitions, Emulator]):
+    data, emulator = case
     controls = 0.7 * np.asarray(data.controls[0], float)  # well within what was seen: clipping has kinks
     way = np.random.default_rng(0).normal(size=controls.shape)
     with jax.enable_x64(True):
@@ -135,7 +152,8 @@ def test_the_gradient_of_a_motion_equals_finite_differences(data: Transitions, e
     assert float(slope) == pytest.approx(float(ends[0] - ends[1]) / 2e-6, rel=1e-4, abs=1e-9)
 
 
-def test_saving_and_loading_changes_no_bit(data: Transitions, emulator: Emulator, tmp_path: Path):
+def test_saving_and_loading_changes_no_bit(case: tuple[Transitions, Emulator], tmp_path: Path):
+    data, emulator = case
     emulator.save(tmp_path / "a.safetensors")
     again = Emulator.load(tmp_path / "a.safetensors")
     again.save(tmp_path / "b.safetensors")
@@ -174,7 +192,7 @@ def test_repeated_parts_share_weights():
     legs = [Part("left", (1,), (), (1,), hears=(0,)), Part("right", (2,), (), (2,), hears=(0,), like=0)]
     key = jax.random.key(0)
     network = Hierarchy(3, 0, 3, (4, 0, 4), key=key, even_out=(), parts=(upper, *legs))
-    assert network.children.out.shape[0] == 1
+    assert network.children.linear.shape[0] == 1
     answers = network(jnp.array([0.3, 0.7, 0.7]), jnp.zeros(0))
     assert answers[1] == answers[2]
     other = network(jnp.array([0.3, 0.7, -0.2]), jnp.zeros(0))
@@ -191,8 +209,8 @@ def test_repeated_parts_share_weights():
         (lambda parts: (*parts[:-1], replace(parts[-1], like=7)), "weights of part 7"),
     ],
 )
-def test_parts_that_do_not_fit_are_refused(data: Transitions, change, word: str):
-    emulator = build_emulator(data, training_config(**DEEP))
+def test_parts_that_do_not_fit_are_refused(fish: Transitions, change, word: str):
+    emulator = build_emulator(fish, training_config(**DEEP))
     sizes = emulator.features.sizes(emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain))
     with pytest.raises(ArgumentError, match=word):
         check_parts(change(emulator.network.parts), *sizes, emulator.normaliser.unit.shape[0], (16, 0, 8))
