@@ -63,7 +63,7 @@ class Frame(eqx.Module):
         sizes = {"quaternion": 6, "velocity": 3, "planar velocity": 2}
         points = ("points", "point velocities")
         total = sum(s.size if s.kind in points else sizes.get(s.kind, 0) for s in self.segments)
-        return total - (3 if self.weighs else 6) * self._has_root + 4 * len(self.probes)
+        return total - (3 if self.weighs else 6) * self._has_root + 4 * len(self.probes) * (self.cloud is None)
 
     @property
     def turns(self) -> tuple[tuple[int, int], ...]:
@@ -112,7 +112,7 @@ class Frame(eqx.Module):
                 seen.append(rotate_back(root, entries))
             elif segment.kind == "planar velocity":
                 seen.append(_turn_plane(-root, entries))
-        if self.probes:
+        if self.probes and self.cloud is None:  # mass points are seen one by one, and probes through their modes
             seen += self._probe_heights(state)
         return xp.concat(seen, axis=-1) if seen else state[..., :0]
 
