@@ -204,5 +204,5 @@ def test_a_crowded_or_repeating_header_is_refused(tmp_path: Path):
 
 
 def test_a_missing_file_names_what_ships():
-    with pytest.raises(NeuroAnimatorError, match="Shipped: lander-100, lander-25, lander-50, pendulum-100"):
+    with pytest.raises(NeuroAnimatorError, match="Shipped: cube-100, cube-25, cube-50, dolphin-100"):
         find_emulator("nowhere")
