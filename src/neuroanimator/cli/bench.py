@@ -12,10 +12,10 @@ EXAMPLE = "neuroanimator bench --table1 --quick"
 
 def run(
     table1: Annotated[bool, typer.Option("--table1", help="The table of 1998: every system, every n.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Shipped emulators, one seed, fewer runs: 3 minutes.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="n = 50, one seed, fewer runs: 3 minutes.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
     systems: Annotated[str | None, typer.Option(help="Only these systems, such as truck,lander.")] = None,
-    substeps: Annotated[str | None, typer.Option(help="Only these n, such as 50.")] = None,
+    substeps: Annotated[str | None, typer.Option(help="Only these n, such as 25,50.")] = None,
     seeds: Annotated[int, typer.Option(help="Training seeds; all but the first are trained, for hours.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for table, plot and trainings.")] = Path("out/bench"),
 ) -> None:
@@ -28,7 +28,7 @@ def run(
 
     if not table1:
         raise ArgumentError("bench: say what to measure: --table1.")
-    wanted = chosen_rows(systems, substeps)
+    wanted = chosen_rows(systems, substeps or ("50" if quick else None))
     figures, files = run_table(wanted, out, is_quick=quick, seeds=1 if quick else seeds)
     if json:
         print(dumps(figures, indent=2))
