@@ -12,9 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neuroanimator import NeuroAnimatorError, dataset_config, generate, load_system, read_transitions
+from neuroanimator import (
+    Emulator,
+    NeuroAnimatorError,
+    dataset_config,
+    find_emulator,
+    generate,
+    load_system,
+    read_transitions,
+)
 from neuroanimator.data.generate import make_shard, sample_picks
-from neuroanimator.data.sampling import sample_controls
+from neuroanimator.data.sampling import sample_control_runs, sample_controls
 from neuroanimator.data.transitions import LARGEST_GAP, LONGEST_UNROLL, RUN_STEPS
 from neuroanimator.systems.layout import Bounds
 
@@ -64,6 +72,17 @@ def test_controls_are_bounded_and_never_idle():
         controls = sample_controls(rng, 40, 0.05, bounds)
         assert (bounds.clip(controls) == controls).all()
         assert (np.abs((controls - bounds.middle) / bounds.half).max(axis=0) > 1e-3).all()
+
+
+@pytest.mark.parametrize("name", ["pendulum", "fish"])
+def test_an_emulator_is_driven_by_the_same_random_controls_as_its_system(name: str):
+    system, identity = load_system(name), Emulator.load(find_emulator(f"{name}-50")).identity
+    own, emulated = (
+        sample_control_runs(np.random.default_rng(0), 20, 40, 0.05, driven) for driven in (system, identity)
+    )
+    assert own.shape == (20, 40, system.control.size)
+    np.testing.assert_array_equal(own, emulated)
+    assert len(np.unique(own, axis=0)) == 20
 
 
 def test_a_run_that_blows_up_is_dropped_and_counted():

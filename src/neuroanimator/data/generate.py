@@ -12,7 +12,7 @@ import numpy as np
 from neuroanimator.data import transitions
 from neuroanimator.data.diverged import has_diverged, write_diverged
 from neuroanimator.data.recorded import cut_shard, write_held_out
-from neuroanimator.data.sampling import sample_controls, sample_starts
+from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
 from neuroanimator.errors import BadFileError
 from neuroanimator.files import locked, remove_stale, write_tensors
@@ -91,9 +91,7 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
     count = min(transitions.RUNS_PER_SHARD, config.runs - shard * transitions.RUNS_PER_SHARD)
     dt = config.substeps * system.physics_dt
     starts = sample_starts(system, rng, count, threads)
-    controls = np.stack(
-        [sample_controls(rng, transitions.RUN_STEPS, dt, system.bounds, system.gait) for _ in range(count)]
-    )
+    controls = sample_control_runs(rng, count, transitions.RUN_STEPS, dt, system)
     picks = np.stack([sample_picks(rng, config.picks) for _ in range(count)])
     runs = system.simulate(starts, controls, dt, threads=threads)
     alive = runs.is_alive

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from neuroanimator.systems.gait import Gait
@@ -31,6 +33,20 @@ STRONGEST_STEERING = 0.5
 """Of the control's range, added to the gait."""
 
 
+class Driven(Protocol):
+    """What controls are drawn for: a system, or what an emulator stands for."""
+
+    @property
+    def bounds(self) -> Bounds:
+        """Of the controls."""
+        ...
+
+    @property
+    def gait(self) -> Gait | None:
+        """How it moves along if nothing else is said; None if it has no such way."""
+        ...
+
+
 def sample_starts(system: System, rng: np.random.Generator, count: int, threads: int = 1) -> np.ndarray:
     """Return `count` random states (count, S) as they occur in use: after some warm-up, if the system has one."""
     starts = system.sample_starts(rng, count)
@@ -38,7 +54,7 @@ def sample_starts(system: System, rng: np.random.Generator, count: int, threads:
         return starts
     dt = WARM_UP_SUBSTEPS * system.physics_dt
     steps = round(system.warm_up / dt)
-    controls = np.stack([sample_controls(rng, steps, dt, system.bounds, system.gait) for _ in range(count)])
+    controls = sample_control_runs(rng, count, steps, dt, system)
     runs = system.simulate(starts, controls, dt, scheme=system.scheme, threads=threads)
     chosen = runs.states[np.arange(count), rng.integers(0, steps + 1, count)]
     return np.where(runs.is_alive[:, None], chosen, system.rest)
@@ -46,6 +62,11 @@ def sample_starts(system: System, rng: np.random.Generator, count: int, threads:
 
 WARM_UP_SUBSTEPS = 50
 """Physics steps a control is held for while warming up."""
+
+
+def sample_control_runs(rng: np.random.Generator, count: int, steps: int, dt: float, driven: Driven) -> np.ndarray:
+    """Return the controls (count, steps, C) of `count` runs of `driven`, see `sample_controls`."""
+    return np.stack([sample_controls(rng, steps, dt, driven.bounds, driven.gait) for _ in range(count)])
 
 
 def sample_controls(

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator.data.sampling import sample_controls, sample_starts
+from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.transitions import RUN_STEPS, Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.frame import Frame
@@ -83,7 +83,7 @@ def held_out_runs(
     steps = round(seconds / identity.dt)
     threads = os.cpu_count() or 1
     starts = sample_starts(system, rng, count, threads)
-    controls = np.stack([sample_controls(rng, steps, identity.dt, system.bounds, system.gait) for _ in range(count)])
+    controls = sample_control_runs(rng, count, steps, identity.dt, system)
     if is_shifted:
         controls = system.bounds.middle + rng.uniform(-1, 1, controls.shape) * system.bounds.half
     runs = system.simulate(starts, controls, identity.dt, scheme=system.fine, threads=threads)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from neuroanimator.data.sampling import sample_controls, sample_starts
+from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.accuracy import system_of
 from neuroanimator.systems.deformable import DeformableSystem
@@ -62,8 +62,5 @@ def reach(emulator: Emulator, steps: int) -> np.ndarray:
 
 def _control_blocks(emulator: Emulator, rng: np.random.Generator, starts: int, steps: int) -> Iterator[np.ndarray]:
     """Yield random controls (starts, at most BLOCK, C) for `steps` super steps in all."""
-    identity = emulator.identity
     for first in range(0, steps, BLOCK):
-        length = min(BLOCK, steps - first)
-        one = [sample_controls(rng, length, emulator.dt, identity.bounds, identity.gait) for _ in range(starts)]
-        yield np.stack(one)
+        yield sample_control_runs(rng, starts, min(BLOCK, steps - first), emulator.dt, emulator.identity)
