@@ -19,29 +19,24 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.body import Body, Ground, Water
 from neuroanimator.systems.body_checks import check_faces, check_muscles, check_nodes, check_springs, listed
-from neuroanimator.systems.definition import Finite, GoalTable, Name, PartName, Positive, Share
+from neuroanimator.systems.definition import Finite, GoalTable, Name, PartName, Positive, Share, Step, Table
 from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.skin import SkinTable
 
 Integrator = Literal["symplectic", "semi-implicit", "rk4"]
 NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 Pair = tuple[PartName, PartName]
-Step = Annotated[float, Field(gt=0, le=0.1)]
 
 MOST_NODES, MOST_SPRINGS = 300, 3000
 """A definition may come from a stranger, and costs grow with these."""
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class BodyPhysics(_Table):
+class BodyPhysics(Table):
     """How the physics is stepped; see `System.scheme`, `truth` and `fine`."""
 
     step: Step
@@ -52,7 +47,7 @@ class BodyPhysics(_Table):
     fine_integrator: Integrator = "rk4"
 
 
-class SpringTable(_Table):
+class SpringTable(Table):
     """Springs of one kind."""
 
     stiffness: Positive
@@ -60,7 +55,7 @@ class SpringTable(_Table):
     pairs: tuple[Pair, ...] = Field(min_length=1, max_length=MOST_SPRINGS)
 
 
-class MuscleTable(_Table):
+class MuscleTable(Table):
     """Springs that shorten when told to; every control is one muscle from -1, longest, to 1, shortest."""
 
     shorten: Annotated[float, Field(gt=0, lt=0.9)]
@@ -71,7 +66,7 @@ class MuscleTable(_Table):
     """Per control, the springs it shortens."""
 
 
-class WaterTable(_Table):
+class WaterTable(Table):
     """See `body.Water`."""
 
     push: NotNegative
@@ -81,7 +76,7 @@ class WaterTable(_Table):
     depth: Positive = 0.1
 
 
-class GroundTable(_Table):
+class GroundTable(Table):
     """See `body.Ground`."""
 
     stiffness: Positive
@@ -90,7 +85,7 @@ class GroundTable(_Table):
     slip: Positive = 0.05
 
 
-class GaitTable(_Table):
+class GaitTable(Table):
     """See `gait.Gait`."""
 
     period: Positive
@@ -98,7 +93,7 @@ class GaitTable(_Table):
     """Per control, amplitude and lag [rad]; others rest."""
 
 
-class BodySampling(_Table):
+class BodySampling(Table):
     """Random starts of training runs, around the state of rest."""
 
     rest_share: Share = 0.2
@@ -117,7 +112,7 @@ class BodySampling(_Table):
     """Standard deviation of a random stretch of the whole body along each of its axes."""
 
 
-class BodyDefinition(_Table):
+class BodyDefinition(Table):
     """A system whose physics is a mass-spring body's."""
 
     name: Name
@@ -128,13 +123,13 @@ class BodyDefinition(_Table):
     """Place at rest [m] and mass [kg]; X forward, Z up."""
     springs: dict[PartName, SpringTable] = Field(min_length=1, max_length=50)
     muscles: MuscleTable | None = None
-    pushes: dict[PartName, tuple[Finite, Finite, Finite]] = {}
+    pushes: dict[PartName, tuple[Finite, Finite, Finite]] = Field({})
     """Per control, the force [N] on the whole body at control 1; for bodies without muscles."""
     faces: tuple[Annotated[tuple[PartName, ...], Field(min_length=3, max_length=4)], ...] = ()
     """Corners of the parts of the skin that push water, counterclockwise from outside."""
-    mirror: dict[PartName, PartName] = {}
+    mirror: dict[PartName, PartName] = Field({})
     """Per mass point or control on the left its partner on the right, if the body has such a mirror."""
-    groups: dict[PartName, tuple[PartName, ...]] = {}
+    groups: dict[PartName, tuple[PartName, ...]] = Field({})
     """Segments of the body, each a list of mass points; every one belongs to exactly one."""
     water: WaterTable | None = None
     ground: GroundTable | None = None
@@ -144,7 +139,7 @@ class BodyDefinition(_Table):
     skin: SkinTable | None = None
     """What is drawn; without it, a ball at every mass point."""
     sampling: BodySampling = BodySampling()
-    goals: dict[Name, GoalTable] = {}
+    goals: dict[Name, GoalTable] = Field({})
 
 
 def body_of(definition: BodyDefinition) -> Body:

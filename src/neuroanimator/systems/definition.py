@@ -22,28 +22,32 @@ from neuroanimator.errors import ArgumentError, BadFileError
 Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
 Look = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+Step = Annotated[float, Field(gt=0, le=0.1)]
+"""Of physics [s]."""
 Share = Annotated[float, Field(ge=0, le=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 PartName = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]{0,39}$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$")]
 
 
-class _Table(BaseModel):
+class Table(BaseModel):
+    """A table of a definition: frozen, and a key it does not know is refused."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Physics(_Table):
+class Physics(Table):
     """How the physics is stepped; see `System.scheme`, `truth` and `fine`."""
 
-    step: Annotated[float, Field(gt=0, le=0.1)]
+    step: Step
     integrator: Integrator = "implicitfast"
-    truth_step: Annotated[float, Field(gt=0, le=0.1)]
+    truth_step: Step
     truth_integrator: Integrator = "implicitfast"
-    fine_step: Annotated[float, Field(gt=0, le=0.1)]
+    fine_step: Step
     fine_integrator: Integrator = "implicitfast"
 
 
-class FrameTable(_Table):
+class FrameTable(Table):
     """What of the root's place matters."""
 
     ground: bool = False
@@ -58,7 +62,7 @@ class FrameTable(_Table):
     """Joints x, y and heading of a root that moves in a plane, where place and heading do not matter."""
 
 
-class Sampling(_Table):
+class Sampling(Table):
     """Random starts of training runs, around the state of rest."""
 
     rest_share: Share = 0.3
@@ -77,7 +81,7 @@ class Sampling(_Table):
     """Per joint: standard deviation of each of its speeds [rad/s or m/s]; a root's along its own axes."""
 
 
-class GoalTable(_Table):
+class GoalTable(Table):
     """A state, or part of one, worth reaching."""
 
     seconds: Annotated[float, Field(gt=0, le=60)] = 2.0
@@ -89,7 +93,7 @@ class GoalTable(_Table):
     """How far off each of these parts may be; 0.1 of its unit if not said."""
 
 
-class Definition(_Table):
+class Definition(Table):
     """A system whose physics is a MuJoCo model."""
 
     name: Name
@@ -111,7 +115,7 @@ class Definition(_Table):
     goals: dict[Name, GoalTable] = {}
 
 
-class StatePart(_Table):
+class StatePart(Table):
     """One named part of the state of a system without a model file."""
 
     name: PartName
@@ -127,7 +131,7 @@ class StatePart(_Table):
     """Half the width of the random starts around rest."""
 
 
-class ControlPart(_Table):
+class ControlPart(Table):
     """One named part of the control, and how far it may go."""
 
     name: PartName
@@ -136,7 +140,7 @@ class ControlPart(_Table):
     largest: tuple[Finite, ...] = Field(min_length=1, max_length=256)
 
 
-class FunctionPhysics(_Table):
+class FunctionPhysics(Table):
     """The steps a Python function is called with [s]; see `System.scheme`, `truth` and `fine`."""
 
     step: Annotated[float, Field(gt=0, le=10)]
@@ -144,14 +148,14 @@ class FunctionPhysics(_Table):
     fine_step: Annotated[float, Field(gt=0, le=10)]
 
 
-class StartSampling(_Table):
+class StartSampling(Table):
     """Random starts of training runs, around the state of rest."""
 
     rest_share: Share = 0.3
     rest_spread: Share = 0.15
 
 
-class PythonDefinition(_Table):
+class PythonDefinition(Table):
     """A system whose physics is a Python function."""
 
     name: Name
@@ -167,13 +171,13 @@ class PythonDefinition(_Table):
     goals: dict[Name, GoalTable] = {}
 
 
-class RecordedPhysics(_Table):
+class RecordedPhysics(Table):
     """How often recordings were sampled."""
 
     step: Annotated[float, Field(gt=0, le=3600)]
 
 
-class RecordedDefinition(_Table):
+class RecordedDefinition(Table):
     """A system known from recordings alone."""
 
     name: Name

@@ -14,9 +14,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import Field, TypeAdapter
 
-from neuroanimator.systems.definition import Share
+from neuroanimator.systems.definition import Share, Table
 
 Colour = tuple[Share, Share, Share]
 """Red, green, blue."""
@@ -29,11 +29,7 @@ MOST_SECTIONS, MOST_FINS = 40, 12
 """A skin may come from a stranger, and its triangles grow with these."""
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Fin(_Table):
+class Fin(Table):
     """A thin blade: fin, fluke or flipper."""
 
     edge: tuple[tuple[Length, Length, Length, Size], ...] = Field(min_length=2, max_length=MOST_SECTIONS)
@@ -44,7 +40,7 @@ class Fin(_Table):
     """Whether there is another one, mirrored, on the right."""
 
 
-class Swimmer(_Table):
+class Swimmer(Table):
     """A smooth body around a spine along X, and its fins, which bend with the mass points along it."""
 
     kind: Literal["swimmer"]
@@ -63,7 +59,7 @@ class Swimmer(_Table):
         return len({place[0] for place in bones}) > 1
 
 
-class Box(_Table):
+class Box(Table):
     """A box with rounded edges that goes with the mass points at its eight corners."""
 
     kind: Literal["box"]
