@@ -38,6 +38,11 @@ class Buffer:
         return len(self.accessors) - 1
 
 
+def float32(values: np.ndarray) -> np.ndarray:
+    """Return `values` as the file holds numbers, ready for `Buffer.add`."""
+    return np.ascontiguousarray(values, dtype=np.float32)
+
+
 def container(document: dict[str, Any], binary: bytes) -> bytes:
     """Return the bytes of a GLB file."""
     text = json.dumps(document, separators=(",", ":")).encode()

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from neuroanimator.export.glb import float32
 from neuroanimator.systems.rotation import rotate
 from neuroanimator.systems.skeleton import Shape
 
@@ -29,7 +30,7 @@ def shape_mesh(shape: Shape) -> Mesh:
     points, normals, triangles = MAKERS[shape.kind](np.array(shape.size))
     turn = np.broadcast_to(np.array(shape.turn), (len(points), 4))
     placed = rotate(turn, points) + np.array(shape.place)
-    return Mesh(_float32(placed), _float32(rotate(turn, normals)), triangles.astype(np.uint16))
+    return Mesh(float32(placed), float32(rotate(turn, normals)), triangles.astype(np.uint16))
 
 
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -99,10 +100,6 @@ def _bands(rings: int) -> np.ndarray:
     low, following = np.arange(AROUND), np.roll(np.arange(AROUND), -1)
     one, other = np.stack([low, following, low + AROUND], 1), np.stack([following, following + AROUND, low + AROUND], 1)
     return np.concatenate([np.concatenate([one, other]) + band * AROUND for band in range(rings - 1)])
-
-
-def _float32(values: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(values, dtype=np.float32)
 
 
 MAKERS = {"capsule": _capsule, "sphere": _sphere, "ellipsoid": _ellipsoid, "cylinder": _cylinder, "box": _box}

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator.export.glb import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
+from neuroanimator.export.glb import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, float32
 from neuroanimator.systems.rotation import rotation_matrices
 from neuroanimator.systems.skeleton import Skeleton
 from neuroanimator.systems.skin_mesh import colours_of, skin_mesh
@@ -21,11 +21,11 @@ def skin_mesh_object(skeleton: Skeleton, material: int, buffer: Buffer) -> dict[
     mesh = skin_mesh(skeleton)
     colours = colours_of(skeleton.skin, mesh.shades) ** SCREEN_GAMMA
     attributes = {
-        "POSITION": buffer.add(_float32(mesh.points), "VEC3", target=ARRAY_BUFFER, bounds=True),
-        "NORMAL": buffer.add(_float32(mesh.normals), "VEC3", target=ARRAY_BUFFER),
-        "COLOR_0": buffer.add(_float32(colours), "VEC3", target=ARRAY_BUFFER),
+        "POSITION": buffer.add(float32(mesh.points), "VEC3", target=ARRAY_BUFFER, bounds=True),
+        "NORMAL": buffer.add(float32(mesh.normals), "VEC3", target=ARRAY_BUFFER),
+        "COLOR_0": buffer.add(float32(colours), "VEC3", target=ARRAY_BUFFER),
         "JOINTS_0": buffer.add(_listed(mesh.bones, mesh.weights), "VEC4", target=ARRAY_BUFFER),
-        "WEIGHTS_0": buffer.add(_float32(mesh.weights), "VEC4", target=ARRAY_BUFFER),
+        "WEIGHTS_0": buffer.add(float32(mesh.weights), "VEC4", target=ARRAY_BUFFER),
     }
     indices = buffer.add(mesh.triangles.astype(np.uint16).ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER)
     return {"name": "skin", "primitives": [{"attributes": attributes, "indices": indices, "material": material}]}
@@ -37,7 +37,7 @@ def skin_object(skeleton: Skeleton, first_node: int, buffer: Buffer) -> dict[str
     for matrix, bone in zip(matrices, skeleton.bones, strict=True):
         back = rotation_matrices(np.array(bone.turn)).T
         matrix[:3, :3], matrix[:3, 3], matrix[3, 3] = back, -back @ np.array(bone.offset), 1
-    columns = _float32(matrices.transpose(0, 2, 1))
+    columns = float32(matrices.transpose(0, 2, 1))
     joints = list(range(first_node, first_node + len(skeleton.bones)))
     return {"joints": joints, "inverseBindMatrices": buffer.add(columns, "MAT4"), "skeleton": 0}
 
@@ -50,7 +50,3 @@ def skin_material() -> dict[str, Any]:
 def _listed(bones: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return the bones' numbers, 0 where they do not count, as the format wants."""
     return np.where(weights > 0, bones, 0).astype(np.uint16)
-
-
-def _float32(values: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(values, dtype=np.float32)
