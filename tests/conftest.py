@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from neuroanimator import Emulator, dataset_config, find_emulator, generate, read_transitions
@@ -49,3 +51,20 @@ def cli() -> Cli:
         return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=300)
 
     return run
+
+
+def read_glb(path: Path) -> tuple[dict, bytes]:
+    """Return the JSON document and the binary chunk of a GLB file."""
+    raw = path.read_bytes()
+    magic, version, total, length = np.frombuffer(raw[:16], "<u4")
+    assert (magic, version, total) == (0x46546C67, 2, len(raw))
+    return json.loads(raw[20 : 20 + length]), raw[20 + length + 8 :]
+
+
+def accessor(document: dict, binary: bytes, index: int) -> np.ndarray:
+    """Return the numbers (count, K) accessor `index` points to."""
+    entry = document["accessors"][index]
+    view = document["bufferViews"][entry["bufferView"]]
+    kind = {5126: "<f4", 5123: "<u2"}[entry["componentType"]]
+    data = np.frombuffer(binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]], kind)
+    return data.reshape(entry["count"], -1)

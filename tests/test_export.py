@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import accessor, read_glb
 
 from neuroanimator import (
     Clip,
@@ -31,21 +31,6 @@ from neuroanimator.systems.skeleton import SHAPE_KINDS, Shape
 @pytest.fixture(scope="module")
 def clip(shipped: Emulator) -> Clip:
     return make_clip(shipped, random_motion(shipped, 1.0, seed=3))
-
-
-def read_glb(path: Path) -> tuple[dict, bytes]:
-    raw = path.read_bytes()
-    magic, version, total, length = np.frombuffer(raw[:16], "<u4")
-    assert (magic, version, total) == (0x46546C67, 2, len(raw))
-    return json.loads(raw[20 : 20 + length]), raw[20 + length + 8 :]
-
-
-def accessor(document: dict, binary: bytes, index: int) -> np.ndarray:
-    entry = document["accessors"][index]
-    view = document["bufferViews"][entry["bufferView"]]
-    kind = {5126: "<f4", 5123: "<u2"}[entry["componentType"]]
-    data = np.frombuffer(binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]], kind)
-    return data.reshape(entry["count"], -1)
 
 
 @pytest.mark.parametrize("name", ["pendulum", "truck", "lander"])

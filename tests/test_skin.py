@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import accessor, read_glb
 
 from neuroanimator import Clip, NeuroAnimatorError, load_system, write_glb
 from neuroanimator.errors import ArgumentError
@@ -232,21 +233,11 @@ def swimming(name: str, frames: int = 12) -> Clip:
     return Clip(name, system.skeleton, times, np.concatenate([places.reshape(frames, -1), others], axis=1))
 
 
-def accessor(document: dict, binary: bytes, index: int) -> np.ndarray:
-    entry = document["accessors"][index]
-    view = document["bufferViews"][entry["bufferView"]]
-    kind = {5126: "<f4", 5123: "<u2"}[entry["componentType"]]
-    data = np.frombuffer(binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]], kind)
-    return data.reshape(entry["count"], -1)
-
-
 @pytest.mark.parametrize("name", ANIMALS)
 def test_a_viewer_of_the_glb_puts_the_skin_where_the_clip_has_it(name: str, tmp_path: Path):
     clip = swimming(name)
     write_glb(clip, tmp_path / "a.glb")
-    raw = (tmp_path / "a.glb").read_bytes()
-    length = int.from_bytes(raw[12:16], "little")
-    document, binary = json.loads(raw[20 : 20 + length]), raw[20 + length + 8 :]
+    document, binary = read_glb(tmp_path / "a.glb")
     mesh: SkinMesh = skin_mesh(clip.skeleton)
     expected = posed(clip.skeleton, mesh, clip.states)[..., [0, 2, 1]] * [1, 1, -1]
     for frame in (0, len(clip.times) - 1):
