@@ -60,6 +60,15 @@ class HeldOut:
         states, truth = (part.reshape(-1, size)[::every] for part in parts)
         return states, self.controls[:, :span].reshape(-1, self.controls.shape[-1])[::every], truth
 
+    def moments(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return states (count, S) of random moments of the runs, and the controls (count, C) given then.
+
+        They are the same at every call, so that all physics is timed from the same ones.
+        """
+        rng = np.random.default_rng(0)
+        rows, steps = rng.integers(0, len(self.states), count), rng.integers(0, self.controls.shape[1], count)
+        return self.states[rows, steps], self.controls[rows, steps]
+
 
 def system_of(emulator: Emulator) -> System:
     """Return the physics `emulator` stands for."""

@@ -210,14 +210,13 @@ def physics_player(system: MujocoSystem, test: HeldOut, integrator: str) -> Call
     cost hardly depends on its length, so each integrator is timed at the system's own.
     """
     model = system.model_with(Scheme(integrator, system.physics_dt))
-    data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    rows, steps = rng.integers(0, len(test.states), STRETCHES), rng.integers(0, test.controls.shape[1], STRETCHES)
-    kind, signal = system.drive(test.controls)
+    data, (starts, controls) = mujoco.MjData(model), test.moments(STRETCHES)
+    kind, signals = system.drive(controls[:, None])
 
     def play() -> None:
-        for row, step in zip(rows, steps, strict=True):
-            system.put(data, test.states[row, step])
-            mujoco.mj_setState(model, data, signal[row, step], int(kind))
+        for start, signal in zip(starts, signals[:, 0], strict=True):
+            system.put(data, start)
+            mujoco.mj_setState(model, data, signal, int(kind))
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // STRETCHES)
 
     return play

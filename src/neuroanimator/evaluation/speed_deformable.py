@@ -40,9 +40,7 @@ def deformable_players(
 
     As for MuJoCo, an unseen state and its control begin each of the `stretches`.
     """
-    rng = np.random.default_rng(0)
-    rows, times = rng.integers(0, len(test.states), stretches), rng.integers(0, test.controls.shape[1], stretches)
-    starts, controls = test.states[rows, times], test.controls[rows, times]
+    starts, controls = test.moments(stretches)
     length, twin = steps // stretches, c_twin(system.body)
     if twin is not None:
         dt = system.physics_dt
