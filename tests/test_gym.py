@@ -14,7 +14,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import neuroanimator.gym
-from neuroanimator import Emulator, NeuroAnimatorError, stand_upright
+from neuroanimator import Emulator, NeuroAnimatorError, find_emulator, stand_upright
 from neuroanimator.gym import EmulatorEnv, EmulatorVectorEnv, RunningCost, mjcf_of, start_near_rest
 
 ADVICE = "(A Box observation space m..imum value is|For Box action spaces, we recommend)"
@@ -26,15 +26,22 @@ def random_actions(emulator: Emulator, *shape: int) -> np.ndarray:
     return np.random.default_rng(0).uniform(bounds.low, bounds.high, (*shape, len(bounds.low))).astype(np.float32)
 
 
+@pytest.fixture(scope="module", params=["pendulum-50", "lander-50", "fish-50", "cube-50"])
+def every_kind(request: pytest.FixtureRequest) -> Emulator:
+    """Hinges, a free root, a body with muscles and one that is pushed."""
+    return Emulator.load(find_emulator(request.param))
+
+
 @pytest.fixture
 def env(shipped: Emulator) -> EmulatorEnv:
     return EmulatorEnv(shipped)
 
 
-def test_gymnasium_accepts_the_environment():
+@pytest.mark.parametrize("name", ["pendulum-50", "fish-50", "cube-50"])
+def test_gymnasium_accepts_the_environment(name: str):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", f".*{ADVICE}")
-        check_env(gymnasium.make("neuroanimator/pendulum-50-v0").unwrapped)
+        check_env(gymnasium.make(f"neuroanimator/{name}-v0").unwrapped)
 
 
 def test_gymnasium_makes_every_shipped_emulator_by_name(shipped: Emulator):
@@ -46,11 +53,19 @@ def test_gymnasium_makes_every_shipped_emulator_by_name(shipped: Emulator):
     assert several.reset(seed=3)[0].shape == (2, 6)
 
 
-def test_the_trajectory_is_the_emulators_rollout(env: EmulatorEnv, shipped: Emulator):
-    actions = random_actions(shipped, 20)
+def test_the_trajectory_is_the_emulators_rollout(every_kind: Emulator):
+    env, actions = EmulatorEnv(every_kind), random_actions(every_kind, 20)
     start, _ = env.reset(seed=1)
-    states = [start, *(env.step(action)[0] for action in actions)]
-    np.testing.assert_allclose(states, shipped.rollout(start, actions), atol=1e-3)
+    states = np.array([start, *(env.step(action)[0] for action in actions)])
+    np.testing.assert_allclose(states, every_kind.rollout(start, actions), atol=1e-3)
+    assert np.ptp(states, axis=0).max() > 0.01
+
+
+def test_rows_that_start_anew_follow_the_rollout_again(every_kind: Emulator):
+    many, actions = EmulatorVectorEnv(every_kind, 2, seconds=every_kind.dt), random_actions(every_kind, 3, 2)
+    many.reset(seed=0)
+    _, starts, states = (many.step(action)[0] for action in actions)
+    np.testing.assert_allclose(states, every_kind.rollout(starts, actions[2][:, None])[:, 1], atol=1e-3)
 
 
 def test_the_same_seed_gives_the_same_episode(env: EmulatorEnv, shipped: Emulator):
@@ -93,7 +108,18 @@ def test_starts_lie_near_rest_and_differ_with_the_noise(shipped: Emulator):
     random = np.random.default_rng(0)
     starts = np.array([start_near_rest(shipped, 0.1, random) for _ in range(400)])
     np.testing.assert_allclose(starts.std(axis=0), 0.1 * np.array(shipped.normaliser.unit), rtol=0.2)
-    assert np.array_equal(start_near_rest(shipped, 0.0, random), shipped.identity.rest)
+
+
+def test_without_noise_a_start_is_rest_itself(every_kind: Emulator):
+    start = start_near_rest(every_kind, 0.0, np.random.default_rng(0))
+    assert np.array_equal(start, every_kind.identity.rest)
+
+
+def test_a_start_lies_as_far_from_rest_as_the_noise_is_large(every_kind: Emulator):
+    rest = np.array(every_kind.identity.rest)
+    little, much = (start_near_rest(every_kind, noise, np.random.default_rng(0)) - rest for noise in (1e-6, 1e-5))
+    assert np.abs(much).max() > 1e-8
+    np.testing.assert_allclose(10 * little, much, atol=1e-3 * np.abs(much).max())
 
 
 def test_an_episode_starts_where_it_is_told(env: EmulatorEnv, shipped: Emulator):

@@ -66,16 +66,24 @@ class RunningCost(eqx.Module):
         return -self.dt * self.objective(jnp.stack([state, following]), control[None], self.limit, 1.0)
 
 
-def _advance(emulator: Emulator, reward: Reward, state: Float[Array, " S"], control: Float[Array, " C"]) -> tuple:
-    """Return (next state, reward, whether training covered the step, whether the next state is far from training)."""
-    following, domain = emulator.step(state, control), emulator.domain
-    margin, plain = FAR * (domain.high - domain.low), emulator.plain_of(following, control)
+def _advance(
+    emulator: Emulator,
+    reward: Reward,
+    state: Float[Array, " S"],
+    inner: Float[Array, " I"],
+    control: Float[Array, " C"],
+) -> tuple:
+    """Return (next state, its inner numbers, reward, whether training covered the step, whether it ended far away)."""
+    held, domain = emulator.encode_control(control), emulator.domain
+    following = emulator.advance(inner, held)
+    after, plain = emulator.decode(following), emulator.seen(following, held)
+    margin = FAR * (domain.high - domain.low)
     is_near = jnp.all((plain >= domain.low - margin) & (plain <= domain.high + margin) & jnp.isfinite(plain))
-    is_covered = domain.covers(emulator.plain_of(state, control))
-    return following, reward(state, control, following), is_covered, ~(is_near & jnp.all(jnp.isfinite(following)))
+    is_far = ~(is_near & jnp.all(jnp.isfinite(after)))
+    return after, following, reward(state, control, after), domain.covers(emulator.seen(inner, held)), is_far
 
 
-_advance_batch = eqx.filter_jit(eqx.filter_vmap(_advance, in_axes=(None, None, 0, 0)))
+_advance_batch = eqx.filter_jit(eqx.filter_vmap(_advance, in_axes=(None, None, 0, 0, 0)))
 
 
 @final
@@ -134,12 +142,13 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def step(self, actions: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Return (states (B, S), rewards, terminated, truncated, info), each (B,), after `actions` (B, C)."""
-        following, rewards, is_covered, is_far = _advance_batch(
-            self.emulator, self.reward, self._states, self._controls(actions)
+        states, inner, rewards, is_covered, is_far = _advance_batch(
+            self.emulator, self.reward, self._states, self._inner, self._controls(actions)
         )
-        is_new, self._states = self._has_ended, np.array(following)
+        is_new, self._states, self._inner = self._has_ended, np.array(states), np.array(inner)
         for row in np.flatnonzero(is_new):
             self._states[row] = start_near_rest(self.emulator, self.noise, self._random[row])
+            self._inner[row] = self.emulator.encode(self._states[row])
         self._steps = np.where(is_new, 0, self._steps + 1)
         terminated, truncated = np.asarray(is_far) & ~is_new, self._steps >= self.steps
         self._has_ended = terminated | truncated
@@ -152,6 +161,8 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if states.shape not in (shape, shape[1:]):
             raise ArgumentError(f"state: wanted shape {shape[1:]} or {shape}, came {states.shape}.")
         self._states = np.broadcast_to(states, shape).astype(np.float32)
+        # Kept from step to step: a body's few numbers, decoded and encoded again, are no longer quite the same.
+        self._inner = self.emulator.encode(self._states)
         self._steps, self._has_ended = np.zeros(self.num_envs, int), np.zeros(self.num_envs, bool)
 
     def _controls(self, actions: ArrayLike) -> np.ndarray:
@@ -206,10 +217,15 @@ class EmulatorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def start_near_rest(emulator: Emulator, noise: float, random: np.random.Generator) -> np.ndarray:
-    """Return rest (S,) with noise along what a state can change by, so that quaternions stay of length one."""
+    """Return rest (S,) with noise along what a state can change by, so that quaternions stay of length one.
+
+    A deformable body is moved by what noise does to its few numbers, which cannot show rest itself exactly.
+    """
     frame = replace(emulator.frame, dt=0.0)  # noise is drawn around rest as it is, not as it would coast
-    unit = np.asarray(emulator.normaliser.unit, float)
-    return frame.apply(np.array(emulator.identity.rest), noise * unit * random.normal(size=unit.shape))
+    unit, rest = np.asarray(emulator.normaliser.unit, float), np.array(emulator.identity.rest)
+    changes = np.stack([np.zeros_like(unit), noise * unit * random.normal(size=unit.shape)])
+    still, moved = emulator.decode(frame.apply(np.tile(emulator.encode(rest), (2, 1)), changes))
+    return rest + (moved - still)
 
 
 def mjcf_of(env_id: str) -> Path:
