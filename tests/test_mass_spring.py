@@ -388,3 +388,14 @@ def test_the_truth_is_close_to_the_fine_reference(name: str):
     frame = Frame.of(system.structure, 0.1)
     unit = frame.difference(starts, exact).std(axis=0)
     assert np.sqrt(np.mean((frame.difference(exact, found) / unit) ** 2)) < 0.003
+
+
+def test_a_body_loaded_again_moves_without_being_compiled_again(caplog: pytest.LogCaptureFixture):
+    was_compiled = []
+    for _ in range(2):
+        cube = load_system("cube")
+        caplog.clear()
+        with jax.log_compiles():
+            cube.simulate(cube.rest[None], np.zeros((1, 3, 3)), 0.006, scheme=Scheme("symplectic", 0.002))
+        was_compiled.append("Compiling" in caplog.text)
+    assert was_compiled == [True, False]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -31,6 +31,9 @@ from neuroanimator.systems.system import Runs, Scheme, System
 ROWS = 256
 """Bodies simulated side by side: results do not depend on how many are asked for at once."""
 
+BODIES, RUNNERS = 16, 64
+"""How many bodies, and compiled motions of theirs, are kept: compiling one takes longer than most runs."""
+
 WILDEST_STRAIN = 5.0
 """A spring stretched to more than this many times its length belongs to a body that has blown up."""
 
@@ -41,8 +44,7 @@ class DeformableSystem(System):
     def __init__(self, definition: BodyDefinition, text: str = ""):
         """`text` is what the system can be made from again; empty for one that comes with the package."""
         self.name, self.definition = definition.name, text
-        self.body = body_of(definition)
-        check_steps(definition, self.body)
+        self.body = _body(definition.model_dump_json())
         names = control_names(definition)
         self.control = Layout(tuple(Slice(name, 1, "1") for name in names))
         self.bounds = Bounds.symmetric(np.ones(len(names)))
@@ -189,11 +191,16 @@ def _mirror(definition: BodyDefinition, body: Body) -> Mirror | None:
     return Mirror(tuple(int(i) for i in nodes), tuple(int(i) for i in controls))
 
 
+@lru_cache(maxsize=BODIES)
+def _body(text: str) -> Body:
+    """Return the checked body of the definition in JSON: always the same one, as what is compiled for it is kept."""
+    definition = BodyDefinition.model_validate_json(text)
+    body = body_of(definition)
+    check_steps(definition, body)
+    return body
+
+
+@lru_cache(maxsize=RUNNERS)
 def _runner(body: Body, scheme: Scheme, steps: int) -> Any:
-    key = (id(body), scheme, steps)
-    if key not in _RUNNERS:
-        _RUNNERS[key] = jax.jit(partial(trajectory, body, scheme.integrator, scheme.dt, steps))
-    return _RUNNERS[key]
-
-
-_RUNNERS: dict[Any, Any] = {}
+    """Return the compiled `trajectory` of `steps` physics steps per control."""
+    return jax.jit(partial(trajectory, body, scheme.integrator, scheme.dt, steps))
