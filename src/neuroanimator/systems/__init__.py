@@ -34,15 +34,7 @@ def load_system(name: str, definition: str = "") -> System:
         definition = own.resolve(name)[1]
     if definition:
         return own.from_text(definition)
-    makers = {
-        "cube": lambda: own.packaged("cube"),
-        "dolphin": lambda: own.packaged("dolphin"),
-        "fish": lambda: own.packaged("fish"),
-        "lander": lambda: own.packaged("lander"),
-        "pendulum": pendulum.active_pendulum,
-        "pendulum-passive": pendulum.passive_pendulum,
-        "truck": lambda: own.packaged("truck"),
-    }
-    if name not in makers:
+    if name not in SYSTEMS:
         raise ArgumentError(f"No system called '{name}'. Systems: {', '.join(sorted(SYSTEMS))}.")
-    return makers[name]()
+    pendulums = {"pendulum": pendulum.active_pendulum, "pendulum-passive": pendulum.passive_pendulum}
+    return pendulums[name]() if name in pendulums else own.packaged(name)
