@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from neuroanimator.emulator.emulator import Emulator, follow
 from neuroanimator.emulator.modes import RIGID
 from neuroanimator.systems.body import Body, largest_step
+from neuroanimator.systems.cloud import flat_of, points_of
 from neuroanimator.systems.mass_spring import Motion, advance
 
 Correction = Callable[[Float[Array, " I"]], Float[Array, " I"]]
@@ -32,10 +33,10 @@ def relaxed(emulator: Emulator, body: Body, steps: int = 3) -> Correction:
 
     def correct(inner: Float[Array, " I"]) -> Float[Array, " I"]:
         state = emulator.decode(inner)
-        places, speeds = (state[i * size : (i + 1) * size].reshape(-1, 3) for i in range(2))
-        motion = Motion(places, speeds, state[2 * size :])
-        found = advance(soft, "symplectic", dt, steps, motion, state[2 * size :])
-        flat = jnp.concatenate([found.places.ravel(), found.speeds.ravel(), state[2 * size :]])
+        contractions = state[2 * size :]
+        motion = Motion(points_of(state[:size]), points_of(state[size : 2 * size]), contractions)
+        found = advance(soft, "symplectic", dt, steps, motion, contractions)
+        flat = jnp.concatenate([flat_of(found.places), flat_of(found.speeds), contractions])
         fresh = emulator.encode(flat)
         return jnp.concatenate([inner[:RIGID], fresh[RIGID:]])
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import equinox as eqx
 import numpy as np
 
-from neuroanimator.systems.cloud import Cloud, seen_by, shown_by
+from neuroanimator.systems.cloud import Cloud, flat_of, points_of, seen_by, shown_by
 from neuroanimator.systems.rotation import (
     Numbers,
     cross,
@@ -92,7 +92,7 @@ class Frame(eqx.Module):
             if segment.kind in ("quaternion", "heading"):
                 return entries
             if segment.kind == "points" and self.cloud is not None:
-                return self.cloud.turn(_points(entries))
+                return self.cloud.turn(points_of(entries))
         return state[..., :0]
 
     def local(self, state: Numbers) -> Numbers:
@@ -210,7 +210,7 @@ class Frame(eqx.Module):
 
     def _coasting(self, segment: Segment, state: Numbers) -> Numbers | None:
         """Return what the segment's own rate adds in a super step; None where that is left to the network."""
-        if segment.rate < 0 or segment.kind in ("plain", "follower"):
+        if segment.rate < 0 or segment.kind == "plain":
             return None
         size = 3 if segment.kind == "quaternion" else segment.size
         return self.dt * state[..., segment.rate : segment.rate + size]
@@ -225,7 +225,7 @@ def _moved(segment: Segment, entries: Numbers, delta: Numbers, coasting: Numbers
     if segment.kind in ("planar position", "planar velocity"):
         return entries + extra + _turn_plane(root, delta)
     if segment.kind in ("points", "point velocities"):
-        return entries + extra + _flat(shown_by(root, _points(delta)))
+        return entries + extra + flat_of(shown_by(root, points_of(delta)))
     return entries + extra + delta
 
 
@@ -238,25 +238,16 @@ def _difference(segment: Segment, before: Numbers, after: Numbers, coasting: Num
     if segment.kind in ("planar position", "planar velocity"):
         return _turn_plane(-root, after - before - extra)
     if segment.kind in ("points", "point velocities"):
-        return _flat(seen_by(root, _points(after - before - extra)))
+        return flat_of(seen_by(root, points_of(after - before - extra)))
     return after - before - extra
-
-
-def _points(entries: Numbers) -> Numbers:
-    """Return (..., N, 3) from (..., 3N)."""
-    return entries.reshape(*entries.shape[:-1], -1, 3)
-
-
-def _flat(points: Numbers) -> Numbers:
-    return points.reshape(*points.shape[:-2], -1)
 
 
 def _seen_points(cloud: Cloud | None, segment: Segment, entries: Numbers, root: Numbers) -> Numbers:
     """Return places from the centroid, or speeds, (..., 3N) along the body's axes."""
-    points = _points(entries)
+    points = points_of(entries)
     if segment.kind == "points" and cloud is not None:
         points = points - cloud.centroid(points)[..., None, :]
-    return _flat(seen_by(root, points))
+    return flat_of(seen_by(root, points))
 
 
 # Roots instead of tanh and softplus, whose compiled forms take one number at a time and half a super step together.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,7 +13,7 @@ import numpy as np
 from neuroanimator.data.sampling import sample_controls, sample_starts
 from neuroanimator.emulator.correction import Correction, follow_corrected
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.systems.cloud import seen_by
+from neuroanimator.systems.cloud import points_of
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.mass_spring import Motion, energy, strains
 
@@ -45,13 +44,12 @@ def measures(system: DeformableSystem, states: np.ndarray | jax.Array) -> jax.Ar
     """Return (3, ...) of states (..., S): largest strain, energy [J], rms distance of the shape from rest [m]."""
     size, cloud = 3 * len(system.body.masses), system.structure.cloud
     assert cloud is not None
-    flat = jnp.moveaxis(jnp.asarray(states).reshape(-1, states.shape[-1]), 0, -1)
-    places, speeds = (flat[i * size : (i + 1) * size].reshape(-1, 3, flat.shape[-1]) for i in range(2))
-    motion = Motion(places, speeds, flat[2 * size :])
-    points = jnp.moveaxis(places, -1, 0)
-    seen = seen_by(cloud.turn(points), points - cloud.centroid(points)[:, None])
+    rows = jnp.asarray(states).reshape(-1, states.shape[-1])
+    parts = points_of(rows[:, :size]), points_of(rows[:, size : 2 * size]), rows[:, 2 * size :]
+    motion = Motion(*(jnp.moveaxis(part, 0, -1) for part in parts))
+    seen = cloud.own_frame(parts[0])[2]
     shape = jnp.sqrt(jnp.mean(jnp.sum((seen - jnp.asarray(cloud.places)) ** 2, axis=-1), axis=-1))
-    found = jnp.stack([jnp.abs(strains(system.body, places)).max(axis=0), energy(system.body, motion), shape])
+    found = jnp.stack([jnp.abs(strains(system.body, motion.places)).max(axis=0), energy(system.body, motion), shape])
     return found.reshape(3, *states.shape[:-1])
 
 
@@ -66,7 +64,6 @@ def measure_long_run(
     starts: int = 100,
     steps: int = 100_000,
     seed: int = 3,
-    on_block: Callable[[int], None] = lambda done: None,
 ) -> LongRun:
     """Return how far bodies stray under random swimming, against the states `training` (N, S) showed."""
     rng = np.random.default_rng(seed)
@@ -82,7 +79,6 @@ def measure_long_run(
         seen = np.asarray(seen)
         largest = np.maximum(largest, np.where(np.isfinite(seen), seen, np.inf).max(axis=2))
         late += [seen] if done + BLOCK > 0.9 * steps else []
-        on_block(done + BLOCK)
     ratios = largest / known.max(axis=1)[:, None]
     middle = np.median(np.concatenate(late, axis=2), axis=(1, 2)) / np.median(known, axis=1)
     return LongRun(

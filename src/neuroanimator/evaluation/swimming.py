@@ -8,7 +8,6 @@ import numpy as np
 
 from neuroanimator.data.sampling import sample_controls, sample_starts
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.systems.cloud import seen_by
 from neuroanimator.systems.deformable import DeformableSystem
 
 
@@ -34,8 +33,10 @@ def compare_swims(emulator: Emulator, system: DeformableSystem, runs: int, steps
     true = system.simulate(starts, controls, emulator.dt)
     alive = true.is_alive
     found = np.asarray(emulator.rollout(starts[alive], controls[alive]), float)
-    (seen, centre, turn), (seen_found, centre_found, turn_found) = (
-        _seen(system, states) for states in (true.states[alive], found)
+    cloud = system.structure.cloud
+    assert cloud is not None
+    (centre, turn, seen), (centre_found, turn_found, seen_found) = (
+        cloud.own_frame(system.unpack(states)[0]) for states in (true.states[alive], found)
     )
     spread = np.sqrt(np.mean(np.sum((seen - seen.mean(axis=(0, 1))) ** 2, axis=-1)))
     way = np.cumsum(np.linalg.norm(np.diff(centre, axis=1, prepend=centre[:, :1]), axis=2), axis=1)
@@ -46,12 +47,3 @@ def compare_swims(emulator: Emulator, system: DeformableSystem, runs: int, steps
         turn=2 * np.arccos(cosine),
         way=way,
     )
-
-
-def _seen(system: DeformableSystem, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mass points in the body's frame (B, T, N, 3), centroids (B, T, 3) and turns (B, T, 4)."""
-    cloud = system.structure.cloud
-    assert cloud is not None
-    places = system.unpack(states)[0]
-    centre, turn = cloud.centroid(places), cloud.turn(places)
-    return seen_by(turn, places - centre[..., None, :]), centre, turn

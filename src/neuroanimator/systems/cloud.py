@@ -38,15 +38,24 @@ class Cloud:
         xp = points.__array_namespace__()
         return xp.sum(xp.asarray(self.masses, dtype=points.dtype)[:, None] * points, axis=-2)
 
+    def own_frame(self, places: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+        """Return centroid (..., 3), `turn` (..., 4) and `places` (..., N, 3) seen from there, along axes so turned."""
+        centre = self.centroid(places)
+        centred = places - centre[..., None, :]
+        turn = self._closest_turn(centred)
+        return centre, turn, seen_by(turn, centred)
+
     def turn(self, places: Numbers) -> Numbers:
         """Return the unit quaternion (..., 4) that turns the cloud at rest closest to `places` (..., N, 3).
 
         Closest in the mass-weighted squares: the frame that wobbles least with the shape (Eckart 1935), found as
-        the largest eigenvector of a 4 x 4 matrix (Horn 1987). Its sign is that of a positive largest entry.
+        the largest eigenvector of a 4 x 4 matrix (Horn 1987). Its first entry is not negative.
         """
-        xp = places.__array_namespace__()
-        rest, shares = (xp.asarray(part, dtype=places.dtype) for part in (self.places, self.masses))
-        centred = places - self.centroid(places)[..., None, :]
+        return self._closest_turn(places - self.centroid(places)[..., None, :])
+
+    def _closest_turn(self, centred: Numbers) -> Numbers:
+        xp = centred.__array_namespace__()
+        rest, shares = (xp.asarray(part, dtype=centred.dtype) for part in (self.places, self.masses))
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = _rows((rest * shares[:, None]).mT @ centred)
         rows = [
             [xx + yy + zz, yz - zy, zx - xz, xy - yx],
@@ -74,6 +83,16 @@ class Cloud:
 
 def _rows(matrix: Numbers) -> list[list[Numbers]]:
     return [[matrix[..., i, j] for j in range(3)] for i in range(3)]
+
+
+def points_of(flat: Numbers) -> Numbers:
+    """Return the mass points (..., N, 3) that stand one after another in `flat` (..., 3N)."""
+    return flat.reshape(*flat.shape[:-1], -1, 3)
+
+
+def flat_of(points: Numbers) -> Numbers:
+    """Return mass points (..., N, 3) one after another: (..., 3N)."""
+    return points.reshape(*points.shape[:-2], -1)
 
 
 def seen_by(quaternion: Numbers, vectors: Numbers) -> Numbers:
