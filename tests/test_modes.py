@@ -20,6 +20,7 @@ from neuroanimator.emulator.hierarchy import Hierarchy, Part, check_parts
 from neuroanimator.emulator.modes import fit_modes
 from neuroanimator.emulator.principal import reflection
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.cloud import flat_of, points_of, shown_by
 from neuroanimator.systems.own import resolve
 from neuroanimator.systems.rotation import rotate
 from neuroanimator.training.build import build_emulator
@@ -61,9 +62,8 @@ def windows(data: Transitions) -> tuple[np.ndarray, np.ndarray]:
 
 def turned(data: Transitions, states: np.ndarray, turn: np.ndarray, way: np.ndarray | float) -> np.ndarray:
     size = 3 * len(data.system.structure.cloud.masses)
-    parts = [rotate(turn, states[:, i * size : (i + 1) * size].reshape(len(states), -1, 3)) for i in range(2)]
-    parts[0] = parts[0] + way
-    return np.concatenate([*(part.reshape(len(states), -1) for part in parts), states[:, 2 * size :]], axis=1)
+    places, speeds = (rotate(turn, points_of(states[:, i * size : (i + 1) * size])) for i in range(2))
+    return np.concatenate([flat_of(places + way), flat_of(speeds), states[:, 2 * size :]], axis=1)
 
 
 def test_all_modes_together_lose_nothing(data: Transitions):
@@ -166,8 +166,7 @@ def test_the_frame_of_a_body_wobbles_least(data: Transitions):
     """Eckart's frame: no other turn brings the body at rest closer."""
     states, _ = windows(data)
     cloud = data.system.structure.cloud
-    size = 3 * cloud.count
-    places = states[:, :size].reshape(len(states), -1, 3)
+    places = points_of(states[:, : 3 * cloud.count])
     centred, shares = places - cloud.centroid(places)[:, None], np.array(cloud.masses)[:, None]
     apart = lambda turns: np.sum(shares * (centred - rotate(turns[:, None], np.array(cloud.places))) ** 2, axis=(1, 2))  # noqa: E731
     best = cloud.turn(places)
@@ -175,6 +174,18 @@ def test_the_frame_of_a_body_wobbles_least(data: Transitions):
     for _ in range(10):
         other = best + 0.02 * rng.normal(size=best.shape)
         assert (apart(other / np.linalg.norm(other, axis=1, keepdims=True)) >= apart(best) - 1e-12).all()
+
+
+def test_a_body_seen_in_its_own_frame_is_the_same_wherever_it_is_and_is_found_there_again(data: Transitions):
+    states, _ = windows(data)
+    cloud = data.system.structure.cloud
+    places = points_of(states[:, : 3 * cloud.count])
+    centre, turn, seen = cloud.own_frame(places)
+    size = np.abs(seen).max()
+    assert np.abs(centre[:, None] + shown_by(turn, seen) - places).max() < 1e-12 * size
+    elsewhere = rotate(np.array([0.8, 0.0, -0.48, 0.36]), places) + np.array([0.7, -0.4, 0.2])
+    assert np.abs(cloud.own_frame(elsewhere)[2] - seen).max() < 1e-9 * size
+    assert np.abs(seen - places).max() > 1e-3 * size  # they were somewhere else, or turned
 
 
 def test_a_change_is_put_back_where_it_was_seen(data: Transitions):

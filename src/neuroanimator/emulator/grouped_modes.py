@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator.emulator.modes import RIGID, Modes, fit_modes
-from neuroanimator.emulator.principal import principal, reflection
+from neuroanimator.emulator.modes import Modes, modes_along, seen_in_frame
+from neuroanimator.emulator.principal import Basis, principal, reflection
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.structure import Structure
 
@@ -32,31 +30,16 @@ class GroupedModes(NamedTuple):
 
 def fit_grouped_modes(structure: Structure, states: np.ndarray, local: int) -> GroupedModes:
     """Return modes in which every segment has its centre's three, and `local` more for places and for speeds."""
-    whole = fit_modes(replace(structure, mirror=None), states, 10**6, 10**6)
-    inner = whole.encode(np.asarray(states, float))[:, RIGID:]
-    size = whole.places.shape[0]
-    parts = inner[:, :size] @ np.asarray(whole.places).T, inner[:, size : 2 * size] @ np.asarray(whole.speeds).T
-    means = np.asarray(whole.mean_place), np.asarray(whole.mean_speed)
-    (places, odd_q, own_q), (speeds, odd_p, own_p) = (_grouped(structure, samples, local) for samples in parts)
-    modes = replace(
-        whole,
-        places=jnp.asarray(places, jnp.float32),
-        speeds=jnp.asarray(speeds, jnp.float32),
-        mean_place=jnp.asarray(_mirrored_mean(structure, means[0]), jnp.float32),
-        mean_speed=jnp.asarray(_mirrored_mean(structure, means[1]), jnp.float32),
-        mirror=structure.mirror,
-        odd_places=odd_q,
-        odd_speeds=odd_p,
-    )
-    return GroupedModes(modes.with_reach(states), own_q, own_p)
+    assert structure.cloud is not None
+    _, shapes, swings = seen_in_frame(structure.cloud, np.asarray(states, float))
+    (places, own_q), (speeds, own_p) = (_grouped(structure, samples, local) for samples in (shapes, swings))
+    return GroupedModes(modes_along(structure, places, speeds, states), own_q, own_p)
 
 
-def _mirrored_mean(structure: Structure, mean: np.ndarray) -> np.ndarray:
-    return mean if structure.mirror is None else (mean + reflection(structure.mirror) @ mean) / 2
-
-
-def _grouped(structure: Structure, samples: np.ndarray, local: int) -> tuple[np.ndarray, int, list[Owner]]:
-    """Return (directions (3N, K), how many are odd, owners), odd directions first."""
+def _grouped(structure: Structure, seen: np.ndarray, local: int) -> tuple[Basis, list[Owner]]:
+    """Return the directions for what is `seen` (B, 3N), and whose each is, odd directions first."""
+    mean = seen.mean(axis=0)
+    samples = seen - mean
     odd, even = [], []
     reflect = None if structure.mirror is None else reflection(structure.mirror)
     for number, group in enumerate(structure.groups):
@@ -73,7 +56,8 @@ def _grouped(structure: Structure, samples: np.ndarray, local: int) -> tuple[np.
             is_odd = reflect is None or axis == 1
             (odd if is_odd else even).append((_wide(way, rows, samples), Owner(number, True)))
     ways, owners = zip(*odd, *even, strict=True)
-    return np.stack(ways, axis=1), len(odd), list(owners)
+    mirrored = mean if reflect is None else (mean + reflect @ mean) / 2
+    return Basis(mirrored, np.stack(ways, axis=1), len(odd)), list(owners)
 
 
 def _wide(way: np.ndarray, rows: np.ndarray, samples: np.ndarray) -> np.ndarray:

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.emulator.principal import mixing, principal, reflection
-from neuroanimator.systems.cloud import Cloud, seen_by, shown_by
+from neuroanimator.emulator.principal import Basis, mixing, principal, reflection
+from neuroanimator.systems.cloud import Cloud, flat_of, points_of, seen_by, shown_by
 from neuroanimator.systems.rotation import Numbers, cross
 from neuroanimator.systems.structure import Mirror, Segment, Structure
 
@@ -94,33 +94,24 @@ class Modes(eqx.Module):
     def encode(self, state: Numbers) -> Numbers:
         """Return (..., I) the few numbers of `state` (..., S)."""
         xp = state.__array_namespace__()
-        size = 3 * self.cloud.count
-        points = lambda entries: entries.reshape(*entries.shape[:-1], -1, 3)  # noqa: E731
-        places, speeds = points(state[..., :size]), points(state[..., size : 2 * size])
-        centre, velocity, turn = self.cloud.centroid(places), self.cloud.centroid(speeds), self.cloud.turn(places)
-        seen = seen_by(turn, places - centre[..., None, :])
-        flow = seen_by(turn, speeds - velocity[..., None, :])
-        spin = self.cloud.spin(seen, flow)
-        flow = flow - cross(spin[..., None, :], seen)
-        shape, swing = (part.reshape(*part.shape[:-2], -1) for part in (seen, flow))
+        rigid, shape, swing = seen_in_frame(self.cloud, state)
         q = (shape - _like(self.mean_place, state)) @ _like(self.places, state)
         p = (swing - _like(self.mean_speed, state)) @ _like(self.speeds, state)
-        pulled = self.encode_control(state[..., 2 * size :])
-        return xp.concat([centre, turn, velocity, spin, *self._ordered(q, p), pulled], axis=-1)
+        pulled = self.encode_control(state[..., 2 * shape.shape[-1] :])
+        return xp.concat([*rigid, *self._ordered(q, p), pulled], axis=-1)
 
     def decode(self, inner: Numbers) -> Numbers:
         """Return the states (..., S) closest to what `inner` (..., I) says."""
         xp = inner.__array_namespace__()
         centre, turn, velocity, spin = inner[..., :3], inner[..., 3:7], inner[..., 7:10], inner[..., 10:RIGID]
         q, p = self._parted(inner)
-        points = lambda flat: flat.reshape(*flat.shape[:-1], -1, 3)  # noqa: E731
-        seen = points(_like(self.mean_place, inner) + q @ _like(self.places, inner).mT)
-        flow = points(_like(self.mean_speed, inner) + p @ _like(self.speeds, inner).mT)
+        seen = points_of(_like(self.mean_place, inner) + q @ _like(self.places, inner).mT)
+        flow = points_of(_like(self.mean_speed, inner) + p @ _like(self.speeds, inner).mT)
         flow = flow + cross(spin[..., None, :], seen)
         places = centre[..., None, :] + shown_by(turn, seen)
         speeds = velocity[..., None, :] + shown_by(turn, flow)
-        flat = [part.reshape(*part.shape[:-2], -1) for part in (places, speeds)]
-        return xp.concat([*flat, self.decode_control(inner[..., RIGID + self.count :])], axis=-1)
+        contractions = self.decode_control(inner[..., RIGID + self.count :])
+        return xp.concat([flat_of(places), flat_of(speeds), contractions], axis=-1)
 
     @property
     def count(self) -> int:
@@ -146,16 +137,26 @@ class Modes(eqx.Module):
 
         It keeps a body in shape for ever: see `docs/decisions/0008-bodies-in-few-numbers.md`.
         """
-        velocity, spin, modes = inner[7:10], inner[10:RIGID], inner[RIGID : RIGID + self.count]
-        size = (modes / self.spread) ** 2
-        shape = self._is_place()
-        squares = (
-            jnp.mean(size, where=shape), jnp.mean(size, where=~shape), jnp.sum(velocity**2), jnp.sum(spin**2)
-        )  # fmt: skip
+        velocity, spin, modes = self._limited(inner)
+        squares = self._squares(velocity, spin, modes / self.spread)
         kept = [jnp.minimum(1.0, self.reach[i] / jnp.sqrt(square + TINY)) for i, square in enumerate(squares)]
-        shrunk = modes * jnp.where(shape, kept[0], kept[1])
+        shrunk = modes * jnp.where(self._is_place(), kept[0], kept[1])
         parts = inner[:7], velocity * kept[2], spin * kept[3], shrunk, inner[RIGID + self.count :]
         return jnp.concatenate(parts)
+
+    def _limited(self, inner: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+        """Return velocity (..., 3), spin (..., 3) and modes (..., K) of `inner` (..., I): what has a reach."""
+        return inner[..., 7:10], inner[..., 10:RIGID], inner[..., RIGID : RIGID + self.count]
+
+    def _squares(self, velocity: Numbers, spin: Numbers, modes: Numbers) -> tuple[Numbers, ...]:
+        """Return the squares (...) of what `reach` limits, in its order; `modes` in standard deviations."""
+        xp, size, shape = modes.__array_namespace__(), modes**2, self._is_place()
+        return (
+            xp.mean(size, axis=-1, where=shape),
+            xp.mean(size, axis=-1, where=~shape),
+            xp.sum(velocity**2, axis=-1),
+            xp.sum(spin**2, axis=-1),
+        )
 
     def _is_place(self) -> np.ndarray:
         """Return (K,) which modes, in their order within the few numbers, are of places."""
@@ -165,15 +166,10 @@ class Modes(eqx.Module):
 
     def with_reach(self, states: np.ndarray) -> Modes:
         """Return the modes with spread and reach of the bodies in `states` (B, S)."""
-        inner = self.encode(np.asarray(states, float))
-        modes = inner[:, RIGID : RIGID + self.count]
+        velocity, spin, modes = self._limited(self.encode(np.asarray(states, float)))
         spread = np.maximum(modes.std(axis=0), SMALLEST_SPREAD)
-        size, shape = (modes / spread) ** 2, self._is_place()
-        seen = (
-            np.sqrt(size[:, shape].mean(axis=1)), np.sqrt(size[:, ~shape].mean(axis=1)),
-            np.linalg.norm(inner[:, 7:10], axis=1), np.linalg.norm(inner[:, 10:RIGID], axis=1),
-        )  # fmt: skip
-        reach = np.array([np.quantile(each, HARDLY_EXCEEDED) for each in seen])
+        squares = self._squares(velocity, spin, modes / spread)
+        reach = np.array([np.quantile(np.sqrt(square), HARDLY_EXCEEDED) for square in squares])
         return replace(self, spread=jnp.asarray(spread, jnp.float32), reach=jnp.asarray(reach, jnp.float32))
 
     def encode_control(self, control: Numbers) -> Numbers:
@@ -235,20 +231,35 @@ def _swaps(partners: tuple[int, ...], count: int) -> bool:
     return len(partners) == count and all(0 <= p < count and partners[p] == i for i, p in enumerate(partners))
 
 
+def seen_in_frame(cloud: Cloud, state: Numbers) -> tuple[list[Numbers], Numbers, Numbers]:
+    """Return the frame of `state` (..., S) as place, quaternion, velocity and spin; then shape and swing within it.
+
+    The shape (..., 3N) [m] is where mass points are, the swing (..., 3N) [m/s] how they move besides the frame.
+    """
+    size = 3 * cloud.count
+    places, speeds = points_of(state[..., :size]), points_of(state[..., size : 2 * size])
+    centre, turn, seen = cloud.own_frame(places)
+    velocity = cloud.centroid(speeds)
+    flow = seen_by(turn, speeds - velocity[..., None, :])
+    spin = cloud.spin(seen, flow)
+    return [centre, turn, velocity, spin], flat_of(seen), flat_of(flow - cross(spin[..., None, :], seen))
+
+
 def fit_modes(structure: Structure, states: np.ndarray, place_modes: int, speed_modes: int) -> Modes:
     """Return the modes in which the bodies in `states` (B, S) vary most."""
-    cloud, mirror = structure.cloud, structure.mirror
-    assert cloud is not None
-    size = 3 * cloud.count
-    response = next((s.response for s in structure.segments if s.kind == "follower"), 0.0)
-    every = jnp.eye(size), jnp.eye(size)
-    muscles = sum(segment.size for segment in structure.segments if segment.kind == "follower")
-    nothing = jnp.zeros(size), jnp.zeros(size), jnp.ones(2 * size), jnp.ones(4)
-    whole = Modes(*every, *nothing, cloud, None, size, size, muscles, response)
-    inner = whole.encode(np.asarray(states, float))[:, RIGID:]
-    reflect = None if mirror is None else reflection(mirror)
-    places = principal(inner[:, :size], min(place_modes, size), reflect)
-    speeds = principal(inner[:, size : 2 * size], min(speed_modes, size), reflect)
+    assert structure.cloud is not None
+    _, shapes, swings = seen_in_frame(structure.cloud, np.asarray(states, float))
+    reflect = None if structure.mirror is None else reflection(structure.mirror)
+    most = shapes.shape[1]
+    places = principal(shapes, min(place_modes, most), reflect)
+    speeds = principal(swings, min(speed_modes, most), reflect)
+    return modes_along(structure, places, speeds, states)
+
+
+def modes_along(structure: Structure, places: Basis, speeds: Basis, states: np.ndarray) -> Modes:
+    """Return the modes in these directions, with spread and reach of the bodies in `states` (B, S)."""
+    assert structure.cloud is not None
+    followers = [segment for segment in structure.segments if segment.kind == "follower"]
     modes = Modes(
         places=jnp.asarray(places.directions, jnp.float32),
         speeds=jnp.asarray(speeds.directions, jnp.float32),
@@ -256,11 +267,11 @@ def fit_modes(structure: Structure, states: np.ndarray, place_modes: int, speed_
         mean_speed=jnp.asarray(speeds.mean, jnp.float32),
         spread=jnp.ones(places.directions.shape[1] + speeds.directions.shape[1]),
         reach=jnp.ones(4),
-        cloud=cloud,
-        mirror=mirror,
+        cloud=structure.cloud,
+        mirror=structure.mirror,
         odd_places=places.odd,
         odd_speeds=speeds.odd,
-        muscles=muscles,
-        response=response,
+        muscles=sum(segment.size for segment in followers),
+        response=followers[0].response if followers else 0.0,
     )
     return modes.with_reach(states)
