@@ -134,12 +134,13 @@ class Mirrored(Network):
     def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray, even_out):
         _check_halves(widths)
         keys = jax.random.split(key, len(widths) + 2)
-        layers, answers = [], (out - len(tuple(even_out)), len(tuple(even_out)))
+        self.even = tuple(even_out)
+        layers, answers = [], (out - len(self.even), len(self.even))
         self.odd_linear, self.even_linear = jnp.zeros((odd, answers[0])), jnp.zeros((even, answers[1]))
         for width, layer_key in zip(widths, keys[2:], strict=True):
             layers.append(GatedLayer(odd, even, width // 2, key=layer_key))
             odd = even = width // 2
-        self.layers, self.even = tuple(layers), tuple(even_out)
+        self.layers = tuple(layers)
         self.odd_out = 0.1 * _weights(keys[0], odd, answers[0])
         self.even_out = 0.1 * _weights(keys[1], even, answers[1])
 

@@ -39,7 +39,7 @@ def parts_of_body(
         near = [i for i, owner in enumerate(owners) if owner.is_centre and abs(owner.group - number) <= 1]
         own = [i for i, owner in enumerate(owners) if owner.group == number and not owner.is_centre]
         sees = [SPIN + i for i in sorted({*near, *own})] + _controls_seen(modes, group, SPIN + count, features)
-        answers, hears = (tuple(RIGID_CHANGES + i for i in modes) for modes in (own, near))
+        answers, hears = (tuple(RIGID_CHANGES + i for i in numbers) for numbers in (own, near))
         parts.append(_part(group.name, sees, answers, even, features, hears))
     return tuple(parts)
 

@@ -92,14 +92,17 @@ def _network(config: TrainingConfig, sight: _Sight, system: System, numbers: int
     features = sight.features
     even = tuple(int(i) for i in np.flatnonzero(~sight.odd_changes)) if features.even else ()
     sizes = (*features.sizes(numbers - len(features.plain)), len(sight.odd_changes))
-    parts: tuple[Part, ...] = ()
-    if config.network == "hierarchy" and not system.structure.groups:
-        raise ArgumentError(f"network: {system.name} has no [groups], which a hierarchy needs. Name its segments.")
-    if config.network == "hierarchy" and sight.modes is not None:
-        parts = parts_of_body(sight.modes, system.structure, features.even, numbers)
-    elif config.network == "hierarchy":
-        parts = parts_of_joints(system.structure, sight.frame, features, system.control.size)
+    parts = _parts(sight, system, numbers) if config.network == "hierarchy" else ()
     return make_network(_kind(config, features), *sizes, config.widths, jax.random.key(config.seed), even, parts)
+
+
+def _parts(sight: _Sight, system: System, numbers: int) -> tuple[Part, ...]:
+    """Return who sees and answers what in a hierarchy."""
+    if not system.structure.groups:
+        raise ArgumentError(f"network: {system.name} has no [groups], which a hierarchy needs. Name its segments.")
+    if sight.modes is None:
+        return parts_of_joints(system.structure, sight.frame, sight.features, system.control.size)
+    return parts_of_body(sight.modes, system.structure, sight.features.even, numbers)
 
 
 def _kind(config: TrainingConfig, features: Features) -> str:
