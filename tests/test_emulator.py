@@ -14,7 +14,9 @@ import pytest
 import safetensors.numpy
 
 from neuroanimator import Emulator, NeuroAnimatorError, find_emulator, stand_upright, training_config
-from neuroanimator.control.descend import _cost
+from neuroanimator.control.corrected import no_defects
+from neuroanimator.control.parameters import EachStep
+from neuroanimator.control.problem import Problem
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import rollout
 from neuroanimator.emulator.features import Features, sine_cosine
@@ -61,10 +63,11 @@ def test_the_gradient_of_a_motion_equals_finite_differences(fresh: Emulator):
     with jax.enable_x64(True):
         exact = jax.tree.map(lambda leaf: leaf.astype(jnp.float64) if eqx.is_array(leaf) else leaf, fresh)
         start, limit = jnp.array([0.3, -0.2, 0.1, 1.0, 0.0, -1.0]), jnp.array([30.0, 14.0, 4.0])
-        bounds = (0 * limit, limit, limit)
+        parameters = EachStep(0 * limit, limit, 5)
         objective = jax.tree.map(lambda leaf: leaf.astype(jnp.float64), stand_upright())
         z = jnp.asarray(np.random.default_rng(0).normal(size=15))
-        cost = eqx.filter_jit(lambda z: _cost(exact, objective, start, bounds, z))
+        problem = Problem(exact, objective, parameters, start, no_defects(exact, 5), limit)
+        cost = eqx.filter_jit(problem.cost)
         gradient = jax.grad(cost)(z)
         step = 1e-6
         numeric = [(cost(z.at[i].add(step)) - cost(z.at[i].add(-step))) / (2 * step) for i in range(15)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
-from neuroanimator.control.objective import goal_state, is_reached
+from neuroanimator.control.goals import goal_state, is_reached
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.systems.rotation import heading_of, upward
 from neuroanimator.systems.system import System

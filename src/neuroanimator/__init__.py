@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from neuroanimator.animation.clip import Clip, make_clip
     from neuroanimator.control.descend import descend
-    from neuroanimator.control.objective import Objective, is_reached, reach_state, stand_upright
-    from neuroanimator.control.replay import is_upright, replay
+    from neuroanimator.control.goals import is_reached, is_upright, reach_state, stand_upright
+    from neuroanimator.control.objective import Objective
+    from neuroanimator.control.replay import replay
     from neuroanimator.control.synthesise import synthesise
     from neuroanimator.data.diverged import read_diverged
     from neuroanimator.data.generate import generate
@@ -38,16 +39,16 @@ _HOMES = {
     "evaluate": "evaluation.evaluate",
     "find_emulator": "shipped",
     "generate": "data.generate",
-    "is_reached": "control.objective",
-    "is_upright": "control.replay",
+    "is_reached": "control.goals",
+    "is_upright": "control.goals",
     "load_system": "systems",
     "make_clip": "animation.clip",
     "read_clip": "export.table",
     "read_diverged": "data.diverged",
     "read_transitions": "data.transitions",
-    "reach_state": "control.objective",
+    "reach_state": "control.goals",
     "replay": "control.replay",
-    "stand_upright": "control.objective",
+    "stand_upright": "control.goals",
     "synthesise": "control.synthesise",
     "train": "training.train",
     "training_config": "training.config",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.animation.clip import make_clip
-from neuroanimator.control.replay import is_upright
+from neuroanimator.control.goals import is_upright
 from neuroanimator.control.report import outcome_rows
 from neuroanimator.control.synthesise import Synthesis, synthesise_goal
 from neuroanimator.data.generate import generate

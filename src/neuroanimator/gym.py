@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective import Objective
+from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.shipped import SHIPPED, find_emulator
@@ -63,7 +64,7 @@ class RunningCost(eqx.Module):
         """Return the reward of going from `state` to `following`."""
         if self.objective is None:
             return -self.dt * jnp.sum((control / self.limit) ** 2) / 2
-        return -self.dt * self.objective(jnp.stack([state, following]), control[None], self.limit, 1.0)
+        return -self.dt * self.objective(Trajectory(jnp.stack([state, following]), control[None], self.limit, 1.0))
 
 
 def _advance(

@@ -1,9 +1,4 @@
-"""Find controls by gradient descent through the emulator (back-propagation through time).
-
-All ways search over z with u = middle + half · tanh(z): controls are bounded by construction. An iteration
-is one backward sweep through the chain of emulators: a gradient of J for `momentum` and `lbfgs`,
-the Jacobian of the S end-state errors (S gradients in one batched sweep) for `gauss-newton`.
-"""
+"""Find controls by gradient descent through the emulator (back-propagation through time)."""
 
 from __future__ import annotations
 
@@ -15,19 +10,20 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
-from scipy.optimize import least_squares, minimize
+from jaxtyping import Array
 
-from neuroanimator.control.objective import Objective
-from neuroanimator.emulator.emulator import Emulator, rollout
+from neuroanimator.control.corrected import no_defects
+from neuroanimator.control.methods import METHODS, Method, Progress
+from neuroanimator.control.objective import Objective, check_objective
+from neuroanimator.control.parameters import EachStep, Parameters
+from neuroanimator.control.problem import Problem
+from neuroanimator.data.sampling import sample_controls
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.layout import Bounds
 
-MOMENTUM, MOMENTUM_STEP = 0.9, 0.1
-"""Of the 1998 method; the step is along the gradient's direction, since J's gradient spans four decades."""
-
-CONVERGED = 1e-3
-"""Relative fall of J below which a descent ends."""
+DEFAULT_METHOD = "gauss-newton"
+"""The one that measures best: `benchmarks/control.py descents`."""
 
 
 @dataclass(frozen=True)
@@ -40,70 +36,17 @@ class Descent:
     cost: float
     """J on the emulator."""
     costs: tuple[float, ...]
-    """J where each backward sweep was taken."""
+    """The least J at first and after each iteration that was watched, of the start that ended best."""
+    iterations: int
+    """Backward sweeps of the start that ended best."""
     seconds: float
     """Compilation excluded."""
-
-    @property
-    def iterations(self) -> int:
-        """Backward sweeps taken."""
-        return len(self.costs)
-
-
-@dataclass
-class Problem:
-    """J and its derivatives as compiled functions of the flat z (T·C,); keeps count."""
-
-    emulator: Emulator
-    objective: Objective
-    start: np.ndarray
-    steps: int
-    bounds: Bounds
-
-    def __post_init__(self) -> None:
-        self.costs: list[float] = []
-        arrays = (
-            self.emulator,
-            self.objective,
-            jnp.asarray(self.start, jnp.float32),
-            tuple(
-                jnp.asarray(part, jnp.float32) for part in (self.bounds.middle, self.bounds.half, self.bounds.largest)
-            ),
-        )
-        self._residuals = eqx.Partial(eqx.filter_jit(_residuals), *arrays)
-        self._jacobian = eqx.Partial(eqx.filter_jit(jax.jacrev(_residuals, argnums=4)), *arrays)
-        self._gradient = eqx.Partial(eqx.filter_jit(jax.value_and_grad(_cost, argnums=4)), *arrays)
-
-    @property
-    def size(self) -> int:
-        """Unknowns: controls times steps."""
-        return self.steps * self.emulator.identity.control.size
-
-    def controls(self, z: np.ndarray) -> np.ndarray:
-        """Return the controls (T, C) that z stands for."""
-        return self.bounds.middle + np.tanh(z.reshape(self.steps, -1)) * self.bounds.half
-
-    def residuals(self, z: np.ndarray) -> np.ndarray:
-        """Return the numbers whose squares sum to 2J."""
-        return np.asarray(self._residuals(jnp.asarray(z, jnp.float32)), float)
-
-    def jacobian(self, z: np.ndarray) -> np.ndarray:
-        """Return the residuals' derivatives (R, T·C); counts as one iteration."""
-        self.costs.append(float(np.sum(self.residuals(z) ** 2) / 2))
-        return np.asarray(self._jacobian(jnp.asarray(z, jnp.float32)), float)
-
-    def gradient(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return (J, ∂J/∂z); counts as one iteration."""
-        cost, slope = self._gradient(jnp.asarray(z, jnp.float32))
-        self.costs.append(float(cost))
-        return float(cost), np.asarray(slope, float)
-
-    def compile(self) -> None:
-        """Compile all functions, so that the stopwatch sees only the search."""
-        z = np.zeros(self.size)
-        self.jacobian(z)
-        self.gradient(z)
-        self.costs.clear()
+    candidates: np.ndarray
+    """(K, T, C) what every start came to, the best first."""
+    candidate_costs: np.ndarray
+    """(K,) J on the emulator of each."""
+    is_diverged: bool = False
+    """Whether J or its slope stopped being finite; the best before that is kept."""
 
 
 def descend(
@@ -112,87 +55,119 @@ def descend(
     start: np.ndarray,
     *,
     steps: int,
-    method: str = "gauss-newton",
+    method: str = DEFAULT_METHOD,
     iterations: int = 20,
     first: np.ndarray | None = None,
     bounds: Bounds | None = None,
+    parameters: Parameters | None = None,
+    starts: int = 1,
+    seed: int = 0,
+    defects: Array | None = None,
+    on_iteration: Callable[[int, float], None] | None = None,
 ) -> Descent:
-    """Return the controls found from `first` (T, C), or from the middle of the bounds, in at most `iterations`.
+    """Return the best controls found in at most `iterations` from each of several first guesses.
 
-    `bounds` may be tighter than the emulator's own.
+    The first guess is `first` (T, C), or the middle of the bounds; the other `starts` - 1 are random. `bounds` may be
+    tighter than the emulator's own; `parameters` other than one value per super step bring their own. `defects` (T, V)
+    are added to the emulator's super steps (see `corrected`). `on_iteration` is told iteration and least J as it goes.
+
+    Raises ArgumentError for an objective that cannot be descended, before anything is tried.
     """
     if method not in METHODS:
         raise ArgumentError(f"No method called '{method}'. Methods: {', '.join(sorted(METHODS))}.")
-    if steps < 1 or iterations < 1:
-        raise ArgumentError(f"steps and iterations: wanted at least 1, came {steps} and {iterations}.")
+    if min(steps, iterations, starts) < 1:
+        raise ArgumentError(
+            f"steps, iterations and starts: wanted at least 1, came {steps}, {iterations} and {starts}."
+        )
     start = emulator.identity.state.check(start, "state")
-    bounds = bounds or emulator.identity.bounds
-    problem = Problem(emulator, objective, start, steps, bounds)
-    problem.compile()
-    z = np.zeros(problem.size) if first is None else _z_of(first, bounds)
-    began = time.perf_counter()
-    z = METHODS[method](problem, z, iterations)
-    cost = float(np.sum(problem.residuals(z) ** 2) / 2)
-    seconds = time.perf_counter() - began
-    return Descent(method, problem.controls(z), cost, tuple(problem.costs), seconds)
+    parameters = parameters or EachStep.of(steps, bounds or emulator.identity.bounds)
+    check_objective(objective, emulator, start, steps)
+    problem = pose_problem(emulator, objective, parameters, start, defects)
+    guesses = first_guesses(emulator, parameters, first, starts, seed)
+    return _descend(method, problem, guesses, iterations, on_iteration)
 
 
-def _residuals(
-    emulator: Emulator, objective: Objective, start: Array, bounds: tuple[Array, Array, Array], z: Float[Array, " Z"]
-) -> Float[Array, " R"]:
-    middle, half, largest = bounds
-    controls = middle + jnp.tanh(z.reshape(-1, half.shape[0])) * half
-    return objective.residuals(rollout(emulator, start, controls), controls, largest, emulator.dt)
+def pose_problem(
+    emulator: Emulator,
+    objective: Objective,
+    parameters: Parameters,
+    start: np.ndarray,
+    defects: Array | None = None,
+) -> Problem:
+    """Return J over the numbers of `parameters`, from `start` (S,)."""
+    limit = jnp.asarray(emulator.identity.bounds.largest, jnp.float32)
+    defects = no_defects(emulator, parameters.steps) if defects is None else defects
+    return Problem(emulator, objective, parameters, jnp.asarray(start, jnp.float32), defects, limit)
 
 
-def _cost(
-    emulator: Emulator, objective: Objective, start: Array, bounds: tuple[Array, Array, Array], z: Float[Array, " Z"]
-) -> Float[Array, ""]:
-    return jnp.sum(_residuals(emulator, objective, start, bounds, z) ** 2) / 2
+def first_guesses(
+    emulator: Emulator, parameters: Parameters, first: np.ndarray | None, starts: int, seed: int
+) -> np.ndarray:
+    """Return z (K, Z): the given first one, then random ones as training saw them."""
+    rng, identity = np.random.default_rng([seed, 11]), emulator.identity
+    drawn = [
+        sample_controls(rng, parameters.steps, emulator.dt, identity.bounds, identity.gait) for _ in range(starts - 1)
+    ]
+    return np.stack([parameters.guess(controls) for controls in (first, *drawn)])
 
 
-def _z_of(controls: np.ndarray, bounds: Bounds) -> np.ndarray:
-    share = (np.asarray(controls) - bounds.middle) / bounds.half
-    return np.arctanh(np.clip(share, -0.999, 0.999)).ravel()
-
-
-def _momentum(problem: Problem, z: np.ndarray, iterations: int) -> np.ndarray:
-    """Descent with momentum: eq. 12, with the minus sign that descent needs."""
-    best, least, velocity = z, np.inf, np.zeros_like(z)
-    for _ in range(iterations):
-        cost, slope = problem.gradient(z)
-        if cost < least:
-            best, least = z, cost
-        velocity = MOMENTUM * velocity - MOMENTUM_STEP * slope / (np.linalg.norm(slope) + 1e-12)
-        z = z + velocity
-    return best
-
-
-def _lbfgs(problem: Problem, z: np.ndarray, iterations: int) -> np.ndarray:
-    options = {"maxfun": iterations, "maxiter": iterations}
-    return minimize(problem.gradient, z, jac=True, method="L-BFGS-B", tol=CONVERGED * 1e-3, options=options).x
-
-
-def _gauss_newton(problem: Problem, z: np.ndarray, iterations: int) -> np.ndarray:
-    """Gauss-Newton steps in a trust region: J is a sum of squares, so its curvature comes for free."""
-
-    def stop_at_limit(intermediate_result) -> None:
-        if len(problem.costs) >= iterations:
-            raise StopIteration
-
-    found = least_squares(
-        problem.residuals,
-        z,
-        problem.jacobian,  # pyright: ignore[reportArgumentType] (scipy takes functions too)
-        ftol=CONVERGED,
-        xtol=1e-6,
-        callback=stop_at_limit,
+def _descend(
+    name: str,
+    problem: Problem,
+    guesses: np.ndarray,
+    iterations: int,
+    on_iteration: Callable[[int, float], None] | None,
+) -> Descent:
+    method = METHODS[name]
+    progress = begin(method, problem, jnp.asarray(guesses, jnp.float32))
+    jax.block_until_ready(advance(method, problem, progress, jnp.asarray(0)))  # compiles
+    began, history = time.perf_counter(), [np.asarray(progress.least)]
+    for limit in range(1, iterations + 1) if on_iteration else (iterations,):
+        progress = advance(method, problem, progress, jnp.asarray(limit))
+        history.append(np.asarray(progress.least))
+        if on_iteration:
+            on_iteration(limit, float(history[-1].min()))
+        if bool(progress.is_done.all()):
+            break
+    candidates, costs = _controls(problem, progress.best), np.asarray(progress.least, float)
+    seconds, order = time.perf_counter() - began, np.argsort(np.where(np.isfinite(costs), costs, np.inf))
+    best = order[0]
+    return Descent(
+        method=name,
+        controls=np.asarray(candidates, float)[best],
+        cost=float(costs[best]),
+        costs=tuple(float(row[best]) for row in history),
+        iterations=int(progress.sweeps[best]),
+        seconds=seconds,
+        candidates=np.asarray(candidates, float)[order],
+        candidate_costs=costs[order],
+        is_diverged=bool(progress.is_diverged[best]),
     )
-    return found.x
 
 
-METHODS: dict[str, Callable[[Problem, np.ndarray, int], np.ndarray]] = {
-    "gauss-newton": _gauss_newton,
-    "lbfgs": _lbfgs,
-    "momentum": _momentum,
-}
+@eqx.filter_jit
+def begin(method: Method, problem: Problem, guesses: Array) -> Progress:
+    """Return the progress of every first guess (K, Z), before any iteration."""
+
+    def one(z: Array) -> Progress:
+        never = jnp.zeros((), bool)
+        return Progress(z, z, problem.cost(z), jnp.zeros((), int), never, never, method.begin(problem, z))
+
+    return jax.vmap(one)(guesses)
+
+
+@eqx.filter_jit
+def advance(method: Method, problem: Problem, progress: Progress, limit: Array) -> Progress:
+    """Return the progress of all starts once each is done or has taken `limit` backward sweeps."""
+
+    def one(progress: Progress) -> Progress:
+        return jax.lax.while_loop(
+            lambda p: ~p.is_done & (p.sweeps < limit), lambda p: method.iterate(problem, p), progress
+        )
+
+    return jax.vmap(one)(progress)
+
+
+@eqx.filter_jit
+def _controls(problem: Problem, z: Array) -> Array:
+    return jax.vmap(problem.parameters.controls)(z)

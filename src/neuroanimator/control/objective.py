@@ -1,116 +1,126 @@
-"""What a motion should achieve."""
+"""What a motion should achieve: J, a sum of weighted terms (the seminar paper's eqs. 9 to 11)."""
 
 from __future__ import annotations
 
+import abc
 import math
+from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.emulator.frame import Frame
-from neuroanimator.systems.structure import Segment, Structure
-from neuroanimator.systems.system import Goal, System
+from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+
+
+class Term(eqx.Module):
+    """One wish. It counts as half the sum of squares of its residuals, times its weight."""
+
+    weight: eqx.AbstractVar[Float[Array, ""]]
+
+    @abc.abstractmethod
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        """Return numbers that are zero where the wish is fulfilled, and one where it is missed by a sizeable error."""
+
+
+Function = Callable[[Trajectory], Float[Array, ""]]
+"""A term of one's own: any differentiable JAX function that makes one number of a trajectory, weight included."""
 
 
 class Objective(eqx.Module):
-    """J = μ_u/2 Σ|u|² + μ_s/2 |s_{M+1} - s_d|², the seminar paper's eq. 11.
+    """J(trajectory) = Σ weight/2 |residuals|² + Σ functions."""
 
-    Efforts are summed over time and measured against the control's limit, end states against
-    what counts as an error of one, so that the weights are plain numbers and J does not depend on
-    the super step. The end state is compared as seen from the goal: in a parking bay, lengthwise
-    and sideways.
-    """
+    terms: tuple[Term, ...]
+    functions: tuple[Function, ...] = ()
 
-    frame: Frame
-    goal: Float[Array, " S"]
-    compare: Float[Array, "R V"]
-    """Turns the difference from the goal into numbers of which one is a sizeable error."""
-    effort_weight: float = eqx.field(static=True)
-    state_weight: float = eqx.field(static=True)
+    @classmethod
+    def of(cls, *wishes: Term | Function) -> Objective:
+        """Return the objective that sums `wishes`."""
+        terms = tuple(wish for wish in wishes if isinstance(wish, Term))
+        return cls(terms, tuple(wish for wish in wishes if not isinstance(wish, Term)))
 
-    def residuals(
-        self,
-        states: Float[Array, "T+1 S"],
-        controls: Float[Array, "T C"],
-        limit: Float[Array, " C"],
-        dt: float,
-    ) -> Float[Array, " R"]:
-        """Return the numbers whose squares sum to 2J: efforts, then end-state errors."""
-        effort = math.sqrt(self.effort_weight * dt) * (controls / limit).ravel()
-        off = self.compare @ self.frame.difference(self.goal, states[-1])
-        return jnp.concatenate([effort, math.sqrt(self.state_weight) * off])
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        """Return the numbers whose squares sum to 2J, but for the functions."""
+        parts = [jnp.sqrt(term.weight) * term.residuals(trajectory) for term in self.terms]
+        return jnp.concatenate([jnp.zeros(0), *parts])
 
-    def __call__(
-        self,
-        states: Float[Array, "T+1 S"],
-        controls: Float[Array, "T C"],
-        limit: Float[Array, " C"],
-        dt: float,
-    ) -> Float[Array, ""]:
+    def extra(self, trajectory: Trajectory) -> Float[Array, ""]:
+        """Return what the functions add to J."""
+        return sum((function(trajectory) for function in self.functions), jnp.zeros(()))
+
+    def __call__(self, trajectory: Trajectory) -> Float[Array, ""]:
         """Return J of a trajectory and the controls that made it."""
-        return jnp.sum(self.residuals(states, controls, limit, dt) ** 2) / 2
+        return jnp.sum(self.residuals(trajectory) ** 2) / 2 + self.extra(trajectory)
 
 
-UPRIGHT_ANGLE = 0.1
-"""[rad] An angle error that counts as one: a third of the 10° that still count as upright."""
-UPRIGHT_SPEED = 0.5
-"""[rad/s] A speed error that counts as one: half of what still counts as at rest."""
+def objective_cost(objective: Objective, emulator: Emulator, states: np.ndarray, controls: np.ndarray) -> float:
+    """Return J of `states` (T+1, S) under `controls` (T, C)."""
+    limit = jnp.asarray(emulator.identity.bounds.largest, jnp.float32)
+    motion = Trajectory(jnp.asarray(states, jnp.float32), jnp.asarray(controls, jnp.float32), limit, emulator.dt)
+    return float(_cost(objective, motion))
 
 
-def stand_upright(effort_weight: float = 1.0, state_weight: float = 1.0) -> Objective:
-    """Return the objective 'all three links point up and stand still at the end' of the pendulum."""
-    sums, zeros = jnp.tril(jnp.ones((3, 3))), jnp.zeros((3, 3))
-    return Objective(
-        frame=Frame((), (), 0.0),
-        goal=jnp.array([math.pi, 0.0, 0.0, 0.0, 0.0, 0.0]),
-        compare=jnp.block([[sums / UPRIGHT_ANGLE, zeros], [zeros, sums / UPRIGHT_SPEED]]),
-        effort_weight=effort_weight,
-        state_weight=state_weight,
-    )
+@eqx.filter_jit
+def _cost(objective: Objective, trajectory: Trajectory) -> Array:
+    return objective(trajectory)
 
 
-def reach_state(
-    structure: Structure, rest: np.ndarray, goal: Goal, effort_weight: float = 1.0, state_weight: float = 1.0
-) -> Objective:
-    """Return the objective 'be in the state `goal` names at the end'; entries it does not name are free.
-
-    A third of a goal's tolerance counts as an error of one.
-    """
-    frame = Frame.of(structure, 0.0)
-    target = goal_state(rest, goal)
-    weights = 3 * tangent_weights(frame, len(rest), goal)
-    compare = np.diag(weights)[weights > 0]
-    return Objective(
-        frame, jnp.asarray(target, jnp.float32), jnp.asarray(compare, jnp.float32), effort_weight, state_weight
-    )
-
-
-def goal_state(rest: np.ndarray, goal: Goal) -> np.ndarray:
-    """Return `rest` (S,) with the goal's entries in their places."""
-    target = np.array(rest, dtype=float)
-    for entry, value in goal.values:
-        target[entry] = value
-    return target
+def check_objective(objective: Objective, emulator: Emulator, start: np.ndarray, steps: int) -> None:
+    """Raise ArgumentError where `objective` cannot be descended: said before any descent."""
+    weights = [float(term.weight) for term in objective.terms]
+    if any(not 0 <= weight < math.inf for weight in weights):
+        raise ArgumentError(f"objective: wanted weights of at least 0, came {min(weights, key=_rank):g}.")
+    if not objective.functions and not any(weights):
+        raise ArgumentError("objective: every weight is zero, so every motion is as good. Give a term a weight.")
+    for term in objective.terms:
+        check_times(term, steps, emulator.dt)
+    trajectory = _resting(emulator, start, steps)
+    for function in objective.functions:
+        _check_function(function, trajectory)
+    cost, slope = _cost_and_slope(objective, trajectory)
+    if not np.isfinite(cost):
+        raise ArgumentError("objective: J of the motion without control is not finite. Mend the term that makes it.")
+    if not np.isfinite(slope).all():
+        raise ArgumentError(
+            "objective: J has no finite slope, like a square root at zero. Smooth the term that makes it."
+        )
 
 
-def tangent_weights(frame: Frame, size: int, goal: Goal) -> np.ndarray:
-    """Return (V,) one over the goal's tolerance for each number of a change; zero where anything will do."""
-    wanted = {entry: tolerance for (entry, _), tolerance in zip(goal.values, goal.tolerances, strict=True)}
-    weights, start = [], 0
-    for segment in frame.segments or (Segment("plain", size),):
-        entries = range(start, start + segment.change_size)
-        weights += [1 / wanted[entry] if entry in wanted else 0.0 for entry in entries]
-        start += segment.size
-    return np.array(weights)
+@eqx.filter_jit
+def _cost_and_slope(objective: Objective, trajectory: Trajectory) -> tuple[Array, Array]:
+    return jax.value_and_grad(lambda states: objective(trajectory._replace(states=states)))(trajectory.states)
 
 
-def is_reached(system: System, goal: Goal, state: np.ndarray) -> bool:
-    """Return whether `state` (S,) is within the tolerances of `goal`."""
-    frame = Frame.of(system.structure, 0.0)
-    off = frame.difference(goal_state(system.rest, goal), state) * tangent_weights(frame, len(state), goal)
-    return bool((np.abs(off) <= 1).all())
+def _rank(weight: float) -> float:
+    return -math.inf if math.isnan(weight) else weight
 
 
-GOALS = {"upright": stand_upright}
+def check_times(term: Term, steps: int, dt: float) -> None:
+    """Raise ArgumentError if `term` wants something at a time [s] beyond the horizon of `steps` super steps."""
+    latest = max(getattr(term, "times", ()) or (0.0,))
+    if latest > (steps + 0.5) * dt:
+        raise ArgumentError(
+            f"objective: something is wanted at {latest:g} s, but the motion lasts {steps * dt:g} s. Make it longer."
+        )
+
+
+def _check_function(function: Function, trajectory: Trajectory) -> None:
+    name = getattr(function, "__name__", type(function).__name__)
+    try:
+        shape = jax.eval_shape(function, trajectory)
+    except Exception as error:  # whatever a user's function may raise
+        raise ArgumentError(f"objective: '{name}' failed: {type(error).__name__}: {error}") from error
+    if not hasattr(shape, "shape") or shape.shape != ():
+        came = getattr(shape, "shape", type(shape).__name__)
+        raise ArgumentError(f"objective: '{name}' must return one number, came {came}. Sum or average it.")
+
+
+def _resting(emulator: Emulator, start: np.ndarray, steps: int) -> Trajectory:
+    identity = emulator.identity
+    controls = jnp.broadcast_to(jnp.asarray(identity.bounds.middle, jnp.float32), (steps, identity.control.size))
+    states = emulator.rollout(start, controls)
+    return Trajectory(states, controls, jnp.asarray(identity.bounds.largest, jnp.float32), emulator.dt)

@@ -3,16 +3,64 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from neuroanimator.data.transitions import LONGEST_UNROLL, Transitions
+from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.data.transitions import LONGEST_UNROLL, Transitions, dataset_config
+from neuroanimator.emulator.artifact import describe
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.frame import Frame
+from neuroanimator.systems.system import System
+from neuroanimator.training.config import training_config
+from neuroanimator.training.train import train
 
 STATE_SPREAD = 0.15
 """How far around the motion to sample, as a share of each state entry's spread along it."""
 CONTROL_SPREAD = 0.15
 """The same for controls, as a share of their limits."""
+NEARBY = 4_000
+"""Physics windows added per refinement: 0.8 s of data in about two seconds."""
+FRESH = 24_000
+"""Transitions simulated to keep the rest of the emulator in shape while it learns the motion."""
+REFINING_UPDATES = 5_000
+REFINING_RATE = 1e-3
+
+
+def refined(
+    emulator: Emulator,
+    system: System,
+    data: Transitions | None,
+    states: np.ndarray,
+    controls: np.ndarray,
+    seed: int,
+) -> tuple[Emulator, Transitions, int]:
+    """Return (a copy of the emulator trained on, the data it saw, physics steps taken).
+
+    The data are `data`, simulated anew if not given, and windows near the motion (T+1, S) under controls (T, C).
+    """
+    identity, before = emulator.identity, data
+    data = data or simulate_transitions(
+        dataset_config(system=identity.system, definition=identity.definition, substeps=identity.substeps, count=FRESH)
+    )
+    known = 0 if before is None else len(before.states)
+    data = transitions_near(data, states, controls, count=NEARBY, seed=seed)
+    windows = (len(data.states) - known) * (data.states.shape[1] - 1)
+    return _train_on(emulator, data), data, windows * system.truth.steps(emulator.dt)
+
+
+def _train_on(emulator: Emulator, data: Transitions) -> Emulator:
+    config = training_config(
+        widths=emulator.network.widths,
+        network=describe(emulator)["network"]["kind"],
+        updates=REFINING_UPDATES,
+        learning_rate=REFINING_RATE,
+        unroll_share=0.5,
+    )
+    with TemporaryDirectory() as folder:  # seconds of training: not worth resuming
+        return train(data, config, Path(folder) / "refined.emulator.safetensors", start_from=emulator)
 
 
 def transitions_near(

@@ -1,13 +1,13 @@
-"""Play a controller on the true physics."""
+"""Play controllers on the true physics."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator.control.objective import Objective
+from neuroanimator.control.objective import Objective, objective_cost
+from neuroanimator.control.physics import play
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.systems.system import System
@@ -32,28 +32,24 @@ class Replay:
 
 def replay(emulator: Emulator, system: System, objective: Objective, start: np.ndarray, controls: np.ndarray) -> Replay:
     """Return what `controls` (T, C) do from `start` (S,) on both."""
-    runs = system.simulate(start[None], controls[None], emulator.dt)
-    if not runs.is_alive[0]:
+    physical, cost = best_on_physics(emulator, system, objective, start, controls[None])[1:]
+    emulated = np.asarray(emulator.rollout(start, controls))
+    return Replay(emulated, physical, objective_cost(objective, emulator, emulated, controls), cost)
+
+
+def best_on_physics(
+    emulator: Emulator, system: System, objective: Objective, start: np.ndarray, candidates: np.ndarray
+) -> tuple[int, np.ndarray, float]:
+    """Return which of the controls (K, T, C) costs least on the true physics, its states (T+1, S), and its J."""
+    starts = np.broadcast_to(start, (len(candidates), len(start)))
+    runs = play(system, starts, candidates, emulator.dt)
+    if not runs.is_alive.any():
         raise NeuroAnimatorError(
             "The physics blew up under these controls. Raise effort_weight, or shorten the motion."
         )
-    emulated = np.asarray(emulator.rollout(start, controls))
-    limit = jnp.asarray(system.bounds.largest)
     costs = [
-        float(objective(jnp.asarray(path), jnp.asarray(controls), limit, emulator.dt))
-        for path in (emulated, runs.states[0])
+        objective_cost(objective, emulator, states, controls) if is_alive else np.inf
+        for states, controls, is_alive in zip(runs.states, candidates, runs.is_alive, strict=True)
     ]
-    return Replay(emulated, runs.states[0], *costs)
-
-
-UPRIGHT_WITHIN = np.deg2rad(10.0)
-"""[rad] Each link may lean this much and still count as upright."""
-STILL_WITHIN = 1.0
-"""[rad/s] Each link may turn this fast and still count as still."""
-
-
-def is_upright(state: np.ndarray) -> bool:
-    """Return whether all three links of the pendulum in `state` (6,) point up and are nearly still."""
-    lean = np.cumsum(state[:3]) - np.pi
-    lean = (lean + np.pi) % (2 * np.pi) - np.pi
-    return bool((np.abs(lean) < UPRIGHT_WITHIN).all() and (np.abs(np.cumsum(state[3:])) < STILL_WITHIN).all())
+    best = int(np.argmin(costs))
+    return best, runs.states[best], costs[best]

@@ -1,39 +1,39 @@
-"""From a goal to a controller proved on the physics: descend, replay, refine, again."""
+"""From an objective to a controller proved on the physics: descend, replay, correct, refine, again."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from dataclasses import dataclass, replace
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
+from neuroanimator.control.corrected import defects_of
 from neuroanimator.control.descend import Descent, descend
-from neuroanimator.control.objective import GOALS, Objective, is_reached, reach_state
-from neuroanimator.control.refine import transitions_near
-from neuroanimator.control.replay import Replay, is_upright, replay
-from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.transitions import Transitions, dataset_config
-from neuroanimator.emulator.artifact import describe
+from neuroanimator.control.goals import find_goal
+from neuroanimator.control.objective import Objective
+from neuroanimator.control.parameters import EachStep, Parameters
+from neuroanimator.control.refine import refined
+from neuroanimator.control.replay import Replay, best_on_physics, replay
+from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems import load_system
 from neuroanimator.systems.system import System
-from neuroanimator.training.config import training_config
-from neuroanimator.training.train import train
 
 LARGE_GAP = 0.5
 """A gap of J above this is worth refining: half of what one end-state number off by its scale costs."""
-NEARBY = 4_000
-"""Physics windows added per refinement: 0.8 s of data in about two seconds."""
-FRESH = 24_000
-"""Transitions simulated to keep the rest of the emulator in shape while it learns the motion."""
+SMALL_GAIN = 0.05
+"""Share of J on the physics that a correction must promise to win, to be worth a replay."""
+CORRECTING_ITERATIONS = 2
+"""A corrected emulator is exact along one motion: few steps away from it, then the next replay."""
 LONGEST = 20.0
 """[s] Longest motion searched for."""
-REFINING_UPDATES = 5_000
-REFINING_RATE = 1e-3
+REPLAYED = 4
+"""Descents from different first guesses that are replayed: the emulator's best need not be the physics' best."""
+SHARES = (1.0, 0.5, 0.2, 0.05)
+"""Of the way to corrected controls, all tried on the physics: where it bends away, a shorter way is better."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,14 @@ class Synthesis:
     emulator: Emulator
     """The one that found it: refined if refining was needed."""
     descent: Descent
+    """The last one, its `controls` those proved on the physics; iterations and seconds are of all descents."""
     outcome: Replay
+    corrections: int
+    """Replays whose defects were added to the emulator."""
     refinements: int
+    """Trainings on the physics around the motion."""
+    physics_steps: int
+    """Physics steps taken on the way, the data of refinements included."""
     is_reached: bool | None = None
     """Whether the physics ends within the goal's tolerances; None where no named goal was asked for."""
 
@@ -56,44 +62,93 @@ def synthesise(
     start: np.ndarray,
     *,
     steps: int,
-    method: str = "gauss-newton",
-    iterations: int = 20,
-    data: Transitions | None = None,
+    corrections: int = 5,
     refinements: int = 2,
+    data: Transitions | None = None,
     on_refine: Callable[[float], None] = lambda gap: None,
+    is_enough: Callable[[np.ndarray], bool] = lambda states: False,
+    **options: Any,
 ) -> Synthesis:
-    """Return the best controller by its J on the physics, among the first and up to `refinements` more.
+    """Return the best controller by its J on the physics; `options` are those of `descend`.
 
-    While the physics disagrees with the emulator, transitions around the motion are added to `data`
-    (what the emulator was trained on; simulated anew if not given), and a copy of the emulator trains on.
+    All ends as soon as the states (T+1, S) of the physics are good enough.
+
+    A motion replayed on the physics shows what the emulator gets wrong along it. These defects are added to the
+    emulator, and the descent goes on from there, up to `corrections` times. Where the gap stays large,
+    transitions around the motion are added to `data` (what the emulator was trained on; simulated anew
+    if not given), a copy of the emulator trains on, and all begins again, up to `refinements` times.
     """
-    done = 0
-    descent = descend(emulator, objective, start, steps=steps, method=method, iterations=iterations)
-    best = Synthesis(emulator, descent, replay(emulator, system, objective, start, descent.controls), 0)
-    found = best
-    while done < refinements and found.outcome.gap > LARGE_GAP:
+    found = _descend_and_correct(emulator, system, objective, start, steps, corrections, is_enough, options)
+    best, made, round_ = found, 0, 0
+    while round_ < refinements and found.outcome.gap > LARGE_GAP and not is_enough(best.outcome.physical):
         on_refine(found.outcome.gap)
-        done += 1
-        data = data or simulate_transitions(
-            dataset_config(
-                system=system.name, definition=system.definition, substeps=emulator.identity.substeps, count=FRESH
-            )
-        )
-        data = transitions_near(data, found.outcome.physical, found.descent.controls, count=NEARBY, seed=done)
-        refined = _train_on(found.emulator, data)
-        descent = descend(
-            refined,
-            objective,
-            start,
-            steps=steps,
-            method=method,
-            iterations=iterations,
-            first=found.descent.controls,
-        )
-        found = Synthesis(refined, descent, replay(refined, system, objective, start, descent.controls), done)
-        if found.outcome.cost_physics < best.outcome.cost_physics:
-            best = found
-    return best
+        round_ += 1
+        motion = found.outcome.physical, found.descent.controls
+        better, data, taken = refined(found.emulator, system, data, *motion, round_)
+        made += taken
+        again = {**options, "first": found.descent.controls}
+        found = _descend_and_correct(better, system, objective, start, steps, corrections, is_enough, again)
+        found = _after(best, replace(found, refinements=round_))
+        best = found if found.outcome.cost_physics < best.outcome.cost_physics else best
+    return replace(best, physics_steps=found.physics_steps + made)
+
+
+def _after(earlier: Synthesis, later: Synthesis) -> Synthesis:
+    """Return `later` with what `earlier` cost counted in."""
+    descent = replace(
+        later.descent,
+        iterations=earlier.descent.iterations + later.descent.iterations,
+        seconds=earlier.descent.seconds + later.descent.seconds,
+    )
+    return replace(
+        later,
+        descent=descent,
+        corrections=earlier.corrections + later.corrections,
+        physics_steps=earlier.physics_steps + later.physics_steps,
+    )
+
+
+def _descend_and_correct(
+    emulator: Emulator,
+    system: System,
+    objective: Objective,
+    start: np.ndarray,
+    steps: int,
+    corrections: int,
+    is_enough: Callable[[np.ndarray], bool],
+    options: dict[str, Any],
+) -> Synthesis:
+    descent = descend(emulator, objective, start, steps=steps, **options)
+    tried, motion_steps = descent.candidates[:REPLAYED], steps * system.truth.steps(emulator.dt)
+    which, states, cost = best_on_physics(emulator, system, objective, start, tried)
+    controls, iterations, seconds = tried[which], descent.iterations, descent.seconds
+    physics_steps, done = len(tried) * motion_steps, 0
+    parameters = options.get("parameters") or EachStep.of(steps, options.get("bounds") or emulator.identity.bounds)
+    again = {**options, "starts": 1, "parameters": parameters, "iterations": CORRECTING_ITERATIONS}
+    while done < corrections and not is_enough(states):
+        defects = defects_of(emulator, states, controls)
+        more = descend(emulator, objective, start, steps=steps, **{**again, "first": controls, "defects": defects})
+        iterations, seconds, done = iterations + more.iterations, seconds + more.seconds, done + 1
+        if cost - more.cost < SMALL_GAIN * abs(cost):
+            break
+        ways = between(parameters, controls, more.controls)
+        which, new_states, new_cost = best_on_physics(emulator, system, objective, start, ways)
+        physics_steps += len(ways) * motion_steps
+        if new_cost >= cost:
+            break
+        controls, states, cost = ways[which], new_states, new_cost
+    descent = replace(descent, controls=controls, iterations=iterations, seconds=seconds)
+    return Synthesis(
+        emulator, descent, replay(emulator, system, objective, start, controls), done, 0, physics_steps + motion_steps
+    )
+
+
+def between(parameters: Parameters, old: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Return controls (K, T, C) on the way from `old` to `new`."""
+    first, last = parameters.guess(old), parameters.guess(new)
+    return np.stack(
+        [np.asarray(parameters.controls(jnp.asarray(first + share * (last - first))), float) for share in SHARES]
+    )
 
 
 def synthesise_goal(
@@ -111,37 +166,4 @@ def synthesise_goal(
     if not emulator.dt <= seconds <= LONGEST:
         raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")
     found = synthesise(emulator, system, objective, system.rest, steps=round(seconds / emulator.dt), **options)
-    return Synthesis(
-        found.emulator, found.descent, found.outcome, found.refinements, verdict(found.outcome.physical[-1])
-    )
-
-
-def find_goal(
-    system: System, name: str, effort_weight: float = 1.0
-) -> tuple[Objective, Callable[[np.ndarray], bool], float]:
-    """Return (objective, whether a state fulfils it, usual length [s]) of the system's goal called `name`."""
-    if system.name == "pendulum" and name in GOALS:
-        return GOALS[name](effort_weight=effort_weight), is_upright, SWING_SECONDS
-    if name in system.goals:
-        goal = system.goals[name]
-        objective = reach_state(system.structure, system.rest, goal, effort_weight)
-        return objective, lambda state: is_reached(system, goal, state), goal.seconds
-    names = ", ".join(sorted([*system.goals, *(GOALS if system.name == "pendulum" else ())]))
-    raise ArgumentError(f"No goal called '{name}' for the system {system.name}. Goals: {names or 'none'}.")
-
-
-SWING_SECONDS = 1.5
-"""As long as a quick human arm takes; the motors could do it in one."""
-
-
-def _train_on(emulator: Emulator, data: Transitions) -> Emulator:
-    network = emulator.network
-    config = training_config(
-        widths=network.widths,
-        network=describe(emulator)["network"]["kind"],
-        updates=REFINING_UPDATES,
-        learning_rate=REFINING_RATE,
-        unroll_share=0.5,
-    )
-    with TemporaryDirectory() as folder:  # seconds of training: not worth resuming
-        return train(data, config, Path(folder) / "refined.emulator.safetensors", start_from=emulator)
+    return replace(found, is_reached=verdict(found.outcome.physical[-1]))

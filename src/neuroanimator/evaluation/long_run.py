@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator.data.sampling import sample_controls, sample_starts
+from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.correction import Correction, follow_corrected
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems.cloud import points_of
@@ -74,8 +74,8 @@ def measure_long_run(
     roll = eqx.filter_jit(lambda inner, controls: _block(way, decode, system, inner, controls))
     largest, late = np.zeros((3, starts)), []
     for done in range(0, steps, BLOCK):
-        one = [sample_controls(rng, BLOCK, emulator.dt, system.bounds, system.gait) for _ in range(starts)]
-        inner, seen = roll(inner, jnp.asarray(emulator.encode_control(np.stack(one)), jnp.float32))
+        controls = sample_control_runs(rng, starts, BLOCK, emulator.dt, system)
+        inner, seen = roll(inner, jnp.asarray(emulator.encode_control(controls), jnp.float32))
         seen = np.asarray(seen)
         largest = np.maximum(largest, np.where(np.isfinite(seen), seen, np.inf).max(axis=2))
         late += [seen] if done + BLOCK > 0.9 * steps else []

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuroanimator.data.sampling import sample_controls, sample_starts
+from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems.deformable import DeformableSystem
 
@@ -29,7 +29,7 @@ def compare_swims(emulator: Emulator, system: DeformableSystem, runs: int, steps
     """Return the errors of `runs` random swims of `steps` super steps, unseen in training."""
     rng = np.random.default_rng([seed, 2**31])
     starts = sample_starts(system, rng, runs)
-    controls = np.stack([sample_controls(rng, steps, emulator.dt, system.bounds, system.gait) for _ in range(runs)])
+    controls = sample_control_runs(rng, runs, steps, emulator.dt, system)
     true = system.simulate(starts, controls, emulator.dt)
     alive = true.is_alive
     found = np.asarray(emulator.rollout(starts[alive], controls[alive]), float)

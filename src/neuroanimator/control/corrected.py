@@ -1,0 +1,63 @@
+"""An emulator held to a known motion of the physics: what it gets wrong there is added to every super step.
+
+Where the emulated motion bends away, the descent would follow it. With the defects of a replayed motion
+added, the emulator gives exactly that motion for its controls, and still says how it changes with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.emulator.emulator import UNROLL, Emulator
+from neuroanimator.emulator.frame import Frame
+
+
+def still_frame(emulator: Emulator) -> Frame:
+    """Return the frame in which inner states are compared, without coasting."""
+    return replace(emulator.frame, dt=0.0)
+
+
+def no_defects(emulator: Emulator, steps: int) -> Float[Array, "T V"]:
+    """Return zeros: the emulator as it is."""
+    return jnp.zeros((steps, len(emulator.normaliser.change_scale)))
+
+
+@eqx.filter_jit
+def find_defects(
+    emulator: Emulator, states: Float[Array, "T+1 S"], controls: Float[Array, "T C"]
+) -> Float[Array, "T V"]:
+    """Return what must be added to every super step for the emulator to go through `states` of the physics."""
+    inner, mixed = emulator.encode(states), emulator.encode_control(controls)
+    leapt = jax.vmap(emulator.advance)(inner[:-1], mixed)
+    return still_frame(emulator).difference(leapt, inner[1:])
+
+
+def advance_corrected(
+    emulator: Emulator, inner: Float[Array, " I"], control: Float[Array, " C"], defect: Float[Array, " V"]
+) -> Float[Array, " I"]:
+    """Return `Emulator.advance` with the defect added."""
+    return still_frame(emulator).apply(emulator.advance(inner, control), defect)
+
+
+def follow_corrected(
+    emulator: Emulator, inner: Float[Array, " I"], controls: Float[Array, "T C"], defects: Float[Array, "T V"]
+) -> Float[Array, "T+1 I"]:
+    """Return the trajectory from `inner`, it included, with the defects added; in the numbers of `Emulator.encode`."""
+
+    def one(inner: Array, given: tuple[Array, Array]) -> tuple[Array, Array]:
+        following = advance_corrected(emulator, inner, *given)
+        return following, following
+
+    inputs = emulator.encode_control(controls), defects
+    return jnp.concatenate([inner[None], jax.lax.scan(one, inner, inputs, unroll=UNROLL)[1]])
+
+
+def defects_of(emulator: Emulator, states: np.ndarray, controls: np.ndarray) -> Float[Array, "T V"]:
+    """Return `find_defects` for NumPy arrays."""
+    return find_defects(emulator, jnp.asarray(states, jnp.float32), jnp.asarray(controls, jnp.float32))

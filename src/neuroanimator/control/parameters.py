@@ -1,0 +1,159 @@
+"""What a descent may vary: numbers z from which controls within their bounds are made."""
+
+from __future__ import annotations
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.interpolate import BSpline
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.gait import Gait
+from neuroanimator.systems.layout import Bounds
+
+NEARLY_ALL = 0.999
+"""Share of the bounds a first guess is brought within: z is infinite at the bounds."""
+FASTEST, SLOWEST = 2.0, 0.5
+"""Times the first frequency a pattern may come to."""
+
+
+class Parameters(eqx.Module):
+    """z (Z,) → controls (T, C) = middle + half · tanh(...): within bounds by construction."""
+
+    middle: eqx.AbstractVar[Float[Array, " C"]]
+    half: eqx.AbstractVar[Float[Array, " C"]]
+    steps: eqx.AbstractVar[int]
+
+    @property
+    @abc.abstractmethod
+    def size(self) -> int:
+        """How many numbers z has."""
+
+    @abc.abstractmethod
+    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
+        """Return the controls z stands for."""
+
+    @abc.abstractmethod
+    def guess(self, controls: np.ndarray | None) -> np.ndarray:
+        """Return the z (Z,) whose controls are closest to `controls` (T, C), in the middle of the bounds for None."""
+
+
+class EachStep(Parameters):
+    """One value per super step and control."""
+
+    middle: Float[Array, " C"]
+    half: Float[Array, " C"]
+    steps: int = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, steps: int, bounds: Bounds) -> EachStep:
+        """Return the parameters of a motion of so many super steps."""
+        return cls(*_bounds(bounds), steps)
+
+    @property
+    def size(self) -> int:
+        return self.steps * len(self.middle)
+
+    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
+        return self.middle + jnp.tanh(z.reshape(self.steps, -1)) * self.half
+
+    def guess(self, controls: np.ndarray | None) -> np.ndarray:
+        return np.zeros(self.size) if controls is None else _raw(self, controls).ravel()
+
+
+class Spline(Parameters):
+    """A clamped cubic spline per control: smooth, and fewer numbers than super steps."""
+
+    middle: Float[Array, " C"]
+    half: Float[Array, " C"]
+    steps: int = eqx.field(static=True)
+    basis: Float[Array, "T K"]
+
+    @classmethod
+    def of(cls, steps: int, knots: int, bounds: Bounds) -> Spline:
+        """Return the parameters of splines with so many knots over so many super steps."""
+        if not 4 <= knots <= steps:
+            raise ArgumentError(f"knots: wanted between 4 and the {steps} super steps, came {knots}.")
+        places = np.concatenate([[0.0] * 3, np.linspace(0, 1, knots - 2), [1.0] * 3])
+        times = (np.arange(steps) + 0.5) / steps
+        basis = BSpline.design_matrix(times, places, 3).toarray()
+        return cls(*_bounds(bounds), steps, jnp.asarray(basis, jnp.float32))
+
+    @property
+    def size(self) -> int:
+        return self.basis.shape[1] * len(self.middle)
+
+    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
+        return self.middle + jnp.tanh(self.basis @ z.reshape(self.basis.shape[1], -1)) * self.half
+
+    def guess(self, controls: np.ndarray | None) -> np.ndarray:
+        if controls is None:
+            return np.zeros(self.size)
+        return np.linalg.lstsq(np.asarray(self.basis, float), _raw(self, controls), rcond=None)[0].ravel()
+
+
+class Periodic(Parameters):
+    """A pattern as animals move by: per control an offset and a wave, all of one frequency.
+
+    z holds the frequency, then per control offset, sine and cosine of the wave: amplitude and phase.
+    """
+
+    middle: Float[Array, " C"]
+    half: Float[Array, " C"]
+    steps: int = eqx.field(static=True)
+    period: Float[Array, ""]
+    """[s] Of the first guess."""
+    dt: float = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, steps: int, dt: float, period: float, bounds: Bounds) -> Periodic:
+        """Return the parameters of patterns whose frequency is near that of `period` [s]."""
+        if not 2 * dt < period < np.inf:
+            raise ArgumentError(f"period: wanted more than two super steps of {dt:g} s, came {period:g} s.")
+        return cls(*_bounds(bounds), steps, jnp.asarray(period, jnp.float32), dt)
+
+    @property
+    def size(self) -> int:
+        return 1 + 3 * len(self.middle)
+
+    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
+        offset, sine, cosine = z[1:].reshape(3, -1)
+        turns = 2 * jnp.pi * self._tempo(z[0]) / self.period * (jnp.arange(self.steps)[:, None] + 0.5) * self.dt
+        return self.middle + jnp.tanh(offset + sine * jnp.sin(turns) + cosine * jnp.cos(turns)) * self.half
+
+    def _tempo(self, number: Float[Array, ""]) -> Float[Array, ""]:
+        """Return times the first frequency: 1 for a number of zero."""
+        return SLOWEST + (FASTEST - SLOWEST) / (1 + (FASTEST - 1) / (1 - SLOWEST) * jnp.exp(-number))
+
+    def guess(self, controls: np.ndarray | None) -> np.ndarray:
+        if controls is None:
+            return np.zeros(self.size)
+        turns = 2 * np.pi / float(self.period) * (np.arange(self.steps) + 0.5) * self.dt
+        waves = np.stack([np.ones_like(turns), np.sin(turns), np.cos(turns)], axis=1)
+        return np.concatenate([[0.0], np.linalg.lstsq(waves, _raw(self, controls), rcond=None)[0].ravel()])
+
+    def gait(self, z: np.ndarray) -> Gait:
+        """Return the pattern of z as a gait; offsets and the rounding of strong waves are left out."""
+        sine, cosine = np.asarray(z[1:], float).reshape(3, -1)[1:]
+        heights = np.tanh(np.hypot(sine, cosine))
+        period = float(self.period / self._tempo(jnp.asarray(z[0])))
+        return Gait(period, tuple(map(float, heights)), tuple(map(float, -np.arctan2(cosine, sine))))
+
+
+def _bounds(bounds: Bounds) -> tuple[Array, Array]:
+    low, high = np.array(bounds.low), np.array(bounds.high)
+    if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
+        entry = int(np.argmin((low < high) & np.isfinite(low) & np.isfinite(high)))
+        raise ArgumentError(
+            f"bounds: wanted finite ones with low below high, control {entry} has {low[entry]:g} and {high[entry]:g}."
+        )
+    return jnp.asarray(bounds.middle, jnp.float32), jnp.asarray(bounds.half, jnp.float32)
+
+
+def _raw(parameters: Parameters, controls: np.ndarray) -> np.ndarray:
+    """Return (T, C) the numbers of which tanh makes `controls`."""
+    share = (np.asarray(controls) - np.asarray(parameters.middle)) / np.asarray(parameters.half)
+    return np.arctanh(np.clip(share, -NEARLY_ALL, NEARLY_ALL))

@@ -1,0 +1,92 @@
+"""J as a function of the numbers a descent varies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from neuroanimator.control.corrected import advance_corrected, follow_corrected
+from neuroanimator.control.objective import Objective
+from neuroanimator.control.parameters import Parameters
+from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.emulator.emulator import Emulator
+
+
+class Problem(eqx.Module):
+    """z (Z,) → controls → emulated trajectory → J. For use inside jit, grad and vmap."""
+
+    emulator: Emulator
+    objective: Objective
+    parameters: Parameters
+    start: Float[Array, " S"]
+    defects: Float[Array, "T V"]
+    """Added to the super steps: see `corrected`."""
+    limit: Float[Array, " C"]
+
+    def trajectory(self, z: Float[Array, " Z"]) -> Trajectory:
+        """Return the emulated motion under the controls of z."""
+        controls = self.parameters.controls(z)
+        return self._trajectory(self._follow(controls), controls)
+
+    def cost(self, z: Float[Array, " Z"]) -> Float[Array, ""]:
+        """Return J."""
+        return self.objective(self.trajectory(z))
+
+    def linearised(self, z: Float[Array, " Z"]) -> tuple[Array, Array, Array]:
+        """Return the residuals (R,), their derivatives (R, Z), and the slope (Z,) of what is no square."""
+        change = self._changes_step_by_step if self._is_long(z) else self._changes_at_once
+        inner, controls, push = change(z)
+        looked_at = lambda inner, controls: self.objective.residuals(self._trajectory(inner, controls))  # noqa: E731
+        residuals, pull = jax.linearize(looked_at, inner, controls)
+        jacobian = jax.vmap(lambda unit: pull(*push(unit)), out_axes=1)(jnp.eye(len(z), dtype=z.dtype))
+        slope = jax.grad(lambda z: self.objective.extra(self.trajectory(z)))(z) if self.objective.functions else 0 * z
+        return residuals, jacobian, slope
+
+    def _is_long(self, z: Float[Array, " Z"]) -> bool:
+        """Return whether z has so many numbers that single super steps are cheaper to differentiate."""
+        entries = self.emulator.normaliser.change_scale.shape[0] + len(self.limit)
+        return 2 * entries < len(z)
+
+    def _changes_at_once(self, z: Array) -> tuple[Array, Array, Callable]:
+        """Return the inner trajectory, the controls, and how both change with z."""
+
+        def path(z: Array) -> tuple[Array, Array]:
+            controls = self.parameters.controls(z)
+            return self._follow(controls), controls
+
+        (inner, controls), push = jax.linearize(path, z)
+        return inner, controls, push
+
+    def _changes_step_by_step(self, z: Array) -> tuple[Array, Array, Callable]:
+        """Return the same by the chain rule: the Jacobians of all super steps side by side, then their products."""
+        controls, pushed = jax.linearize(self.parameters.controls, z)
+        inner = self._follow(controls)
+        mixed = self.emulator.encode_control(controls)
+        by_state, by_control = jax.vmap(jax.jacfwd(lambda s, u, d: advance_corrected(self.emulator, s, u, d), (0, 1)))(
+            inner[:-1], mixed, self.defects
+        )
+
+        def push(unit: Array) -> tuple[Array, Array]:
+            change = pushed(unit)
+
+            def one(before: Array, given: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+                along, by, moved = given
+                after = along @ before + by @ moved
+                return after, after
+
+            inputs = by_state, by_control, self.emulator.encode_control(change)
+            first = jnp.zeros_like(inner[0])
+            return jnp.concatenate([first[None], jax.lax.scan(one, first, inputs)[1]]), change
+
+        return inner, controls, push
+
+    def _follow(self, controls: Float[Array, "T C"]) -> Float[Array, "T+1 I"]:
+        return follow_corrected(self.emulator, self.emulator.encode(self.start), controls, self.defects)
+
+    def _trajectory(self, inner: Float[Array, "T+1 I"], controls: Float[Array, "T C"]) -> Trajectory:
+        states = jnp.concatenate([self.start[None], self.emulator.decode(inner[1:])])
+        return Trajectory(states, controls, self.limit, self.emulator.dt)
