@@ -15,7 +15,7 @@ from neuroanimator.emulator.correction import Correction, follow_corrected
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems.cloud import points_of
 from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.mass_spring import Motion, energy, strains
+from neuroanimator.systems.mass_spring import Motion, inner_energy, strains
 
 BLOCK = 500
 """Super steps rolled out at once."""
@@ -41,7 +41,7 @@ class LongRun:
 
 
 def measures(system: DeformableSystem, states: np.ndarray | jax.Array) -> jax.Array:
-    """Return (3, ...) of states (..., S): largest strain, energy [J], rms distance of the shape from rest [m]."""
+    """Return (3, ...) of states (..., S): largest strain, kinetic and elastic energy [J], rms distance of the shape from rest [m]."""
     size, cloud = 3 * len(system.body.masses), system.structure.cloud
     assert cloud is not None
     rows = jnp.asarray(states).reshape(-1, states.shape[-1])
@@ -49,7 +49,8 @@ def measures(system: DeformableSystem, states: np.ndarray | jax.Array) -> jax.Ar
     motion = Motion(*(jnp.moveaxis(part, 0, -1) for part in parts))
     seen = cloud.own_frame(parts[0])[2]
     shape = jnp.sqrt(jnp.mean(jnp.sum((seen - jnp.asarray(cloud.places)) ** 2, axis=-1), axis=-1))
-    found = jnp.stack([jnp.abs(strains(system.body, motion.places)).max(axis=0), energy(system.body, motion), shape])
+    strain = jnp.abs(strains(system.body, motion.places)).max(axis=0)
+    found = jnp.stack([strain, inner_energy(system.body, motion), shape])
     return found.reshape(3, *states.shape[:-1])
 
 

@@ -78,14 +78,20 @@ def outer_forces(body: Body, motion: Motion, controls: Array) -> Array:
 
 def energy(body: Body, motion: Motion) -> Array:
     """Return (...) kinetic and elastic energy, and that of weight in air [J]."""
+    places = motion.places
+    weight = jnp.sum(_along(body.masses, places[:, 2]) * places[:, 2], axis=0) * GRAVITY * body.weighs
+    return inner_energy(body, motion) + weight
+
+
+def inner_energy(body: Body, motion: Motion) -> Array:
+    """Return (...) kinetic and elastic energy [J]: what does not depend on the place."""
     places, speeds, contractions = motion
     kinetic = jnp.sum(_along(body.masses, speeds) * speeds * speeds, axis=(0, 1)) / 2
     first, second = body.springs.T
     length = jnp.sqrt(_dot(places[second] - places[first], places[second] - places[first]))
     rest = _along(body.lengths, length) * (1 - jnp.tensordot(body.muscles.astype(length.dtype), contractions, 1))
     elastic = jnp.sum(_along(body.stiffness, length) * (length - rest) ** 2, axis=0) / 2
-    weight = jnp.sum(_along(body.masses, places[:, 2]) * places[:, 2], axis=0) * GRAVITY * body.weighs
-    return kinetic + elastic + weight
+    return kinetic + elastic
 
 
 def strains(body: Body, places: Array) -> Array:
