@@ -41,7 +41,7 @@ class LongRun:
 
 
 def measures(system: DeformableSystem, states: np.ndarray | jax.Array) -> jax.Array:
-    """Return (3, ...) of states (..., S): largest strain, kinetic and elastic energy [J], rms distance of the shape from rest [m]."""
+    """Return (3, ...) of states (..., S): largest strain, inner energy [J], rms distance of the shape from rest [m]."""
     size, cloud = 3 * len(system.body.masses), system.structure.cloud
     assert cloud is not None
     rows = jnp.asarray(states).reshape(-1, states.shape[-1])
