@@ -19,9 +19,16 @@ class Buffer:
         self.content = bytearray()
         self.views: list[dict[str, Any]] = []
         self.accessors: list[dict[str, Any]] = []
+        self._known: dict[tuple[Any, ...], int] = {}
 
     def add(self, array: np.ndarray, kind: str, *, target: int | None = None, bounds: bool = False) -> int:
-        """Append `array` and return the index of its accessor."""
+        """Return the index of the accessor of `array`, appended if the same numbers are not there yet."""
+        key = (array.tobytes(), array.dtype.name, kind, target, bounds)
+        if key not in self._known:
+            self._known[key] = self._append(array, kind, target, bounds)
+        return self._known[key]
+
+    def _append(self, array: np.ndarray, kind: str, target: int | None, bounds: bool) -> int:
         view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": array.nbytes}
         self.views.append(view | ({"target": target} if target else {}))
         self.content += array.tobytes() + b"\0" * (-array.nbytes % 4)
