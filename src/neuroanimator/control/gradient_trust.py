@@ -1,0 +1,131 @@
+"""Whether the emulator's gradient of J points where the physics' does: what every descent relies on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.control.descend import pose_problem
+from neuroanimator.control.objective import Objective
+from neuroanimator.control.parameters import Parameters
+from neuroanimator.control.physics import play
+from neuroanimator.control.problem import Problem
+from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.systems.layout import Bounds
+from neuroanimator.systems.system import System
+
+WARN_BELOW = 0.5
+"""Cosine: 60° between the two gradients; a step along one still wins half as much as along the other."""
+DIFFERENCE_STEP = 1e-5
+"""Of z, whose numbers are of order one: a tenth of it changes no gradient by a millionth, even with contacts."""
+
+Follow = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""(starts (B, S), controls (B, T, C)) → states (B, T+1, S) in float64."""
+
+
+@dataclass(frozen=True)
+class GradientTrust:
+    """How far the emulator's dJ/dz can be trusted."""
+
+    cosine: float
+    """Of the angle between both: 1 the same way, 0 at right angles or one of them zero."""
+    emulator_gradient: np.ndarray
+    """(Z,) by back-propagation through the emulator."""
+    physics_gradient: np.ndarray
+    """(Z,) by central differences of the true physics."""
+
+    @classmethod
+    def of(cls, emulator_gradient: np.ndarray, physics_gradient: np.ndarray) -> GradientTrust:
+        """Return the trust that two gradients (Z,) of the same J deserve."""
+        lengths = np.linalg.norm(emulator_gradient) * np.linalg.norm(physics_gradient)
+        cosine = float(emulator_gradient @ physics_gradient / lengths) if lengths else 0.0
+        return cls(cosine, emulator_gradient, physics_gradient)
+
+    def warning(self) -> str:
+        """Return one line for the user where the emulator misleads; empty where it does not."""
+        if self.cosine >= WARN_BELOW:
+            return ""
+        return (
+            f"The emulator's gradient points elsewhere than the physics': cosine {self.cosine:.2f}, "
+            f"wanted {WARN_BELOW}. Shorten the motion, or refine the emulator."
+        )
+
+
+def gradient_trust(
+    emulator: Emulator,
+    system: System,
+    objective: Objective,
+    parameters: Parameters,
+    start: np.ndarray,
+    controls: np.ndarray | None,
+    defects: Array | None = None,
+) -> GradientTrust:
+    """Return how dJ/dz on the emulator compares with that on `system`, at the z of `controls` (T, C).
+
+    The middle of the bounds for None. `defects` (T, V) are added to the emulator's super steps (see `corrected`).
+    Ask where a descent begins: at the emulator's own optimum its gradient vanishes, and the angle says nothing.
+    Takes 2Z runs of the physics, in one batch.
+
+    Raises NeuroAnimatorError where the physics blows up.
+    """
+    start, z = emulator.identity.state.check(start, "state"), parameters.guess(controls)
+    problem = pose_problem(emulator, objective, parameters, start, defects)
+    emulated = np.asarray(_slope(problem, jnp.asarray(z, jnp.float32)), float)
+    physical = difference_gradient(
+        lambda starts, held: _played(system, starts, held, emulator.dt),
+        objective, parameters, emulator.identity.bounds, emulator.dt, start, z,
+    )  # fmt: skip
+    return GradientTrust.of(emulated, physical)
+
+
+def difference_gradient(
+    follow: Follow,
+    objective: Objective,
+    parameters: Parameters,
+    bounds: Bounds,
+    dt: float,
+    start: np.ndarray,
+    z: np.ndarray,
+    step: float = DIFFERENCE_STEP,
+) -> Float[np.ndarray, " Z"]:
+    """Return dJ/dz (Z,) by central differences of what `follow` does from `start` (S,), J in float64.
+
+    `bounds` are those effort is counted in, `dt` [s] the super step.
+    """
+    shifts = step * np.eye(len(z))
+    starts = np.broadcast_to(start, (2 * len(z), len(start)))
+    with jax.enable_x64(True):
+        controls = np.asarray(jax.vmap(parameters.controls)(jnp.asarray(np.concatenate([z + shifts, z - shifts]))))
+        states = follow(starts, controls)
+        costs = np.asarray(
+            _costs(objective, jnp.asarray(states), jnp.asarray(controls), jnp.asarray(bounds.largest), dt)
+        )
+    above, below = np.split(costs, 2)
+    return (above - below) / (2 * step)
+
+
+def _played(system: System, starts: np.ndarray, controls: np.ndarray, dt: float) -> np.ndarray:
+    runs = play(system, starts, controls, dt)
+    if not runs.is_alive.all():
+        raise NeuroAnimatorError(
+            "The physics blew up under these controls: it has no gradient there. Shorten the motion."
+        )
+    return runs.states
+
+
+@eqx.filter_jit
+def _slope(problem: Problem, z: Array) -> Array:
+    return jax.grad(problem.cost)(z)
+
+
+@eqx.filter_jit
+def _costs(objective: Objective, states: Array, controls: Array, limit: Array, dt: float) -> Array:
+    return jax.vmap(lambda motion, held: objective(Trajectory(motion, held, limit, dt)))(states, controls)

@@ -1,0 +1,84 @@
+"""The emulator's gradient is held against differences of the true physics."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neuroanimator import Emulator, load_system, stand_upright
+from neuroanimator.control.gradient_trust import GradientTrust, difference_gradient, gradient_trust
+from neuroanimator.control.parameters import EachStep
+from neuroanimator.control.physics import play
+from neuroanimator.emulator.emulator import rollout
+
+STEPS = 10
+REST = np.zeros(6)
+
+
+@pytest.fixture(scope="module")
+def parameters(shipped: Emulator) -> EachStep:
+    return EachStep.of(STEPS, shipped.identity.bounds)
+
+
+def random_controls(emulator: Emulator, seed: int) -> np.ndarray:
+    bounds = emulator.identity.bounds
+    return np.random.default_rng(seed).uniform(bounds.low, bounds.high, (STEPS, len(bounds.low)))
+
+
+def physical_gradient(emulator: Emulator, parameters: EachStep, z: np.ndarray, step: float) -> np.ndarray:
+    system = load_system("pendulum")
+    follow = lambda starts, controls: play(system, starts, controls, emulator.dt).states  # noqa: E731
+    bounds = emulator.identity.bounds
+    return difference_gradient(follow, stand_upright(), parameters, bounds, emulator.dt, REST, z, step)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_over_a_short_horizon_both_gradients_agree(seed: int, shipped: Emulator, parameters: EachStep):
+    controls = random_controls(shipped, seed)
+    trust = gradient_trust(shipped, load_system("pendulum"), stand_upright(), parameters, REST, controls)
+    assert trust.cosine >= 0.9
+    assert trust.warning() == ""
+    ratio = np.linalg.norm(trust.emulator_gradient) / np.linalg.norm(trust.physics_gradient)
+    assert ratio == pytest.approx(1, abs=0.25)
+
+
+def test_a_shuffled_gradient_is_not_trusted(shipped: Emulator, parameters: EachStep):
+    controls = random_controls(shipped, 0)
+    trust = gradient_trust(shipped, load_system("pendulum"), stand_upright(), parameters, REST, controls)
+    shuffled = np.random.default_rng(0).permutation(trust.emulator_gradient)
+    broken = GradientTrust.of(shuffled, trust.physics_gradient)
+    assert broken.cosine < 0.5
+    assert f"cosine {broken.cosine:.2f}" in broken.warning()
+    assert "\n" not in broken.warning()
+
+
+def test_an_emulator_trusts_itself(shipped: Emulator, parameters: EachStep):
+    controls = random_controls(shipped, 1)
+    trust = gradient_trust(shipped, load_system("pendulum"), stand_upright(), parameters, REST, controls)
+    follow = lambda starts, held: np.asarray(jax.vmap(lambda s, u: rollout(shipped, s, u))(starts, held))  # noqa: E731
+    itself = difference_gradient(
+        lambda starts, held: follow(jnp.asarray(starts), jnp.asarray(held)),
+        stand_upright(), parameters, shipped.identity.bounds, shipped.dt, REST, parameters.guess(controls),
+    )  # fmt: skip
+    assert GradientTrust.of(trust.emulator_gradient, itself).cosine == pytest.approx(1, abs=1e-3)
+    np.testing.assert_allclose(trust.emulator_gradient, itself, atol=1e-3 * np.abs(itself).max())
+
+
+def test_halving_the_step_quarters_the_error_of_the_differences(shipped: Emulator, parameters: EachStep):
+    z = parameters.guess(random_controls(shipped, 2))
+    coarse, middle, fine = (physical_gradient(shipped, parameters, z, step) for step in (4e-2, 2e-2, 1e-2))
+    assert np.linalg.norm(coarse - middle) / np.linalg.norm(middle - fine) == pytest.approx(4, rel=0.05)
+
+
+def test_the_step_taken_is_drowned_neither_by_curvature_nor_by_rounding(shipped: Emulator, parameters: EachStep):
+    z = parameters.guess(random_controls(shipped, 3))
+    taken, larger, smaller = (physical_gradient(shipped, parameters, z, step) for step in (1e-5, 1e-4, 1e-6))
+    size = np.linalg.norm(taken)
+    assert np.linalg.norm(taken - larger) < 1e-6 * size
+    assert np.linalg.norm(taken - smaller) < 1e-6 * size
+
+
+def test_a_vanishing_gradient_is_not_trusted():
+    assert GradientTrust.of(np.zeros(3), np.ones(3)).warning()
