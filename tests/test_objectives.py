@@ -1,0 +1,406 @@
+"""Wishes and parameters keep their laws: symmetry, slopes, sums over time, bounds."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neuroanimator import Emulator, Objective, descend, load_system, stand_upright
+from neuroanimator.control.goals import reach_goal
+from neuroanimator.control.objective import Term, check_objective
+from neuroanimator.control.parameters import EachStep, Parameters, Periodic, Spline
+from neuroanimator.control.terms import END, ReachState
+from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.control.wishes import (
+    effort,
+    follow_path,
+    keep_heading,
+    keep_speed,
+    keep_velocity,
+    keyframes,
+    reach_heading,
+    reach_place,
+    smoothness,
+    stand_up,
+    stay_within,
+    travel,
+)
+from neuroanimator.emulator.frame import Frame
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.layout import Bounds
+from neuroanimator.systems.rotation import multiply, rotate
+from neuroanimator.systems.system import System
+
+BODIES = ("fish", "truck")
+PLACES = np.array([[0.3, -0.2, 0.1], [1.0, 0.5, 0.3]])
+DIRECTION = np.array([0.6, 0.8, 0.0])
+SHIFT = np.array([3.0, -2.0, 1.0])
+TURN = np.array([0.5, -0.5, 0.1, 0.7]) / np.linalg.norm([0.5, -0.5, 0.1, 0.7])
+UPRIGHT_TURN = np.array([0.8, 0.0, 0.0, 0.6])
+"""A turn about the vertical, which leaves up where it is."""
+DT, STEPS = 0.05, 8
+BOUNDS = Bounds((-2.0, 0.0, -1.0), (2.0, 5.0, 3.0))
+
+
+@functools.cache
+def a_system(name: str) -> System:
+    return load_system(name)
+
+
+def a_motion(system: System, seed: int = 0, steps: int = STEPS, dt: float = DT) -> Trajectory:
+    """Return a wild motion: the laws hold for any."""
+    rng = np.random.default_rng(seed)
+    states = system.rest + 0.1 * rng.normal(size=(steps + 1, system.state.size))
+    for turn, _ in Frame.of(system.structure, 0.0).turns:
+        states[:, turn : turn + 4] /= np.linalg.norm(states[:, turn : turn + 4], axis=1, keepdims=True)
+    controls = rng.uniform(-1, 1, (steps, system.control.size))
+    return Trajectory(jnp.asarray(states), jnp.asarray(controls), jnp.asarray(system.bounds.largest), dt)
+
+
+def turned(vectors: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Return `vectors` (..., 3) in a world turned by `turn`."""
+    return rotate(np.broadcast_to(turn, (*vectors.shape[:-1], 4)), vectors)
+
+
+def moved(system: System, states: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Return the same states (..., S) in a world turned by `turn` and then shifted."""
+    there, start = np.array(states, float), 0
+    for segment in system.structure.segments:
+        part, start = slice(start, start + segment.size), start + segment.size
+        if segment.kind == "quaternion":
+            there[..., part] = multiply(np.broadcast_to(turn, there[..., part].shape), there[..., part])
+        elif segment.kind in ("position", "velocity", "points", "point velocities"):
+            vectors = there[..., part].reshape(*there.shape[:-1], -1, 3)
+            shift = SHIFT if segment.kind in ("position", "points") else 0
+            there[..., part] = (turned(vectors, turn) + shift).reshape(there[..., part].shape)
+    return there
+
+
+Wish = Callable[[System, Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]], Term]
+"""(system, where a place is in the moved world, where a direction points there) → a wish."""
+
+MOVING: dict[str, Wish] = {
+    "reach_place": lambda system, place, way: reach_place(system, place(PLACES[0]), within=0.1),
+    "keyframes": lambda system, place, way: keyframes(system, place(PLACES), [0.1, 0.3], within=0.1),
+    "follow_path": lambda system, place, way: follow_path(system, place(PLACES), within=0.1),
+    "travel": lambda system, place, way: travel(system, way(DIRECTION), 0.5, within=0.1),
+    "keep_velocity": lambda system, place, way: keep_velocity(system, way(DIRECTION), within=0.1, since=0.2),
+    "keep_speed": lambda system, place, way: keep_speed(system, 0.7, within=0.1),
+    "keep_heading": lambda system, place, way: keep_heading(system, way(DIRECTION), within=0.1),
+    "reach_heading": lambda system, place, way: reach_heading(system, way(DIRECTION), within=0.1, at=0.2),
+    "stand_up": lambda system, place, way: stand_up(system, within=0.1),
+}
+
+
+def as_is(vector: np.ndarray) -> np.ndarray:
+    return vector
+
+
+def reach_other(system: System, turn: np.ndarray | None) -> ReachState:
+    """Return the wish to be in the motion's third state of another seed, moved with the world if `turn` is given."""
+    state = np.asarray(a_motion(system, seed=1).states[2], float)
+    frame = Frame.of(system.structure, 0.0)
+    goal = state if turn is None else moved(system, state, turn)
+    return ReachState.of(frame, goal, np.eye(frame.change_size(len(state))), 1.0, END)
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("kind", sorted(MOVING))
+def test_moving_and_turning_world_and_wish_together_changes_nothing(kind: str, body: str):
+    system, turn = a_system(body), UPRIGHT_TURN if kind == "stand_up" else TURN
+    here = MOVING[kind](system, as_is, as_is)
+    there = MOVING[kind](system, lambda place: turned(place, turn) + SHIFT, lambda way: turned(way, turn))
+    motion = a_motion(system)
+    elsewhere = motion._replace(states=jnp.asarray(moved(system, motion.states, turn)))
+    before, after = (np.asarray(term.residuals(way)) for term, way in ((here, motion), (there, elsewhere)))
+    assert float(Objective.of(here)(elsewhere)) != pytest.approx(float(Objective.of(here)(motion)), rel=1e-3) or (
+        kind in ("keep_speed", "stand_up")  # the two that name no place and no heading
+    )
+    np.testing.assert_allclose(np.linalg.norm(after), np.linalg.norm(before), rtol=1e-4)
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_a_state_is_compared_as_seen_from_the_goal(body: str):
+    system, motion = a_system(body), a_motion(a_system(body))
+    before = reach_other(system, None).residuals(motion)
+    after = reach_other(system, TURN).residuals(motion._replace(states=jnp.asarray(moved(system, motion.states, TURN))))
+    assert np.linalg.norm(before) > 0.1
+    np.testing.assert_allclose(after, before, atol=2e-5 * float(np.abs(before).max()))
+
+
+EVERY: dict[str, Callable[[System], Term]] = {
+    **{kind: lambda system, make=make: make(system, as_is, as_is) for kind, make in MOVING.items()},
+    "effort": lambda system: effort(0.3),
+    "smoothness": lambda system: smoothness(0.2),
+    "reach_state": lambda system: reach_other(system, None),
+    "stay_within": lambda system: stay_within(system, system.state.slices[0].name, -0.05, 0.03, within=0.1),
+}
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_slopes_equal_finite_differences(body: str):
+    with jax.enable_x64(True):
+        exact = lambda leaf: jnp.asarray(np.asarray(leaf), jnp.float64) if eqx.is_array(leaf) else leaf  # noqa: E731
+        system, rng, size = a_system(body), np.random.default_rng(1), 1e-6
+        terms = [jax.tree.map(exact, make(system)) for make in EVERY.values()]
+        motion = jax.tree.map(exact, a_motion(system))
+        ways = [exact(rng.normal(size=each.shape)) for each in (motion.states, motion.controls)]
+
+        @jax.jit
+        def costs(states: jax.Array, controls: jax.Array) -> jax.Array:
+            path = motion._replace(states=states, controls=controls)
+            return jnp.stack([Objective.of(term)(path) for term in terms])
+
+        slopes = jax.jit(jax.jacrev(costs, (0, 1)))(motion.states, motion.controls)
+        along = sum(jnp.tensordot(slope, way, 2) for slope, way in zip(slopes, ways, strict=True))
+        ends = [costs(motion.states + s * size * ways[0], motion.controls + s * size * ways[1]) for s in (-1, 1)]
+        differences = (ends[1] - ends[0]) / (2 * size)
+        for kind, slope, difference in zip(EVERY, along.tolist(), differences.tolist(), strict=True):
+            assert abs(slope) > 1e-4, kind
+            assert slope == pytest.approx(difference, rel=1e-5), kind
+
+
+def steady(system: System, speed: float, seconds: float, dt: float) -> Trajectory:
+    """Return the body at rest but for going forward, along its own X, at `speed` [m/s]."""
+    steps = round(seconds / dt)
+    states, start = np.repeat(system.rest[None], steps + 1, axis=0), 0
+    way = speed * dt * np.arange(steps + 1)
+    for segment in system.structure.segments:
+        forward = slice(start, start + segment.size, 3)
+        if segment.kind in ("position", "points"):
+            states[:, forward] += way[:, None]
+        elif segment.kind in ("velocity", "point velocities"):
+            states[:, forward] = speed
+        start += segment.size
+    controls = np.tile(0.5 * system.bounds.largest, (steps, 1))
+    return Trajectory(jnp.asarray(states), jnp.asarray(controls), jnp.asarray(system.bounds.largest), dt)
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_a_body_at_known_speed_gives_the_known_cost(body: str):
+    system, motion = a_system(body), steady(a_system(body), 0.6, 2.0, DT)
+    cost = lambda *wishes: float(Objective.of(*wishes)(motion))  # noqa: E731
+    assert cost(travel(system, [1, 0, 0], 1.2, within=0.1)) == pytest.approx(0, abs=1e-8)
+    assert cost(travel(system, [2, 0, 0], 1.5, within=0.1)) == pytest.approx((0.3 / 0.1) ** 2 / 2, rel=1e-4)
+    assert cost(travel(system, [0, 1, 0], 0.4, within=0.1)) == pytest.approx(4**2 / 2, rel=1e-4)
+    assert cost(keep_speed(system, 0.6, within=0.1)) == pytest.approx(0, abs=1e-8)
+    assert cost(keep_speed(system, 0.5, within=0.1)) == pytest.approx(1**2 / 2 * 2.0, rel=1e-4)
+    assert cost(keep_speed(system, 0.5, within=0.1, since=1.0)) == pytest.approx(0.5 * (1.0 + DT), rel=1e-4)
+    assert cost(keep_velocity(system, [0.6, 0.1, 0], within=0.1)) == pytest.approx(0.5 * 2.0, rel=1e-4)
+    assert cost(keep_heading(system, [1, 0, 0], within=0.1)) == pytest.approx(0, abs=1e-8)
+    assert cost(stand_up(system, within=0.1)) == pytest.approx(0, abs=1e-8)
+    assert cost(effort(3.0)) == pytest.approx(3 / 2 * 0.25 * system.control.size * 2.0, rel=1e-5)
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_sums_over_time_do_not_depend_on_the_super_step(body: str):
+    system = a_system(body)
+    part = system.state.slices[0].name
+    wishes = (
+        effort(),
+        keep_speed(system, 0.2, within=0.1),
+        keep_velocity(system, [0, 0.1, 0], within=0.1),
+        keep_heading(system, [0, 1, 0], within=0.1),
+        follow_path(system, [[0, 1, 0], [1, 1, 0]], within=0.1),
+        stay_within(system, part, -0.3, 0.1, within=0.1),
+    )
+    for wish in wishes:
+        coarse, fine = (float(Objective.of(wish)(steady(system, 0.6, 2.0, dt))) for dt in (DT, DT / 2))
+        assert coarse > 0.1
+        assert fine == pytest.approx(coarse, rel=0.08), type(wish).__name__  # a sum is an integral but for its ends
+
+
+def test_smoothness_is_the_same_for_a_ramp_in_finer_steps():
+    def cost(steps: int) -> float:
+        dt, ramp = 2.0 / steps, np.linspace(0, 1, steps, endpoint=False)[:, None]
+        return float(
+            Objective.of(smoothness(1.0))(Trajectory(jnp.zeros((steps + 1, 1)), jnp.asarray(ramp), jnp.ones(1), dt))
+        )
+
+    assert cost(100) == pytest.approx(0.5 * 0.5**2 * 2.0, rel=0.02)
+    assert cost(200) == pytest.approx(cost(100), rel=0.01)
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_costs_are_linear_in_weights_and_add_up(body: str):
+    system, motion = a_system(body), a_motion(a_system(body))
+    light, heavy = (keep_speed(system, 0.3, within=0.1, weight=weight) for weight in (1.0, 2.0))
+    assert float(Objective.of(heavy)(motion)) == pytest.approx(2 * float(Objective.of(light)(motion)), rel=1e-6)
+
+    def own(trajectory: Trajectory) -> jax.Array:
+        return jnp.mean(trajectory.states**2)
+
+    wishes = [make(system) for make in EVERY.values()]
+    apart = sum(float(Objective.of(wish)(motion)) for wish in (*wishes, own))
+    assert float(Objective.of(*wishes, own)(motion)) == pytest.approx(apart, rel=1e-5)
+    residuals = Objective.of(*wishes, own).residuals(motion)
+    assert len(residuals) == sum(len(wish.residuals(motion)) for wish in wishes)
+
+
+def test_a_goals_tolerance_is_an_error_of_three():
+    truck = a_system("truck")
+    goal = truck.goals["bay_1"]
+    wish, state = reach_goal(truck.structure, truck.rest, goal), np.array(truck.rest)
+    for entry, value in goal.values:
+        state[entry] = value
+    at = lambda state: Trajectory(jnp.asarray(state)[None], jnp.zeros((0, 2)), jnp.ones(2), DT)  # noqa: E731
+    np.testing.assert_allclose(wish.residuals(at(state)), 0, atol=1e-6)
+    speed = truck.state.index("root.velocity").start
+    tolerance = dict(zip([entry for entry, _ in goal.values], goal.tolerances, strict=True))[speed]
+    state[speed : speed + 3] += turned(np.array([tolerance, 0, 0]), state[3:7])
+    assert float(jnp.abs(wish.residuals(at(state))).max()) == pytest.approx(3, rel=1e-4)
+
+
+PARAMETERS: dict[str, Callable[[int], Parameters]] = {
+    "each step": lambda steps: EachStep.of(steps, BOUNDS),
+    "spline": lambda steps: Spline.of(steps, 7, BOUNDS),
+    "periodic": lambda steps: Periodic.of(steps, DT, 0.6, BOUNDS),
+}
+
+
+@pytest.mark.parametrize("kind", sorted(PARAMETERS))
+def test_guessing_from_controls_gives_these_controls(kind: str):
+    parameters = PARAMETERS[kind](40)
+    z = np.random.default_rng(0).normal(size=parameters.size)
+    if isinstance(parameters, Periodic):
+        z[0] = 0.0  # its frequency is that of the first guess
+    controls = np.asarray(parameters.controls(jnp.asarray(z)))
+    found = parameters.guess(controls)
+    np.testing.assert_allclose(found, z, atol=2e-2)
+    np.testing.assert_allclose(parameters.controls(jnp.asarray(found)), controls, atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", sorted(PARAMETERS))
+def test_controls_are_within_bounds_and_smooth_in_z_however_large_it_is(kind: str):
+    parameters = PARAMETERS[kind](40)
+    np.testing.assert_allclose(parameters.controls(jnp.asarray(parameters.guess(None)))[0], BOUNDS.middle, atol=1e-6)
+    for size in (1.0, 1e3, 1e30):
+        z = jnp.asarray(size * np.random.default_rng(0).normal(size=parameters.size), jnp.float32)
+        controls, slope = parameters.controls(z), jax.grad(lambda z: jnp.sum(parameters.controls(z) ** 2))(z)
+        assert (controls >= np.array(BOUNDS.low) - 1e-6).all()
+        assert (controls <= np.array(BOUNDS.high) + 1e-6).all()
+        assert jnp.isfinite(slope).all()
+    at_bounds = np.tile(BOUNDS.high, (40, 1))
+    assert np.isfinite(parameters.guess(at_bounds)).all()
+
+
+def test_a_spline_is_close_to_a_smooth_curve_and_closer_with_more_knots():
+    share = (np.arange(60) + 0.5) / 60
+    curve = BOUNDS.middle + 0.6 * np.sin(2 * np.pi * share)[:, None] * BOUNDS.half
+
+    def off(knots: int) -> float:
+        spline = Spline.of(60, knots, BOUNDS)
+        return float(
+            np.abs((np.asarray(spline.controls(jnp.asarray(spline.guess(curve)))) - curve) / BOUNDS.half).max()
+        )
+
+    assert off(8) < 0.02
+    assert off(16) < off(8) / 4
+
+
+def test_a_periodic_pattern_is_a_gait_and_repeats():
+    periodic, z = Periodic.of(48, DT, 0.6, BOUNDS), np.random.default_rng(0).normal(size=10)
+    z[:4] = [0.0, 0.0, 0.0, 0.0]  # the first frequency, and no offsets
+    controls = np.asarray(periodic.controls(jnp.asarray(z)))
+    np.testing.assert_allclose(controls[12:24], controls[:12], atol=1e-4)
+    weak = z * 1e-2
+    gait = periodic.gait(weak).controls(48, DT, BOUNDS)
+    np.testing.assert_allclose(gait, periodic.controls(jnp.asarray(weak)), atol=1e-3)
+
+
+def not_a_number(trajectory: Trajectory) -> jax.Array:
+    return jnp.sum(trajectory.states) * jnp.nan
+
+
+def many_numbers(trajectory: Trajectory) -> jax.Array:
+    return trajectory.states[0]
+
+
+def square_root(trajectory: Trajectory) -> jax.Array:
+    return jnp.sqrt(jnp.sum(trajectory.states**2))
+
+
+def failing(trajectory: Trajectory) -> jax.Array:
+    raise KeyError("speed")
+
+
+REFUSED_WISHES = {
+    "wanted at 9 s, but the motion lasts 1 s": lambda: stand_upright(times=(0.5, 9.0)),
+    "every weight is zero": lambda: stand_upright(0.0, 0.0),
+    "weights of at least 0, came -1": lambda: Objective.of(effort(-1.0), effort(1.0)),
+    "weights of at least 0, came nan": lambda: Objective.of(effort(float("nan"))),
+    "weights of at least 0, came inf": lambda: Objective.of(effort(float("inf"))),
+    "J of the motion without control is not finite": lambda: Objective.of(not_a_number),
+    "'many_numbers' must return one number, came (6,)": lambda: Objective.of(many_numbers),
+    "J has no finite slope": lambda: Objective.of(square_root),
+    "'failing' failed: KeyError: 'speed'": lambda: Objective.of(failing),
+}
+
+
+@pytest.mark.parametrize("message", sorted(REFUSED_WISHES))
+def test_an_objective_that_cannot_be_descended_is_refused_in_one_line(message: str, shipped: Emulator):
+    with pytest.raises(ArgumentError) as caught:
+        check_objective(REFUSED_WISHES[message](), shipped, np.zeros(6), 20)
+    assert message in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_good_objective_is_not_refused(shipped: Emulator):
+    def tip_height(trajectory: Trajectory) -> jax.Array:
+        return jnp.cos(trajectory.states[-1, 0])
+
+    check_objective(Objective.of(*stand_upright(times=(0.5, 1.0)).terms, tip_height), shipped, np.zeros(6), 20)
+
+
+REFUSED_ARGUMENTS = {
+    "axes: wanted some of x, y, z, such as 'xy', came 'w'": lambda s: reach_place(s, [1.0], within=1, axes="w"),
+    "axes: wanted some of x, y, z, such as 'xy', came 'xx'": lambda s: reach_place(s, [1, 2], within=1, axes="xx"),
+    "wanted rows of 3 finite numbers": lambda s: reach_place(s, [1, 2], within=1),
+    "wanted rows of 2 finite numbers": lambda s: keyframes(s, [[1, np.nan]], [1], within=1, axes="xy"),
+    "keyframes: wanted 2 times": lambda s: keyframes(s, PLACES, [1.0], within=1),
+    "keyframes: wanted 2 times of at least 0 s": lambda s: keyframes(s, PLACES, [-1.0, 1.0], within=1),
+    "at least two different points": lambda s: follow_path(s, [[0, 0, 0], [0, 0, 0]], within=1),
+    "within: wanted a finite number above 0, came 0": lambda s: stand_up(s, within=0),
+    "distance: wanted a finite number above 0": lambda s: travel(s, [1, 0, 0], -1.0, within=1),
+    "direction: wanted a direction, came zeros": lambda s: keep_heading(s, [0, 0, 0], within=1),
+    "No part called 'elbow'. Parts: root.place": lambda s: stay_within(s, "elbow", 0, 1, within=1),
+    "wanted low below high for 'steer_fl'": lambda s: stay_within(s, "steer_fl", 1, 0, within=1),
+    "wanted a system with a free root or mass points": lambda s: travel(a_system("pendulum"), [1, 0, 0], 1, within=1),
+}
+
+
+@pytest.mark.parametrize("message", sorted(REFUSED_ARGUMENTS))
+def test_a_wish_that_makes_no_sense_is_refused_in_one_line(message: str):
+    with pytest.raises(ArgumentError) as caught:
+        REFUSED_ARGUMENTS[message](a_system("truck"))
+    assert message in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+REFUSED_PARAMETERS = {
+    "control 1 has 5 and 0": lambda: EachStep.of(10, Bounds((0.0, 5.0), (1.0, 0.0))),
+    "control 0 has -inf and 1": lambda: Spline.of(10, 5, Bounds((-np.inf,), (1.0,))),
+    "knots: wanted between 4 and the 10 super steps, came 11": lambda: Spline.of(10, 11, BOUNDS),
+    "knots: wanted between 4 and the 10 super steps, came 3": lambda: Spline.of(10, 3, BOUNDS),
+    "period: wanted more than two super steps of 0.05 s, came 0.1 s": lambda: Periodic.of(10, DT, 0.1, BOUNDS),
+    "period: wanted more than two super steps of 0.05 s, came nan s": lambda: Periodic.of(10, DT, np.nan, BOUNDS),
+}
+
+
+@pytest.mark.parametrize("message", sorted(REFUSED_PARAMETERS))
+def test_parameters_that_make_no_sense_are_refused_in_one_line(message: str):
+    with pytest.raises(ArgumentError) as caught:
+        REFUSED_PARAMETERS[message]()
+    assert message in str(caught.value)
+
+
+def test_bounds_that_cannot_be_kept_are_refused_before_a_descent(shipped: Emulator):
+    bounds = Bounds((0.0, 0.0, 2.0), (1.0, 1.0, 1.0))
+    with pytest.raises(ArgumentError, match="control 2 has 2 and 1"):
+        descend(shipped, stand_upright(), np.zeros(6), steps=10, bounds=bounds)
