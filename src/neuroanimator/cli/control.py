@@ -3,55 +3,106 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from neuroanimator.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from neuroanimator.control.synthesise import Synthesis
+    from neuroanimator.emulator.emulator import Emulator
+
 EXAMPLE = "neuroanimator control pendulum --goal upright --seconds 1.5 --out swing-up.csv"
+DEFAULT_GOAL = "upright"
+# Written out, for looking them up would load JAX before it is needed; a test compares.
+METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
 
 
 def run(
     emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
     out: Annotated[Path, typer.Option(help="CSV file for the controls.")],
-    goal: Annotated[str, typer.Option(help="What to achieve; 'list' names the goals of each system.")] = "upright",
-    seconds: Annotated[
-        float | None, typer.Option(help="Length of the motion [s]; the goal's own if not given.")
+    goal: Annotated[
+        str | None, typer.Option(help="What to achieve, 'upright' if not given; 'list' names each system's goals.")
     ] = None,
-    method: Annotated[str, typer.Option(help="gauss-newton, lbfgs, or momentum as in 1998.")] = "gauss-newton",
+    objective: Annotated[Path | None, typer.Option(help="TOML file of wishes, instead of a goal.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Length of a motion to a goal [s]; the goal's own if not given.")
+    ] = None,
+    method: Annotated[str, typer.Option(help=METHOD_HELP)] = "gauss-newton",
     iterations: Annotated[int, typer.Option(help="Backward sweeps allowed.")] = 20,
-    effort_weight: Annotated[float, typer.Option(help="Weight of effort in J.")] = 1.0,
+    starts: Annotated[
+        int | None, typer.Option(help="First guesses descended from, side by side; 1, or the file's, if not given.")
+    ] = None,
+    effort_weight: Annotated[float | None, typer.Option(help="Weight of effort in a goal's J; 1 if not given.")] = None,
     system: Annotated[
         Path | None, typer.Option(help="Your TOML file, whose step function may then run; see 'new'.")
     ] = None,
     data: Annotated[
         Path | None, typer.Option(help="Dataset folder to refine with; simulated anew if not given.")
     ] = None,
+    log: Annotated[Path | None, typer.Option(help="JSON Lines file for J of every iteration.")] = None,
+    glb: Annotated[
+        Path | None, typer.Option(help="GLB file for the motion on the physics, the emulator's as a ghost.")
+    ] = None,
 ) -> None:
-    """Find a controller by gradient descent through the emulator, then replay it on MuJoCo."""
-    import numpy as np
-
+    """Find a controller by gradient descent through the emulator, then replay it on the true physics."""
     from neuroanimator.control.report import outcome_rows
-    from neuroanimator.control.synthesise import synthesise_goal
+    from neuroanimator.control.watch import watching
     from neuroanimator.data.transitions import read_transitions
-    from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.export.table import write_table
-    from neuroanimator.shipped import find_emulator
+    from neuroanimator.export.by_suffix import emulator_for
     from neuroanimator.systems.own import resolve
     from neuroanimator.terminal import print_rows
 
     if system:
         resolve(str(system))
-    found = synthesise_goal(
-        Emulator.load(find_emulator(emulator)),
-        goal,
-        seconds,
-        effort_weight=effort_weight,
-        method=method,
-        iterations=iterations,
-        data=read_transitions(data) if data else None,
-        on_refine=lambda gap: print(f"gap {gap:.2f}: learning the physics around the motion ...", file=sys.stderr),
-    )
-    controls = found.descent.controls
-    write_table(out, np.arange(len(controls)) * found.emulator.dt, controls, found.emulator.identity.control)
-    print_rows([*outcome_rows(found), ("file", out)])
+    model = emulator_for([glb] if glb else [], emulator)
+    search = _search(model, goal, objective, seconds, effort_weight)
+    with watching(log, iterations) as on_iteration:
+        found = search(
+            method=method,
+            iterations=iterations,
+            data=read_transitions(data) if data else None,
+            on_iteration=on_iteration,
+            on_refine=lambda gap: print(f"gap {gap:.2f}: learning the physics around the motion ...", file=sys.stderr),
+            **({} if starts is None else {"starts": starts}),
+        )
+    _write(found, out, glb)
+    print_rows([*outcome_rows(found), *(("file", path) for path in (out, glb, log) if path)])
+
+
+def _search(
+    emulator: Emulator, goal: str | None, objective: Path | None, seconds: float | None, effort_weight: float | None
+) -> Callable[..., Synthesis]:
+    """Return what finds the controller: for an objective file, or for a goal."""
+    from neuroanimator.control.objective_file import read_objective, synthesise_wanted
+    from neuroanimator.control.synthesise import synthesise_goal
+    from neuroanimator.systems import load_system
+
+    if objective is None:
+        weight = 1.0 if effort_weight is None else effort_weight
+        return partial(synthesise_goal, emulator, goal or DEFAULT_GOAL, seconds, effort_weight=weight)
+    if (goal, seconds, effort_weight) != (None, None, None):
+        raise ArgumentError(
+            "objective: its file says all that --goal, --seconds and --effort-weight do. Leave these out."
+        )
+    identity = emulator.identity
+    system = load_system(identity.system, identity.definition)
+    return partial(synthesise_wanted, emulator, read_objective(objective, system))
+
+
+def _write(found: Synthesis, out: Path, glb: Path | None) -> None:
+    import numpy as np
+
+    from neuroanimator.animation.clip import make_clip
+    from neuroanimator.export.gltf import write_glb
+    from neuroanimator.export.table import write_table
+
+    controls, emulator = found.descent.controls, found.emulator
+    write_table(out, np.arange(len(controls)) * emulator.dt, controls, emulator.identity.control)
+    if glb:
+        physical, emulated = (make_clip(emulator, way) for way in (found.outcome.physical, found.outcome.emulated))
+        write_glb(physical, glb, ghost=emulated)

@@ -1,0 +1,46 @@
+"""A descent as it goes: a progress bar for people, a line of JSON per iteration for programs."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import TextIO
+
+from neuroanimator.errors import ResourceError
+from neuroanimator.files import canonical_json
+from neuroanimator.terminal import progress_bar
+
+
+@contextmanager
+def watching(log: Path | None, iterations: int) -> Iterator[Callable[[int, float], None]]:
+    """Yield an `on_iteration` for `descend` that shows a bar and writes the file `log` line by line.
+
+    Iterations count on over all descents of a synthesis; `descent` says which one it was, for J may rise where the
+    next one begins: it follows another emulator. `seconds` include compilation and replays.
+    """
+    began, done, descent = time.perf_counter(), 0, 0
+    with progress_bar("iterations", iterations) as bar, _opened(log) as file:
+
+        def on_iteration(iteration: int, cost: float) -> None:
+            nonlocal done, descent
+            done, descent = done + 1, descent + (iteration == 1)
+            bar.advance_to(min(done, iterations), f"J {cost:.4g} after {done}")
+            if file is not None:
+                row = {"descent": descent, "iteration": done, "J": cost if math.isfinite(cost) else None}
+                file.write(canonical_json(row | {"seconds": round(time.perf_counter() - began, 3)}) + "\n")
+                file.flush()
+
+        yield on_iteration
+
+
+def _opened(log: Path | None) -> AbstractContextManager[TextIO | None]:
+    if log is None:
+        return nullcontext()
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        return open(log, "w")
+    except OSError as error:
+        raise ResourceError(f"Could not write {log}: {error.strerror}.") from error

@@ -1,0 +1,244 @@
+"""Objectives written in TOML: what is read is what was meant, and every mistake is named."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import json
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import Cli, read_glb
+
+from neuroanimator import Objective, load_system, stand_upright
+from neuroanimator.cli.control import METHOD_HELP
+from neuroanimator.control import wishes
+from neuroanimator.control.goals import reach_goal
+from neuroanimator.control.methods import METHODS
+from neuroanimator.control.objective_file import KINDS, Wanted, read_objective
+from neuroanimator.control.obstacles import Zone, avoid
+from neuroanimator.control.parameters import EachStep, Periodic, Spline
+from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.control.watch import watching
+from neuroanimator.errors import BadFileError
+from neuroanimator.systems.system import System
+
+TUTORIAL = Path(__file__).parents[1] / "docs" / "tutorials" / "my-objective.md"
+
+
+@functools.cache
+def a_system(name: str) -> System:
+    return load_system(name)
+
+
+def read(folder: Path, text: str, system: str = "truck") -> Wanted:
+    """Return what `text` asks for; a file without another one gets a header and a wish."""
+    head = "" if "system =" in text else f'system = "{system}"\n'
+    head += "" if "seconds =" in text else "seconds = 2.0\n"
+    tail = "" if "wishes" in text else '\n[[wishes]]\nkind = "effort"\n'
+    (folder / "my.toml").write_text(head + text + tail)
+    return read_objective(folder / "my.toml", a_system(system))
+
+
+def a_motion(system: System, steps: int = 8, dt: float = 0.25) -> Trajectory:
+    rng = np.random.default_rng(0)
+    states = system.rest + 0.1 * rng.normal(size=(steps + 1, system.state.size))
+    controls = rng.uniform(-1, 1, (steps, system.control.size))
+    return Trajectory(jnp.asarray(states), jnp.asarray(controls), jnp.asarray(system.bounds.largest), dt)
+
+
+MEANT = {
+    'kind = "effort"\nweight = 0.5': lambda truck: wishes.effort(0.5),
+    'kind = "smoothness"': lambda truck: wishes.smoothness(),
+    'kind = "travel"\ndirection = [1, 0, 0]\ndistance = 2\nwithin = 0.26': lambda truck: wishes.travel(
+        truck, [1, 0, 0], 2.0, within=0.26
+    ),
+    'kind = "reach_place"\nplace = [1.0, 2.0]\naxes = "xy"\nwithin = 0.1\nat = 1.5': lambda truck: wishes.reach_place(
+        truck, [1.0, 2.0], axes="xy", within=0.1, at=1.5
+    ),
+    'kind = "keyframes"\nplaces = [[1, 2, 3], [2, 3, 4]]\ntimes = [1, 2]\nwithin = 1': lambda truck: wishes.keyframes(
+        truck, [[1, 2, 3], [2, 3, 4]], [1.0, 2.0], within=1.0
+    ),
+    'kind = "follow_path"\npoints = [[0, 0], [1, 1]]\naxes = "xy"\nwithin = 1': lambda truck: wishes.follow_path(
+        truck, [[0, 0], [1, 1]], axes="xy", within=1.0
+    ),
+    'kind = "keep_velocity"\nvelocity = [1, 0, 0]\nwithin = 1\nsince = 1': lambda truck: wishes.keep_velocity(
+        truck, [1, 0, 0], within=1.0, since=1.0
+    ),
+    'kind = "keep_speed"\nspeed = 3\nwithin = 1': lambda truck: wishes.keep_speed(truck, 3.0, within=1.0),
+    'kind = "keep_heading"\ndirection = [0, 1, 0]\nwithin = 0.1': lambda truck: wishes.keep_heading(
+        truck, [0, 1, 0], within=0.1
+    ),
+    'kind = "reach_heading"\ndirection = [0, 1, 0]\nwithin = 0.1': lambda truck: wishes.reach_heading(
+        truck, [0, 1, 0], within=0.1
+    ),
+    'kind = "stand_up"\nwithin = 0.1': lambda truck: wishes.stand_up(truck, within=0.1),
+    'kind = "stay_within"\npart = "steer_fl"\nlow = -0.1\nhigh = 0.05\nwithin = 1': lambda truck: wishes.stay_within(
+        truck, "steer_fl", -0.1, 0.05, within=1.0
+    ),
+    'kind = "avoid"\nzones = [{ place = [0.2, 0], radius = 0.5 }]\nmargin = 1': lambda truck: avoid(
+        truck, [Zone((0.2, 0.0), radius=0.5)], margin=1.0
+    ),
+    'kind = "goal"\nname = "bay_2"\nweight = 3\nat = 1': lambda truck: reach_goal(
+        truck.structure, truck.rest, truck.goals["bay_2"], 3.0, (1.0,)
+    ),
+}
+
+
+@pytest.mark.parametrize("text", sorted(MEANT))
+def test_a_wish_in_a_file_is_the_wish_in_python(text: str, tmp_path: Path):
+    truck = a_system("truck")
+    found, meant = read(tmp_path, f"[[wishes]]\n{text}").objective, Objective.of(MEANT[text](truck))
+    motion = a_motion(truck)
+    assert float(meant(motion)) > 0
+    np.testing.assert_array_equal(found.residuals(motion), meant.residuals(motion))
+
+
+def test_every_kind_is_tried_and_every_wish_has_a_kind():
+    assert {text.split('"')[1] for text in MEANT} == {*KINDS}
+    makers = {
+        name for name, each in vars(wishes).items() if inspect.isfunction(each) and each.__module__ == wishes.__name__
+    }
+    assert {name for name in makers if name[0] != "_"} <= {*KINDS}
+
+
+def test_the_tutorial_says_what_is_true(tmp_path: Path):
+    text = TUTORIAL.read_text()
+    wanted = read(tmp_path, text.split("```toml\n")[1].split("```")[0], "fish")
+    assert isinstance(wanted.vary(60, 0.05), Periodic)
+    rows = {row.split("`")[1]: row for row in text.splitlines() if row.startswith("| `")}
+    assert {*rows} == {*KINDS}
+    for kind, row in rows.items():
+        taken = {name for name in inspect.signature(KINDS[kind]).parameters if name != "system"}
+        assert {*row.split("|")[3].split("`")[1::2]} == taken, kind
+
+
+def test_the_pendulums_goal_in_a_file_is_that_of_the_command_line(tmp_path: Path):
+    text = '[[wishes]]\nkind = "goal"\nname = "upright"\n[[wishes]]\nkind = "effort"\n'
+    found, motion = read(tmp_path, text, "pendulum"), a_motion(a_system("pendulum"))
+    assert float(found.objective(motion)) == pytest.approx(float(stand_upright()(motion)), rel=1e-6)
+    assert found.verdicts[0](np.array([np.pi, 0, 0, 0, 0, 0]))
+    assert not found.verdicts[0](np.zeros(6))
+
+
+def test_what_may_vary_is_what_the_file_says(tmp_path: Path):
+    assert isinstance(read(tmp_path, "").vary(20, 0.1), EachStep)
+    spline = read(tmp_path, 'parameters = "spline"\nknots = 5').vary(20, 0.1)
+    assert isinstance(spline, Spline)
+    assert spline.size == 5 * a_system("truck").control.size
+    assert isinstance(read(tmp_path, 'parameters = "periodic"\nperiod = 0.7').vary(20, 0.1), Periodic)
+    swim = read(tmp_path, 'parameters = "periodic"', "fish").vary(20, 0.1)
+    assert isinstance(swim, Periodic)
+    assert float(swim.period) == pytest.approx(0.6)
+
+
+def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path: Path):
+    truck = a_system("truck")
+    start = read(tmp_path, 'start = { "root.place" = [1, 2, 0.5], "root.turn" = [0, 0, 0, 2] }').start
+    np.testing.assert_array_equal(start[:7], [1, 2, 0.5, 0, 0, 0, 1])
+    np.testing.assert_array_equal(start[7:], truck.rest[7:])
+    np.testing.assert_array_equal(read(tmp_path, "").start, truck.rest)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("system = 3", "my.toml: system: input should be a valid string"),
+        ('system = "fish"', "my.toml: system: this objective is for fish, the emulator of truck"),
+        ("seconds = nan", "my.toml: seconds: "),
+        ("seconds = 60", "my.toml: seconds: "),
+        ("colour = 1", "my.toml: colour: "),
+        ('parameters = "wave"', "parameters: input should be 'each step', 'spline' or 'periodic'"),
+        ("knots = 5", 'knots: goes with parameters = "spline" only'),
+        ('parameters = "spline"\nknots = 3', "knots: "),
+        ('parameters = "periodic"', "period: wanted one"),
+        ("starts = 0", "starts: "),
+        ("start = { wheel = [1] }", "No part called 'wheel'. Parts: root.place"),
+        ('start = { "root.place" = [1] }', "'root.place' has 3 numbers, came 1"),
+        ('start = { "root.turn" = [0, 0, 0, 0] }', "quaternion"),
+        ("wishes = []", "my.toml: wishes: "),
+        ("[[wishes]]\nweight = 1", "wish 1: no kind 'None'. Kinds: avoid, effort"),
+        ('[[wishes]]\nkind = "effort"\n[[wishes]]\nkind = "fly"', "wish 2: no kind 'fly'. Kinds: avoid, effort"),
+        (
+            '[[wishes]]\nkind = "keep_speed"\nspeed = 1\nwithn = 1',
+            "wish 1 (keep_speed): no argument 'withn'. Arguments: speed, within, since, weight; needed: speed, within.",
+        ),
+        ('[[wishes]]\nkind = "keep_speed"\nspeed = 1', "wish 1 (keep_speed): wanted 'within'. Arguments: speed"),
+        ('[[wishes]]\nkind = "effort"\nweight = "1"', "wish 1 (effort): weight: input should be a valid number"),
+        ('[[wishes]]\nkind = "effort"\nweight = true', "wish 1 (effort): weight: input should be a valid number"),
+        ('[[wishes]]\nkind = "effort"\nweight = inf', "wish 1 (effort): weight: input should be a finite number"),
+        ('[[wishes]]\nkind = "reach_place"\nplace = [1, "2", 3]\nwithin = 1', "place: wanted finite numbers, or rows"),
+        ('[[wishes]]\nkind = "reach_place"\nplace = [1, 2]\nwithin = 1', "wanted rows of 3 finite numbers"),
+        ('[[wishes]]\nkind = "reach_place"\nplace = [1]\naxes = "w"\nwithin = 1', "axes: wanted some of x, y, z"),
+        ('[[wishes]]\nkind = "follow_path"\npoints = [[1, 2], [3]]\nwithin = 1', "rows of them equally long"),
+        ('[[wishes]]\nkind = "stand_up"\nwithin = -1', "wish 1 (stand_up): within: wanted a finite number above 0"),
+        (
+            '[[wishes]]\nkind = "goal"\nname = "moon"',
+            "wish 1 (goal): No goal called 'moon' for the system truck. Goals:",
+        ),
+        (
+            '[[wishes]]\nkind = "avoid"\nmargin = 1\nzones = [{ radius = 1 }]',
+            "wish 1 (avoid): zones.0.place: field req",
+        ),
+        ("[[wishes", "is not a readable TOML file"),
+    ],
+)
+def test_a_mistake_in_a_file_gets_one_line_that_names_it(text: str, message: str, tmp_path: Path):
+    with pytest.raises(BadFileError) as caught:
+        read(tmp_path, text)
+    assert message in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+    assert caught.value.exit_code == 3
+
+
+def test_the_log_holds_a_line_per_iteration_as_soon_as_it_is_told(tmp_path: Path):
+    path = tmp_path / "new" / "curve.jsonl"
+    rows = lambda: [json.loads(line) for line in path.read_text().splitlines()]  # noqa: E731
+    with watching(path, 3) as on_iteration:
+        for iteration, cost in ((1, 4.0), (2, 2.0), (1, float("nan"))):
+            on_iteration(iteration, cost)
+            assert rows()[-1]["J"] == (cost if cost == cost else None)
+    assert [(row["descent"], row["iteration"]) for row in rows()] == [(1, 1), (1, 2), (2, 3)]
+    assert sorted(rows()[0]) == ["J", "descent", "iteration", "seconds"]
+
+
+def test_help_names_every_method():
+    assert all(name in METHOD_HELP for name in METHODS)
+
+
+def test_a_controller_is_found_logged_and_shown_with_its_ghost(cli: Cli, tmp_path: Path):
+    text = 'system = "pendulum"\nseconds = 1.0\nparameters = "spline"\nknots = 8\n'
+    text += '[[wishes]]\nkind = "goal"\nname = "upright"\n[[wishes]]\nkind = "effort"\nweight = 0.1\n'
+    (tmp_path / "my.toml").write_text(text)
+    files = ["--out", "c.csv", "--log", "curve.jsonl", "--glb", "motion.glb"]
+    found = cli("control", "pendulum", "--objective", "my.toml", "--starts", 3, *files, cwd=tmp_path)
+    assert found.returncode == 0, found.stderr
+    assert "goal reached on the true physics" in found.stdout
+    assert found.stderr == ""
+    costs = [json.loads(line) for line in (tmp_path / "curve.jsonl").read_text().splitlines()]
+    first = [row["J"] for row in costs if row["descent"] == 1]
+    assert first == sorted(first, reverse=True)
+    assert len(np.loadtxt(tmp_path / "c.csv", delimiter=",", skiprows=1)) == 20
+    document, _ = read_glb(tmp_path / "motion.glb")
+    names = [node["name"] for node in document["nodes"]]
+    assert [f"ghost {name}" for name in names[: len(names) // 2]] == names[len(names) // 2 :]
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        (["--goal", "upright"], 2, "--goal, --seconds and --effort-weight"),
+        (["--seconds", "2"], 2, "--goal, --seconds and --effort-weight"),
+        (["--glb", "motion.gif"], 2, "ends in none of"),
+        ([], 3, "my.toml: wish 1: no kind 'fly'"),
+    ],
+)
+def test_a_mistake_on_the_command_line_leaves_no_file(options, code: int, message: str, cli: Cli, tmp_path: Path):
+    (tmp_path / "my.toml").write_text('system = "pendulum"\nseconds = 1.0\n[[wishes]]\nkind = "fly"\n')
+    files = ["--out", "c.csv", "--log", "curve.jsonl"]
+    result = cli("control", "pendulum", "--objective", "my.toml", *files, *options, cwd=tmp_path)
+    assert (result.returncode, len(result.stderr.splitlines())) == (code, 1), result.stderr
+    assert message in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["my.toml"]
