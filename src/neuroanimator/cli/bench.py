@@ -12,7 +12,15 @@ EXAMPLE = "neuroanimator bench --table1 --quick"
 
 def run(
     table1: Annotated[bool, typer.Option("--table1", help="The table of 1998: every system, every n.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="n = 50, one seed, fewer runs: 3 minutes.")] = False,
+    control: Annotated[
+        bool, typer.Option("--control", help="Controllers by task, and their rivals on the true physics.")
+    ] = False,
+    tasks: Annotated[
+        str | None, typer.Option(help="Only these tasks of --control, such as fish-turn,truck-park.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="n = 50, one seed, fewer runs, starts and races: minutes.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
     systems: Annotated[str | None, typer.Option(help="Only these systems, such as truck,lander.")] = None,
     substeps: Annotated[str | None, typer.Option(help="Only these n, such as 25,50.")] = None,
@@ -26,8 +34,11 @@ def run(
     from neuroanimator.errors import ArgumentError
     from neuroanimator.terminal import print_rows, print_table
 
-    if not table1:
-        raise ArgumentError("bench: say what to measure: --table1.")
+    if table1 == control:
+        raise ArgumentError("bench: say what to measure: --table1 or --control.")
+    if control:
+        _run_control(tasks, quick, json, out)
+        return
     wanted = chosen_rows(systems, substeps or ("50" if quick else None))
     figures, files = run_table(wanted, out, is_quick=quick, seeds=1 if quick else seeds)
     if json:
@@ -37,4 +48,20 @@ def run(
     shown += ("equal_error_rival", "emulator_us", "rollout_error_1s", "rollout_error_5s")
     shown += ("break_even_hours", "blow_ups")
     print_table([{key: row[key] for key in shown} for row in figures])
+    print_rows([("file", path) for path in files])
+
+
+def _run_control(tasks: str | None, quick: bool, json: bool, out: Path) -> None:
+    from json import dumps
+
+    from neuroanimator.control_bench import QUICK, THOROUGH, chosen_tasks, run_control_bench
+    from neuroanimator.terminal import print_rows, print_table
+
+    rows, files = run_control_bench(chosen_tasks(tasks), out, QUICK if quick else THOROUGH)
+    if json:
+        print(dumps(rows, indent=2))
+        return
+    shown = ("task", "method", "success_rate", "iterations_median", "seconds_median", "j_physics_median")
+    shown += ("speedup_over_best_rival", "best_rival", "gradient_cosine_median", "replan_p99_ms")
+    print_table([{key: row[key] for key in shown} for row in rows])
     print_rows([("file", path) for path in files])

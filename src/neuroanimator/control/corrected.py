@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.emulator.emulator import UNROLL, Emulator
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.frame import Frame
 
 
@@ -48,14 +48,17 @@ def advance_corrected(
 def follow_corrected(
     emulator: Emulator, inner: Float[Array, " I"], controls: Float[Array, "T C"], defects: Float[Array, "T V"]
 ) -> Float[Array, "T+1 I"]:
-    """Return the trajectory from `inner`, it included, with the defects added; in the numbers of `Emulator.encode`."""
+    """Return the trajectory from `inner`, it included, with the defects added; in the numbers of `Emulator.encode`.
+
+    Not unrolled, unlike `emulator.follow`: its derivatives compile in a third of the time and run as fast.
+    """
 
     def one(inner: Array, given: tuple[Array, Array]) -> tuple[Array, Array]:
         following = advance_corrected(emulator, inner, *given)
         return following, following
 
     inputs = emulator.encode_control(controls), defects
-    return jnp.concatenate([inner[None], jax.lax.scan(one, inner, inputs, unroll=UNROLL)[1]])
+    return jnp.concatenate([inner[None], jax.lax.scan(one, inner, inputs)[1]])
 
 
 def defects_of(emulator: Emulator, states: np.ndarray, controls: np.ndarray) -> Float[Array, "T V"]:

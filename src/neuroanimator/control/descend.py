@@ -26,6 +26,10 @@ DEFAULT_METHOD = "gauss-newton"
 """The one that measures best: `benchmarks/control.py descents`."""
 
 
+DEFAULT_ITERATIONS = 20
+"""Backward sweeps, as in 1998."""
+
+
 @dataclass(frozen=True)
 class Descent:
     """What a descent found."""
@@ -56,7 +60,7 @@ def descend(
     *,
     steps: int,
     method: str = DEFAULT_METHOD,
-    iterations: int = 20,
+    iterations: int = DEFAULT_ITERATIONS,
     first: np.ndarray | None = None,
     bounds: Bounds | None = None,
     parameters: Parameters | None = None,

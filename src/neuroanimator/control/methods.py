@@ -81,7 +81,7 @@ class GaussNewton(Method):
         is_better, fall = costs[k] < progress.least, progress.least - costs[k]
         following = jnp.where(is_better, trials[k], z)
         is_finite = jnp.isfinite(slope).all()
-        # The first step sets the damping's scale; small falls after it, or none at any damping, are the end.
+        # The first step finds the damping's scale; small falls after it, or none at any damping, are the end.
         is_stuck = ~is_better & (dampings[-1] >= MOST_DAMPING)
         is_small = is_better & (fall < CONVERGED * progress.least)
         return Progress(
@@ -89,7 +89,7 @@ class GaussNewton(Method):
             best=following,
             least=jnp.where(is_better, costs[k], progress.least),
             sweeps=progress.sweeps + 1,
-            is_done=is_small | is_stuck | ~is_finite,
+            is_done=(is_small & (progress.sweeps > 0)) | is_stuck | ~is_finite,
             is_diverged=~is_finite,
             memory=jnp.where(is_better, dampings[k], dampings[-1] * DAMPINGS[-1]),
         )

@@ -83,7 +83,7 @@ def check_objective(objective: Objective, emulator: Emulator, start: np.ndarray,
         _check_function(function, trajectory)
     cost, slope = _cost_and_slope(objective, trajectory)
     if not np.isfinite(cost):
-        raise ArgumentError("objective: J of the motion without control is not finite. Mend the term that makes it.")
+        raise ArgumentError("objective: J of staying at the start is not finite. Mend the term that makes it.")
     if not np.isfinite(slope).all():
         raise ArgumentError(
             "objective: J has no finite slope, like a square root at zero. Smooth the term that makes it."
@@ -120,7 +120,8 @@ def _check_function(function: Function, trajectory: Trajectory) -> None:
 
 
 def _resting(emulator: Emulator, start: np.ndarray, steps: int) -> Trajectory:
-    identity = emulator.identity
-    controls = jnp.broadcast_to(jnp.asarray(identity.bounds.middle, jnp.float32), (steps, identity.control.size))
-    states = emulator.rollout(start, controls)
-    return Trajectory(states, controls, jnp.asarray(identity.bounds.largest, jnp.float32), emulator.dt)
+    """Return a motion that stays at its start: enough to try an objective on, and there without compiling."""
+    bounds = emulator.identity.bounds
+    middle, limit = (jnp.asarray(part, jnp.float32) for part in (bounds.middle, bounds.largest))
+    states = jnp.broadcast_to(jnp.asarray(start, jnp.float32), (steps + 1, len(start)))
+    return Trajectory(states, jnp.broadcast_to(middle, (steps, len(middle))), limit, emulator.dt)

@@ -1,0 +1,146 @@
+"""Tasks of fish and dolphin."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from neuroanimator.control.objective import Objective
+from neuroanimator.control.physics import play
+from neuroanimator.control.pose import Pose, read_pose
+from neuroanimator.control.tasks import Task, Trial
+from neuroanimator.control.wishes import effort, reach_heading, reach_place, smoothness, travel
+from neuroanimator.data.sampling import sample_starts
+from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.systems.system import System
+
+FASTER_THAN_GAIT = 1.3
+"""Times the way its gait makes from the same start that a found motion must make."""
+HEADING_WITHIN = math.radians(10.0)
+"""[rad] Off that still counts as the wanted heading."""
+TARGET_WITHIN = 0.5
+"""Body lengths off that still count as at the target."""
+LEAP_HEIGHT = 0.15
+"""Body lengths the dolphin's centroid must rise over the surface."""
+FIRST_STRENGTH = 0.7
+"""Of the gait, as a first guess: at full strength its muscles are at their bounds."""
+DEPTHS = (-3.0, -1.5)
+"""[m] Where dolphins start that are not to leap."""
+
+
+def swim(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
+    """Draw a swimmer; it shall come as far ahead as it can."""
+    start, length = swimming_start(system, rng), body_length(system)
+    pose = read_pose(system.structure, start)
+    gait = gait_controls(system, steps, dt)
+    usual = way(system, pose, play(system, start[None], gait[None], dt).states[0])
+    far = travel(system, pose.forward, 2 * max(usual, length), within=0.2 * length)
+    wishes = effort(0.1), smoothness(0.001), far
+    return Trial(
+        start,
+        Objective.of(*wishes),
+        lambda states: way(system, pose, states) > FASTER_THAN_GAIT * max(usual, 0.1 * length),
+        FIRST_STRENGTH * gait,
+    )
+
+
+def turn(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
+    """Draw a swimmer and a heading 30° to 90° to its left or right."""
+    start = swimming_start(system, rng)
+    pose, angle = read_pose(system.structure, start), rng.uniform(30, 90) * rng.choice([-1, 1])
+    heading = ahead(pose, math.radians(angle))
+    wishes = effort(0.1), smoothness(0.001), reach_heading(system, heading, within=HEADING_WITHIN / 3)
+
+    def is_turned(states: np.ndarray) -> bool:
+        return bool(read_pose(system.structure, states[-1]).forward @ heading > math.cos(HEADING_WITHIN))
+
+    return Trial(start, Objective.of(*wishes), is_turned, FIRST_STRENGTH * gait_controls(system, steps, dt))
+
+
+def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
+    """Draw a swimmer and a target as far away as it comes in the time, up to 60° to its left or right."""
+    start, length = swimming_start(system, rng), body_length(system)
+    pose = read_pose(system.structure, start)
+    gait = gait_controls(system, steps, dt)
+    far = rng.uniform(0.7, 1.0) * max(way(system, pose, play(system, start[None], gait[None], dt).states[0]), length)
+    target = pose.place + far * ahead(pose, math.radians(rng.uniform(-60, 60)))
+    wishes = effort(0.1), smoothness(0.001), reach_place(system, target, within=TARGET_WITHIN * length / 3)
+
+    def is_there(states: np.ndarray) -> bool:
+        off = np.linalg.norm(read_pose(system.structure, states[-1]).place - target)
+        return bool(off < TARGET_WITHIN * length)
+
+    return Trial(start, Objective.of(*wishes), is_there, FIRST_STRENGTH * gait)
+
+
+def leap(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
+    """Draw a dolphin under the surface; it shall fly at half time."""
+    start, length = swimming_start(system, rng), body_length(system)
+    high = reach_place(system, [LEAP_HEIGHT * length * 1.5], within=0.1 * length, axes="z", at=0.8 * steps * dt)
+    wishes = effort(0.1), smoothness(0.001), high
+
+    def is_flying(states: np.ndarray) -> bool:
+        return bool(read_pose(system.structure, states).place[:, 2].max() > LEAP_HEIGHT * length)
+
+    return Trial(start, Objective.of(*wishes), is_flying, FIRST_STRENGTH * gait_controls(system, steps, dt))
+
+
+def swimming_start(system: System, rng: np.random.Generator) -> np.ndarray:
+    """Return a state (S,) in the midst of random swimming; under the surface, if there is one."""
+    while True:
+        start = sample_starts(system, rng, 1)[0]
+        pose = read_pose(system.structure, start)
+        if not system.structure.weighs:
+            return start
+        if DEPTHS[0] < pose.place[2] < DEPTHS[1] and abs(pose.forward[2]) < 0.3 and pose.upward[2] > 0.9:
+            return start
+
+
+def body_length(system: System) -> float:
+    """Return how long [m] a deformable body is at rest."""
+    assert isinstance(system, DeformableSystem)
+    return float(np.ptp(system.body.places[:, 0]))
+
+
+def gait_controls(system: System, steps: int, dt: float) -> np.ndarray:
+    """Return (T, C) the system's own gait."""
+    assert system.gait is not None
+    return system.gait.controls(steps, dt, system.bounds)
+
+
+def way(system: System, pose: Pose, states: np.ndarray) -> float:
+    """Return how far [m] `states` (T+1, S) lead to where `pose` points."""
+    return float((read_pose(system.structure, states[-1]).place - pose.place) @ pose.forward)
+
+
+def ahead(pose: Pose, angle: float) -> np.ndarray:
+    """Return the direction (3,) `angle` [rad] to the left of where a body points, level if its up is."""
+    left = np.cross(pose.upward, pose.forward)
+    return math.cos(angle) * pose.forward + math.sin(angle) * left / np.linalg.norm(left)
+
+
+def tasks_of(system: str, ways: tuple[dict[str, Any], ...]) -> tuple[Task, ...]:
+    """Return the tasks fish and dolphin share; `ways` say what is varied and how for each."""
+    turned = f"points within {math.degrees(HEADING_WITHIN):.0f}° of the heading at the end"
+    farther = f"comes {FASTER_THAN_GAIT} times as far as by its gait"
+    near = f"ends within {TARGET_WITHIN} body lengths of the target"
+    return (
+        Task(f"{system}-swim", system, 50, SECONDS, farther, swim, **ways[0]),
+        Task(f"{system}-turn", system, 50, SECONDS, turned, turn, **ways[1]),
+        Task(f"{system}-reach", system, 50, SECONDS, near, reach, **ways[2]),
+    )
+
+
+SECONDS = 3.0
+"""[s] Long enough for the dolphin to rise from the depth it starts at, and for the fish to come its own length."""
+
+ANIMAL_TASKS = (
+    *tasks_of("fish", ({"is_periodic": True}, {"knots": 12}, {"knots": 12})),
+    *tasks_of("dolphin", ({"method": "adam"}, {"knots": 30}, {"is_periodic": True})),
+    Task(
+        "dolphin-leap", "dolphin", 50, SECONDS, f"its centroid rises {LEAP_HEIGHT} body lengths out of the water",
+        leap, method="adam",
+    ),
+)  # fmt: skip

@@ -1,0 +1,41 @@
+"""The races as a picture: J on the true physics over time and over physics steps."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from neuroanimator.files import write_whole
+
+if TYPE_CHECKING:
+    from neuroanimator.control_bench import Measured
+
+WIDTH, HEIGHT = 11.0, 2.6
+"""[in] Of the picture, and of each task in it."""
+
+
+def draw_races(measured: list[Measured], path: Path) -> None:
+    """Draw for each task how J fell in its first race: rivals as curves, the emulator as a star."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, HEIGHT * len(measured)), layout="constrained")
+    axes = figure.subplots(len(measured), 2, squeeze=False)
+    for (by_time, by_steps), each in zip(axes, measured, strict=True):
+        for found in each.races:
+            costs = [point.cost for point in found.curve]
+            by_time.step([point.seconds for point in found.curve], costs, where="post", label=found.name)
+            by_steps.step([point.physics_steps for point in found.curve], costs, where="post")
+        own = each.first.found
+        by_time.plot(each.first.seconds, own.outcome.cost_physics, "k*", markersize=11, label="emulator")
+        by_steps.plot(own.physics_steps, own.outcome.cost_physics, "k*", markersize=11)
+        by_time.set_ylabel(f"{each.task.name}\nJ on the physics")
+        for axis in (by_time, by_steps):
+            axis.set_xscale("log")
+            axis.set_yscale("log")
+    axes[-1, 0].set_xlabel("seconds, compiling excluded")
+    axes[-1, 1].set_xlabel("physics steps")
+    axes[0, 0].legend(fontsize="small")
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=110)
+    write_whole(path, picture.getvalue())
