@@ -18,6 +18,7 @@ from neuroanimator.control import wishes
 from neuroanimator.control.goals import reach_goal
 from neuroanimator.control.methods import METHODS
 from neuroanimator.control.objective_file import KINDS, Wanted, read_objective
+from neuroanimator.control.obstacles import Zone, avoid
 from neuroanimator.control.parameters import EachStep, Periodic, Spline
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.control.watch import watching
@@ -76,6 +77,9 @@ MEANT = {
     'kind = "stand_up"\nwithin = 0.1': lambda truck: wishes.stand_up(truck, within=0.1),
     'kind = "stay_within"\npart = "steer_fl"\nlow = -0.1\nhigh = 0.05\nwithin = 1': lambda truck: wishes.stay_within(
         truck, "steer_fl", -0.1, 0.05, within=1.0
+    ),
+    'kind = "avoid"\nzones = [{ place = [0.2, 0], radius = 0.5 }]\nmargin = 1': lambda truck: avoid(
+        truck, [Zone((0.2, 0.0), radius=0.5)], margin=1.0
     ),
     'kind = "goal"\nname = "bay_2"\nweight = 3\nat = 1': lambda truck: reach_goal(
         truck.structure, truck.rest, truck.goals["bay_2"], 3.0, (1.0,)
@@ -155,8 +159,8 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         ('start = { "root.place" = [1] }', "'root.place' has 3 numbers, came 1"),
         ('start = { "root.turn" = [0, 0, 0, 0] }', "quaternion"),
         ("wishes = []", "my.toml: wishes: "),
-        ("[[wishes]]\nweight = 1", "wish 1: no kind 'None'. Kinds: effort"),
-        ('[[wishes]]\nkind = "effort"\n[[wishes]]\nkind = "fly"', "wish 2: no kind 'fly'. Kinds: effort"),
+        ("[[wishes]]\nweight = 1", "wish 1: no kind 'None'. Kinds: avoid, effort"),
+        ('[[wishes]]\nkind = "effort"\n[[wishes]]\nkind = "fly"', "wish 2: no kind 'fly'. Kinds: avoid, effort"),
         (
             '[[wishes]]\nkind = "keep_speed"\nspeed = 1\nwithn = 1',
             "wish 1 (keep_speed): no argument 'withn'. Arguments: speed, within, since, weight; needed: speed, within.",
@@ -173,6 +177,10 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         (
             '[[wishes]]\nkind = "goal"\nname = "moon"',
             "wish 1 (goal): No goal called 'moon' for the system truck. Goals:",
+        ),
+        (
+            '[[wishes]]\nkind = "avoid"\nmargin = 1\nzones = [{ radius = 1 }]',
+            "wish 1 (avoid): zones.0.place: field req",
         ),
         ("[[wishes", "is not a readable TOML file"),
     ],

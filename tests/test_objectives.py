@@ -336,7 +336,7 @@ REFUSED_WISHES = {
     "weights of at least 0, came -1": lambda: Objective.of(effort(-1.0), effort(1.0)),
     "weights of at least 0, came nan": lambda: Objective.of(effort(float("nan"))),
     "weights of at least 0, came inf": lambda: Objective.of(effort(float("inf"))),
-    "J of the motion without control is not finite": lambda: Objective.of(not_a_number),
+    "is not finite. Mend the term that makes it": lambda: Objective.of(not_a_number),
     "'many_numbers' must return one number, came (6,)": lambda: Objective.of(many_numbers),
     "J has no finite slope": lambda: Objective.of(square_root),
     "'failing' failed: KeyError: 'speed'": lambda: Objective.of(failing),

@@ -10,7 +10,7 @@
     distance = 2.0
     within = 0.26
 
-Each wish is a function of `wishes` or this file; its other keys are that function's arguments.
+Each wish is a function of `wishes`, `obstacles` or this file; its other keys are that function's arguments.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from pydantic_core import PydanticCustomError
 from neuroanimator.control import wishes
 from neuroanimator.control.goals import Verdict, find_goal
 from neuroanimator.control.objective import Objective, Term
+from neuroanimator.control.obstacles import avoid
 from neuroanimator.control.parameters import EachStep, Parameters, Periodic, Spline
 from neuroanimator.control.synthesise import LONGEST, Synthesis, synthesise
 from neuroanimator.control.terms import END, as_weight
@@ -157,6 +158,7 @@ def goal(system: System, name: str, *, at: float | None = None, weight: float = 
 
 
 KINDS: dict[str, Callable[..., Term]] = {
+    "avoid": avoid,
     "effort": wishes.effort,
     "follow_path": wishes.follow_path,
     "goal": goal,
