@@ -10,7 +10,8 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
 STAGES = [
     "errors", "files", "terminal", "systems", "data", "emulator", "shipped", "training", "evaluation",
-    "animation", "control", "export", "gym", "propose", "new", "sweep", "bench", "demo", "cli",
+    "animation", "control", "export", "gym", "propose", "new", "sweep", "bench",
+    "control_plot", "control_bench", "demo", "cli",
 ]  # fmt: skip
 
 

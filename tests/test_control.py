@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,19 +11,23 @@ import pytest
 from neuroanimator import (
     Emulator,
     NeuroAnimatorError,
+    Objective,
     descend,
+    find_emulator,
     is_upright,
     load_system,
     replay,
     stand_upright,
     synthesise,
 )
+from neuroanimator.control.corrected import defects_of
 from neuroanimator.control.descend import pose_problem
 from neuroanimator.control.methods import METHODS
 from neuroanimator.control.objective import objective_cost
 from neuroanimator.control.parameters import EachStep
 from neuroanimator.control.refine import transitions_near
 from neuroanimator.control.synthesise import synthesise_goal
+from neuroanimator.control.wishes import keep_speed, keyframes, reach_place
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.systems.layout import Bounds
 
@@ -119,3 +124,49 @@ def test_bad_wishes_are_refused_by_name(options, message: str, shipped: Emulator
     goal, seconds = options.pop("goal", "upright"), options.pop("seconds", 1.0)
     with pytest.raises(NeuroAnimatorError, match=message):
         synthesise_goal(shipped, goal, seconds, **options)
+
+
+def test_what_no_motion_can_reach_is_refused_before_any_descent(shipped: Emulator):
+    fish, system = Emulator.load(find_emulator("fish-50")), load_system("fish")
+    for wish in (
+        reach_place(system, [30.0, 0, 0], within=0.1),
+        keep_speed(system, 5.0, within=0.1),
+        keyframes(system, [[1.0, 0, 0]], [0.2], within=0.1),
+    ):
+        with pytest.raises(NeuroAnimatorError, match="training showed 0.166 m/s at most"):
+            descend(fish, Objective.of(wish), system.rest, steps=10)
+    wild = stand_upright()
+    goal = wild.terms[1].goal.at[3].set(500.0)
+    with pytest.raises(NeuroAnimatorError, match="outside what the emulator was trained on"):
+        descend(shipped, eqx.tree_at(lambda o: o.terms[1].goal, wild, goal), REST, steps=10)
+
+
+@pytest.mark.parametrize("name", ["truck-50", "lander-50"])
+def test_velocities_are_found_in_what_the_network_sees(name: str):
+    emulator = Emulator.load(find_emulator(name))
+    kinds = [segment.kind for segment in emulator.frame.segments]
+    first = sum(segment.size for segment in emulator.frame.segments[: kinds.index("velocity")])
+    before, after = np.array(emulator.identity.rest), np.array(emulator.identity.rest)
+    after[first : first + 3] += [1.0, 2.0, 3.0]
+    seen = [np.asarray(emulator.frame.local(state))[list(emulator.frame.velocity_entries)] for state in (before, after)]
+    np.testing.assert_allclose(seen[1] - seen[0], [1, 2, 3], atol=1e-5)
+
+
+def test_corrected_the_emulator_follows_the_physics_exactly(shipped: Emulator):
+    system, rng = load_system("pendulum"), np.random.default_rng(0)
+    controls = rng.uniform(-1, 1, (20, 3)) * system.bounds.half
+    states = system.simulate(REST[None], controls[None], shipped.dt).states[0]
+    problem = pose_problem(shipped, stand_upright(), EachStep.of(20, system.bounds), REST)
+    plain = np.abs(np.asarray(shipped.rollout(REST, controls)) - states).max()
+    defects = defects_of(shipped, states, controls)
+    held = eqx.tree_at(lambda p: p.defects, problem, defects)
+    z = jnp.asarray(held.parameters.guess(controls), jnp.float32)
+    corrected = np.abs(np.asarray(held.trajectory(z).states) - states).max()
+    assert corrected < 0.01 * plain
+
+
+def test_several_first_guesses_are_never_worse_than_one(shipped: Emulator):
+    one, several = (descend(shipped, stand_upright(), REST, steps=20, starts=k) for k in (1, 3))
+    assert several.cost <= one.cost * (1 + 1e-3)
+    assert len(several.candidates) == 3
+    assert (np.diff(several.candidate_costs) >= 0).all()

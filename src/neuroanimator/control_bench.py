@@ -19,6 +19,7 @@ from neuroanimator.control.solve import Solver
 from neuroanimator.control.synthesise import Synthesis
 from neuroanimator.control.tasks import Task, Trial
 from neuroanimator.control.wishes import effort
+from neuroanimator.control_plot import Panel, draw_races
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.shipped import find_emulator
@@ -66,16 +67,6 @@ class Solved:
         return self.trial.is_success(self.found.outcome.physical)
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A task's rows, and the races of its first trial for the plot."""
-
-    rows: list[dict[str, Any]]
-    task: Task
-    first: Solved
-    races: list[Race]
-
-
 def chosen_tasks(names: str | None) -> list[Task]:
     """Return the tasks that comma-separated names choose; all without."""
     wanted = names.split(",") if names else list(TASKS)
@@ -87,22 +78,21 @@ def chosen_tasks(names: str | None) -> list[Task]:
 
 def run_control_bench(tasks: list[Task], out: Path, effort: Thoroughness) -> tuple[list[dict[str, Any]], list[Path]]:
     """Return (a row per task and method, files written)."""
-    from neuroanimator.control_plot import draw_races
-
-    measured = []
+    rows, panels = [], []
     with progress_bar("tasks", len(tasks)) as bar:
         for task in tasks:
-            bar.advance_to(len(measured), task.name)
-            measured.append(measure_task(task, effort))
-    rows = [row for each in measured for row in each.rows]
+            bar.advance_to(len(panels), task.name)
+            found, panel = measure_task(task, effort)
+            rows += found
+            panels.append(panel)
     table, plot = out / "control.csv", out / "control.png"
     write_csv(table, rows)
-    draw_races(measured, plot)
+    draw_races(panels, plot)
     return rows, [table, plot]
 
 
-def measure_task(task: Task, effort: Thoroughness) -> Measured:
-    """Return the emulator's row and its rivals'; compiling is not counted on either side."""
+def measure_task(task: Task, effort: Thoroughness) -> tuple[list[dict[str, Any]], Panel]:
+    """Return the emulator's row and its rivals', and its first race; compiling is not counted on either side."""
     solver = Solver.of(task, load_system(task.system), Emulator.load(find_emulator(f"{task.system}-{task.substeps}")))
     solver.solve(solver.draw(WARM_UP_TRIAL), is_warm_up=True)
     solved = []
@@ -114,7 +104,7 @@ def measure_task(task: Task, effort: Thoroughness) -> Measured:
     cosines = [solver.cosine(each.trial, number) for number, each in enumerate(solved[: effort.cosines])]
     ours = own_row(solver, solved, cosines) | speed_up(won, races)
     rows = [ours, *(rival_row(task, name, won, found) for name, found in races.items())]
-    return Measured(rows, task, won[0], [found[0] for found in races.values()])
+    return rows, Panel(task.name, won[0].found, won[0].seconds, [found[0] for found in races.values()])
 
 
 def rivals_of(solver: Solver) -> list[str]:

@@ -4,32 +4,41 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
+from matplotlib.figure import Figure
+
+from neuroanimator.control.rivals import Race
+from neuroanimator.control.synthesise import Synthesis
 from neuroanimator.files import write_whole
-
-if TYPE_CHECKING:
-    from neuroanimator.control_bench import Measured
 
 WIDTH, HEIGHT = 11.0, 2.6
 """[in] Of the picture, and of each task in it."""
 
 
-def draw_races(measured: list[Measured], path: Path) -> None:
-    """Draw for each task how J fell in its first race: rivals as curves, the emulator as a star."""
-    from matplotlib.figure import Figure
+class Panel(NamedTuple):
+    """What is drawn of a task."""
 
-    figure = Figure(figsize=(WIDTH, HEIGHT * len(measured)), layout="constrained")
-    axes = figure.subplots(len(measured), 2, squeeze=False)
-    for (by_time, by_steps), each in zip(axes, measured, strict=True):
+    task: str
+    found: Synthesis
+    seconds: float
+    """What the emulator's way took."""
+    races: list[Race]
+
+
+def draw_races(panels: list[Panel], path: Path) -> None:
+    """Draw for each task how J fell in its first race: rivals as curves, the emulator as a star."""
+    figure = Figure(figsize=(WIDTH, HEIGHT * len(panels)), layout="constrained")
+    axes = figure.subplots(len(panels), 2, squeeze=False)
+    for (by_time, by_steps), each in zip(axes, panels, strict=True):
         for found in each.races:
             costs = [point.cost for point in found.curve]
             by_time.step([point.seconds for point in found.curve], costs, where="post", label=found.name)
             by_steps.step([point.physics_steps for point in found.curve], costs, where="post")
-        own = each.first.found
-        by_time.plot(each.first.seconds, own.outcome.cost_physics, "k*", markersize=11, label="emulator")
+        own = each.found
+        by_time.plot(each.seconds, own.outcome.cost_physics, "k*", markersize=11, label="emulator")
         by_steps.plot(own.physics_steps, own.outcome.cost_physics, "k*", markersize=11)
-        by_time.set_ylabel(f"{each.task.name}\nJ on the physics")
+        by_time.set_ylabel(f"{each.task}\nJ on the physics")
         for axis in (by_time, by_steps):
             axis.set_xscale("log")
             axis.set_yscale("log")

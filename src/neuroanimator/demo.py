@@ -85,6 +85,7 @@ def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
         emulator,
         "upright",
         data=data,
+        measures_trust=True,
         on_refine=lambda gap: print(f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr),
     )
 

@@ -50,7 +50,7 @@ def run(
     ] = None,
 ) -> None:
     """Find a controller by gradient descent through the emulator, then replay it on the true physics."""
-    from neuroanimator.control.report import outcome_rows
+    from neuroanimator.control.report import outcome_rows, warnings_of
     from neuroanimator.control.watch import watching
     from neuroanimator.data.transitions import read_transitions
     from neuroanimator.export.by_suffix import emulator_for
@@ -66,10 +66,13 @@ def run(
             method=method,
             iterations=iterations,
             data=read_transitions(data) if data else None,
+            measures_trust=True,
             on_iteration=on_iteration,
             on_refine=lambda gap: print(f"gap {gap:.2f}: learning the physics around the motion ...", file=sys.stderr),
             **({} if starts is None else {"starts": starts}),
         )
+    for warning in warnings_of(found):
+        print(f"neuroanimator: {warning}", file=sys.stderr)
     _write(found, out, glb)
     print_rows([*outcome_rows(found), *(("file", path) for path in (out, glb, log) if path)])
 

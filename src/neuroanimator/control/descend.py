@@ -17,6 +17,7 @@ from neuroanimator.control.methods import METHODS, Method, Progress
 from neuroanimator.control.objective import Objective, check_objective
 from neuroanimator.control.parameters import EachStep, Parameters
 from neuroanimator.control.problem import Problem
+from neuroanimator.control.reachable import check_reachable
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
@@ -86,6 +87,7 @@ def descend(
     start = emulator.identity.state.check(start, "state")
     parameters = parameters or EachStep.of(steps, bounds or emulator.identity.bounds)
     check_objective(objective, emulator, start, steps)
+    check_reachable(objective, emulator, start, steps)
     problem = pose_problem(emulator, objective, parameters, start, defects)
     guesses = first_guesses(emulator, parameters, first, starts, seed)
     return _descend(method, problem, guesses, iterations, on_iteration)

@@ -12,18 +12,21 @@ import numpy as np
 from neuroanimator.control.corrected import defects_of
 from neuroanimator.control.descend import Descent, descend
 from neuroanimator.control.goals import find_goal
+from neuroanimator.control.gradient_trust import GradientTrust, gradient_trust
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import EachStep, Parameters
 from neuroanimator.control.refine import refined
 from neuroanimator.control.replay import Replay, best_on_physics, replay
+from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems import load_system
 from neuroanimator.systems.system import System
 
-LARGE_GAP = 0.5
-"""A gap of J above this is worth refining: half of what one end-state number off by its scale costs."""
+LARGE_GAP, LARGE_SHARE = 0.5, 0.25
+"""A gap of J above both this and this share of J is worth refining: half of what one end-state number off by its
+scale costs."""
 SMALL_GAIN = 0.05
 """Share of J on the physics that a correction must promise to win, to be worth a replay."""
 CORRECTING_ITERATIONS = 2
@@ -51,6 +54,8 @@ class Synthesis:
     """Trainings on the physics around the motion."""
     physics_steps: int
     """Physics steps taken on the way, the data of refinements included."""
+    trust: GradientTrust | None = None
+    """In the emulator's gradient, if it was measured."""
     is_reached: bool | None = None
     """Whether the physics ends within the goal's tolerances; None where no named goal was asked for."""
 
@@ -67,11 +72,13 @@ def synthesise(
     data: Transitions | None = None,
     on_refine: Callable[[float], None] = lambda gap: None,
     is_enough: Callable[[np.ndarray], bool] = lambda states: False,
+    measures_trust: bool = False,
     **options: Any,
 ) -> Synthesis:
     """Return the best controller by its J on the physics; `options` are those of `descend`.
 
-    All ends as soon as the states (T+1, S) of the physics are good enough.
+    All ends as soon as the states (T+1, S) of the physics are good enough. Whether the emulator's gradient can be
+    trusted is measured at random controls, if asked for: at its optimum it vanishes.
 
     A motion replayed on the physics shows what the emulator gets wrong along it. These defects are added to the
     emulator, and the descent goes on from there, up to `corrections` times. Where the gap stays large,
@@ -80,7 +87,7 @@ def synthesise(
     """
     found = _descend_and_correct(emulator, system, objective, start, steps, corrections, is_enough, options)
     best, made, round_ = found, 0, 0
-    while round_ < refinements and found.outcome.gap > LARGE_GAP and not is_enough(best.outcome.physical):
+    while round_ < refinements and is_gap_large(found.outcome) and not is_enough(best.outcome.physical):
         on_refine(found.outcome.gap)
         round_ += 1
         motion = found.outcome.physical, found.descent.controls
@@ -90,7 +97,21 @@ def synthesise(
         found = _descend_and_correct(better, system, objective, start, steps, corrections, is_enough, again)
         found = _after(best, replace(found, refinements=round_))
         best = found if found.outcome.cost_physics < best.outcome.cost_physics else best
-    return replace(best, physics_steps=found.physics_steps + made)
+    best = replace(best, physics_steps=found.physics_steps + made)
+    if not measures_trust:
+        return best
+    parameters = _parameters(emulator, steps, options)
+    controls = sample_control_runs(np.random.default_rng(0), 1, steps, emulator.dt, system)[0]
+    return replace(best, trust=gradient_trust(emulator, system, objective, parameters, start, controls))
+
+
+def _parameters(emulator: Emulator, steps: int, options: dict[str, Any]) -> Parameters:
+    return options.get("parameters") or EachStep.of(steps, options.get("bounds") or emulator.identity.bounds)
+
+
+def is_gap_large(outcome: Replay) -> bool:
+    """Return whether the physics disagrees with the emulator so much that training on is worth its time."""
+    return outcome.gap > max(LARGE_GAP, LARGE_SHARE * outcome.cost_physics)
 
 
 def _after(earlier: Synthesis, later: Synthesis) -> Synthesis:
@@ -123,7 +144,7 @@ def _descend_and_correct(
     which, states, cost = best_on_physics(emulator, system, objective, start, tried)
     controls, iterations, seconds = tried[which], descent.iterations, descent.seconds
     physics_steps, done = len(tried) * motion_steps, 0
-    parameters = options.get("parameters") or EachStep.of(steps, options.get("bounds") or emulator.identity.bounds)
+    parameters = _parameters(emulator, steps, options)
     again = {**options, "starts": 1, "parameters": parameters, "iterations": CORRECTING_ITERATIONS}
     while done < corrections and not is_enough(states):
         defects = defects_of(emulator, states, controls)

@@ -60,9 +60,9 @@ def keyframes(
     """Return the wish to be at `places` (K, A) [m] at `times` (K,) [s]."""
     which = _axes(axes)
     places = _numbers("places", places, len(which), rows=True)
-    if times is not None and (len(times) != len(places) or min(times) < 0):
+    if times is not None and (len(times) != len(places) or not min(times) >= 0):
         raise ArgumentError(f"keyframes: wanted {len(places)} times of at least 0 s, came {list(times)}.")
-    when = tuple(float(time) for time in times) if times is not None else END
+    when = tuple(_time("at", time) for time in times) if times is not None else END
     return ReachPlaces(as_weight(weight), _posed(system), places, _positive("within", within), which, when)
 
 
@@ -93,13 +93,13 @@ def keep_velocity(
     """Return the wish to move with `velocity` [m/s] in the world `since` a time [s]."""
     which = _axes(axes)
     wanted = _numbers("velocity", velocity, len(which))
-    return KeepVelocity(as_weight(weight), _posed(system), wanted, _positive("within", within), which, (float(since),))
+    return KeepVelocity(as_weight(weight), _posed(system), wanted, _positive("within", within), which, _since(since))
 
 
 def keep_speed(system: System, speed: float, *, within: float, since: float = 0.0, weight: float = 1.0) -> KeepSpeed:
     """Return the wish to go forward at `speed` [m/s] `since` a time [s]."""
     wanted = _numbers("speed", [speed], 1)[0]
-    return KeepSpeed(as_weight(weight), _posed(system), wanted, _positive("within", within), (float(since),))
+    return KeepSpeed(as_weight(weight), _posed(system), wanted, _positive("within", within), _since(since))
 
 
 def keep_heading(
@@ -108,7 +108,13 @@ def keep_heading(
     """Return the wish to point along `direction` in the world, `within` [rad], `since` a time [s]."""
     target = _unit("direction", direction)
     return Point(
-        as_weight(weight), _posed(system), target, _positive("within", within), "forward", True, (float(since),)
+        as_weight(weight),
+        _posed(system),
+        target,
+        _positive("within", within),
+        "forward",
+        True,
+        _since(since),
     )
 
 
@@ -116,13 +122,13 @@ def reach_heading(
     system: System, direction: ArrayLike, *, within: float, at: float | None = None, weight: float = 1.0
 ) -> Point:
     """Return the wish to point along `direction`, `within` [rad], at the end or `at` [s]."""
-    target, when = _unit("direction", direction), END if at is None else (float(at),)
+    target, when = _unit("direction", direction), END if at is None else (_time("at", at),)
     return Point(as_weight(weight), _posed(system), target, _positive("within", within), "forward", False, when)
 
 
 def stand_up(system: System, *, within: float, at: float | None = None, weight: float = 1.0) -> Point:
     """Return the wish that the body's Z points up, `within` [rad], at the end or `at` [s]."""
-    when = END if at is None else (float(at),)
+    when = END if at is None else (_time("at", at),)
     up = jnp.array([0.0, 0.0, 1.0])
     return Point(as_weight(weight), _posed(system), up, _positive("within", within), "upward", False, when)
 
@@ -134,6 +140,8 @@ def stay_within(
     where = system.state.index(part)
     entries = tuple(range(where.start, where.stop))
     ends = _numbers("low", np.atleast_1d(low), None), _numbers("high", np.atleast_1d(high), None)
+    if any(len(end) not in (1, len(entries)) for end in ends):
+        raise ArgumentError(f"stay_within: wanted one bound or {len(entries)} for '{part}', came {low} and {high}.")
     bounds = [jnp.broadcast_to(end, len(entries)) for end in ends]
     if not bool(jnp.all(bounds[0] < bounds[1])):
         raise ArgumentError(f"stay_within: wanted low below high for '{part}', came {low} and {high}.")
@@ -164,6 +172,16 @@ def _positive(label: str, value: float) -> Array:
     if not 0 < value < math.inf:
         raise ArgumentError(f"{label}: wanted a finite number above 0, came {value:g}.")
     return jnp.asarray(value, jnp.float32)
+
+
+def _time(label: str, seconds: float) -> float:
+    if not 0 <= seconds < math.inf:
+        raise ArgumentError(f"{label}: wanted a time of at least 0 s, came {seconds:g}.")
+    return float(seconds)
+
+
+def _since(seconds: float) -> tuple[float, ...]:
+    return (_time("since", seconds),)
 
 
 def _unit(label: str, direction: ArrayLike) -> Array:

@@ -66,6 +66,22 @@ class Frame(eqx.Module):
         return total - (3 if self.weighs else 6) * self._has_root + 4 * len(self.probes) * (self.cloud is None)
 
     @property
+    def velocity_entries(self) -> tuple[int, ...]:
+        """Where the root's velocity along its own axes lies in what `local` returns; empty without a free root."""
+        if not self._has_root or not any(segment.kind == "velocity" for segment in self.segments):
+            return ()
+        sizes, start, is_root = {"quaternion": 6, "velocity": 3, "planar velocity": 2}, 0, True
+        for segment in self.segments:
+            if segment.kind == "velocity":
+                return tuple(range(start, start + 3))
+            if segment.kind == "quaternion":
+                start += (3 if self.weighs else 0) if is_root else sizes["quaternion"]
+                is_root = False
+            else:
+                start += sizes.get(segment.kind, 0)
+        return ()
+
+    @property
     def turns(self) -> tuple[tuple[int, int], ...]:
         """(i, j) where a quaternion begins at state entry i and its angular velocity, in the body's frame, at j."""
         starts = np.cumsum([0, *(segment.size for segment in self.segments)])
