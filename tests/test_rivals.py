@@ -1,0 +1,176 @@
+"""Rivals lower the true J on the true physics, and their races are counted honestly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neuroanimator import Emulator, load_system, stand_upright
+from neuroanimator.control.contest import BLOWN_UP, Pricing
+from neuroanimator.control.fast_physics import LANES, SimulatedPhysics, cheapest_scheme, fast_physics
+from neuroanimator.control.goals import reach_state
+from neuroanimator.control.ilqr import linearised
+from neuroanimator.control.objective import Objective, objective_cost
+from neuroanimator.control.parameters import EachStep, Spline
+from neuroanimator.control.physics import play
+from neuroanimator.control.rivals import RIVALS, Race, race
+from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.control.wishes import effort
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.system import Scheme, System
+
+DT = 0.05
+PENDULUM = load_system("pendulum")
+STEPS = 20
+PARAMETERS = EachStep.of(STEPS, PENDULUM.bounds)
+UPRIGHT = stand_upright()
+
+
+def run(name: str, **options) -> Race:
+    settings = {"target": 0.0, "seconds": 2.0, "seed": 1, "scheme": PENDULUM.truth, **options}
+    return race(name, PENDULUM, UPRIGHT, PARAMETERS, DT, PENDULUM.rest, **settings)
+
+
+@pytest.mark.parametrize("name", sorted(RIVALS))
+def test_every_rival_lowers_j_on_the_true_pendulum(name: str, shipped: Emulator):
+    found = run(name)
+    assert found.cost < 0.9 * found.curve[0].cost
+    PENDULUM.check_controls(found.controls)
+    states = play(PENDULUM, PENDULUM.rest[None], found.controls[None], DT, found.scheme).states[0]
+    assert found.cost == pytest.approx(objective_cost(UPRIGHT, shipped, states, found.controls), rel=1e-5)
+
+
+@pytest.mark.parametrize("name", sorted(RIVALS))
+def test_the_same_seed_gives_the_same_race(name: str):
+    first, again = ([(row.physics_steps, row.cost) for row in run(name, seconds=0.7).curve] for _ in range(2))
+    shared = min(len(first), len(again))
+    assert shared > 2
+    assert first[:shared] == again[:shared]
+
+
+@pytest.mark.parametrize("name", sorted(RIVALS))
+def test_a_race_without_time_is_over_after_one_evaluation(name: str):
+    found = run(name, seconds=0.0)
+    assert found.evaluations == len(found.curve) == 1
+    assert found.physics_steps == STEPS * found.scheme.steps(DT)
+    assert not found.is_reached
+    assert found.reached_seconds is None
+    assert found.reached_steps is None
+
+
+def test_a_race_ends_at_its_target():
+    longer = run("ilqr")
+    target = longer.curve[len(longer.curve) // 2].cost
+    found = run("ilqr", target=target, seconds=30.0)
+    assert found.is_reached
+    assert found.seconds < 20
+    assert found.cost <= target < min(row.cost for row in found.curve[:-1])
+    assert found.curve[-1].seconds == found.reached_seconds
+    assert found.curve[-1].physics_steps == found.reached_steps == found.physics_steps
+
+
+def test_curves_fall_while_time_and_physics_steps_rise():
+    curve = np.array([(row.seconds, row.physics_steps, row.cost) for row in run("nelder-mead", seconds=0.5).curve])
+    assert (np.diff(curve[:, :2], axis=0) >= 0).all()
+    assert (np.diff(curve[:, 2]) < 0).all()
+
+
+@pytest.mark.parametrize(("name", "steps"), [("pendulum", 10), ("lander", 5)])
+def test_the_jacobian_of_ilqr_is_the_finite_difference_of_the_physics(name: str, steps: int):
+    """The lander's, high up and turned, shows that changes of quaternions are seen as MuJoCo means them."""
+    system = load_system(name)
+    dt, start = 50 * system.physics_dt, np.array(system.rest)
+    if name == "lander":
+        start[2], start[3:7] = start[2] + 10, np.array([0.5, 0.5, 0.5, 0.5])
+    goal = UPRIGHT if name == "pendulum" else reach_state(system.structure, system.rest, system.goals["pad"])
+    parameters = Spline.of(steps, 4, system.bounds)
+    physics = fast_physics(system, system.scheme, dt, start, steps)
+    pricing = Pricing(physics, goal, parameters, dt, start, system.bounds.largest, 1)
+    z = np.random.default_rng(0).normal(size=parameters.size) * 0.5
+    found = linearised(pricing, z)[1]
+    with jax.enable_x64(True):
+        wanted = differences(system, goal, parameters, dt, start, z)
+    assert found.shape == wanted.shape
+    assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()
+
+
+def differences(
+    system: System, goal: Objective, parameters: Spline, dt: float, start: np.ndarray, z: np.ndarray
+) -> np.ndarray:
+    """Return central differences (R, Z) of the residuals on the physics, all in float64."""
+    step, limit = 1e-4, jnp.asarray(system.bounds.largest)
+
+    def residuals(z: np.ndarray) -> np.ndarray:
+        controls = parameters.controls(jnp.asarray(z))
+        states = play(system, start[None], np.asarray(controls)[None], dt, system.scheme).states[0]
+        return np.asarray(goal.residuals(Trajectory(jnp.asarray(states), controls, limit, dt)))
+
+    return np.stack([(residuals(z + step * e) - residuals(z - step * e)) / 2 / step for e in np.eye(len(z))], axis=1)
+
+
+def test_a_motion_costs_the_same_alone_and_among_others():
+    zs = np.random.default_rng(0).normal(size=(7, PARAMETERS.size))
+    physics = fast_physics(PENDULUM, PENDULUM.truth, DT, PENDULUM.rest, STEPS, 8)
+    pricing = Pricing(physics, UPRIGHT, PARAMETERS, DT, PENDULUM.rest, PENDULUM.bounds.largest, 8)
+    np.testing.assert_allclose(pricing.costs(zs), [pricing.costs(z[None])[0] for z in zs], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["pendulum", "pendulum-passive"])
+@pytest.mark.parametrize("count", [1, 3])
+def test_fast_mujoco_moves_as_the_system_does(name: str, count: int):
+    system, rng = load_system(name), np.random.default_rng(0)
+    controls = rng.uniform(-1, 1, (count, 6, system.control.size)) * system.bounds.largest
+    fast = fast_physics(system, system.truth, DT, system.rest, 6, 4)
+    slow = SimulatedPhysics(system, system.truth, DT, system.rest, 6, 4)
+    for _ in range(2):
+        for found, wanted in zip(fast.follow(controls), slow.follow(controls), strict=True):
+            np.testing.assert_array_equal(found, wanted)
+
+
+def test_bodies_side_by_side_move_as_by_the_slow_physics():
+    cube, rng = load_system("cube"), np.random.default_rng(0)
+    controls = rng.uniform(-1, 1, (LANES + 3, 6, cube.control.size)) * cube.bounds.largest
+    starts = np.repeat(cube.rest[None], len(controls), axis=0)
+    slow = cube.simulate(starts, controls, DT, scheme=cube.scheme).states
+    fast = fast_physics(cube, cube.scheme, DT, cube.rest, 6, 2 * LANES)
+    states, is_alive = fast.follow(controls)
+    assert is_alive.shape == (len(controls),)
+    assert is_alive.all()
+    rows = np.moveaxis(states, -1, 1).reshape(-1, *states.shape[1:3])[: len(controls)]
+    np.testing.assert_allclose(rows, slow[:, 1:], atol=2e-3)
+    np.testing.assert_allclose(fast.follow(controls[-1:])[0][0, ..., 0], slow[-1, 1:], atol=2e-3)
+
+
+def test_controls_that_blow_the_physics_up_cost_most():
+    cube = load_system("cube")
+    wild = replace(cube.scheme, dt=DT)
+    parameters = EachStep.of(20, cube.bounds)
+    physics = fast_physics(cube, wild, DT, cube.rest, 20, LANES)
+    pricing = Pricing(physics, Objective.of(effort()), parameters, DT, cube.rest, cube.bounds.largest, LANES)
+    zs = np.ones((3, parameters.size))
+    assert not play(cube, cube.rest[None], pricing.controls(zs[:1]), DT, wild).is_alive.any()
+    assert (pricing.costs(zs) == BLOWN_UP).all()
+    assert (pricing.costs(zs[:1]) == BLOWN_UP).all()
+
+
+def test_the_cheapest_scheme_is_one_of_the_two_a_user_would_take():
+    assert cheapest_scheme(PENDULUM, DT, PENDULUM.rest) in (PENDULUM.scheme, PENDULUM.truth)
+    assert cheapest_scheme(load_system("cube"), DT, load_system("cube").rest) == load_system("cube").scheme
+
+
+def test_ilqr_steps_the_physics_in_a_way_that_mujoco_can_differentiate():
+    assert run("ilqr", seconds=0.0, scheme=PENDULUM.truth).scheme == PENDULUM.scheme
+    finer = Scheme("implicit", 0.002)
+    assert run("ilqr", seconds=0.0, scheme=finer).scheme == finer
+
+
+def test_unknown_rivals_and_systems_without_derivatives_are_refused_by_name():
+    with pytest.raises(ArgumentError, match="No rival called 'magic'. Rivals: annealing, cma-es, ilqr, nelder-mead."):
+        run("magic")
+    cube = load_system("cube")
+    with pytest.raises(ArgumentError, match="ilqr: wanted a MuJoCo system driven by its own motors, came cube."):
+        race("ilqr", cube, Objective.of(effort()), EachStep.of(4, cube.bounds), DT, cube.rest, target=0.0, seconds=1.0)
