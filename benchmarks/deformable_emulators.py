@@ -129,7 +129,7 @@ DEEP = {
     "hierarchy 64 / 24": {"widths": (64, 0, 24)},
 }
 LOCAL_MODES = 8
-HIERARCHY_EXAMPLES, HIERARCHY_UPDATES = 200_016, 30_000
+HIERARCHY_EXAMPLES, HIERARCHY_UPDATES = 200_016, 12_000
 
 
 def hierarchy_rows(repeats: int) -> Rows:

@@ -8,10 +8,26 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from neuroanimator.animation.clip import Clip, make_clip
     from neuroanimator.control.descend import descend
-    from neuroanimator.control.goals import is_reached, is_upright, reach_state, stand_upright
-    from neuroanimator.control.objective import Objective
+    from neuroanimator.control.goals import is_reached, is_upright, reach_goal, reach_state, stand_upright
+    from neuroanimator.control.objective import Objective, Term
+    from neuroanimator.control.obstacles import avoid
+    from neuroanimator.control.pose import read_pose
     from neuroanimator.control.replay import replay
-    from neuroanimator.control.synthesise import synthesise
+    from neuroanimator.control.synthesise import Synthesis, synthesise
+    from neuroanimator.control.wishes import (
+        effort,
+        follow_path,
+        keep_heading,
+        keep_speed,
+        keep_velocity,
+        keyframes,
+        reach_heading,
+        reach_place,
+        smoothness,
+        stand_up,
+        stay_within,
+        travel,
+    )
     from neuroanimator.data.diverged import read_diverged
     from neuroanimator.data.generate import generate
     from neuroanimator.data.transitions import dataset_config, read_transitions
@@ -34,24 +50,41 @@ _HOMES = {
     "Emulator": "emulator.emulator",
     "NeuroAnimatorError": "errors",
     "Objective": "control.objective",
+    "Synthesis": "control.synthesise",
+    "Term": "control.objective",
+    "avoid": "control.obstacles",
     "dataset_config": "data.transitions",
     "descend": "control.descend",
+    "effort": "control.wishes",
     "evaluate": "evaluation.evaluate",
     "find_emulator": "shipped",
+    "follow_path": "control.wishes",
     "generate": "data.generate",
     "is_reached": "control.goals",
     "is_upright": "control.goals",
+    "keep_heading": "control.wishes",
+    "keep_speed": "control.wishes",
+    "keep_velocity": "control.wishes",
+    "keyframes": "control.wishes",
     "load_system": "systems",
     "make_clip": "animation.clip",
+    "reach_goal": "control.goals",
+    "reach_heading": "control.wishes",
+    "reach_place": "control.wishes",
+    "reach_state": "control.goals",
     "read_clip": "export.table",
     "read_diverged": "data.diverged",
+    "read_pose": "control.pose",
     "read_transitions": "data.transitions",
-    "reach_state": "control.goals",
     "replay": "control.replay",
+    "smoothness": "control.wishes",
+    "stand_up": "control.wishes",
     "stand_upright": "control.goals",
+    "stay_within": "control.wishes",
     "synthesise": "control.synthesise",
     "train": "training.train",
     "training_config": "training.config",
+    "travel": "control.wishes",
     "write_clip": "export.table",
     "write_glb": "export.gltf",
     "write_report": "evaluation.report",
@@ -59,10 +92,12 @@ _HOMES = {
 }
 
 __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
-    "Clip", "Effort", "Emulator", "NeuroAnimatorError", "Objective",
+    "Clip", "Effort", "Emulator", "NeuroAnimatorError", "Objective", "Synthesis", "Term",
     "load_system", "dataset_config", "generate", "read_transitions", "read_diverged", "training_config", "train",
     "find_emulator", "evaluate", "write_report",
-    "stand_upright", "reach_state", "descend", "replay", "synthesise", "is_upright", "is_reached",
+    "effort", "smoothness", "reach_state", "reach_goal", "reach_place", "reach_heading", "keyframes", "follow_path",
+    "travel", "keep_velocity", "keep_speed", "keep_heading", "stand_up", "stand_upright", "stay_within", "avoid",
+    "descend", "replay", "synthesise", "read_pose", "is_upright", "is_reached",
     "make_clip", "read_clip", "write_clip", "write_glb", "write_video",
 ]  # fmt: skip
 
