@@ -1,0 +1,89 @@
+"""Controllers, part by part; each writes results/control_PART.csv.
+
+python benchmarks/control.py tasks               every task through the emulator, and its rivals (as bench --control)
+python benchmarks/control.py descents            every way of descending on every task
+python benchmarks/control.py descents --quick    fewer trials; writes no file
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from neuroanimator import Emulator, descend, find_emulator, load_system
+from neuroanimator.bench import describe_machine, write_csv
+from neuroanimator.control.methods import METHODS
+from neuroanimator.control.replay import replay
+from neuroanimator.control.solve import Solver
+from neuroanimator.control_bench import QUICK, TASKS, THOROUGH, quartiles, run_control_bench
+from neuroanimator.terminal import print_table
+
+Rows = list[dict[str, Any]]
+ITERATIONS = (20, 100)
+TRIALS = 12
+
+
+def task_rows(is_quick: bool) -> Rows:
+    """Return what `bench --control` does."""
+    with TemporaryDirectory() as folder:
+        return run_control_bench(list(TASKS.values()), Path(folder), QUICK if is_quick else THOROUGH)[0]
+
+
+def descent_rows(is_quick: bool) -> Rows:
+    """Return a row per task, method and number of iterations: J on the emulator and at the first replay."""
+    rows = []
+    for task in TASKS.values():
+        emulator = Emulator.load(find_emulator(f"{task.system}-{task.substeps}"))
+        solver = Solver.of(task, load_system(task.system), emulator)
+        for method in METHODS:
+            rows += [descent_row(solver, method, iterations, 2 if is_quick else TRIALS) for iterations in ITERATIONS]
+    return rows
+
+
+def descent_row(solver: Solver, method: str, iterations: int, trials: int) -> dict[str, Any]:
+    """Return medians over trials; one first guess each, no corrections."""
+    found, physics = [], []
+    for number in range(trials):
+        trial = solver.draw(number)
+        found.append(
+            descend(
+                solver.emulator, trial.objective, trial.start, steps=solver.steps, method=method,
+                iterations=iterations, first=trial.first, parameters=solver.parameters,
+            )
+        )  # fmt: skip
+        outcome = replay(solver.emulator, solver.system, trial.objective, trial.start, found[-1].controls)
+        physics.append(outcome.cost_physics)
+    return {
+        "task": solver.task.name,
+        "numbers": solver.parameters.size,
+        "method": method,
+        "iterations_allowed": iterations,
+        "iterations": float(np.median([each.iterations for each in found])),
+        "milliseconds": float(np.median([each.seconds for each in found])) * 1e3,
+        "J_emulator": float(np.median([each.cost for each in found])),
+        "J_emulator_quartiles": quartiles([each.cost for each in found]),
+        "J_physics": float(np.median(physics)),
+    }
+
+
+PARTS = {"tasks": task_rows, "descents": descent_rows}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("part", choices=PARTS)
+    parser.add_argument("--quick", action="store_true", help="fewer trials; writes no file")
+    options = parser.parse_args()
+    rows = PARTS[options.part](options.quick)
+    if not options.quick:
+        write_csv(Path(__file__).parent / "results" / f"control_{options.part}.csv", rows)
+    print(describe_machine())
+    print_table(rows)
+
+
+if __name__ == "__main__":
+    main()
