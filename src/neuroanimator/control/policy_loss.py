@@ -1,0 +1,112 @@
+"""What a policy should do, as a loss over swims of many bodies at once on the emulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from neuroanimator.control.course import Course, leftward, unit, upright
+from neuroanimator.control.drive import decide
+from neuroanimator.control.policy import Policy
+from neuroanimator.emulator.emulator import Emulator
+
+NEARLY_AHEAD = 0.2
+"""Half of the random courses lie within this share of all angles: most of a life is small corrections."""
+STEEPEST = 1.05
+"""[rad] Of random courses, up or down."""
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """What being amiss costs; missing the speed by all of the highest one costs 1."""
+
+    heading: float = 1.0
+    """Of the squared distance between unit vectors: 1 at 60 degrees off course."""
+    roll: float = 0.3
+    """The same between up and where a body's back points. Less, and fish that keep turning lie on their sides."""
+    effort: float = 0.02
+    """Of the squared share of full effort."""
+    jumps: float = 0.06
+    """Of the squared change from control to control."""
+    outside: float = 0.3
+    """Of the squared standard deviations outside of what the emulator was trained on: there it may be wrong, and
+    descents like to go there."""
+
+
+class Swimmers(NamedTuple):
+    """Bodies on their way, each as its emulator sees it."""
+
+    inner: Float[Array, "B I"]
+    phase: Float[Array, " B"]
+    """[rad] Of the clock."""
+    course: Course
+
+
+def begin(policy: Policy, inner: Float[Array, "B I"], key: Array) -> Swimmers:
+    """Return the bodies, each with its clock at random and a random course."""
+    first, second = jax.random.split(key)
+    phase = jax.random.uniform(first, inner.shape[:1], maxval=2 * jnp.pi)
+    return Swimmers(inner, phase, random_courses(policy, inner, second))
+
+
+def random_courses(policy: Policy, inner: Float[Array, "B I"], key: Array) -> Course:
+    """Return a random speed and direction for each: half of them nearly ahead, half anywhere."""
+    keys, pose, count = jax.random.split(key, 4), policy.pose(inner), inner.shape[0]
+    wide = jnp.where(jax.random.bernoulli(keys[0], 0.5, (count,)), 1.0, NEARLY_AHEAD)
+    aside = wide * jax.random.uniform(keys[1], (count,), minval=-jnp.pi, maxval=jnp.pi)
+    above = wide * jax.random.uniform(keys[2], (count,), minval=-STEEPEST, maxval=STEEPEST)
+    level = jnp.cos(aside)[:, None] * pose.forward + jnp.sin(aside)[:, None] * leftward(pose)
+    direction = jnp.cos(above)[:, None] * level + jnp.sin(above)[:, None] * upright(pose)
+    top = policy.ranges.high[0]
+    return Course(unit(direction), jax.random.uniform(keys[3], (count,), maxval=top))
+
+
+def swim(policy: Policy, swimmers: Swimmers, steps: int) -> tuple[Swimmers, Array, Array]:
+    """Return the bodies after so many super steps, their inner states (T, B, I) on the way and controls (T, B, C)."""
+    emulator = policy.emulator
+
+    def advance(state: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        inner, phase = state
+        controls = decide(policy, inner, phase, swimmers.course)
+        following = jax.vmap(emulator.advance)(inner, emulator.encode_control(controls))
+        return (following, phase + policy.tick), (following, controls)
+
+    (inner, phase), (path, controls) = jax.lax.scan(advance, (swimmers.inner, swimmers.phase), length=steps)
+    return Swimmers(inner, phase % (2 * jnp.pi), swimmers.course), path, controls
+
+
+def motion_loss(weights: LossWeights, policy: Policy, swimmers: Swimmers, path: Array, controls: Array) -> Array:
+    """Return what is amiss in `path` (T, B, I) under `controls` (T, B, C), on average.
+
+    Speed and heading are means over whole periods of the clock, since a swimming body sways.
+    """
+    pose, course, top = policy.pose(path), swimmers.course, policy.ranges.high[0]
+    period = min(max(1, round(policy.rhythm.period / policy.dt)), len(path))
+    pointing, upward = (unit(_moving_mean(axis, period)) for axis in (pose.forward, pose.upward))
+    speed = _moving_mean(jnp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True), period)[..., 0]
+    level = unit(jnp.array([0.0, 0.0, 1.0]) - pointing[..., 2:] * pointing)
+    limit = jnp.asarray(policy.emulator.identity.bounds.largest, jnp.float32)
+    square = lambda vectors: jnp.mean(jnp.sum(vectors**2, axis=-1))  # noqa: E731
+    return (
+        jnp.mean(((speed - course.speed) / top) ** 2)
+        + weights.heading * square(pointing - course.direction)
+        + weights.roll * square(upward - level)
+        + weights.effort * jnp.mean((controls / limit) ** 2)
+        + weights.jumps * jnp.mean((jnp.diff(controls, axis=0) / limit) ** 2)
+        + weights.outside * jnp.mean(beyond(policy.emulator, path, controls) ** 2)
+    )
+
+
+def _moving_mean(rows: Float[Array, "T B A"], period: int) -> Float[Array, "T-period+1 B A"]:
+    total = jnp.cumsum(jnp.concatenate([jnp.zeros_like(rows[:1]), rows]), axis=0)
+    return (total[period:] - total[:-period]) / period
+
+
+def beyond(emulator: Emulator, path: Float[Array, "T B I"], controls: Float[Array, "T B C"]) -> Array:
+    """Return (T, B, K) how far what the emulator sees lies outside of what training showed, in standard deviations."""
+    plain, domain = emulator.seen(path, emulator.encode_control(controls)), emulator.domain
+    return (plain - jax.vmap(jax.vmap(domain.clip))(plain)) / emulator.normaliser.plain_scale
