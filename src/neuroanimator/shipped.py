@@ -1,4 +1,4 @@
-"""The emulators that come with the package."""
+"""The emulators and policies that come with the package."""
 
 from __future__ import annotations
 
@@ -30,3 +30,22 @@ def find_emulator(name: str) -> Path:
             return shipped_path(system, substeps)
     names = ", ".join(sorted(f"{system}-{substeps}" for system, substeps in SHIPPED))
     raise BadFileError(f"No emulator file '{name}', and none of that name ships. Shipped: {names}.")
+
+
+POLICIES = ("dolphin", "fish")
+"""Systems whose policy ships, at 50 substeps."""
+
+
+def shipped_policy(system: str) -> Path:
+    """Return where the shipped policy of `system` lies."""
+    return Path(str(resources.files("neuroanimator"))) / "emulators" / f"{system}.policy.safetensors"
+
+
+def find_policy(name: str) -> Path:
+    """Return the file `name` is, or the shipped policy of the system it names: `fish`."""
+    path = Path(name)
+    if path.is_file():
+        return path
+    if name in POLICIES and shipped_policy(name).is_file():
+        return shipped_policy(name)
+    raise BadFileError(f"No policy file '{name}', and none of that name ships. Shipped: {', '.join(POLICIES)}.")

@@ -1,0 +1,308 @@
+"""Policies obey commands on the true physics, whatever the place, the heading and the side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from neuroanimator import Emulator, find_emulator, load_system
+from neuroanimator.control.behaviours import Tank, avoid, follow, pursue, school, stay_inside, wander
+from neuroanimator.control.course import Course, command, dive, forward, leftward, turn, unit
+from neuroanimator.control.drive import drive, live
+from neuroanimator.control.policy import Policy, fresh_policy
+from neuroanimator.control.policy_training import PolicyTraining, command_ranges, train_policy
+from neuroanimator.control.pose import Pose
+from neuroanimator.data.sampling import sample_starts
+from neuroanimator.emulator.principal import mixing, reflection
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.shipped import POLICIES, find_policy, shipped_policy
+from neuroanimator.systems.cloud import flat_of, points_of, shown_by
+from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.systems.layout import Bounds
+from neuroanimator.systems.rotation import facing
+
+SECONDS = 6.0
+"""As long as a fish needs to turn a third of a circle and to be back at its speed."""
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    return Policy.load(find_policy("fish"))
+
+
+@pytest.fixture(scope="module")
+def fish() -> DeformableSystem:
+    system = load_system("fish")
+    assert isinstance(system, DeformableSystem)
+    return system
+
+
+@pytest.fixture(scope="module")
+def starts(fish: DeformableSystem) -> np.ndarray:
+    """(8, S) unseen in training."""
+    return sample_starts(fish, np.random.default_rng(12345), 8)
+
+
+def controls_of(policy: Policy, states: np.ndarray, phase: float, commands: ArrayLike) -> np.ndarray:
+    inner = jnp.asarray(policy.emulator.encode(np.asarray(states, float)), jnp.float32)
+    phases = jnp.full(len(states), phase, jnp.float32)
+    return np.asarray(jax.vmap(policy.control)(inner, phases, jnp.asarray(commands, jnp.float32)))
+
+
+def random_commands(policy: Policy, rng: np.random.Generator, count: int) -> np.ndarray:
+    return rng.uniform(policy.ranges.low, policy.ranges.high, (count, 4))
+
+
+def moved(states: np.ndarray, heading: float, shift: np.ndarray) -> np.ndarray:
+    """Return the fish of `states` (B, S) turned about the vertical and moved."""
+    places, speeds = points_of(states[:, :69]), points_of(states[:, 69:138])
+    quaternion = facing(np.full(len(states), heading))
+    parts = flat_of(shown_by(quaternion, places) + shift), flat_of(shown_by(quaternion, speeds)), states[:, 138:]
+    return np.concatenate(parts, axis=1)
+
+
+def course_error(policy: Policy, states: np.ndarray, course: Course) -> tuple[np.ndarray, np.ndarray]:
+    """Return (speed (B,) [m/s], angle off course (B,) [rad]) over the last two periods of `states` (B, T+1, S)."""
+    pose = policy.pose(np.asarray(policy.emulator.encode(states[:, -12:])))
+    speed = np.sum(pose.velocity * pose.forward, axis=-1).mean(axis=1)
+    cosine = np.sum(unit(pose.forward.mean(axis=1)) * np.asarray(course.direction), axis=-1)
+    return speed, np.arccos(np.clip(cosine, -1, 1))
+
+
+@pytest.mark.parametrize("size", [1.0, 1e3, 1e6])
+def test_controls_stay_within_bounds_whatever_comes(policy: Policy, size: float):
+    rng = np.random.default_rng(0)
+    inner = jnp.asarray(
+        rng.normal(size=(64, len(policy.emulator.encode(np.array(policy.emulator.identity.rest))))) * size, jnp.float32
+    )
+    commands = jnp.asarray(rng.normal(size=(64, 4)) * size, jnp.float32)
+    found = np.asarray(jax.vmap(policy.control)(inner, jnp.arange(64.0), commands))
+    bounds = policy.emulator.identity.bounds
+    assert ((found >= np.array(bounds.low)) & (found <= np.array(bounds.high))).all()
+    assert np.ptp(found) > 0.5
+
+
+def test_moving_and_turning_the_world_changes_no_muscle(policy: Policy, starts: np.ndarray):
+    commands = random_commands(policy, np.random.default_rng(1), len(starts))
+    here = controls_of(policy, starts, 0.7, commands)
+    there = controls_of(policy, moved(starts, 1.9, np.array([3.0, -2.0, 0.5])), 0.7, commands)
+    np.testing.assert_allclose(there, here, atol=2e-3)
+
+
+def test_the_command_of_a_course_turns_with_the_world(policy: Policy, starts: np.ndarray):
+    pose = policy.pose(np.asarray(policy.emulator.encode(starts)))
+    course = turn(pose, 0.8, 0.1)
+    elsewhere = policy.pose(np.asarray(policy.emulator.encode(moved(starts, 1.9, np.array([3.0, -2.0, 0.5])))))
+    turned_course = turn(elsewhere, 0.8, 0.1)
+    np.testing.assert_allclose(command(turned_course, elsewhere), command(course, pose), atol=1e-4)
+    np.testing.assert_allclose(command(course, pose)[:, :3], np.tile([0.1, 0.8, 0.0], (len(starts), 1)), atol=2e-3)
+
+
+def test_a_dive_points_below_a_level_body():
+    pose = Pose(*(np.array([row], float) for row in ([0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 0, 1])))
+    assert dive(pose, 0.5, 0.1).direction[0, 2] == pytest.approx(-np.sin(0.5), abs=1e-5)
+    assert command(dive(pose, 0.5, 0.1), pose)[0, 2] == pytest.approx(-0.5, abs=1e-3)
+
+
+def test_the_mirrored_fish_does_the_mirrored_thing(policy: Policy, fish: DeformableSystem, starts: np.ndarray):
+    mirror = fish.structure.mirror
+    assert mirror is not None
+    swap = reflection(mirror)
+    image = np.concatenate(
+        [starts[:, :69] @ swap.T, starts[:, 69:138] @ swap.T, starts[:, 138:][:, list(mirror.controls)]], axis=1
+    )
+    commands = random_commands(policy, np.random.default_rng(2), len(starts))
+    found = controls_of(policy, starts, 0.4, commands)
+    mirrored = controls_of(policy, image, 0.4 + np.pi, commands * [1, -1, 1, -1])
+    np.testing.assert_allclose(mirrored, found[:, list(mirror.controls)], atol=2e-3)
+    assert mixing(mirror)[1] == 6
+
+
+def test_on_the_true_physics_it_swims_faster_when_told_to(policy: Policy, fish: DeformableSystem):
+    starts = np.tile(fish.rest, (3, 1))
+    pose = policy.pose(jnp.asarray(policy.emulator.encode(starts)))
+    course = forward(pose, jnp.array([0.04, 0.08, 0.12]))
+    runs, _ = drive(policy, fish, starts, course, round(SECONDS / policy.dt))
+    speed, off = course_error(policy, runs.states, course)
+    assert runs.is_alive.all()
+    assert (np.diff(speed) > 0.02).all()
+    np.testing.assert_allclose(speed, course.speed, atol=0.02)
+    assert np.degrees(off).max() < 12
+
+
+@pytest.mark.parametrize("angle", [np.pi / 3, -np.pi / 3])
+def test_on_the_true_physics_it_turns_left_or_right_as_told(policy: Policy, fish: DeformableSystem, angle: float):
+    pose = policy.pose(jnp.asarray(policy.emulator.encode(fish.rest[None])))
+    course = turn(pose, angle, 0.08)
+    runs, _ = drive(policy, fish, fish.rest[None], course, round(SECONDS / policy.dt))
+    after = policy.pose(np.asarray(policy.emulator.encode(runs.states[:, -12:]))).forward.mean(axis=1)
+    assert np.sign(np.sum(after * np.asarray(leftward(pose)))) == np.sign(angle)
+    assert np.degrees(course_error(policy, runs.states, course)[1][0]) < 15
+
+
+def test_on_the_true_physics_most_courses_are_found_from_anywhere(
+    policy: Policy, fish: DeformableSystem, starts: np.ndarray
+):
+    pose = policy.pose(jnp.asarray(policy.emulator.encode(starts)))
+    course = turn(pose, jnp.linspace(-1.5, 1.5, len(starts)), 0.08)
+    runs, _ = drive(policy, fish, starts, course, round(SECONDS / policy.dt))
+    assert np.degrees(np.median(course_error(policy, runs.states, course)[1])) < 10
+
+
+def test_a_policy_survives_its_file(policy: Policy, tmp_path: Path, starts: np.ndarray):
+    first, second = tmp_path / "a.policy.safetensors", tmp_path / "b.policy.safetensors"
+    policy.save(first)
+    again = Policy.load(first)
+    again.save(second)
+    assert first.read_bytes() == second.read_bytes()
+    commands = random_commands(policy, np.random.default_rng(3), len(starts))
+    np.testing.assert_array_equal(controls_of(again, starts, 0.2, commands), controls_of(policy, starts, 0.2, commands))
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_shipped_policies_load_and_are_small(name: str):
+    assert Policy.load(find_policy(name)).emulator.identity.system == name
+    assert shipped_policy(name).stat().st_size <= 300_000
+
+
+def test_a_policy_that_does_not_ship_is_refused_with_the_names():
+    with pytest.raises(BadFileError, match="^No policy file 'whale', .* Shipped: dolphin, fish.$"):
+        find_policy("whale")
+
+
+FORGERIES = {
+    "another format": lambda metadata: metadata | {"format": 99},
+    "another version": lambda metadata: metadata | {"emulator": metadata["emulator"] | {"format": 1}},
+    "commands of another meaning": lambda metadata: metadata | {"command": [["speed", 1, "knots"]]},
+    "sizes out of range": lambda metadata: metadata | {"widths": [10**9]},
+    "no layers": lambda metadata: metadata | {"widths": []},
+    "no numbers": lambda metadata: metadata | {"ranges": "fast"},
+    "low above high": lambda metadata: metadata | {"ranges": metadata["ranges"][::-1]},
+    "no emulator": lambda metadata: metadata | {"emulator": 3},
+    "another emulator": lambda metadata: metadata | {"emulator_sha256": "0" * 64},
+}
+
+
+@pytest.mark.parametrize("name", FORGERIES)
+def test_a_forged_file_is_refused_in_one_line(name: str, tmp_path: Path):
+    tensors, metadata = read_tensors(find_policy("fish"), "policy")
+    path = tmp_path / "forged.policy.safetensors"
+    write_tensors(path, tensors, FORGERIES[name](metadata))
+    with pytest.raises(BadFileError) as caught:
+        Policy.load(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("position", [5, 3_000, -4])
+def test_a_damaged_file_is_refused_in_one_line(position: int, tmp_path: Path):
+    raw = bytearray(find_policy("fish").read_bytes())
+    raw[position] ^= 0x55
+    path = tmp_path / "damaged.policy.safetensors"
+    path.write_bytes(raw)
+    with pytest.raises(BadFileError) as caught:
+        Policy.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_emulator_is_no_policy():
+    with pytest.raises(BadFileError, match="it says it is a 'emulator'"):
+        Policy.load(find_emulator("fish"))
+
+
+def test_a_system_that_cannot_point_anywhere_gets_no_policy(policy: Policy):
+    with pytest.raises(ArgumentError, match="free root or mass points"):
+        fresh_policy(Emulator.load(find_emulator("pendulum")), policy.ranges, (8, 8))
+
+
+def test_a_body_without_left_and_right_or_gait_gets_a_policy_too():
+    lander = Emulator.load(find_emulator("lander"))
+    policy = fresh_policy(lander, Bounds((0.0, -1.5, -1.5, -1.5), (5.0, 1.5, 1.5, 1.5)), (8, 8))
+    states = np.tile(lander.identity.rest, (2, 1))
+    found = controls_of(policy, states, 0.3, [[1.0, 1.0, 0.0, 0.0], [1.0, -1.0, 0.0, 0.0]])
+    assert found.shape == (2, lander.identity.control.size)
+    assert ((found >= lander.identity.bounds.low) & (found <= lander.identity.bounds.high)).all()
+    assert (found[0] != found[1]).any()
+
+
+def test_training_resumes_to_the_same_bytes_and_learns(fish: DeformableSystem, tmp_path: Path):
+    emulator, reports = Emulator.load(find_emulator("fish")), []
+    training = PolicyTraining(widths=(16, 16), updates=200, batch=8, steps=8, starts=64)
+    whole, parts = tmp_path / "whole.policy.safetensors", tmp_path / "parts.policy.safetensors"
+    train_policy(emulator, fish, whole, training, on_report=reports.append)
+
+    def stop(report):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train_policy(emulator, fish, parts, training, on_report=stop)
+    assert not parts.exists()
+    train_policy(emulator, fish, parts, training)
+    assert parts.read_bytes() == whole.read_bytes()
+    assert reports[-1].validation < reports[0].validation
+    assert len((tmp_path / "parts.policy.run" / "metrics.jsonl").read_text().splitlines()) == 2
+
+
+@pytest.mark.parametrize("fault", [{"updates": 0}, {"batch": 0}, {"starts": 4}, {"learning_rate": 2.0}])
+def test_a_senseless_training_is_refused(fault: dict):
+    with pytest.raises(ArgumentError, match=f"^{next(iter(fault))}: wanted"):
+        PolicyTraining(**fault)
+
+
+def test_the_highest_speed_is_that_of_the_gait():
+    ranges = command_ranges(Emulator.load(find_emulator("fish")))
+    assert 0.12 < ranges.high[0] < 0.18
+
+
+TANK = Tank((-1.2, -1.2, -0.7), (1.2, 1.2, 0.7))
+
+
+def test_a_school_stays_in_its_tank_and_in_shape(policy: Policy, fish: DeformableSystem):
+    rng, count = np.random.default_rng(4), 20
+    starts = np.tile(fish.rest, (count, 1))
+    starts[:, :69] += np.tile(rng.uniform(-0.5, 0.5, (count, 3)) * [1, 1, 0.5], 23)
+
+    def wish(pose: Pose, time: jax.Array) -> Course:
+        company = wander(pose, time) + school(pose, spacing=0.3, reach=0.6)
+        return follow(company * jnp.array([1.0, 1.0, 0.3]) + 12 * stay_inside(pose, TANK, 0.4), 0.1)
+
+    lives = np.asarray(live(policy, wish, starts, 200))
+    places = lives[..., :69].reshape(count, -1, 23, 3)
+    assert (places > np.array(TANK.low)).all()
+    assert (places < np.array(TANK.high)).all()
+    sizes = np.linalg.norm(places - places.mean(axis=2, keepdims=True), axis=-1).max(axis=-1)
+    np.testing.assert_allclose(sizes, sizes[:, :1] + np.zeros_like(sizes), rtol=0.15)
+    way = np.linalg.norm(np.diff(places.mean(axis=2), axis=1), axis=-1).sum(axis=1)
+    assert (way > 1.0).all()
+
+
+def test_fish_catch_what_they_pursue(policy: Policy, fish: DeformableSystem):
+    bait = np.array([0.8, 0.9, 0.2])
+    lives = np.asarray(live(policy, lambda pose, time: follow(pursue(pose, bait), 0.12), fish.rest[None], 150))
+    distance = np.linalg.norm(lives[0, :, :3] - bait, axis=-1)
+    assert distance.min() < 0.1 < distance[0]
+
+
+def test_urges_point_away_from_walls_places_and_neighbours():
+    places = np.array([[0.9, 0.0, 0.0], [0.85, 0.0, 0.0], [-0.9, 0.0, 0.4]])
+    axes = np.tile([1.0, 0.0, 0.0], (3, 1)), np.tile([0.0, 0.0, 1.0], (3, 1))
+    pose = Pose(jnp.asarray(places), jnp.zeros((3, 3)), *map(jnp.asarray, axes))
+    inward = np.asarray(stay_inside(pose, Tank((-1.0, -1.0, -0.5), (1.0, 1.0, 0.5)), 0.2))
+    assert (np.sign(inward) == [[-1, 0, 0], [-1, 0, 0], [1, 0, -1]]).all()
+    away = np.asarray(avoid(pose, [[0.9, 0.05, 0.0]], 0.1))
+    assert away[0, 1] == pytest.approx(-0.5, abs=1e-3)
+    assert (away[2] == 0).all()
+    apart = np.asarray(school(pose, spacing=0.2, reach=0.3))
+    assert apart[0, 0] > apart[1, 0]
+    assert np.isfinite(apart).all()
+
+
+def test_lives_of_the_wrong_shape_are_refused(policy: Policy, fish: DeformableSystem):
+    with pytest.raises(ArgumentError, match="^starts and steps: wanted"):
+        live(policy, lambda pose, time: forward(pose, 0.1), fish.rest, 5)
