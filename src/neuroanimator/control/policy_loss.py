@@ -31,7 +31,8 @@ class LossWeights:
     effort: float = 0.02
     """Of the squared share of full effort."""
     jumps: float = 0.06
-    """Of the squared change from control to control."""
+    """Of the squared change from control to control. With 0.02, and half of the effort's weight, one fish was 7.3
+    instead of 4.6 degrees off course on the true physics after a turn of 120 (medians of 64 starts, one seed)."""
     outside: float = 0.3
     """Of the squared standard deviations outside of what the emulator was trained on: there it may be wrong, and
     descents like to go there."""
