@@ -18,7 +18,7 @@ from neuroanimator import Emulator, descend, find_emulator, load_system
 from neuroanimator.bench import describe_machine, write_csv
 from neuroanimator.control.methods import METHODS
 from neuroanimator.control.replay import replay
-from neuroanimator.control.solve import Solver
+from neuroanimator.control.tasks.solve import Solver
 from neuroanimator.control_bench import QUICK, TASKS, THOROUGH, quartiles, run_control_bench
 from neuroanimator.terminal import print_table
 

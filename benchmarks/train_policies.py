@@ -15,11 +15,11 @@ import numpy as np
 
 from neuroanimator import Emulator, find_emulator, load_system
 from neuroanimator.bench import write_csv
-from neuroanimator.control.course import Course, command, forward, leftward, unit, upright
-from neuroanimator.control.drive import drive, live
 from neuroanimator.control.physics import play
-from neuroanimator.control.policy import Policy
-from neuroanimator.control.policy_training import train_policy
+from neuroanimator.control.policies.course import Course, command, forward, leftward, unit, upright
+from neuroanimator.control.policies.drive import drive, live
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.policy_training import train_policy
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.shipped import POLICIES, find_policy, shipped_policy
 from neuroanimator.systems.system import System

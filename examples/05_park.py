@@ -6,7 +6,7 @@ import numpy as np
 
 import neuroanimator as na
 from neuroanimator.control.parameters import Spline
-from neuroanimator.control.rigid_tasks import TRUCK_MARGIN, TRUCK_PROBES, clearance, lot_zones
+from neuroanimator.control.tasks.rigid import TRUCK_MARGIN, TRUCK_PROBES, clearance, lot_zones
 
 emulator = na.Emulator.load(na.find_emulator("truck-100"))
 system = na.load_system("truck")

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 import neuroanimator as na
-from neuroanimator.control.behaviours import Tank, follow, school, stay_inside, wander
-from neuroanimator.control.drive import live
-from neuroanimator.control.policy import Policy
+from neuroanimator.control.policies.behaviours import Tank, follow, school, stay_inside, wander
+from neuroanimator.control.policies.drive import live
+from neuroanimator.control.policies.policy import Policy
 from neuroanimator.shipped import find_policy
 
 policy = Policy.load(find_policy("fish"))  # speed and direction to twelve muscles, learnt through the emulator

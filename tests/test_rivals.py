@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, load_system, stand_upright
-from neuroanimator.control.contest import BLOWN_UP, Pricing
-from neuroanimator.control.fast_physics import LANES, SimulatedPhysics, cheapest_scheme, fast_physics
 from neuroanimator.control.goals import reach_state
-from neuroanimator.control.ilqr import linearised
 from neuroanimator.control.objective import Objective, objective_cost
 from neuroanimator.control.parameters import EachStep, Spline
 from neuroanimator.control.physics import play
-from neuroanimator.control.rivals import RIVALS, Race, race
+from neuroanimator.control.rivals.contest import BLOWN_UP, Pricing
+from neuroanimator.control.rivals.fast_physics import LANES, SimulatedPhysics, cheapest_scheme, fast_physics
+from neuroanimator.control.rivals.ilqr import linearised
+from neuroanimator.control.rivals.race import RIVALS, Race, race
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.control.wishes import effort
 from neuroanimator.errors import ArgumentError

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.bench import write_csv
-from neuroanimator.control.animal_tasks import ANIMAL_TASKS
 from neuroanimator.control.goals import reach_goal, stand_upright
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.receding_horizon import PhysicsPlant, Planner, all_along, drive
-from neuroanimator.control.rigid_tasks import RIGID_TASKS
-from neuroanimator.control.rivals import RIVALS, Race, race
-from neuroanimator.control.solve import Solver
+from neuroanimator.control.rivals.race import RIVALS, Race, race
 from neuroanimator.control.synthesise import Synthesis
-from neuroanimator.control.tasks import Task, Trial
+from neuroanimator.control.tasks.animals import ANIMAL_TASKS
+from neuroanimator.control.tasks.rigid import RIGID_TASKS
+from neuroanimator.control.tasks.solve import Solver
+from neuroanimator.control.tasks.task import Task, Trial
 from neuroanimator.control.wishes import effort
 from neuroanimator.control_plot import Panel, draw_races
 from neuroanimator.emulator.emulator import Emulator
@@ -48,7 +48,7 @@ class Thoroughness:
 
 
 QUICK = Thoroughness(trials=10, races=2, patience=10.0, cosines=3)
-THOROUGH = Thoroughness(trials=100, races=5, patience=50.0, cosines=10)
+THOROUGH = Thoroughness(trials=100, races=5, patience=20.0, cosines=10)
 LEAST_SECONDS = 0.5
 """[s] A rival gets at least this."""
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from neuroanimator.control.rivals import Race
+from neuroanimator.control.rivals.race import Race
 from neuroanimator.control.synthesise import Synthesis
 from neuroanimator.files import write_whole
 

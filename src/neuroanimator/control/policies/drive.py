@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.control.course import Course, command
 from neuroanimator.control.physics import play
-from neuroanimator.control.policy import Policy
+from neuroanimator.control.policies.course import Course, command
+from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.pose import Pose
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import Runs, System

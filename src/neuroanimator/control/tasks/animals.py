@@ -10,13 +10,13 @@ import numpy as np
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.physics import play
 from neuroanimator.control.pose import Pose, read_pose
-from neuroanimator.control.tasks import Task, Trial
+from neuroanimator.control.tasks.task import Task, Trial
 from neuroanimator.control.wishes import effort, reach_heading, reach_place, smoothness, travel
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.system import System
 
-FASTER_THAN_GAIT = 1.3
+FASTER_THAN_GAIT = 1.2
 """Times the way its gait makes from the same start that a found motion must make."""
 HEADING_WITHIN = math.radians(10.0)
 """[rad] Off that still counts as the wanted heading."""
@@ -137,7 +137,7 @@ SECONDS = 3.0
 """[s] Long enough for the dolphin to rise from the depth it starts at, and for the fish to come its own length."""
 
 ANIMAL_TASKS = (
-    *tasks_of("fish", ({"is_periodic": True}, {"knots": 12}, {"knots": 12})),
+    *tasks_of("fish", ({"is_periodic": True, "starts": 4, "method": "lbfgs"}, {"knots": 12}, {"is_periodic": True})),
     *tasks_of("dolphin", ({"method": "adam"}, {"knots": 30}, {"is_periodic": True})),
     Task(
         "dolphin-leap", "dolphin", 50, SECONDS, f"its centroid rises {LEAP_HEIGHT} body lengths out of the water",

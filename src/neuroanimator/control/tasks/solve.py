@@ -11,7 +11,7 @@ from neuroanimator.control.descend import DEFAULT_ITERATIONS
 from neuroanimator.control.gradient_trust import gradient_trust
 from neuroanimator.control.parameters import Parameters
 from neuroanimator.control.synthesise import Synthesis, synthesise
-from neuroanimator.control.tasks import Task, Trial
+from neuroanimator.control.tasks.task import Task, Trial
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems.system import System

@@ -16,9 +16,9 @@ import numpy as np
 import optax
 from jaxtyping import Array
 
-from neuroanimator.control.policy import Policy, fresh_policy
-from neuroanimator.control.policy_file import save_policy
-from neuroanimator.control.policy_loss import LossWeights, Swimmers, begin, motion_loss, swim
+from neuroanimator.control.policies.policy import Policy, fresh_policy
+from neuroanimator.control.policies.policy_file import save_policy
+from neuroanimator.control.policies.policy_loss import LossWeights, Swimmers, begin, motion_loss, swim
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.emulator.artifact import tensors_of
 from neuroanimator.emulator.emulator import Emulator

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from neuroanimator.control.fast_physics import FastPhysics
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import Parameters
+from neuroanimator.control.rivals.fast_physics import FastPhysics
 from neuroanimator.control.trajectory import Trajectory
 
 BLOWN_UP = 1e9

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from neuroanimator.control.policy import COMMAND, Policy, fresh_policy
+from neuroanimator.control.policies.policy import COMMAND, Policy, fresh_policy
 from neuroanimator.emulator.artifact import FORMAT as EMULATOR_FORMAT
 from neuroanimator.emulator.artifact import WIDEST_LAYER, blank, describe, tensors_of, with_tensors
 from neuroanimator.errors import ArgumentError, BadFileError

@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from neuroanimator.control.contest import Contest, Pricing
-from neuroanimator.control.fast_physics import MujocoPhysics, cores, threads
 from neuroanimator.control.methods import DAMPINGS, FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING
+from neuroanimator.control.rivals.contest import Contest, Pricing
+from neuroanimator.control.rivals.fast_physics import MujocoPhysics, cores, threads
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.mujoco import MujocoSystem
 from neuroanimator.systems.system import Scheme, System

@@ -10,7 +10,7 @@ from neuroanimator.control.goals import is_reached, is_upright, reach_goal, stan
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.obstacles import Zone, avoid, distances, footprint, zone_rows
 from neuroanimator.control.pose import Pose, read_pose
-from neuroanimator.control.tasks import Task, Trial
+from neuroanimator.control.tasks.task import Task, Trial
 from neuroanimator.control.wishes import effort, keep_velocity, reach_place, smoothness, stand_up
 from neuroanimator.systems.mujoco import MujocoSystem
 from neuroanimator.systems.rotation import facing

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuroanimator.control.contest import Contest, Improvement, IsOver, Pricing
-from neuroanimator.control.fast_physics import cheapest_scheme, fast_physics, side_by_side
-from neuroanimator.control.ilqr import ilqr, linear_scheme
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import Parameters
+from neuroanimator.control.rivals.contest import Contest, Improvement, IsOver, Pricing
+from neuroanimator.control.rivals.fast_physics import cheapest_scheme, fast_physics, side_by_side
+from neuroanimator.control.rivals.ilqr import ilqr, linear_scheme
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import Scheme, System
 

@@ -99,14 +99,14 @@ class Policy(eqx.Module):
 
     def save(self, path: str | Path) -> None:
         """Write the policy, its emulator included, as one `.safetensors` file."""
-        from neuroanimator.control.policy_file import save_policy
+        from neuroanimator.control.policies.policy_file import save_policy
 
         save_policy(self, Path(path))
 
     @classmethod
     def load(cls, path: str | Path) -> Policy:
         """Return the policy in the file at `path`; BadFileError says what is wrong with it."""
-        from neuroanimator.control.policy_file import load_policy
+        from neuroanimator.control.policies.policy_file import load_policy
 
         return load_policy(Path(path))
 
