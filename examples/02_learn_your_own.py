@@ -9,7 +9,7 @@ config = na.dataset_config(system="pendulum-passive", substeps=50, count=20_000,
 na.generate(config, folder)
 data = na.read_transitions(folder)
 
-emulator = na.train(data, na.training_config(updates=10_000), folder / "passive.emulator.safetensors")
+emulator = na.train(data, na.training_config(updates=5_000), folder / "passive.emulator.safetensors")
 evaluation = na.evaluate(emulator, data=data, effort=na.Effort(starts=100, steps=200))
 
 print(f"one-step error {evaluation.one_step_error:.3f}")

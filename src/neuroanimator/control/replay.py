@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,24 +33,32 @@ class Replay:
 
 def replay(emulator: Emulator, system: System, objective: Objective, start: np.ndarray, controls: np.ndarray) -> Replay:
     """Return what `controls` (T, C) do from `start` (S,) on both."""
-    physical, cost = best_on_physics(emulator, system, objective, start, controls[None])[1:]
+    motion = ranked_on_physics(emulator, system, objective, start, controls[None])[0]
     emulated = np.asarray(emulator.rollout(start, controls))
-    return Replay(emulated, physical, objective_cost(objective, emulator, emulated, controls), cost)
+    return Replay(emulated, motion.states, objective_cost(objective, emulator, emulated, controls), motion.cost)
 
 
-def best_on_physics(
+class Motion(NamedTuple):
+    """What controls do on the true physics."""
+
+    controls: np.ndarray
+    """(T, C)"""
+    states: np.ndarray
+    """(T+1, S)"""
+    cost: float
+    """J"""
+
+
+def ranked_on_physics(
     emulator: Emulator, system: System, objective: Objective, start: np.ndarray, candidates: np.ndarray
-) -> tuple[int, np.ndarray, float]:
-    """Return which of the controls (K, T, C) costs least on the true physics, its states (T+1, S), and its J."""
+) -> list[Motion]:
+    """Return what the controls (K, T, C) do on the true physics, the least J first; those that blow up are left out."""
     starts = np.broadcast_to(start, (len(candidates), len(start)))
     runs = play(system, starts, candidates, emulator.dt)
     if not runs.is_alive.any():
         raise NeuroAnimatorError(
             "The physics blew up under these controls. Raise effort_weight, or shorten the motion."
         )
-    costs = [
-        objective_cost(objective, emulator, states, controls) if is_alive else np.inf
-        for states, controls, is_alive in zip(runs.states, candidates, runs.is_alive, strict=True)
-    ]
-    best = int(np.argmin(costs))
-    return best, runs.states[best], costs[best]
+    alive = [(candidates[k], runs.states[k]) for k in np.flatnonzero(runs.is_alive)]
+    motions = [Motion(*each, objective_cost(objective, emulator, each[1], each[0])) for each in alive]
+    return sorted(motions, key=lambda motion: motion.cost)

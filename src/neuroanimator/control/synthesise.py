@@ -16,7 +16,7 @@ from neuroanimator.control.gradient_trust import GradientTrust, gradient_trust
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import EachStep, Parameters
 from neuroanimator.control.refine import refined
-from neuroanimator.control.replay import Replay, best_on_physics, replay
+from neuroanimator.control.replay import Replay, ranked_on_physics, replay
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import Emulator
@@ -87,15 +87,19 @@ def synthesise(
     """
     found = _descend_and_correct(emulator, system, objective, start, steps, corrections, is_enough, options)
     best, made, round_ = found, 0, 0
-    while round_ < refinements and is_gap_large(found.outcome) and not is_enough(best.outcome.physical):
+    while (
+        round_ < refinements
+        and is_gap_large(found.outcome.cost_emulator, found.outcome.cost_physics)
+        and not is_enough(best.outcome.physical)
+    ):
         on_refine(found.outcome.gap)
         round_ += 1
         motion = found.outcome.physical, found.descent.controls
         better, data, taken = refined(found.emulator, system, data, *motion, round_)
         made += taken
         again = {**options, "first": found.descent.controls}
-        found = _descend_and_correct(better, system, objective, start, steps, corrections, is_enough, again)
-        found = _after(best, replace(found, refinements=round_))
+        more = _descend_and_correct(better, system, objective, start, steps, corrections, is_enough, again)
+        found = _after(found, replace(more, refinements=round_))
         best = found if found.outcome.cost_physics < best.outcome.cost_physics else best
     best = replace(best, physics_steps=found.physics_steps + made)
     if not measures_trust:
@@ -109,9 +113,9 @@ def _parameters(emulator: Emulator, steps: int, options: dict[str, Any]) -> Para
     return options.get("parameters") or EachStep.of(steps, options.get("bounds") or emulator.identity.bounds)
 
 
-def is_gap_large(outcome: Replay) -> bool:
-    """Return whether the physics disagrees with the emulator so much that training on is worth its time."""
-    return outcome.gap > max(LARGE_GAP, LARGE_SHARE * outcome.cost_physics)
+def is_gap_large(cost_emulator: float, cost_physics: float) -> bool:
+    """Return whether the physics disagrees with the emulator so much that more effort is worth its time."""
+    return cost_physics - cost_emulator > max(LARGE_GAP, LARGE_SHARE * cost_physics)
 
 
 def _after(earlier: Synthesis, later: Synthesis) -> Synthesis:
@@ -139,29 +143,34 @@ def _descend_and_correct(
     is_enough: Callable[[np.ndarray], bool],
     options: dict[str, Any],
 ) -> Synthesis:
+    """Return the best of the descents once corrected: of the physics' best, and where that fails of the next ones."""
     descent = descend(emulator, objective, start, steps=steps, **options)
-    tried, motion_steps = descent.candidates[:REPLAYED], steps * system.truth.steps(emulator.dt)
-    which, states, cost = best_on_physics(emulator, system, objective, start, tried)
-    controls, iterations, seconds = tried[which], descent.iterations, descent.seconds
-    physics_steps, done = len(tried) * motion_steps, 0
+    motions = ranked_on_physics(emulator, system, objective, start, descent.candidates[:REPLAYED])
     parameters = _parameters(emulator, steps, options)
     again = {**options, "starts": 1, "parameters": parameters, "iterations": CORRECTING_ITERATIONS}
-    while done < corrections and not is_enough(states):
-        defects = defects_of(emulator, states, controls)
-        more = descend(emulator, objective, start, steps=steps, **{**again, "first": controls, "defects": defects})
-        iterations, seconds, done = iterations + more.iterations, seconds + more.seconds, done + 1
-        if cost - more.cost < SMALL_GAIN * abs(cost):
+    best, iterations, seconds, done, played = motions[0], descent.iterations, descent.seconds, 0, len(motions)
+    for motion in motions:
+        for _ in range(corrections):
+            if is_enough(motion.states):
+                break
+            defects = defects_of(emulator, motion.states, motion.controls)
+            corrected = {**again, "first": motion.controls, "defects": defects}
+            more = descend(emulator, objective, start, steps=steps, **corrected)
+            iterations, seconds, done = iterations + more.iterations, seconds + more.seconds, done + 1
+            if motion.cost - more.cost < SMALL_GAIN * abs(motion.cost):
+                break
+            ways = between(parameters, motion.controls, more.controls)
+            following, played = ranked_on_physics(emulator, system, objective, start, ways)[0], played + len(ways)
+            if following.cost >= motion.cost:
+                break
+            motion = following
+        best = motion if motion.cost < best.cost or is_enough(motion.states) else best
+        if is_enough(best.states) or not is_gap_large(descent.cost, best.cost):
             break
-        ways = between(parameters, controls, more.controls)
-        which, new_states, new_cost = best_on_physics(emulator, system, objective, start, ways)
-        physics_steps += len(ways) * motion_steps
-        if new_cost >= cost:
-            break
-        controls, states, cost = ways[which], new_states, new_cost
-    descent = replace(descent, controls=controls, iterations=iterations, seconds=seconds)
-    return Synthesis(
-        emulator, descent, replay(emulator, system, objective, start, controls), done, 0, physics_steps + motion_steps
-    )
+    descent = replace(descent, controls=best.controls, iterations=iterations, seconds=seconds)
+    outcome = replay(emulator, system, objective, start, best.controls)
+    physics_steps = (played + 1) * steps * system.truth.steps(emulator.dt)
+    return Synthesis(emulator, descent, outcome, done, 0, physics_steps)
 
 
 def between(parameters: Parameters, old: np.ndarray, new: np.ndarray) -> np.ndarray:

@@ -135,7 +135,7 @@ def lowest_foot(pose: Pose) -> np.ndarray:
 
 RIGID_TASKS = (
     Task(
-        "pendulum-swing-up", "pendulum", 50, 2.5,
+        "pendulum-swing-up", "pendulum", 50, 2.0,
         f"each link within 10° of upright and below 1 rad/s throughout the last {HOLD_SECONDS} s",
         swing_up, starts=4,
     ),

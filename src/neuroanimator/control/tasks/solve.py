@@ -16,7 +16,7 @@ from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems.system import System
 
-CORRECTIONS = 12
+CORRECTIONS = 16
 """Replays whose defects may be added to the emulator."""
 
 
