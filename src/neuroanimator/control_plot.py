@@ -12,8 +12,9 @@ from neuroanimator.control.rivals.race import Race
 from neuroanimator.control.synthesise import Synthesis
 from neuroanimator.files import write_whole
 
-WIDTH, HEIGHT = 11.0, 2.6
+WIDTH, HEIGHT = 11.0, 1.9
 """[in] Of the picture, and of each task in it."""
+COLOURS = {"annealing": "#2b5a94", "cma-es": "#e8892b", "ilqr": "#4fa3a0", "nelder-mead": "#7a4f9a"}
 
 
 class Panel(NamedTuple):
@@ -33,8 +34,9 @@ def draw_races(panels: list[Panel], path: Path) -> None:
     for (by_time, by_steps), each in zip(axes, panels, strict=True):
         for found in each.races:
             costs = [point.cost for point in found.curve]
-            by_time.step([point.seconds for point in found.curve], costs, where="post", label=found.name)
-            by_steps.step([point.physics_steps for point in found.curve], costs, where="post")
+            line = {"where": "post", "color": COLOURS[found.name]}
+            by_time.step([point.seconds for point in found.curve], costs, label=found.name, **line)
+            by_steps.step([point.physics_steps for point in found.curve], costs, **line)
         own = each.found
         by_time.plot(each.seconds, own.outcome.cost_physics, "k*", markersize=11, label="emulator")
         by_steps.plot(own.physics_steps, own.outcome.cost_physics, "k*", markersize=11)
