@@ -47,7 +47,7 @@ class Thoroughness:
     cosines: int
 
 
-QUICK = Thoroughness(trials=10, races=2, patience=10.0, cosines=3)
+QUICK = Thoroughness(trials=10, races=1, patience=5.0, cosines=1)
 THOROUGH = Thoroughness(trials=100, races=5, patience=20.0, cosines=10)
 LEAST_SECONDS = 0.5
 """[s] A rival gets at least this."""
