@@ -69,10 +69,10 @@ def test_the_jacobian_and_the_gradient_agree(steps: int, shipped: Emulator):
     """Few numbers are differentiated at once, many step by step."""
     problem = pose_problem(shipped, stand_upright(), EachStep.of(steps, shipped.identity.bounds), REST)
     z = jnp.asarray(np.random.default_rng(0).normal(size=problem.parameters.size), jnp.float32)
-    residuals, jacobian, extra = problem.linearised(z)
+    residuals, jacobian, slope, here = problem.linearised(z)
     cost, gradient = jax.value_and_grad(problem.cost)(z)
-    assert float(cost) == pytest.approx(float(jnp.sum(residuals**2)) / 2, rel=1e-5)
-    np.testing.assert_allclose(jacobian.T @ residuals + extra, gradient, rtol=2e-3, atol=1e-4 * np.abs(gradient).max())
+    assert float(cost) == pytest.approx(float(here), rel=1e-5)
+    np.testing.assert_allclose(jacobian.T @ residuals + slope, gradient, rtol=2e-3, atol=1e-4 * np.abs(gradient).max())
 
 
 def test_the_objective_is_zero_only_for_the_goal_without_effort(shipped: Emulator):
@@ -170,3 +170,19 @@ def test_several_first_guesses_are_never_worse_than_one(shipped: Emulator):
     assert several.cost <= one.cost * (1 + 1e-3)
     assert len(several.candidates) == 3
     assert (np.diff(several.candidate_costs) >= 0).all()
+
+
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_the_first_cost_is_that_of_the_first_guess(method: str, shipped: Emulator):
+    controls = np.full((20, 3), 0.5)
+    found = descend(shipped, stand_upright(), REST, steps=20, iterations=2, method=method, first=controls)
+    emulated = np.asarray(shipped.rollout(REST, controls))
+    assert found.costs[0] == pytest.approx(objective_cost(stand_upright(), shipped, emulated, controls), rel=1e-3)
+
+
+def test_as_many_equal_guesses_come_to_the_same(shipped: Emulator):
+    controls = np.full((2, 20, 3), 0.5)
+    found = descend(shipped, stand_upright(), REST, steps=20, iterations=2, first=controls, starts=2)
+    np.testing.assert_array_equal(*found.candidates)
+    with pytest.raises(NeuroAnimatorError, match="3 starts, came 2"):
+        descend(shipped, stand_upright(), REST, steps=20, first=controls, starts=3)

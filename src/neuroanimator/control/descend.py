@@ -72,9 +72,10 @@ def descend(
 ) -> Descent:
     """Return the best controls found in at most `iterations` from each of several first guesses.
 
-    The first guess is `first` (T, C), or the middle of the bounds; the other `starts` - 1 are random. `bounds` may be
-    tighter than the emulator's own; `parameters` other than one value per super step bring their own. `defects` (T, V)
-    are added to the emulator's super steps (see `corrected`). `on_iteration` is told iteration and least J as it goes.
+    The first guess is `first` (T, C), or the middle of the bounds; the other `starts` - 1 are random, unless `first`
+    (starts, T, C) has them all. `bounds` may be tighter than the emulator's own; `parameters` other than one value
+    per super step bring their own. `defects` (T, V) are added to the emulator's super steps (see `corrected`).
+    `on_iteration` is told iteration and least J as it goes.
 
     Raises ArgumentError for an objective that cannot be descended, before anything is tried.
     """
@@ -109,7 +110,11 @@ def pose_problem(
 def first_guesses(
     emulator: Emulator, parameters: Parameters, first: np.ndarray | None, starts: int, seed: int
 ) -> np.ndarray:
-    """Return z (K, Z): the given first one, then random ones as training saw them."""
+    """Return z (K, Z): the given ones, or the first one given and then random ones as training saw them."""
+    if first is not None and first.ndim == 3:
+        if len(first) != starts:
+            raise ArgumentError(f"first: wanted one guess, or one for each of {starts} starts, came {len(first)}.")
+        return np.stack([parameters.guess(controls) for controls in first])
     rng, identity = np.random.default_rng([seed, 11]), emulator.identity
     drawn = [
         sample_controls(rng, parameters.steps, emulator.dt, identity.bounds, identity.gait) for _ in range(starts - 1)
@@ -125,9 +130,9 @@ def _descend(
     on_iteration: Callable[[int, float], None] | None,
 ) -> Descent:
     method = METHODS[name]
-    progress = begin(method, problem, jnp.asarray(guesses, jnp.float32))
+    progress = begin(method, jnp.asarray(guesses, jnp.float32))
     jax.block_until_ready(advance(method, problem, progress, jnp.asarray(0)))  # compiles
-    began, history = time.perf_counter(), [np.asarray(progress.least)]
+    began, history = time.perf_counter(), []
     for limit in range(1, iterations + 1) if on_iteration else (iterations,):
         progress = advance(method, problem, progress, jnp.asarray(limit))
         history.append(np.asarray(progress.least))
@@ -135,6 +140,7 @@ def _descend(
             on_iteration(limit, float(history[-1].min()))
         if bool(progress.is_done.all()):
             break
+    history.insert(0, np.asarray(progress.first))
     candidates, costs = _controls(problem, progress.best), np.asarray(progress.least, float)
     seconds, order = time.perf_counter() - began, np.argsort(np.where(np.isfinite(costs), costs, np.inf))
     best = order[0]
@@ -152,14 +158,9 @@ def _descend(
 
 
 @eqx.filter_jit
-def begin(method: Method, problem: Problem, guesses: Array) -> Progress:
+def begin(method: Method, guesses: Array) -> Progress:
     """Return the progress of every first guess (K, Z), before any iteration."""
-
-    def one(z: Array) -> Progress:
-        never = jnp.zeros((), bool)
-        return Progress(z, z, problem.cost(z), jnp.zeros((), int), never, never, method.begin(problem, z))
-
-    return jax.vmap(one)(guesses)
+    return jax.vmap(method.begin)(guesses)
 
 
 @eqx.filter_jit

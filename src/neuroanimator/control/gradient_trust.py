@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.control.descend import pose_problem
-from neuroanimator.control.objective import Objective
+from neuroanimator.control.objective import Objective, cost_and_slopes
 from neuroanimator.control.parameters import Parameters
 from neuroanimator.control.physics import play
 from neuroanimator.control.problem import Problem
@@ -78,7 +78,7 @@ def gradient_trust(
     """
     start, z = emulator.identity.state.check(start, "state"), parameters.guess(controls)
     problem = pose_problem(emulator, objective, parameters, start, defects)
-    emulated = np.asarray(_slope(problem, jnp.asarray(z, jnp.float32)), float)
+    emulated = emulated_gradient(problem, z)
     physical = difference_gradient(
         lambda starts, held: _played(system, starts, held, emulator.dt),
         objective, parameters, emulator.identity.bounds, emulator.dt, start, z,
@@ -121,9 +121,30 @@ def _played(system: System, starts: np.ndarray, controls: np.ndarray, dt: float)
     return runs.states
 
 
+def emulated_gradient(problem: Problem, z: np.ndarray) -> Float[np.ndarray, " Z"]:
+    """Return dJ/dz (Z,) on the emulator.
+
+    In two programs, of which only the objective's own is compiled anew for other wishes.
+    """
+    place, motion = jnp.asarray(z, jnp.float32), replace(problem, objective=Objective.of())
+    _, slopes = cost_and_slopes(problem.objective, _trajectory(motion, place))
+    return np.asarray(_pulled_back(motion, place, slopes), float)
+
+
 @eqx.filter_jit
-def _slope(problem: Problem, z: Array) -> Array:
-    return jax.grad(problem.cost)(z)
+def _trajectory(problem: Problem, z: Array) -> Trajectory:
+    return problem.trajectory(z)
+
+
+@eqx.filter_jit
+def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Array:
+    """Return how something changes with z that changes with states and controls by `slopes`."""
+
+    def motion(z: Array) -> tuple[Array, Array]:
+        states, controls, *_ = problem.trajectory(z)
+        return states, controls
+
+    return jax.vjp(motion, z)[1](slopes)[0]
 
 
 @eqx.filter_jit

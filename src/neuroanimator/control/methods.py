@@ -38,7 +38,9 @@ class Progress(NamedTuple):
     z: Float[Array, " Z"]
     best: Float[Array, " Z"]
     least: Float[Array, ""]
-    """J of `best`."""
+    """J of `best`; infinite before the first iteration."""
+    first: Float[Array, ""]
+    """J of the first guess: the first iteration finds it, for it needs it anyway."""
     sweeps: Array
     """Backward sweeps through the chain of emulators: gradients, or Jacobians, all columns of which are one batch."""
     is_done: Array
@@ -51,8 +53,13 @@ class Method(eqx.Module):
     """A way of descending."""
 
     @abc.abstractmethod
-    def begin(self, problem: Problem, z: Float[Array, " Z"]) -> Any:
+    def memory(self, z: Float[Array, " Z"]) -> Any:
         """Return what the method remembers at first."""
+
+    def begin(self, z: Float[Array, " Z"]) -> Progress:
+        """Return the progress before any iteration."""
+        never, unknown = jnp.zeros((), bool), jnp.asarray(jnp.inf, z.dtype)
+        return Progress(z, z, unknown, unknown, jnp.zeros((), int), never, never, self.memory(z))
 
     @abc.abstractmethod
     def iterate(self, problem: Problem, progress: Progress) -> Progress:
@@ -65,31 +72,34 @@ class GaussNewton(Method):
     Terms that are no squares join with their slope alone. Several dampings are tried side by side.
     """
 
-    def begin(self, problem: Problem, z: Float[Array, " Z"]) -> Any:
+    def memory(self, z: Float[Array, " Z"]) -> Any:
         return jnp.asarray(FIRST_DAMPING, z.dtype)
 
     def iterate(self, problem: Problem, progress: Progress) -> Progress:
         z, damping = progress.z, progress.memory
-        residuals, jacobian, extra = problem.linearised(z)
-        curvature, slope = jacobian.T @ jacobian, jacobian.T @ residuals + extra
+        residuals, jacobian, slope_of_rest, cost = problem.linearised(z)
+        curvature, slope = jacobian.T @ jacobian, jacobian.T @ residuals + slope_of_rest
         size = jnp.trace(curvature) / len(z) + jnp.finfo(z.dtype).tiny
         dampings = jnp.clip(damping * jnp.array(DAMPINGS), LEAST_DAMPING, MOST_DAMPING)
         trials = z - jax.vmap(lambda d: _solve(curvature + d * size * jnp.eye(len(z)), slope))(dampings)
         costs = jax.vmap(problem.cost)(trials)
         costs = jnp.where(jnp.isfinite(costs), costs, jnp.inf)
         k = jnp.argmin(costs)
-        is_better, fall = costs[k] < progress.least, progress.least - costs[k]
+        is_first = progress.sweeps == 0
+        least = jnp.where(is_first, cost, progress.least)
+        is_better, fall = costs[k] < least, least - costs[k]
         following = jnp.where(is_better, trials[k], z)
         is_finite = jnp.isfinite(slope).all()
         # The first step finds the damping's scale; small falls after it, or none at any damping, are the end.
         is_stuck = ~is_better & (dampings[-1] >= MOST_DAMPING)
-        is_small = is_better & (fall < CONVERGED * progress.least)
+        is_small = is_better & (fall < CONVERGED * least)
         return Progress(
             z=following,
             best=following,
-            least=jnp.where(is_better, costs[k], progress.least),
+            least=jnp.where(is_better, costs[k], least),
+            first=jnp.where(is_first, cost, progress.first),
             sweeps=progress.sweeps + 1,
-            is_done=(is_small & (progress.sweeps > 0)) | is_stuck | ~is_finite,
+            is_done=(is_small & ~is_first) | is_stuck | ~is_finite,
             is_diverged=~is_finite,
             memory=jnp.where(is_better, dampings[k], dampings[-1] * DAMPINGS[-1]),
         )
@@ -106,7 +116,7 @@ class FirstOrder(Method):
     settles: bool = eqx.field(static=True, default=False)
     """Whether small falls mean the end: those of momentum and Adam come and go."""
 
-    def begin(self, problem: Problem, z: Float[Array, " Z"]) -> Any:
+    def memory(self, z: Float[Array, " Z"]) -> Any:
         return self.make().init(z)
 
     def iterate(self, problem: Problem, progress: Progress) -> Progress:
@@ -122,16 +132,18 @@ class FirstOrder(Method):
         assert isinstance(following, jax.Array)
         reached = optax.tree.get(memory, "value") if self.settles else cost
         seen = following if self.settles else progress.z
-        is_better, fall = reached < progress.least, progress.least - reached
+        is_first = progress.sweeps == 0
+        least = jnp.where(is_first, cost, progress.least)
+        is_better, fall = reached < least, least - reached
         is_finite = jnp.isfinite(cost) & jnp.isfinite(following).all()
         took = _line_search_steps(memory) if self.settles else 1
-        is_first = progress.sweeps == 0
         return Progress(
             z=following,
             best=jnp.where(is_better, seen, progress.best),
-            least=jnp.where(is_better, reached, progress.least),
+            least=jnp.where(is_better, reached, least),
+            first=jnp.where(is_first, cost, progress.first),
             sweeps=progress.sweeps + took + (is_first if self.settles else 0),
-            is_done=~is_finite | (self.settles & ~is_first & (fall < CONVERGED * 1e-1 * progress.least)),
+            is_done=~is_finite | (self.settles & ~is_first & (fall < CONVERGED * 1e-1 * least)),
             is_diverged=~is_finite,
             memory=memory,
         )

@@ -81,18 +81,23 @@ def check_objective(objective: Objective, emulator: Emulator, start: np.ndarray,
     trajectory = _resting(emulator, start, steps)
     for function in objective.functions:
         _check_function(function, trajectory)
-    cost, slope = _cost_and_slope(objective, trajectory)
+    cost, slopes = cost_and_slopes(objective, trajectory)
     if not np.isfinite(cost):
         raise ArgumentError("objective: J of staying at the start is not finite. Mend the term that makes it.")
-    if not np.isfinite(slope).all():
+    if not all(np.isfinite(slope).all() for slope in slopes):
         raise ArgumentError(
             "objective: J has no finite slope, like a square root at zero. Smooth the term that makes it."
         )
 
 
 @eqx.filter_jit
-def _cost_and_slope(objective: Objective, trajectory: Trajectory) -> tuple[Array, Array]:
-    return jax.value_and_grad(lambda states: objective(trajectory._replace(states=states)))(trajectory.states)
+def cost_and_slopes(objective: Objective, trajectory: Trajectory) -> tuple[Array, tuple[Array, Array]]:
+    """Return J, and how it changes with the states (T+1, S) and with the controls (T, C)."""
+
+    def cost(states: Array, controls: Array) -> Array:
+        return objective(trajectory._replace(states=states, controls=controls))
+
+    return jax.value_and_grad(cost, (0, 1))(trajectory.states, trajectory.controls)
 
 
 def _rank(weight: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,6 +15,18 @@ from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import Parameters
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
+
+
+class Linearised(NamedTuple):
+    """J near some z: the sum of squares of residuals that change in proportion, over two, and of the rest."""
+
+    residuals: Float[Array, " R"]
+    jacobian: Float[Array, "R Z"]
+    """How they change with z."""
+    slope: Float[Array, " Z"]
+    """Of what is no square."""
+    cost: Float[Array, ""]
+    """J at z."""
 
 
 class Problem(eqx.Module):
@@ -36,15 +49,18 @@ class Problem(eqx.Module):
         """Return J."""
         return self.objective(self.trajectory(z))
 
-    def linearised(self, z: Float[Array, " Z"]) -> tuple[Array, Array, Array]:
-        """Return the residuals (R,), their derivatives (R, Z), and the slope (Z,) of what is no square."""
+    def linearised(self, z: Float[Array, " Z"]) -> Linearised:
+        """Return J and how it changes near `z`."""
         change = self._changes_step_by_step if self._is_long(z) else self._changes_at_once
         inner, controls, push = change(z)
         looked_at = lambda inner, controls: self.objective.residuals(self._trajectory(inner, controls))  # noqa: E731
         residuals, pull = jax.linearize(looked_at, inner, controls)
         jacobian = jax.vmap(lambda unit: pull(*push(unit)), out_axes=1)(jnp.eye(len(z), dtype=z.dtype))
-        slope = jax.grad(lambda z: self.objective.extra(self.trajectory(z)))(z) if self.objective.functions else 0 * z
-        return residuals, jacobian, slope
+        cost, slope = jnp.sum(residuals**2) / 2, jnp.zeros_like(z)
+        if self.objective.functions:
+            extra, slope = jax.value_and_grad(lambda z: self.objective.extra(self.trajectory(z)))(z)
+            cost += extra
+        return Linearised(residuals, jacobian, slope, cost)
 
     def _is_long(self, z: Float[Array, " Z"]) -> bool:
         """Return whether z has so many numbers that single super steps are cheaper to differentiate."""

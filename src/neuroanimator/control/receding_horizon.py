@@ -121,8 +121,7 @@ def _compile(
     def search(state: Array, z: Array, numbers: tuple[Array, ...]) -> tuple[Array, Array, Array]:
         wanted = eqx.combine(jax.tree.unflatten(shape, numbers), form)
         problem = Problem(emulator, wanted, parameters, state, defects, limit)
-        first = begin(METHODS[method], problem, z[None])
-        found = advance(METHODS[method], problem, first, jnp.asarray(iterations))
+        found = advance(METHODS[method], problem, begin(METHODS[method], z[None]), jnp.asarray(iterations))
         motion = problem.trajectory(found.best[0])
         return motion.controls, motion.states, found.least[0]
 

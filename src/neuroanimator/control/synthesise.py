@@ -146,15 +146,16 @@ def _descend_and_correct(
     """Return the best of the descents once corrected: of the physics' best, and where that fails of the next ones."""
     descent = descend(emulator, objective, start, steps=steps, **options)
     motions = ranked_on_physics(emulator, system, objective, start, descent.candidates[:REPLAYED])
-    parameters = _parameters(emulator, steps, options)
-    again = {**options, "starts": 1, "parameters": parameters, "iterations": CORRECTING_ITERATIONS}
+    parameters, starts = _parameters(emulator, steps, options), options.get("starts", 1)
+    again = {**options, "parameters": parameters, "iterations": CORRECTING_ITERATIONS}
     best, iterations, seconds, done, played = motions[0], descent.iterations, descent.seconds, 0, len(motions)
     for motion in motions:
         for _ in range(corrections):
             if is_enough(motion.states):
                 break
             defects = defects_of(emulator, motion.states, motion.controls)
-            corrected = {**again, "first": motion.controls, "defects": defects}
+            # As many starts as in the first descent, all the same: nothing needs to be compiled anew.
+            corrected = {**again, "first": np.stack([motion.controls] * starts), "defects": defects}
             more = descend(emulator, objective, start, steps=steps, **corrected)
             iterations, seconds, done = iterations + more.iterations, seconds + more.seconds, done + 1
             if motion.cost - more.cost < SMALL_GAIN * abs(motion.cost):
