@@ -33,9 +33,9 @@ class Replay:
 
 def replay(emulator: Emulator, system: System, objective: Objective, start: np.ndarray, controls: np.ndarray) -> Replay:
     """Return what `controls` (T, C) do from `start` (S,) on both."""
-    motion = ranked_on_physics(emulator, system, objective, start, controls[None])[0]
-    emulated = np.asarray(emulator.rollout(start, controls))
-    return Replay(emulated, motion.states, objective_cost(objective, emulator, emulated, controls), motion.cost)
+    return beside_emulated(
+        emulator, objective, ranked_on_physics(emulator, system, objective, start, controls[None])[0]
+    )
 
 
 class Motion(NamedTuple):
@@ -47,6 +47,13 @@ class Motion(NamedTuple):
     """(T+1, S)"""
     cost: float
     """J"""
+
+
+def beside_emulated(emulator: Emulator, objective: Objective, motion: Motion) -> Replay:
+    """Return the physics' `motion` with the emulator's under the same controls from the same start."""
+    emulated = np.asarray(emulator.rollout(motion.states[0], motion.controls))
+    cost = objective_cost(objective, emulator, emulated, motion.controls)
+    return Replay(emulated, motion.states, cost, motion.cost)
 
 
 def ranked_on_physics(

@@ -108,8 +108,8 @@ class DeformableSystem(System):
     def is_sane(self, states: np.ndarray) -> np.ndarray:
         """Return (B,) False for each run (B, T+1, S) that is not finite or torn apart."""
         with np.errstate(all="ignore"):
-            places = jnp.asarray(np.moveaxis(self.unpack(states)[0], (2, 3), (0, 1)))
-            torn = np.abs(np.asarray(strains(self.body, places))).max(axis=(0, 2)) > WILDEST_STRAIN
+            places = np.moveaxis(self.unpack(states)[0], (2, 3), (0, 1))
+            torn = np.abs(strains(self.body, places)).max(axis=(0, 2)) > WILDEST_STRAIN
         return np.isfinite(states).all(axis=(1, 2)) & ~torn
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:

@@ -19,6 +19,7 @@ from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
 from neuroanimator.systems.body import Body
+from neuroanimator.systems.rotation import Numbers
 
 GRAVITY = 9.81
 """[m/s²]"""
@@ -94,11 +95,11 @@ def inner_energy(body: Body, motion: Motion) -> Array:
     return kinetic + elastic
 
 
-def strains(body: Body, places: Array) -> Array:
-    """Return every spring's (P, ...) relative change of length."""
+def strains(body: Body, places: Numbers) -> Numbers:
+    """Return every spring's (P, ...) relative change of length; of NumPy's `places` (N, 3, ...) by NumPy."""
     first, second = body.springs.T
     extent = places[second] - places[first]
-    length = jnp.sqrt(_dot(extent, extent))
+    length = places.__array_namespace__().sqrt(_dot(extent, extent))
     return length / _along(body.lengths, length) - 1
 
 
@@ -134,12 +135,13 @@ def _ground_forces(body: Body, places: Array, speeds: Array) -> Array:
     return jnp.concatenate([-ground.friction * upward[:, None] * sliding, upward[:, None]], axis=1)
 
 
-def _along(numbers: np.ndarray, like: Array) -> Array:
+def _along(numbers: np.ndarray, like: Numbers) -> Numbers:
     """Return `numbers` (N,) as an array that multiplies `like` (N, ...)."""
-    return jnp.asarray(numbers, like.dtype).reshape((-1,) + (1,) * (like.ndim - 1))
+    xp = like.__array_namespace__()
+    return xp.asarray(numbers, dtype=like.dtype).reshape((-1,) + (1,) * (like.ndim - 1))
 
 
-def _dot(left: Array, right: Array) -> Array:
+def _dot(left: Numbers, right: Numbers) -> Numbers:
     return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]
 
 
