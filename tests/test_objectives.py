@@ -164,6 +164,8 @@ def test_slopes_equal_finite_differences(body: str):
         for kind, slope, difference in zip(EVERY, along.tolist(), differences.tolist(), strict=True):
             assert abs(slope) > 1e-4, kind
             assert slope == pytest.approx(difference, rel=1e-5), kind
+        looks_at_states = np.abs(slopes[0]).max(axis=(1, 2)) > 0
+        assert [not term.of_controls for term in terms] == looks_at_states.tolist()
 
 
 def steady(system: System, speed: float, seconds: float, dt: float) -> Trajectory:

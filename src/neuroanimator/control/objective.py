@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Callable
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -21,6 +22,8 @@ class Term(eqx.Module):
     """One wish. It counts as half the sum of squares of its residuals, times its weight."""
 
     weight: eqx.AbstractVar[Float[Array, ""]]
+    of_controls: ClassVar[bool] = False
+    """Whether residuals depend on nothing but the controls: they can be differentiated without the emulator."""
 
     @abc.abstractmethod
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
@@ -42,6 +45,11 @@ class Objective(eqx.Module):
         """Return the objective that sums `wishes`."""
         terms = tuple(wish for wish in wishes if isinstance(wish, Term))
         return cls(terms, tuple(wish for wish in wishes if not isinstance(wish, Term)))
+
+    def apart(self) -> tuple[Objective, Objective]:
+        """Return the terms that look at states, and those of controls alone; without functions."""
+        of_states = tuple(term for term in self.terms if not term.of_controls)
+        return Objective(of_states), Objective(tuple(term for term in self.terms if term.of_controls))
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         """Return the numbers whose squares sum to 2J, but for the functions."""

@@ -16,6 +16,9 @@ from neuroanimator.control.parameters import Parameters
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
 
+BACKWARD = 3
+"""Forward sweeps that cost as much as one backward."""
+
 
 class Linearised(NamedTuple):
     """J near some z: the sum of squares of residuals that change in proportion, over two, and of the rest."""
@@ -51,21 +54,48 @@ class Problem(eqx.Module):
 
     def linearised(self, z: Float[Array, " Z"]) -> Linearised:
         """Return J and how it changes near `z`."""
-        change = self._changes_step_by_step if self._is_long(z) else self._changes_at_once
-        inner, controls, push = change(z)
-        looked_at = lambda inner, controls: self.objective.residuals(self._trajectory(inner, controls))  # noqa: E731
-        residuals, pull = jax.linearize(looked_at, inner, controls)
-        jacobian = jax.vmap(lambda unit: pull(*push(unit)), out_axes=1)(jnp.eye(len(z), dtype=z.dtype))
+        of_states, of_controls = self.objective.apart()
+        look = self._look_back if self._is_seen_in_few(of_states, z) else self._look_ahead
+        rows = [look(of_states, z), self._look_at_controls(of_controls, z)]
+        residuals, jacobian = (jnp.concatenate(parts) for parts in zip(*rows, strict=True))
         cost, slope = jnp.sum(residuals**2) / 2, jnp.zeros_like(z)
         if self.objective.functions:
             extra, slope = jax.value_and_grad(lambda z: self.objective.extra(self.trajectory(z)))(z)
             cost += extra
         return Linearised(residuals, jacobian, slope, cost)
 
-    def _is_long(self, z: Float[Array, " Z"]) -> bool:
-        """Return whether z has so many numbers that single super steps are cheaper to differentiate."""
-        entries = self.emulator.normaliser.change_scale.shape[0] + len(self.limit)
-        return 2 * entries < len(z)
+    def _is_seen_in_few(self, of_states: Objective, z: Float[Array, " Z"]) -> bool:
+        """Return whether states are looked at in so few numbers that pulling these back is the least work."""
+        count = jax.eval_shape(lambda z: of_states.residuals(self.trajectory(z)), z).shape[0]
+        return BACKWARD * count < min(len(z), self._entries)
+
+    def _look_back(self, of_states: Objective, z: Float[Array, " Z"]) -> tuple[Array, Array]:
+        """Return residuals (R,) and how they change with z (R, Z), by a backward sweep for all of them."""
+        residuals, back = jax.vjp(lambda z: of_states.residuals(self.trajectory(z)), z)
+        return residuals, jax.vmap(back)(jnp.eye(len(residuals), dtype=z.dtype))[0]
+
+    def _look_ahead(self, of_states: Objective, z: Float[Array, " Z"]) -> tuple[Array, Array]:
+        """Return the same by forward sweeps."""
+        change = self._changes_at_once if len(z) <= 2 * self._entries else self._changes_step_by_step
+        inner, controls, push = change(z)
+        looked_at = lambda inner, controls: of_states.residuals(self._trajectory(inner, controls))  # noqa: E731
+        residuals, pull = jax.linearize(looked_at, inner, controls)
+        return residuals, jax.vmap(lambda unit: pull(*push(unit)), out_axes=1)(jnp.eye(len(z), dtype=z.dtype))
+
+    def _look_at_controls(self, of_controls: Objective, z: Float[Array, " Z"]) -> tuple[Array, Array]:
+        """Return the same for what does not look at states."""
+
+        def look(z: Array) -> Array:
+            return of_controls.residuals(
+                Trajectory(self.start[None], self.parameters.controls(z), self.limit, self.emulator.dt)
+            )
+
+        return look(z), jax.jacfwd(look)(z)
+
+    @property
+    def _entries(self) -> int:
+        """How many numbers a super step depends on: single ones are cheaper to differentiate where z has far more."""
+        return self.emulator.normaliser.change_scale.shape[0] + len(self.limit)
 
     def _changes_at_once(self, z: Array) -> tuple[Array, Array, Callable]:
         """Return the inner trajectory, the controls, and how both change with z."""

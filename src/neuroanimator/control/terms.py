@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -29,6 +30,7 @@ class Effort(Term):
     """μ_u: ∫ |u / limit|² dt, so that J does not depend on the super step (eq. 11)."""
 
     weight: Float[Array, ""]
+    of_controls: ClassVar[bool] = True
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         return math.sqrt(trajectory.dt) * (trajectory.controls / trajectory.limit).ravel()
@@ -38,6 +40,7 @@ class Smoothness(Term):
     """∫ |du/dt / limit|² dt in [s²]: controls that do not jump."""
 
     weight: Float[Array, ""]
+    of_controls: ClassVar[bool] = True
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         return (jnp.diff(trajectory.controls, axis=0) / trajectory.limit).ravel() / math.sqrt(trajectory.dt)
