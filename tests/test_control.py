@@ -22,14 +22,16 @@ from neuroanimator import (
 )
 from neuroanimator.control.corrected import defects_of
 from neuroanimator.control.descend import pose_problem
+from neuroanimator.control.goals import reach_goal
 from neuroanimator.control.methods import METHODS
 from neuroanimator.control.objective import objective_cost
 from neuroanimator.control.parameters import EachStep
 from neuroanimator.control.refine import transitions_near
 from neuroanimator.control.synthesise import synthesise_goal
-from neuroanimator.control.wishes import keep_speed, keyframes, reach_place
+from neuroanimator.control.wishes import effort, keep_speed, keyframes, reach_place, smoothness
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.systems.layout import Bounds
+from neuroanimator.systems.system import Goal
 
 REST = np.zeros(6)
 
@@ -64,10 +66,17 @@ def test_tighter_limits_are_kept(shipped: Emulator):
     np.testing.assert_allclose(bounds.clip(found.controls), found.controls, atol=1e-6)
 
 
-@pytest.mark.parametrize("steps", [4, 10])
-def test_the_jacobian_and_the_gradient_agree(steps: int, shipped: Emulator):
-    """Few numbers are differentiated at once, many step by step."""
-    problem = pose_problem(shipped, stand_upright(), EachStep.of(steps, shipped.identity.bounds), REST)
+def bend_the_arm() -> Objective:
+    """Return a wish for one number alone, with effort and smoothness."""
+    system = load_system("pendulum")
+    bent = reach_goal(system.structure, system.rest, Goal(((1, 0.5),), (0.1,)))
+    return Objective.of(effort(0.1), smoothness(0.1), bent)
+
+
+@pytest.mark.parametrize(("steps", "objective"), [(4, stand_upright()), (10, stand_upright()), (4, bend_the_arm())])
+def test_the_jacobian_and_the_gradient_agree(steps: int, objective: Objective, shipped: Emulator):
+    """Few numbers are differentiated at once, many step by step, and what looks at few numbers is pulled back."""
+    problem = pose_problem(shipped, objective, EachStep.of(steps, shipped.identity.bounds), REST)
     z = jnp.asarray(np.random.default_rng(0).normal(size=problem.parameters.size), jnp.float32)
     residuals, jacobian, slope, here = problem.linearised(z)
     cost, gradient = jax.value_and_grad(problem.cost)(z)
@@ -178,6 +187,16 @@ def test_the_first_cost_is_that_of_the_first_guess(method: str, shipped: Emulato
     found = descend(shipped, stand_upright(), REST, steps=20, iterations=2, method=method, first=controls)
     emulated = np.asarray(shipped.rollout(REST, controls))
     assert found.costs[0] == pytest.approx(objective_cost(stand_upright(), shipped, emulated, controls), rel=1e-3)
+
+
+def test_beginning_again_never_ends_worse_and_is_charged(shipped: Emulator):
+    system, options = load_system("pendulum"), {"steps": 20, "iterations": 3, "corrections": 0, "refinements": 0}
+    once, again = (synthesise(shipped, system, stand_upright(), REST, restarts=k, **options) for k in (0, 2))
+    assert again.outcome.cost_physics < once.outcome.cost_physics
+    assert again.physics_steps == 3 * once.physics_steps
+    assert again.descent.iterations > once.descent.iterations
+    stopped = synthesise(shipped, system, stand_upright(), REST, restarts=2, is_enough=lambda states: True, **options)
+    assert stopped.physics_steps == once.physics_steps
 
 
 def test_as_many_equal_guesses_come_to_the_same(shipped: Emulator):

@@ -13,8 +13,9 @@ import pytest
 from conftest import Cli, read_glb
 
 from neuroanimator import Objective, load_system, stand_upright
-from neuroanimator.cli.control import METHOD_HELP
+from neuroanimator.cli.control import METHOD_HELP, run
 from neuroanimator.control import wishes
+from neuroanimator.control.descend import DEFAULT_ITERATIONS
 from neuroanimator.control.goals import reach_goal
 from neuroanimator.control.methods import METHODS
 from neuroanimator.control.objective_file import KINDS, Wanted, read_objective
@@ -204,8 +205,9 @@ def test_the_log_holds_a_line_per_iteration_as_soon_as_it_is_told(tmp_path: Path
     assert sorted(rows()[0]) == ["J", "descent", "iteration", "seconds"]
 
 
-def test_help_names_every_method():
+def test_help_says_what_descents_do():
     assert all(name in METHOD_HELP for name in METHODS)
+    assert inspect.signature(run).parameters["iterations"].default == DEFAULT_ITERATIONS
 
 
 def test_a_controller_is_found_logged_and_shown_with_its_ghost(cli: Cli, tmp_path: Path):

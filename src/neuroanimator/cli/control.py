@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "neuroanimator control pendulum --goal upright --seconds 1.5 --out swing-up.csv"
 DEFAULT_GOAL = "upright"
-# Written out, for looking them up would load JAX before it is needed; a test compares.
+# Written out, as is the default of iterations: looking them up would load JAX before it is needed; a test compares.
 METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
 
 
@@ -33,7 +33,7 @@ def run(
         float | None, typer.Option(help="Length of a motion to a goal [s]; the goal's own if not given.")
     ] = None,
     method: Annotated[str, typer.Option(help=METHOD_HELP)] = "gauss-newton",
-    iterations: Annotated[int, typer.Option(help="Backward sweeps allowed.")] = 20,
+    iterations: Annotated[int, typer.Option(help="Backward sweeps allowed.")] = 18,
     starts: Annotated[
         int | None, typer.Option(help="First guesses descended from, side by side; 1, or the file's, if not given.")
     ] = None,

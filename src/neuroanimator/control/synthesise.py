@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from neuroanimator.control.gradient_trust import GradientTrust, gradient_trust
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import EachStep, Parameters
 from neuroanimator.control.refine import refined
-from neuroanimator.control.replay import Replay, ranked_on_physics, replay
+from neuroanimator.control.replay import Replay, beside_emulated, ranked_on_physics
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import Emulator
@@ -68,6 +68,7 @@ def synthesise(
     *,
     steps: int,
     corrections: int = 5,
+    restarts: int = 0,
     refinements: int = 2,
     data: Transitions | None = None,
     on_refine: Callable[[float], None] = lambda gap: None,
@@ -81,12 +82,20 @@ def synthesise(
     trusted is measured at random controls, if asked for: at its optimum it vanishes.
 
     A motion replayed on the physics shows what the emulator gets wrong along it. These defects are added to the
-    emulator, and the descent goes on from there, up to `corrections` times. Where the gap stays large,
+    emulator, and the descent goes on from there, up to `corrections` times. Where that is not good enough, all begins
+    again from random controls, up to `restarts` times. Where the gap stays large,
     transitions around the motion are added to `data` (what the emulator was trained on; simulated anew
     if not given), a copy of the emulator trains on, and all begins again, up to `refinements` times.
     """
-    found = _descend_and_correct(emulator, system, objective, start, steps, corrections, is_enough, options)
-    best, made, round_ = found, 0, 0
+    problem = system, objective, start, steps, corrections, is_enough
+    found = best = _descend_and_correct(emulator, *problem, options)
+    for guesses in _random_guesses(emulator, steps, restarts, options):
+        if is_enough(best.outcome.physical):
+            break
+        found = _after(found, _descend_and_correct(emulator, *problem, {**options, "first": guesses}))
+        best = _better(best, found, is_enough)
+    found = best = _charged(best, found)
+    made = round_ = 0
     while (
         round_ < refinements
         and is_gap_large(found.outcome.cost_emulator, found.outcome.cost_physics)
@@ -98,10 +107,10 @@ def synthesise(
         better, data, taken = refined(found.emulator, system, data, *motion, round_)
         made += taken
         again = {**options, "first": found.descent.controls}
-        more = _descend_and_correct(better, system, objective, start, steps, corrections, is_enough, again)
+        more = _descend_and_correct(better, *problem, again)
         found = _after(found, replace(more, refinements=round_))
-        best = found if found.outcome.cost_physics < best.outcome.cost_physics else best
-    best = replace(best, physics_steps=found.physics_steps + made)
+        best = _better(best, found, is_enough)
+    best = _charged(best, replace(found, physics_steps=found.physics_steps + made))
     if not measures_trust:
         return best
     parameters = _parameters(emulator, steps, options)
@@ -131,6 +140,25 @@ def _after(earlier: Synthesis, later: Synthesis) -> Synthesis:
         corrections=earlier.corrections + later.corrections,
         physics_steps=earlier.physics_steps + later.physics_steps,
     )
+
+
+def _charged(best: Synthesis, last: Synthesis) -> Synthesis:
+    """Return `best` with all that was spent until `last`."""
+    descent = replace(best.descent, iterations=last.descent.iterations, seconds=last.descent.seconds)
+    spent = {name: getattr(last, name) for name in ("corrections", "refinements", "physics_steps")}
+    return replace(best, descent=descent, **spent)
+
+
+def _better(one: Synthesis, other: Synthesis, is_enough: Callable[[np.ndarray], bool]) -> Synthesis:
+    """Return the one that is good enough, or else the cheaper one on the physics."""
+    return min(one, other, key=lambda found: (not is_enough(found.outcome.physical), found.outcome.cost_physics))
+
+
+def _random_guesses(emulator: Emulator, steps: int, restarts: int, options: dict[str, Any]) -> Iterator[np.ndarray]:
+    """Yield controls (starts, T, C) to begin again from, as training saw them."""
+    rng, starts = np.random.default_rng([options.get("seed", 0), 12]), options.get("starts", 1)
+    for _ in range(restarts):
+        yield sample_control_runs(rng, starts, steps, emulator.dt, emulator.identity)
 
 
 def _descend_and_correct(
@@ -169,8 +197,10 @@ def _descend_and_correct(
         if is_enough(best.states) or not is_gap_large(descent.cost, best.cost):
             break
     descent = replace(descent, controls=best.controls, iterations=iterations, seconds=seconds)
-    outcome = replay(emulator, system, objective, start, best.controls)
-    physics_steps = (played + 1) * steps * system.truth.steps(emulator.dt)
+    outcome, physics_steps = (
+        beside_emulated(emulator, objective, best),
+        played * steps * system.truth.steps(emulator.dt),
+    )
     return Synthesis(emulator, descent, outcome, done, 0, physics_steps)
 
 

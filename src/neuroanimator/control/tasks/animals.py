@@ -137,7 +137,7 @@ SECONDS = 3.0
 """[s] Long enough for the dolphin to rise from the depth it starts at, and for the fish to come its own length."""
 
 ANIMAL_TASKS = (
-    *tasks_of("fish", ({"is_periodic": True, "starts": 4, "method": "lbfgs"}, {"knots": 12}, {"is_periodic": True})),
+    *tasks_of("fish", ({"is_periodic": True, "method": "adam"}, {"knots": 16}, {"is_periodic": True})),
     *tasks_of("dolphin", ({"method": "adam"}, {"knots": 30}, {"is_periodic": True})),
     Task(
         "dolphin-leap", "dolphin", 50, SECONDS, f"its centroid rises {LEAP_HEIGHT} body lengths out of the water",

@@ -137,7 +137,7 @@ RIGID_TASKS = (
     Task(
         "pendulum-swing-up", "pendulum", 50, 2.0,
         f"each link within 10° of upright and below 1 rad/s throughout the last {HOLD_SECONDS} s",
-        swing_up, starts=4,
+        swing_up, starts=16,
     ),
     Task(
         "truck-park", "truck", 100, 12.0, "within 0.2 m, 5° and 0.3 m/s of the bay, nothing touched",

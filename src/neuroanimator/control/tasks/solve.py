@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuroanimator.control.descend import DEFAULT_ITERATIONS
 from neuroanimator.control.gradient_trust import gradient_trust
 from neuroanimator.control.parameters import Parameters
 from neuroanimator.control.synthesise import Synthesis, synthesise
@@ -18,6 +17,8 @@ from neuroanimator.systems.system import System
 
 CORRECTIONS = 16
 """Replays whose defects may be added to the emulator."""
+RESTARTS = 2
+"""Times all may begin again from random controls where the physics has not done it."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Solver:
         found = synthesise(
             self.emulator, self.system, trial.objective, trial.start, steps=self.steps, parameters=self.parameters,
             first=trial.first, method=self.task.method, starts=self.task.starts, refinements=0,
-            iterations=DEFAULT_ITERATIONS, corrections=1 if is_warm_up else CORRECTIONS,
+            corrections=1 if is_warm_up else CORRECTIONS, restarts=0 if is_warm_up else RESTARTS,
             is_enough=(lambda states: False) if is_warm_up else trial.is_success,
         )  # fmt: skip
         return found, time.perf_counter() - began
