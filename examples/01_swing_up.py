@@ -15,5 +15,4 @@ proof = na.replay(emulator, system, goal, rest, found.controls)  # the same torq
 print(f"{found.iterations} iterations, {found.seconds:.2f} s")
 print(f"J on emulator {proof.cost_emulator:.3f}, on MuJoCo {proof.cost_physics:.3f}")
 print("upright on MuJoCo:", na.is_upright(proof.physical[-1]))
-clips = (na.make_clip(emulator, states) for states in (proof.physical, proof.emulated))
-na.write_glb(next(clips), Path("swing-up.glb"), ghost=next(clips))
+na.write_proof(emulator, proof, Path("swing-up.glb"))

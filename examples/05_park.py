@@ -31,4 +31,4 @@ print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {f
 print(f"J on emulator {motion.cost_emulator:.2f}, on MuJoCo {motion.cost_physics:.2f}")
 print("parked on MuJoCo:", na.is_reached(system, system.goals["bay_2"], motion.physical[-1]))
 print(f"nearest to an obstacle: {clearance(system, zones, motion.physical):.2f} m")
-na.write_glb(na.make_clip(emulator, motion.physical), Path("park.glb"), ghost=na.make_clip(emulator, motion.emulated))
+na.write_proof(emulator, found.outcome, Path("park.glb"))

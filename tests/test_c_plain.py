@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.evaluation.c_plain import plain_player
-from neuroanimator.evaluation.c_twin import find_compiler
 
 
 @pytest.mark.parametrize("name", ["fish", "dolphin", "cube"])

@@ -8,10 +8,11 @@ import jax
 import numpy as np
 import pytest
 
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.evaluation import c_source as source
 from neuroanimator.evaluation import c_twin as twins
 from neuroanimator.evaluation.c_source import fill_in
-from neuroanimator.evaluation.c_twin import INTEGRATORS, LANES, c_twin, find_compiler
+from neuroanimator.evaluation.c_twin import INTEGRATORS, LANES, c_twin
 from neuroanimator.systems import load_system
 from neuroanimator.systems.body import Body, Ground, Water
 from neuroanimator.systems.deformable import DeformableSystem

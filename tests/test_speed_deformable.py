@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.evaluation import c_twin as twins
 from neuroanimator.evaluation.accuracy import HeldOut, make_test, scheme_error
-from neuroanimator.evaluation.c_twin import INTEGRATORS, find_compiler
+from neuroanimator.evaluation.c_twin import INTEGRATORS
 from neuroanimator.evaluation.evaluate import Evaluation
 from neuroanimator.evaluation.report import write_report
 from neuroanimator.evaluation.speed import Opponent, Speed

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from neuroanimator.control.obstacles import avoid
     from neuroanimator.control.pose import read_pose
     from neuroanimator.control.replay import replay
+    from neuroanimator.control.report import write_proof
     from neuroanimator.control.synthesise import Synthesis, synthesise
     from neuroanimator.control.wishes import (
         effort,
@@ -87,6 +88,7 @@ _HOMES = {
     "travel": "control.wishes",
     "write_clip": "export.table",
     "write_glb": "export.gltf",
+    "write_proof": "control.report",
     "write_report": "evaluation.report",
     "write_video": "export.video",
 }
@@ -98,7 +100,7 @@ __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
     "effort", "smoothness", "reach_state", "reach_goal", "reach_place", "reach_heading", "keyframes", "follow_path",
     "travel", "keep_velocity", "keep_speed", "keep_heading", "stand_up", "stand_upright", "stay_within", "avoid",
     "descend", "replay", "synthesise", "read_pose", "is_upright", "is_reached",
-    "make_clip", "read_clip", "write_clip", "write_glb", "write_video",
+    "make_clip", "read_clip", "write_clip", "write_glb", "write_proof", "write_video",
 ]  # fmt: skip
 
 

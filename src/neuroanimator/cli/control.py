@@ -100,12 +100,10 @@ def _search(
 def _write(found: Synthesis, out: Path, glb: Path | None) -> None:
     import numpy as np
 
-    from neuroanimator.animation.clip import make_clip
-    from neuroanimator.export.gltf import write_glb
+    from neuroanimator.control.report import write_proof
     from neuroanimator.export.table import write_table
 
     controls, emulator = found.descent.controls, found.emulator
     write_table(out, np.arange(len(controls)) * emulator.dt, controls, emulator.identity.control)
     if glb:
-        physical, emulated = (make_clip(emulator, way) for way in (found.outcome.physical, found.outcome.emulated))
-        write_glb(physical, glb, ghost=emulated)
+        write_proof(emulator, found.outcome, glb)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neuroanimator.evaluation.c_twin import compiled_library
+from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.systems.body import Body
 from neuroanimator.systems.mass_spring import GRAVITY
 

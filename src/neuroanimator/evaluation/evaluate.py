@@ -123,6 +123,7 @@ class Evaluation:
             if speed
             else "none",
             "emulator_us": self.emulator_seconds * 1e6,
+            "emulator_jax_us": speed.jax_seconds * 1e6 if speed and speed.jax_seconds else "none",
             "physics_us": speed.physics_seconds * 1e6 if speed else "none",
             "blow_ups": self.blow_ups,
         }

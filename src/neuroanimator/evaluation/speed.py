@@ -1,5 +1,7 @@
 """How fast: compiled against compiled, one core against one core, interleaved in one process.
 
+An emulator is timed in JAX and as C generated from it; the faster counts, as the physics is C.
+
 A Python function is the exception: it is timed as its author runs it, and the report says so.
 """
 
@@ -20,6 +22,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
+from neuroanimator.codegen.c_emulator import c_emulator
 from neuroanimator.emulator.emulator import UNROLL, Emulator
 from neuroanimator.evaluation.accuracy import HeldOut, scheme_error
 from neuroanimator.evaluation.speed_deformable import PLAIN, deformable_players, deformable_schemes, twin_error
@@ -40,6 +43,8 @@ PHYSICS_STEPS = 20_000
 
 TIMED_SUPER_STEPS = 8_000
 """Super steps in one timed call of the emulator, so that the call itself (30 µs from Python) does not count."""
+
+IN_JAX, IN_C = "emulator in JAX", "emulator in C"
 
 REPEATS = 9
 """Timings of each side; the median is reported."""
@@ -68,7 +73,7 @@ class Speed:
     """Both speed-ups, one core, one trajectory."""
 
     emulator_seconds: float
-    """Per super step."""
+    """Per super step, by the faster of generated C and JAX."""
     physics_seconds: float
     """Per physics step of the system's own scheme."""
     nominal: float
@@ -82,6 +87,8 @@ class Speed:
     """Who steps the physics: `MuJoCo` or a `C twin`, compiled, `JAX` without one, a `Python function`, which is not."""
     tuned_seconds: float | None = None
     """Per physics step of the same scheme by a program made for this body alone; None where there is none."""
+    jax_seconds: float | None = None
+    """Per super step in JAX."""
 
 
 class _Rivalry(NamedTuple):
@@ -131,8 +138,9 @@ def measure_speed(emulator: Emulator, test: HeldOut, error: float, repeats: int 
     system = test.system
     with one_core():
         rivalry = _rivalry_of(test)
-        each = interleaved({"emulator": emulator_player(emulator), **rivalry.players}, repeats)
-    per_super_step = each["emulator"] / TIMED_SUPER_STEPS
+        own = emulator_players(emulator)
+        each = interleaved({**own, **rivalry.players}, repeats)
+    per_super_step = min(each[name] for name in own) / TIMED_SUPER_STEPS
     per_step = {kind: each[kind] / rivalry.steps for kind in rivalry.players}
     opponents = [
         Opponent(scheme, rivalry.error(test, scheme), per_step[scheme.integrator] * scheme.steps(test.dt))
@@ -140,25 +148,26 @@ def measure_speed(emulator: Emulator, test: HeldOut, error: float, repeats: int 
     ]
     rival = min((o for o in opponents if o.error <= error), key=lambda o: o.seconds)
     tuned = per_step[system.scheme.integrator]
-    own = per_step.get(PLAIN, tuned)
-    nominal = own * emulator.identity.substeps / per_super_step
+    plain = per_step.get(PLAIN, tuned)
+    nominal = plain * emulator.identity.substeps / per_super_step
     equal = rival.seconds / per_super_step
     return Speed(
         per_super_step,
-        own,
+        plain,
         nominal,
         equal,
         rival,
         tuple(opponents),
         rivalry.physics,
         tuned if PLAIN in per_step else None,
+        each[IN_JAX] / TIMED_SUPER_STEPS,
     )
 
 
 def measure_emulator(emulator: Emulator) -> float:
     """Return the time of one super step [s], where there is no physics to compare it with."""
     with one_core():
-        return interleaved({"emulator": emulator_player(emulator)})["emulator"] / TIMED_SUPER_STEPS
+        return min(interleaved(emulator_players(emulator)).values()) / TIMED_SUPER_STEPS
 
 
 def interleaved(players: dict[str, Callable[[], None]], repeats: int = REPEATS) -> dict[str, float]:
@@ -172,20 +181,32 @@ def interleaved(players: dict[str, Callable[[], None]], repeats: int = REPEATS) 
     return {name: float(np.median(spans)) for name, spans in times.items()}
 
 
+def emulator_players(emulator: Emulator) -> dict[str, Callable[[], Any]]:
+    """Return functions that take `TIMED_SUPER_STEPS` super steps, compiled: in JAX, and in C where that can be had."""
+    players: dict[str, Callable[[], Any]] = {IN_JAX: emulator_player(emulator)}
+    if (program := c_emulator(emulator)) is not None:
+        players[IN_C] = program.player(*(np.asarray(each) for each in _timed_motion(emulator)))
+    return players
+
+
 def emulator_player(emulator: Emulator) -> Callable[[], None]:
-    """Return a function that takes `TIMED_SUPER_STEPS` super steps, already compiled.
+    """Return a function that takes `TIMED_SUPER_STEPS` super steps in JAX, already compiled.
 
     Like the loop of the physics it keeps the last state only, in the numbers the super step is made in: a
     deformable body is decoded where it is drawn.
     """
-    rng = np.random.default_rng(0)
-    identity = emulator.identity
-    share = rng.uniform(-0.3, 0.3, (TIMED_SUPER_STEPS, identity.control.size))
-    controls = jnp.asarray(identity.bounds.middle + share * identity.bounds.half, jnp.float32)
-    controls, start = emulator.encode_control(controls), emulator.encode(jnp.asarray(identity.rest, jnp.float32))
+    start, controls = _timed_motion(emulator)
     run = compiled(emulator, _last_state)
     run(start, controls)
     return lambda: run(start, controls).block_until_ready()
+
+
+def _timed_motion(emulator: Emulator) -> tuple[Array, Array]:
+    """Return a start and controls in the numbers of the super step."""
+    rng, identity = np.random.default_rng(0), emulator.identity
+    share = rng.uniform(-0.3, 0.3, (TIMED_SUPER_STEPS, identity.control.size))
+    controls = jnp.asarray(identity.bounds.middle + share * identity.bounds.half, jnp.float32)
+    return emulator.encode(jnp.asarray(identity.rest, jnp.float32)), emulator.encode_control(controls)
 
 
 def _last_state(emulator: Emulator, state: Float[Array, " I"], controls: Float[Array, "T C"]) -> Float[Array, " I"]:

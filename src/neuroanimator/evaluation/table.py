@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
+from neuroanimator.codegen.c_emulator import c_emulator
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import RUN_STEPS, Transitions, dataset_config
 from neuroanimator.emulator.emulator import Emulator, rollout
 from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, root_mean_square, system_of
 from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, evaluate
-from neuroanimator.evaluation.speed import PHYSICS_STEPS, compiled, interleaved, one_core
+from neuroanimator.evaluation.speed import IN_C, IN_JAX, PHYSICS_STEPS, compiled, interleaved, one_core
 from neuroanimator.evaluation.speed_deformable import BATCH_STEPS, c_batch_players
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.training.config import UPDATES_PER_CHUNK
@@ -154,18 +157,25 @@ def latency(emulator: Emulator) -> dict[str, float]:
 
 
 def batch_microseconds(emulator: Emulator, batch: int, steps: int = 400, repeats: int = 5) -> float:
-    """Return the time per trajectory and super step [µs] of a batch on one core."""
+    """Return the time per trajectory and super step [µs] of a batch on one core: side by side in JAX, or in turn in C.
+
+    The faster counts. C keeps the last states only, as the physics does.
+    """
     run = compiled(emulator, jax.vmap(rollout, (None, 0, 0)))
     states = jnp.tile(jnp.asarray(emulator.identity.rest), (batch, 1))
     controls = jnp.tile(jnp.asarray(emulator.identity.bounds.middle, jnp.float32), (batch, steps, 1))
     run(states, controls).block_until_ready()
-    spans = []
+    players: dict[str, Callable[[], Any]] = {IN_JAX: lambda: run(states, controls).block_until_ready()}
+    if (program := c_emulator(emulator)) is not None:
+        one = program.player(*(np.asarray(each) for each in _encoded(emulator, states[0], controls[0])))
+        players[IN_C] = lambda: [one() for _ in range(batch)]
     with one_core():
-        for _ in range(repeats):
-            began = time.perf_counter()
-            run(states, controls).block_until_ready()
-            spans.append(time.perf_counter() - began)
-    return float(np.median(spans)) / (batch * steps) * 1e6
+        spans = interleaved(players, repeats)
+    return min(spans.values()) / (batch * steps) * 1e6
+
+
+def _encoded(emulator: Emulator, state: Array, controls: Array) -> tuple[Array, Array]:
+    return emulator.encode(jnp.asarray(state, jnp.float32)), emulator.encode_control(controls)
 
 
 def physics_batch_microseconds(emulator: Emulator, batch: int) -> float | str:
