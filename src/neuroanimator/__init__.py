@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from neuroanimator.control.obstacles import avoid
     from neuroanimator.control.pose import read_pose
     from neuroanimator.control.replay import replay
-    from neuroanimator.control.report import write_proof
     from neuroanimator.control.synthesise import Synthesis, synthesise
     from neuroanimator.control.wishes import (
         effort,
@@ -37,6 +36,7 @@ if TYPE_CHECKING:
     from neuroanimator.evaluation.evaluate import Effort, evaluate
     from neuroanimator.evaluation.report import write_report
     from neuroanimator.export.gltf import write_glb
+    from neuroanimator.export.proof import write_proof
     from neuroanimator.export.table import read_clip, write_clip
     from neuroanimator.export.video import write_video
     from neuroanimator.shipped import find_emulator
@@ -88,7 +88,7 @@ _HOMES = {
     "travel": "control.wishes",
     "write_clip": "export.table",
     "write_glb": "export.gltf",
-    "write_proof": "control.report",
+    "write_proof": "export.proof",
     "write_report": "evaluation.report",
     "write_video": "export.video",
 }

@@ -100,7 +100,7 @@ def _search(
 def _write(found: Synthesis, out: Path, glb: Path | None) -> None:
     import numpy as np
 
-    from neuroanimator.control.report import write_proof
+    from neuroanimator.export.proof import write_proof
     from neuroanimator.export.table import write_table
 
     controls, emulator = found.descent.controls, found.emulator

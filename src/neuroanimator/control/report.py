@@ -1,14 +1,8 @@
-"""What a synthesis achieved, as rows to print and as a GLB to look at."""
+"""What a synthesis achieved, as rows to print."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from neuroanimator.animation.clip import make_clip
-from neuroanimator.control.replay import Replay
 from neuroanimator.control.synthesise import Synthesis
-from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.export.gltf import write_glb
 
 
 def outcome_rows(found: Synthesis) -> list[tuple[str, object]]:
@@ -38,9 +32,3 @@ def warnings_of(found: Synthesis) -> list[str]:
     diverged = "The descent diverged: J stopped being finite. The best controls before that are kept."
     lines = [diverged if found.descent.is_diverged else "", found.trust.warning() if found.trust else ""]
     return [line for line in lines if line]
-
-
-def write_proof(emulator: Emulator, proof: Replay, path: Path) -> None:
-    """Write the motion on the true physics as GLB, with the emulator's as a ghost beside it."""
-    physical, emulated = (make_clip(emulator, states) for states in (proof.physical, proof.emulated))
-    write_glb(physical, path, ghost=emulated)

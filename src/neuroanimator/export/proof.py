@@ -1,0 +1,16 @@
+"""A replay as GLB: what the physics does, and the emulator's ghost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from neuroanimator.animation.clip import make_clip
+from neuroanimator.control.replay import Replay
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.export.gltf import write_glb
+
+
+def write_proof(emulator: Emulator, proof: Replay, path: Path) -> None:
+    """Write the motion on the true physics as GLB, with the emulator's as a ghost beside it."""
+    physical, emulated = (make_clip(emulator, states) for states in (proof.physical, proof.emulated))
+    write_glb(physical, path, ghost=emulated)
