@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -45,10 +45,15 @@ class Writer:
     """Of the constants' names."""
     used: set[int] = field(default_factory=set)
     """Blocks of constants."""
+    _gathered: dict[bytes, Addresses] = field(default_factory=dict)
+    """Where entries from all over have been put side by side; every address is written once, so they stay true."""
 
     def write(self, operation: Operation) -> Iterator[str]:
         """Yield the lines of C that do `operation`; UnsupportedError if there is no C for it."""
-        if operation.name in ELEMENTWISE:
+        if operation.name == "div" and (operation.inputs[1] < 0).all():
+            inverse = self.program.constant(1 / self.program.value_of(operation.inputs[1]))
+            yield from self._each("{0} * {1}", replace(operation, inputs=(operation.inputs[0], inverse)))
+        elif operation.name in ELEMENTWISE:
             yield from self._each(ELEMENTWISE[operation.name], operation)
         elif operation.name == "integer_pow":
             yield from self._each(_power(operation.params["y"]), operation)
@@ -155,17 +160,27 @@ class Writer:
                 yield f"{self._at(place)} = {' + '.join(terms)};"
 
     def _weighted(self, row: Addresses, weights: np.ndarray, sums: Addresses) -> Iterator[str]:
-        """Yield a vector times constant weights (K, N): sums stay in registers, weights are read in their order."""
-        wide = -(-weights.shape[1] // WIDTH)
+        """Yield a vector times constant weights (K, N): sums stay in registers, weights are read in their order.
+
+        The last few columns are summed one by one: most of a register would be empty.
+        """
         seen, total = row, sums
         if not self._is_a_run(row):
-            seen = self.program.room(row.shape)
-            yield from self.copied(row, seen)
+            if row.tobytes() not in self._gathered:
+                self._gathered[row.tobytes()] = self.program.room(row.shape)
+                yield from self.copied(row, self._gathered[row.tobytes()])
+            seen = self._gathered[row.tobytes()]
         if not self._is_a_run(sums) or sums[0] % WIDTH:
             total = self.program.room(sums.shape)
-        for first in range(0, wide, ACCUMULATORS):
-            columns = weights[:, first * WIDTH : (first + ACCUMULATORS) * WIDTH]
-            yield from self._summed(int(seen[0]), columns, int(total[0]) + first * WIDTH)
+        tail = weights.shape[1] % WIDTH
+        whole = weights.shape[1] - (tail if tail <= FEW else 0)
+        for first in range(0, whole, ACCUMULATORS * WIDTH):
+            columns = weights[:, first : min(whole, first + ACCUMULATORS * WIDTH)]
+            yield from self._summed(int(seen[0]), columns, int(total[0]) + first)
+        for last in range(whole, weights.shape[1]):
+            column = self._at(int(self.program.constant(weights[:, last])[0]), " + k")
+            product = f"s += w[{seen[0]} + k] * {column};"
+            yield f"{{ float s = 0.0f; for (int k = 0; k < {len(weights)}; k++) {product} w[{total[last]}] = s; }}"
         if total is not sums:
             yield from self.copied(total, sums)
 
