@@ -8,9 +8,9 @@ import jax
 import numpy as np
 import pytest
 
+from neuroanimator.codegen import compiler
 from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.evaluation import c_source as source
-from neuroanimator.evaluation import c_twin as twins
 from neuroanimator.evaluation.c_source import fill_in
 from neuroanimator.evaluation.c_twin import INTEGRATORS, LANES, c_twin
 from neuroanimator.systems import load_system
@@ -137,10 +137,10 @@ def test_elimination_knows_what_fills():
 
 
 def test_without_a_compiler_there_is_no_twin(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(twins.shutil, "which", lambda name: None)
+    monkeypatch.setattr(compiler.shutil, "which", lambda name: None)
     assert c_twin(load_system("fish").body) is None
 
 
 def test_a_compiler_that_fails_gives_no_twin(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(twins, "find_compiler", lambda: "/bin/false")
+    monkeypatch.setattr(compiler, "find_compiler", lambda: "/bin/false")
     assert c_twin(replace(dropped_body(), masses=np.ones(4))) is None

@@ -11,6 +11,7 @@ import pytest
 
 from neuroanimator import Emulator, NeuroAnimatorError, find_emulator
 from neuroanimator.codegen import c_emulator as module
+from neuroanimator.codegen import compiler
 from neuroanimator.codegen.c_emulator import c_emulator, c_program
 from neuroanimator.codegen.c_function import HEAD, c_function, called
 from neuroanimator.codegen.compiler import compiled_library, find_compiler
@@ -87,6 +88,17 @@ def test_what_nobody_needs_is_dropped():
 def test_loops_are_refused_by_name():
     with pytest.raises(UnsupportedError, match="'while'"):
         c_function("it", lambda x: jax.lax.while_loop(lambda y: y.sum() < 9, lambda y: y + 1, x), (3,))
+
+
+@pytest.mark.parametrize("function", [lambda x: x[x.argmax()], lambda x: jnp.arange(3.0)[x[0].astype(int)]])
+def test_places_that_are_computed_are_refused(function: Callable):
+    with pytest.raises(UnsupportedError):
+        c_function("it", function, (3,))
+
+
+def test_without_a_compiler_there_is_none(shipped: Emulator, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(compiler.shutil, "which", lambda name: None)
+    assert c_emulator(shipped) is None
 
 
 @needs_compiler

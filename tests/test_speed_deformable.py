@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from neuroanimator.codegen import compiler
 from neuroanimator.codegen.compiler import find_compiler
-from neuroanimator.evaluation import c_twin as twins
 from neuroanimator.evaluation.accuracy import HeldOut, make_test, scheme_error
 from neuroanimator.evaluation.c_twin import INTEGRATORS
 from neuroanimator.evaluation.evaluate import Evaluation
@@ -54,7 +54,7 @@ def test_a_step_too_long_is_no_opponent(swims: HeldOut):
 @pytest.mark.parametrize("compiles", [True, False])
 def test_every_integrator_is_timed(swims: HeldOut, compiles: bool, monkeypatch: pytest.MonkeyPatch):
     if not compiles:
-        monkeypatch.setattr(twins.shutil, "which", lambda name: None)
+        monkeypatch.setattr(compiler.shutil, "which", lambda name: None)
     system = swims.system
     assert isinstance(system, DeformableSystem)
     physics, players = deformable_players(system, swims, steps=20, stretches=2)

@@ -87,12 +87,14 @@ def c_emulator(emulator: Emulator) -> CEmulator | None:
 
 
 def _check(program: CEmulator, emulator: Emulator) -> None:
-    """Compare one super step from each state of a random motion."""
+    """Compare one super step from each state of a random motion, as long as it stays finite."""
     identity = emulator.identity
     share = np.random.default_rng(0).uniform(-1, 1, (CHECKED_STEPS, identity.control.size))
     held = jnp.asarray(identity.bounds.middle + share * identity.bounds.half, jnp.float32)
     start, controls = emulator.encode(jnp.asarray(identity.rest, jnp.float32)), emulator.encode_control(held)
     states = np.asarray(jnp.concatenate([start[None], eqx.filter_jit(follow)(emulator, start, controls)]))
-    found = np.stack([program.play(*each) for each in zip(states[:-1], np.asarray(controls)[:, None], strict=True)])
-    if not np.allclose(found, states[1:], rtol=TOLERANCE, atol=TOLERANCE * np.abs(states).max()):
+    finite = states[: int(np.isfinite(states).all(axis=1).cumprod().sum())]
+    pairs = zip(finite[:-1], np.asarray(controls)[: len(finite) - 1, None], strict=True)
+    found = np.stack([finite[0], *(program.play(*each) for each in pairs)])
+    if not np.allclose(found, finite, rtol=TOLERANCE, atol=TOLERANCE * np.abs(finite).max()):
         raise NeuroAnimatorError(f"{identity.system}: the generated C does not do what the emulator does in JAX.")

@@ -92,10 +92,18 @@ class Program:
 def trace(function: Callable[..., Any], *shapes: tuple[int, ...]) -> Program:
     """Return the program of `function`, which takes float32 arrays of these shapes and returns one array.
 
-    Of loops and branches the writer says that it knows no code for them.
+    Raises UnsupportedError for what cannot be laid open beforehand, such as entries whose place is computed. Of loops
+    and branches the writer says that it knows no code for them.
     """
     closed = jax.make_jaxpr(function)(*(jnp.zeros(shape, jnp.float32) for shape in shapes))
     return _Tracer().run(closed, shapes)
+
+
+class UnsupportedError(NeuroAnimatorError):
+    """An operation of JAX no code can be written for."""
+
+    def __init__(self, name: str):
+        super().__init__(f"No code can be written for JAX' operation '{name}'.")
 
 
 class _Tracer:
@@ -132,9 +140,15 @@ class _Tracer:
 
     def _moved(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
         """Do to the addresses what is done to the data; which entries are moved where, constants say."""
-        if eqn.primitive.name == "convert_element_type":
+        name = eqn.primitive.name
+        if name == "convert_element_type":
+            before, after = eqn.invars[0].aval.dtype, eqn.outvars[0].aval.dtype
+            if before.kind == "f" and after.kind != "f":
+                raise UnsupportedError(f"{name} from {before} to {after}")
             return inputs
-        moved = 1 if eqn.primitive.name in ("gather", "dynamic_slice") else len(inputs)
+        moved = 1 if name in ("gather", "dynamic_slice") else len(inputs)
+        if not all(isinstance(each, _Known) for each in inputs[moved:]):
+            raise UnsupportedError(f"{name} at places that are computed")
         places = [jnp.asarray(self._addresses(each), jnp.int32) for each in inputs[:moved]]
         rest = [jnp.asarray(each.numbers) for each in inputs[moved:]]
         return [np.asarray(each, int) for each in _bind(eqn, [*places, *rest])]
@@ -175,10 +189,3 @@ def _needed(program: Program) -> Iterator[Operation]:
             for each in operation.inputs:
                 needed[each[each >= 0]] = True
     yield from reversed(kept)
-
-
-class UnsupportedError(NeuroAnimatorError):
-    """An operation of JAX no code can be written for."""
-
-    def __init__(self, name: str):
-        super().__init__(f"No code can be written for JAX' operation '{name}'.")

@@ -197,11 +197,8 @@ def _descend_and_correct(
         if is_enough(best.states) or not is_gap_large(descent.cost, best.cost):
             break
     descent = replace(descent, controls=best.controls, iterations=iterations, seconds=seconds)
-    outcome, physics_steps = (
-        beside_emulated(emulator, objective, best),
-        played * steps * system.truth.steps(emulator.dt),
-    )
-    return Synthesis(emulator, descent, outcome, done, 0, physics_steps)
+    physics_steps = played * steps * system.truth.steps(emulator.dt)
+    return Synthesis(emulator, descent, beside_emulated(emulator, objective, best), done, 0, physics_steps)
 
 
 def between(parameters: Parameters, old: np.ndarray, new: np.ndarray) -> np.ndarray:

@@ -62,7 +62,8 @@ def _sentence(e: Evaluation) -> str:
     rival, speed = e.speed.rival.scheme, e.speed
     word = "wins" if speed.equal_error > 1 else "loses"
     return (
-        f"<b>{e.system}, n = {e.substeps}.</b> One super step costs {speed.emulator_seconds * 1e6:.2f} µs. "
+        f"<b>{e.system}, n = {e.substeps}.</b> One super step costs {speed.emulator_seconds * 1e6:.2f} µs "
+        f"in {speed.runtime}. "
         f"The physics' own {e.substeps} steps take {speed.nominal:.0f} times as long. The fastest physics that is "
         f"at least as accurate, {rival.integrator} at {rival.dt * 1e3:.3g} ms, takes {speed.equal_error:.1f} times "
         f"as long: at equal error the emulator {word}. "

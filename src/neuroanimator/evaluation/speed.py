@@ -22,8 +22,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.codegen.c_emulator import c_emulator
+from neuroanimator.codegen.c_emulator import CEmulator, c_emulator
 from neuroanimator.emulator.emulator import UNROLL, Emulator
+from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.evaluation.accuracy import HeldOut, scheme_error
 from neuroanimator.evaluation.speed_deformable import PLAIN, deformable_players, deformable_schemes, twin_error
 from neuroanimator.evaluation.speed_python import (
@@ -89,6 +90,11 @@ class Speed:
     """Per physics step of the same scheme by a program made for this body alone; None where there is none."""
     jax_seconds: float | None = None
     """Per super step in JAX."""
+
+    @property
+    def runtime(self) -> str:
+        """What the emulator was fastest in."""
+        return "JAX" if self.jax_seconds is None or self.emulator_seconds >= self.jax_seconds else "generated C"
 
 
 class _Rivalry(NamedTuple):
@@ -184,9 +190,17 @@ def interleaved(players: dict[str, Callable[[], None]], repeats: int = REPEATS) 
 def emulator_players(emulator: Emulator) -> dict[str, Callable[[], Any]]:
     """Return functions that take `TIMED_SUPER_STEPS` super steps, compiled: in JAX, and in C where that can be had."""
     players: dict[str, Callable[[], Any]] = {IN_JAX: emulator_player(emulator)}
-    if (program := c_emulator(emulator)) is not None:
+    if (program := program_in_c(emulator)) is not None:
         players[IN_C] = program.player(*(np.asarray(each) for each in _timed_motion(emulator)))
     return players
+
+
+def program_in_c(emulator: Emulator) -> CEmulator | None:
+    """Return the emulator in C; None where there is no program that does what JAX does."""
+    try:
+        return c_emulator(emulator)
+    except NeuroAnimatorError:
+        return None
 
 
 def emulator_player(emulator: Emulator) -> Callable[[], None]:

@@ -12,13 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from neuroanimator.codegen.c_emulator import c_emulator
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import RUN_STEPS, Transitions, dataset_config
 from neuroanimator.emulator.emulator import Emulator, rollout
 from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, root_mean_square, system_of
 from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, evaluate
-from neuroanimator.evaluation.speed import IN_C, IN_JAX, PHYSICS_STEPS, compiled, interleaved, one_core
+from neuroanimator.evaluation.speed import IN_C, IN_JAX, PHYSICS_STEPS, compiled, interleaved, one_core, program_in_c
 from neuroanimator.evaluation.speed_deformable import BATCH_STEPS, c_batch_players
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.training.config import UPDATES_PER_CHUNK
@@ -166,7 +165,7 @@ def batch_microseconds(emulator: Emulator, batch: int, steps: int = 400, repeats
     controls = jnp.tile(jnp.asarray(emulator.identity.bounds.middle, jnp.float32), (batch, steps, 1))
     run(states, controls).block_until_ready()
     players: dict[str, Callable[[], Any]] = {IN_JAX: lambda: run(states, controls).block_until_ready()}
-    if (program := c_emulator(emulator)) is not None:
+    if (program := program_in_c(emulator)) is not None:
         one = program.player(*(np.asarray(each) for each in _encoded(emulator, states[0], controls[0])))
         players[IN_C] = lambda: [one() for _ in range(batch)]
     with one_core():
