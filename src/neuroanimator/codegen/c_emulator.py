@@ -22,14 +22,11 @@ TOLERANCE = 1e-4
 
 
 def c_program(emulator: Emulator) -> str:
-    """Return C text with `advance` and `play`: `Emulator.advance` in float32, in the numbers of `Emulator.encode`."""
-    inner, control = _sizes(emulator)
+    """Return C text of `play`: steps of `Emulator.advance` in float32, in the numbers of `Emulator.encode`."""
+    start, controls = emulator.encode_motion(emulator.identity.rest, emulator.identity.bounds.middle)
+    (inner,), (control,) = start.shape, controls.shape
     return f"""/* {emulator.identity.system}: a super step of {emulator.dt:g} s: {inner} numbers, {control} controls */
 {HEAD}{c_function("super_step", emulator.advance, (inner,), (control,))}
-void advance(const float *before, const float *control, float *after) {{
-super_step(before, control, after);
-}}
-
 /* `steps` super steps under (steps, {control}) controls; `after` has the last. */
 void play(const float *before, const float *controls, long steps, float *after) {{
 float now[{inner}];
@@ -38,12 +35,6 @@ for (long t = 0; t < steps; t++) super_step(now, controls + t * {control}, now);
 memcpy(after, now, sizeof now);
 }}
 """
-
-
-def _sizes(emulator: Emulator) -> tuple[int, int]:
-    identity = emulator.identity
-    rest = np.asarray(identity.rest, np.float32)
-    return emulator.encode(rest).shape[0], emulator.encode_control(np.zeros(identity.control.size, np.float32)).shape[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +81,7 @@ def _check(program: CEmulator, emulator: Emulator) -> None:
     """Compare one super step from each state of a random motion, as long as it stays finite."""
     identity = emulator.identity
     share = np.random.default_rng(0).uniform(-1, 1, (CHECKED_STEPS, identity.control.size))
-    held = jnp.asarray(identity.bounds.middle + share * identity.bounds.half, jnp.float32)
-    start, controls = emulator.encode(jnp.asarray(identity.rest, jnp.float32)), emulator.encode_control(held)
+    start, controls = emulator.encode_motion(identity.rest, identity.bounds.middle + share * identity.bounds.half)
     states = np.asarray(jnp.concatenate([start[None], eqx.filter_jit(follow)(emulator, start, controls)]))
     finite = states[: int(np.isfinite(states).all(axis=1).cumprod().sum())]
     pairs = zip(finite[:-1], np.asarray(controls)[: len(finite) - 1, None], strict=True)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable
 from typing import Any
-
-import numpy as np
 
 from neuroanimator.codegen.c_text import Writer
 from neuroanimator.codegen.program import WIDTH, trace
@@ -46,11 +43,3 @@ def c_function(name: str, function: Callable[..., Any], *shapes: tuple[int, ...]
         "}",
     ]
     return "\n".join(lines) + "\n"
-
-
-def called(library: ctypes.CDLL, name: str, inputs: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-    """Return what the compiled function `name` makes of `inputs`: an array of `shape`."""
-    held = [np.ascontiguousarray(each, np.float32) for each in inputs]
-    output = np.empty(shape, np.float32)
-    getattr(library, name)(*(each.ctypes.data_as(ctypes.c_void_p) for each in (*held, output)))
-    return output

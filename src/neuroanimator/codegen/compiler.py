@@ -51,7 +51,7 @@ def _compiled(text: str, compiler: str) -> ctypes.CDLL | None:
 def _compile(text: str, compiler: str, flags: tuple[str, ...], path: Path) -> bool:
     """Compile `text` to the shared library `path`; return whether that went well."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        source, made, library = (Path(folder) / f"twin.{suffix}" for suffix in ("c", "o", "so"))
+        source, made, library = (Path(folder) / f"program.{suffix}" for suffix in ("c", "o", "so"))
         source.write_text(text)
         # Linked apart, without -ffast-math: with it the library would flush small numbers in the whole process.
         calls = [

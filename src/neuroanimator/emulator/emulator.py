@@ -109,6 +109,10 @@ class Emulator(eqx.Module):
         """Return the controls (..., C) as `advance` takes them."""
         return control if self.modes is None else self.modes.encode_control(control)
 
+    def encode_motion(self, state: ArrayLike, controls: ArrayLike) -> tuple[Float[Array, " I"], Float[Array, "*T C"]]:
+        """Return a start (S,) and the controls (..., C) from there on as `advance` takes them, in float32."""
+        return self.encode(jnp.asarray(state, jnp.float32)), self.encode_control(jnp.asarray(controls, jnp.float32))
+
     def seen(self, inner: Numbers, control: Numbers) -> Numbers:
         """Return (..., K) what the network sees besides sines and cosines, not yet normalised: no place, no heading."""
         return self.features.plain_of(inner, self.frame.local(inner), self.frame.seen_control(inner, control))

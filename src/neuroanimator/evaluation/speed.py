@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Array, Float
@@ -219,8 +218,7 @@ def _timed_motion(emulator: Emulator) -> tuple[Array, Array]:
     """Return a start and controls in the numbers of the super step."""
     rng, identity = np.random.default_rng(0), emulator.identity
     share = rng.uniform(-0.3, 0.3, (TIMED_SUPER_STEPS, identity.control.size))
-    controls = jnp.asarray(identity.bounds.middle + share * identity.bounds.half, jnp.float32)
-    return emulator.encode(jnp.asarray(identity.rest, jnp.float32)), emulator.encode_control(controls)
+    return emulator.encode_motion(identity.rest, identity.bounds.middle + share * identity.bounds.half)
 
 
 def _last_state(emulator: Emulator, state: Float[Array, " I"], controls: Float[Array, "T C"]) -> Float[Array, " I"]:

@@ -10,8 +10,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
+from neuroanimator.codegen.c_emulator import CEmulator
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import RUN_STEPS, Transitions, dataset_config
 from neuroanimator.emulator.emulator import Emulator, rollout
@@ -57,7 +57,7 @@ def measure_row(emulators: list[Emulator], chunk_seconds: float, effort: Effort 
         evaluate(emulators[seed % len(emulators)], data=examples, effort=again if seed else effort, seed=seed)
         for seed in range(max(effort.rounds, len(emulators)))
     ]
-    rows = [each.row() for each in found]
+    rows, program = [each.row() for each in found], program_in_c(shipped)
     medians = {key: _middle([row[key] for row in rows]) for key in rows[0]}
     first = found[0]
     figures = {
@@ -79,7 +79,7 @@ def measure_row(emulators: list[Emulator], chunk_seconds: float, effort: Effort 
         "blow_ups": sum(each.blow_ups for each in found),
         "blow_up_starts": sum(each.blow_up_starts for each in found),
         **latency(shipped),
-        **{f"us_in_batch_{batch}": batch_microseconds(shipped, batch) for batch in BATCHES},
+        **{f"us_in_batch_{batch}": batch_microseconds(shipped, program, batch) for batch in BATCHES},
         **{f"physics_us_in_batch_{batch}": physics_batch_microseconds(shipped, batch) for batch in BATCHES},
     }
     return TableRow(figures, found)
@@ -155,26 +155,24 @@ def latency(emulator: Emulator) -> dict[str, float]:
     return {"call_p50_us": float(np.percentile(spans, 50)), "call_p99_us": float(np.percentile(spans, 99))}
 
 
-def batch_microseconds(emulator: Emulator, batch: int, steps: int = 400, repeats: int = 5) -> float:
+def batch_microseconds(
+    emulator: Emulator, program: CEmulator | None, batch: int, steps: int = 400, repeats: int = 5
+) -> float:
     """Return the time per trajectory and super step [µs] of a batch on one core: side by side in JAX, or in turn in C.
 
-    The faster counts. C keeps the last states only, as the physics does.
+    The faster counts; `program` is the emulator in C, if there is one: it keeps the last states only, as physics does.
     """
     run = compiled(emulator, jax.vmap(rollout, (None, 0, 0)))
     states = jnp.tile(jnp.asarray(emulator.identity.rest), (batch, 1))
     controls = jnp.tile(jnp.asarray(emulator.identity.bounds.middle, jnp.float32), (batch, steps, 1))
     run(states, controls).block_until_ready()
     players: dict[str, Callable[[], Any]] = {IN_JAX: lambda: run(states, controls).block_until_ready()}
-    if (program := program_in_c(emulator)) is not None:
-        one = program.player(*(np.asarray(each) for each in _encoded(emulator, states[0], controls[0])))
+    if program is not None:
+        one = program.player(*(np.asarray(each) for each in emulator.encode_motion(states[0], controls[0])))
         players[IN_C] = lambda: [one() for _ in range(batch)]
     with one_core():
         spans = interleaved(players, repeats)
     return min(spans.values()) / (batch * steps) * 1e6
-
-
-def _encoded(emulator: Emulator, state: Array, controls: Array) -> tuple[Array, Array]:
-    return emulator.encode(jnp.asarray(state, jnp.float32)), emulator.encode_control(controls)
 
 
 def physics_batch_microseconds(emulator: Emulator, batch: int) -> float | str:
