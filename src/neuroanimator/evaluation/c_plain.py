@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from neuroanimator.codegen.compiler import compiled_library
-from neuroanimator.systems.body import Body
-from neuroanimator.systems.mass_spring import GRAVITY
+from neuroanimator.systems.body import GRAVITY, Body
 
 PROGRAM = Path(__file__).with_name("mass_spring_plain.c")
 
@@ -30,11 +29,12 @@ class _Body(ctypes.Structure):
             ("shorten", FLOATS),
             ("mass", FLOATS),
             ("inverse", FLOATS),
+            ("lift", FLOATS),
             ("corners", INTEGERS),
             ("share", FLOATS),
             ("push", FLOATS),
         ]
-        + [(name, ctypes.c_float) for name in ("mu", "drag", "buoyancy", "surface", "depth", "gravity")]
+        + [(name, ctypes.c_float) for name in ("mu", "drag", "surface", "depth", "gravity")]
         + [(name, ctypes.c_float) for name in ("hard", "soft", "friction", "slip")]
     )
 
@@ -74,11 +74,11 @@ def _described(body: Body) -> tuple[_Body, list[np.ndarray]]:
     share[:, 3] *= body.faces[:, 3] != body.faces[:, 0]
     pushes = 0 if muscles else body.pushes.shape[1]
     numbers = [body.springs, body.stiffness, body.damping, body.lengths, owner, body.muscles.sum(axis=1)]
-    numbers += [body.masses, 1 / body.masses, body.faces, share, body.pushes / body.masses.sum()]
+    numbers += [body.masses, 1 / body.masses, body.lift, body.faces, share, body.pushes / body.masses.sum()]
     tables = [np.ascontiguousarray(each, np.int32 if each.dtype.kind == "i" else np.float32) for each in numbers]
     pointers = [t.ctypes.data_as(INTEGERS if t.dtype.kind == "i" else FLOATS) for t in tables]
     surface = water.surface if water else None
-    around = [water.push, water.drag, water.buoyancy] if water else [0.0, 0.0, 0.0]
+    around = [water.push, water.drag] if water else [0.0, 0.0]
     around += [surface or 0.0, water.depth if water and surface is not None else 0.0, GRAVITY * body.weighs]
     below = [ground.stiffness, ground.damping, ground.friction, ground.slip] if ground else [0.0, 0.0, 0.0, 1.0]
     sizes = len(body.masses), len(body.springs), len(body.faces) if water else 0, muscles, pushes

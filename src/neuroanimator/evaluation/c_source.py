@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neuroanimator.systems.body import Body
-from neuroanimator.systems.mass_spring import GRAVITY, SMALLEST
+from neuroanimator.systems.body import GRAVITY, Body
+from neuroanimator.systems.mass_spring import SMALLEST
 
 PROGRAM = Path(__file__).with_name("mass_spring.c")
 
@@ -49,7 +49,7 @@ def _surroundings(body: Body) -> dict[str, str]:
         water = body.water
         found |= {"DRAG": water.drag} if water.drag else {}
         if water.surface is not None:
-            found |= {"SURFACE": water.surface, "DEPTH": water.depth, "BUOYANCY": water.buoyancy}
+            found |= {"SURFACE": water.surface, "DEPTH": water.depth}
     if body.ground is not None:
         found |= {f"GROUND_{name.upper()}": value for name, value in vars(body.ground).items()}
     return {name: repr(float(value)) for name, value in found.items()}
@@ -65,6 +65,7 @@ def _numbers(body: Body) -> Iterable[str]:
         "ELASTIC": body.stiffness * body.lengths,
         "MASS": body.masses,
         "LIGHTNESS": 1 / body.masses,
+        "LIFT": body.lift,
         "PUSH": push / 2 / corners**2,
         "SHARE": 1 / corners,
     }

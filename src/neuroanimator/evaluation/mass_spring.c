@@ -198,9 +198,9 @@ INLINE void add_point_forces(const Motion *m, real wet[POINTS][LANES], Forces fo
 #endif
 #ifdef WEIGHT
 #ifdef SURFACE
-            f[2 * AXIS] += MASS[i] * (real)WEIGHT * ((real)BUOYANCY * wet[i][l] - 1);
+            f[2 * AXIS] += MASS[i] * (real)WEIGHT * (LIFT[i] * wet[i][l] - 1);
 #else
-            f[2 * AXIS] -= MASS[i] * (real)WEIGHT;
+            f[2 * AXIS] += MASS[i] * (real)WEIGHT * (LIFT[i] - 1);
 #endif
 #endif
 #ifdef GROUND_STIFFNESS

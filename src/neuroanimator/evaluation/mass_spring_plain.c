@@ -9,11 +9,11 @@ typedef struct {
     const float *stiffness, *damping, *length;                /* (springs) */
     const int *muscle;                                        /* (springs), -1: none */
     const float *shorten;                                     /* (springs) */
-    const float *mass, *inverse;                              /* (points), and one over it */
+    const float *mass, *inverse, *lift;                       /* (points), one over it; lift over weight */
     const int *corners;                                       /* (faces, 4) */
     const float *share;                                       /* (faces, 4): zero for a triangle's fourth */
     const float *push;                                        /* (3, pushes), acceleration by control */
-    float mu, drag, buoyancy, surface, depth, gravity;        /* of the water; depth 0: water everywhere */
+    float mu, drag, surface, depth, gravity;        /* of the water; depth 0: water everywhere */
     float hard, soft, friction, slip;                         /* of the ground; hard 0: none */
 } Body;
 
@@ -67,7 +67,7 @@ static void add_outside(const Body *b, const float *x, const float *v, const flo
         const float *p = x + 3 * i, *w = v + 3 * i, m = b->mass[i], wet = wet_of(b, p);
         float *g = f + 3 * i;
         for (int axis = 0; axis < 3; axis++) g[axis] += m * (push[axis] - b->drag * wet * w[axis]);
-        g[2] += m * b->gravity * (b->buoyancy * wet - 1);
+        g[2] += m * b->gravity * (b->lift[i] * wet - 1);
         if (b->hard > 0 && p[2] < 0) {
             const float damped = 1 - b->soft * w[2], up = -b->hard * p[2] * (damped > 0 ? damped : 0);
             const float slide = b->friction * up / sqrtf(w[0] * w[0] + w[1] * w[1] + b->slip * b->slip);

@@ -9,6 +9,11 @@ from jaxtyping import Float
 
 from neuroanimator.errors import ArgumentError
 
+GRAVITY = 9.81
+"""[m/s²]"""
+BALANCED = 1e-6
+"""Share of all forces at rest that may be left over in a body that keeps its place."""
+
 
 @dataclass(frozen=True)
 class Water:
@@ -21,9 +26,11 @@ class Water:
     buoyancy: float = 1.0
     """Weight of the water the body displaces, over its own."""
     surface: float | None = None
-    """Height of the surface [m]; None: water everywhere, and nothing weighs anything."""
+    """Height of the surface [m]; None: water everywhere, and nothing weighs anything unless it is righted."""
     depth: float = 0.1
     """[m] Over which a mass point passes from air to water: about its size."""
+    righting: float = 0.0
+    """[m] How far the centre of buoyancy lies above the centre of mass at rest: what turns a body belly down."""
 
 
 @dataclass(frozen=True)
@@ -63,20 +70,85 @@ class Body:
     """[s] Time constant with which muscles follow their controls."""
     water: Water | None = None
     ground: Ground | None = None
+    rest_height: float = 0.0
+    """[m] Added to the height of every mass point where the body is put at rest."""
     lengths: Float[np.ndarray, " P"] = field(init=False)
-    """Rest lengths of the springs [m]: their lengths at rest."""
+    """Lengths of the springs without force [m]: those at rest, less what carries the body there."""
+    lift: Float[np.ndarray, " N"] = field(init=False)
+    """Weight of the water each mass point displaces, over its own."""
     face_shares: Float[np.ndarray, "F N"] = field(init=False)
     """How a face's speed is that of its corners, and how its force is shared among them."""
 
     def __post_init__(self) -> None:
-        extent = self.places[self.springs[:, 1]] - self.places[self.springs[:, 0]]
-        object.__setattr__(self, "lengths", np.linalg.norm(extent, axis=1))
+        object.__setattr__(self, "lift", _lift(self.places, self.masses, self.water))
+        object.__setattr__(self, "lengths", self.spans - _stretches(self))
         object.__setattr__(self, "face_shares", _shares(self.faces, len(self.masses)))
 
     @property
+    def spans(self) -> Float[np.ndarray, " P"]:
+        """How far apart the ends of the springs are at rest [m]."""
+        return np.linalg.norm(self.places[self.springs[:, 1]] - self.places[self.springs[:, 0]], axis=1)
+
+    @property
     def weighs(self) -> bool:
-        """Whether gravity is felt: not where water is everywhere."""
-        return self.water is None or self.water.surface is not None
+        """Whether gravity is felt: not where water is everywhere and nothing tells up from down."""
+        return self.water is None or self.water.surface is not None or self.water.righting > 0
+
+
+def _lift(places: np.ndarray, masses: np.ndarray, water: Water | None) -> np.ndarray:
+    """Return (N,) the lift of every mass point over its weight: it grows upward where the body is righted.
+
+    It is linear in the place, so that its sum is that of the whole body and its centre lies `righting` above that of
+    mass: Σ m r (1 + a·r) = Σ m r rᵀ a.
+    """
+    if water is None:
+        return np.zeros(len(masses))
+    if not water.righting:
+        return np.full(len(masses), water.buoyancy)
+    centred = places - masses @ places / masses.sum()
+    spread = centred.T @ (masses[:, None] * centred) / masses.sum()
+    slope = np.linalg.lstsq(spread, np.array([0.0, 0.0, water.righting]), rcond=None)[0]
+    return water.buoyancy * (1 + centred @ slope)
+
+
+def _stretches(body: Body) -> np.ndarray:
+    """Return (P,) by how much springs are stretched at rest [m], where they carry lift, weight and ground in balance.
+
+    Without them the shape as written down would sag. Of all stretches in balance they store the least energy. Where
+    the body falls or rises there is no balance, and none of them.
+    """
+    load = _load_at_rest(body)
+    arms = body.places - body.places.mean(axis=0)
+    net = np.concatenate([load.sum(axis=0), np.cross(arms, load).sum(axis=0) / np.linalg.norm(arms)])
+    if not np.abs(load).any() or np.abs(net).max() > BALANCED * np.abs(load).sum():
+        return np.zeros(len(body.springs))
+    pulls = _pulls(body)
+    sag = np.linalg.lstsq(pulls.T @ (body.stiffness[:, None] * pulls), load.ravel(), rcond=None)[0]
+    return pulls @ sag
+
+
+def _load_at_rest(body: Body) -> np.ndarray:
+    """Return what lift, weight and ground do to every mass point (N, 3) at rest [N]."""
+    load = np.zeros_like(body.places)
+    heights = body.places[:, 2] + body.rest_height
+    if body.weighs:
+        wet = np.ones_like(heights)
+        if body.water is not None and body.water.surface is not None:
+            wet = np.clip((body.water.surface - heights) / body.water.depth + 0.5, 0, 1)
+        load[:, 2] += GRAVITY * body.masses * (body.lift * wet - 1)
+    if body.ground is not None:
+        load[:, 2] += body.ground.stiffness * np.maximum(-heights, 0)
+    return load
+
+
+def _pulls(body: Body) -> np.ndarray:
+    """Return (P, 3N) by how much each spring is stretched where each coordinate grows by 1 m, about rest."""
+    first, second = body.springs.T
+    along = (body.places[second] - body.places[first]) / body.spans[:, None]
+    stretch, rows = np.zeros((len(along), *body.places.shape)), np.arange(len(along))
+    stretch[rows, second] = along
+    stretch[rows, first] = -along
+    return stretch.reshape(len(stretch), -1)
 
 
 def _shares(faces: np.ndarray, count: int) -> np.ndarray:
@@ -84,16 +156,6 @@ def _shares(faces: np.ndarray, count: int) -> np.ndarray:
     for row, corners in zip(shares, faces, strict=True):
         row[np.unique(corners)] = 1 / len(np.unique(corners))
     return shares
-
-
-def linear_modes(body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Return (frequencies (3N,) [rad/s], dampings (3N,) [1/s]) of small vibrations about rest, ascending.
-
-    Of the springs alone. A mode's amplitude falls as exp(-damping · t) if it is underdamped.
-    """
-    stiffness, friction = _linear_springs(body)
-    squares, modes = np.linalg.eigh(stiffness)
-    return np.sqrt(np.maximum(squares, 0)), np.einsum("im,ij,jm->m", modes, friction, modes, optimize=True) / 2
 
 
 def largest_step(body: Body) -> float:
@@ -114,11 +176,7 @@ def largest_step(body: Body) -> float:
 
 def _linear_springs(body: Body) -> tuple[np.ndarray, np.ndarray]:
     """Return the springs' stiffness [1/s²] and damping [1/s] about rest, both (3N, 3N) and over the masses."""
-    first, second = body.springs.T
-    along = (body.places[second] - body.places[first]) / body.lengths[:, None]
-    stretch, rows = np.zeros((len(along), *body.places.shape)), np.arange(len(along))
-    stretch[rows, second], stretch[rows, first] = along, -along
-    pulls = stretch.reshape(len(stretch), -1) / _roots(body)
+    pulls = _pulls(body) / _roots(body)
     return pulls.T @ (body.stiffness[:, None] * pulls), pulls.T @ (body.damping[:, None] * pulls)
 
 

@@ -74,6 +74,7 @@ class WaterTable(Table):
     buoyancy: Annotated[float, Field(ge=0, le=10)] = 1.0
     surface: Finite | None = None
     depth: Positive = 0.1
+    righting: NotNegative = 0.0
 
 
 class GroundTable(Table):
@@ -121,6 +122,8 @@ class BodyDefinition(Table):
     physics: BodyPhysics
     nodes: dict[PartName, tuple[Finite, Finite, Finite, Finite]] = Field(min_length=2)
     """Place at rest [m] and mass [kg]; X forward, Z up."""
+    rest_height: Finite = 0.0
+    """[m] Added to the height of every node where the body is put at rest: a swimmer rests under the surface."""
     springs: dict[PartName, SpringTable] = Field(min_length=1, max_length=50)
     muscles: MuscleTable | None = None
     pushes: dict[PartName, tuple[Finite, Finite, Finite]] = Field({})
@@ -167,6 +170,7 @@ def body_of(definition: BodyDefinition) -> Body:
         response=definition.muscles.response if definition.muscles else 0.0,
         water=Water(**definition.water.model_dump()) if definition.water else None,
         ground=Ground(**definition.ground.model_dump()) if definition.ground else None,
+        rest_height=definition.rest_height,
     )
 
 

@@ -54,7 +54,8 @@ class DeformableSystem(System):
         self.truth = Scheme(physics.truth_integrator, physics.truth_step)
         self.fine = Scheme(physics.fine_integrator, physics.fine_step)
         self.structure = _structure(definition, self.body)
-        self.rest = self.pack(self.body.places, np.zeros_like(self.body.places), np.zeros(self.muscles))
+        places = self.body.places + np.array([0.0, 0.0, self.body.rest_height])
+        self.rest = self.pack(places, np.zeros_like(places), np.zeros(self.muscles))
         self.sampling, self.warm_up = definition.sampling, definition.sampling.warm_up
         self.skeleton = body_skeleton(self.body, definition.skin)
         self.gait = gait_of(definition)
@@ -121,7 +122,7 @@ class DeformableSystem(System):
         speeds = rng.normal(size=(count, 3)) * np.array(sampling.speed) * moving
         spin = rng.normal(size=(count, 3)) * sampling.spin * moving
         turn = self._turns(rng, count, moving)
-        centre = cloud.centroid(self.body.places) + np.zeros((count, 3))
+        centre = cloud.centroid(self.unpack(self.rest)[0]) + np.zeros((count, 3))
         centre[:, 2] += rng.uniform(*sampling.height, count) * moving[:, 0]
         flow = speeds[:, None] + np.cross(spin[:, None], shape)
         contractions = rng.uniform(-1, 1, (count, self.muscles)) * moving * 0.3

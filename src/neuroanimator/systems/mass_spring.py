@@ -18,11 +18,8 @@ import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
-from neuroanimator.systems.body import Body
+from neuroanimator.systems.body import GRAVITY, Body
 from neuroanimator.systems.rotation import Numbers
-
-GRAVITY = 9.81
-"""[m/s²]"""
 
 SMALLEST = 1e-12
 """[m or m²] Springs and faces are never taken as smaller, so that no direction is 0/0."""
@@ -67,7 +64,7 @@ def outer_forces(body: Body, motion: Motion, controls: Array) -> Array:
     if body.water is not None:
         force = force + _water_forces(body, places, speeds, wet)
     if body.weighs:
-        lift = 0.0 if body.water is None else body.water.buoyancy * wet
+        lift = 0.0 if body.water is None else _along(body.lift, wet) * wet
         force = force.at[:, 2].add(_along(body.masses, places[:, 2]) * GRAVITY * (lift - 1))
     if body.ground is not None:
         force = force + _ground_forces(body, places, speeds)
@@ -78,10 +75,11 @@ def outer_forces(body: Body, motion: Motion, controls: Array) -> Array:
 
 
 def energy(body: Body, motion: Motion) -> Array:
-    """Return (...) kinetic and elastic energy, and that of weight in air [J]."""
-    places = motion.places
-    weight = jnp.sum(_along(body.masses, places[:, 2]) * places[:, 2], axis=0) * GRAVITY * body.weighs
-    return inner_energy(body, motion) + weight
+    """Return (...) kinetic and elastic energy, and that of weight [J]: in air, or in water without a surface."""
+    heights = motion.places[:, 2]
+    is_immersed = body.water is not None and body.water.surface is None
+    weights = GRAVITY * body.masses * (1 - body.lift * is_immersed)
+    return inner_energy(body, motion) + jnp.sum(_along(weights, heights) * heights, axis=0)
 
 
 def inner_energy(body: Body, motion: Motion) -> Array:
