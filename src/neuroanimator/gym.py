@@ -81,7 +81,7 @@ def _advance(
     margin = FAR * (domain.high - domain.low)
     is_near = jnp.all((plain >= domain.low - margin) & (plain <= domain.high + margin) & jnp.isfinite(plain))
     is_far = ~(is_near & jnp.all(jnp.isfinite(after)))
-    return after, following, reward(state, control, after), domain.covers(emulator.seen(inner, held)), is_far
+    return after, following, reward(state, control, after), emulator.covers_encoded(inner), is_far
 
 
 _advance_batch = eqx.filter_jit(eqx.filter_vmap(_advance, in_axes=(None, None, 0, 0, 0)))

@@ -12,7 +12,7 @@ import numpy as np
 from neuroanimator.data import transitions
 from neuroanimator.data.diverged import has_diverged, write_diverged
 from neuroanimator.data.recorded import cut_shard, write_held_out
-from neuroanimator.data.sampling import sample_control_runs, sample_starts
+from neuroanimator.data.sampling import sample_control_runs, sample_starts, with_idle_runs
 from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
 from neuroanimator.errors import BadFileError
 from neuroanimator.files import locked, remove_stale, write_tensors
@@ -93,6 +93,7 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
     starts = sample_starts(system, rng, count, threads)
     controls = sample_control_runs(rng, count, transitions.RUN_STEPS, dt, system)
     picks = np.stack([sample_picks(rng, config.picks) for _ in range(count)])
+    controls = with_idle_runs(rng, controls, system.bounds, config.idle_share)
     runs = system.simulate(starts, controls, dt, threads=threads)
     alive = runs.is_alive
     tensors = {

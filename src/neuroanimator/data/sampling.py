@@ -69,6 +69,14 @@ def sample_control_runs(rng: np.random.Generator, count: int, steps: int, dt: fl
     return np.stack([sample_controls(rng, steps, dt, driven.bounds, driven.gait) for _ in range(count)])
 
 
+def with_idle_runs(rng: np.random.Generator, controls: np.ndarray, bounds: Bounds, share: float) -> np.ndarray:
+    """Return the controls (B, T, C), a `share` of the runs without control from a random super step on."""
+    count, steps, _ = controls.shape
+    ends = np.where(rng.random(count) < share, rng.integers(0, steps, count), steps)
+    is_idle = np.arange(steps) >= ends[:, None]
+    return np.where(is_idle[..., None], bounds.idle, controls)
+
+
 def sample_controls(
     rng: np.random.Generator, steps: int, dt: float, bounds: Bounds, gait: Gait | None = None
 ) -> np.ndarray:

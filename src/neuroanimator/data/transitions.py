@@ -51,6 +51,8 @@ class DatasetConfig(BaseModel):
     count: int = Field(100_000, ge=1, le=100_000_000)
     picks: Literal[12, 18, 24, 36] = PICKS_PER_RUN
     """Training examples taken from each run of `RUN_STEPS` super steps; more for physics that is dear."""
+    idle_share: float = Field(0.1, ge=0, le=1)
+    """Share of runs whose controls cease somewhere: bodies come to rest, and emulators should know how."""
     seed: int = Field(0, ge=0, lt=2**31)
     definition: str = ""
     """What a user's own system can be made from again; empty for one that comes with the package."""

@@ -23,7 +23,7 @@ from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.skeleton import Skeleton
 from neuroanimator.systems.structure import segments_from_json, segments_to_json
 
-FORMAT = 3
+FORMAT = 4
 """Raised whenever an older reader would misunderstand a file."""
 
 WIDEST_LAYER = 4096
@@ -78,6 +78,7 @@ def describe(emulator: Emulator) -> dict[str, Any]:
             "segments": segments_to_json(emulator.frame.segments),
             "probes": [list(probe) for probe in emulator.frame.probes],
             "weighs": emulator.frame.weighs,
+            "is_immersed": emulator.frame.is_immersed,
             "pushes": [list(row) for row in emulator.frame.pushes],
         },
         "features": {
@@ -185,4 +186,6 @@ def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float)
     pushes = tuple(tuple(float(force) for force in row) for row in described["pushes"])
     if pushes and (len(pushes) != 3 or any(len(row) != controls for row in pushes)):
         raise ValueError("frame: pushes of another size than the control")
-    return Frame(segments, probes, dt, bool(described["weighs"]), pushes=pushes)
+    weighs = bool(described["weighs"])
+    is_immersed = bool(described["is_immersed"])
+    return Frame(segments, probes, dt, weighs, is_immersed, pushes=pushes)

@@ -7,6 +7,7 @@ from pathlib import Path
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
@@ -25,15 +26,31 @@ UNROLL = 4
 """Super steps compiled into one loop body: 10 % faster than one; eight gain nothing more."""
 
 
+COVERED_MARGIN = 0.02
+"""Share of its range by which a number may leave it and still count as covered: samples seldom touch its ends."""
+
+KEPT_MARGIN = 0.1
+"""Share of its range by which a predicted number may leave it: further out the network says nothing of worth."""
+
+
 class Domain(eqx.Module):
     """The range of every plain feature (speeds, the frame's numbers, controls) seen in training."""
 
     low: Float[Array, " K"]
     high: Float[Array, " K"]
 
-    def covers(self, plain: Float[Array, " K"]) -> Array:
-        """Return whether every entry of `plain` lies in the range."""
-        return jnp.all((plain >= self.low) & (plain <= self.high))
+    def covers(self, plain: Numbers) -> Numbers:
+        """Return (...) whether every entry of `plain` (..., k), the first k features, lies in the range or near it."""
+        xp = plain.__array_namespace__()
+        low, high = self.widened(COVERED_MARGIN, slice(plain.shape[-1]))
+        return xp.all((plain >= xp.asarray(low)) & (plain <= xp.asarray(high)), axis=-1)
+
+    def widened(self, margin: float, entries: slice) -> tuple[Array, Array]:
+        """Return the ends of the range of some `entries`, further apart by `margin` times the range on each side."""
+        low = self.low[entries]
+        high = self.high[entries]
+        room = margin * (high - low)
+        return low - room, high + room
 
     def clip(self, plain: Float[Array, " K"]) -> Float[Array, " K"]:
         """Return `plain` with every entry brought into the range: what the network never saw, it is not shown."""
@@ -86,16 +103,44 @@ class Emulator(eqx.Module):
     def advance(self, inner: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " I"]:
         """Return `step` in the numbers it is made in: those of `encode` and `encode_control`.
 
-        A deformable body's shape and speed are kept within what training showed.
+        A deformable body's shape and speed, and the numbers a network is shown of any other state, are kept within
+        what training showed.
         """
         following = self.leap(inner, control)
-        return following if self.modes is None else self.modes.bounded(following)
+        return self._kept(following) if self.modes is None else self.modes.bounded(following)
+
+    def _kept(self, state: Float[Array, " S"]) -> Float[Array, " S"]:
+        """Return `state` (S,) with the entries a network sees as they are brought into the range of training."""
+        entries = self.features.plain
+        if not entries:
+            return state
+        low, high = self.domain.widened(KEPT_MARGIN, slice(len(entries)))
+        seen = self.features.plain_of(state)
+        return self.features.with_plain(state, jnp.clip(seen, low, high))
 
     def leap(self, inner: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " I"]:
         """Return what the network makes of `inner`: `advance` before anything is kept within bounds."""
         plain = self.normaliser.forward(self.domain.clip(self.seen(inner, control)))
         change = self.normaliser.inverse(self.network(*self.features.streams(inner, plain)))
         return self.frame.apply(inner, change, control)
+
+    def rest_streams(self) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
+        """Return what the network sees at rest without control; left and right are alike there, to the last bit."""
+        identity = self.identity
+        inner = self.encode(np.array(identity.rest))
+        control = self.encode_control(identity.bounds.idle)
+        seen = jnp.asarray(self.seen(inner, control), jnp.float32)
+        plain = self.normaliser.forward(self.domain.clip(seen))
+        odd, even = self.features.streams(jnp.asarray(inner, jnp.float32), plain)
+        return (jnp.zeros_like(odd), even) if self.features.is_odd else (odd, even)
+
+    def at_rest(self, streams: tuple[Float[Array, " O"], Float[Array, " E"]]) -> Emulator:
+        """Return the emulator that stays at rest: what the network says of it, `rest_streams`, is taken away.
+
+        Only for systems that keep still there. It costs nothing: the mean change takes it up.
+        """
+        said = self.normaliser.change_scale * self.network(*streams)
+        return eqx.tree_at(lambda emulator: emulator.normaliser.change_mean, self, 0.0 - said)
 
     def encode(self, state: Numbers) -> Numbers:
         """Return (..., I) the numbers in which the super step is made: of a deformable body few, else the state."""
@@ -132,8 +177,24 @@ class Emulator(eqx.Module):
         return _rollout_batch(self, state, controls) if state.ndim == 2 else _rollout(self, state, controls)
 
     def covers(self, state: ArrayLike, control: ArrayLike) -> bool:
-        """Return whether `state` (S,) with `control` (C,) lies in the range this emulator was trained on."""
-        return bool(self.domain.covers(self.plain_of(jnp.asarray(state), jnp.asarray(control))))
+        """Return whether `state` (S,) with `control` (C,) lies in the range this emulator was trained on.
+
+        Controls are covered between their bounds. What is not finite is covered nowhere.
+
+        Raises ArgumentError for wrong shapes.
+        """
+        state = self.identity.state.check_shape(state, "state")
+        control = self.identity.control.check_shape(control, "control")
+        if not (np.isfinite(state).all() and np.isfinite(control).all()):
+            return False
+        if not self.identity.bounds.contain(control):
+            return False
+        with np.errstate(all="ignore"):  # huge numbers overflow on their way, and are not covered
+            return bool(self.covers_encoded(self.encode(state)))
+
+    def covers_encoded(self, inner: Numbers) -> Numbers:
+        """Return (...) the same of states in the numbers of `encode` (..., I), whatever the control; inside jit too."""
+        return self.domain.covers(self.features.plain_of(inner, self.frame.local(inner)))
 
     def save(self, path: str | Path) -> None:
         """Write the emulator as one `.safetensors` file."""

@@ -48,6 +48,10 @@ class Features(eqx.Module):
         """Return (..., K) what enters as it is, not yet normalised: plain entries of `state` (..., S), `others`."""
         return state.__array_namespace__().concat([*_runs(state, self.plain), *others], axis=-1)
 
+    def with_plain(self, state: Float[Array, " S"], values: Float[Array, " P"]) -> Float[Array, " S"]:
+        """Return `state` with its plain entries replaced by `values`."""
+        return state.at[np.array(self.plain)].set(values, mode="promise_in_bounds", unique_indices=True)
+
     def streams(
         self, state: Float[Array, " S"], plain: Float[Array, " K"]
     ) -> tuple[Float[Array, " O"], Float[Array, " E"]]:

@@ -43,6 +43,8 @@ class Frame(eqx.Module):
     """Super step [s], for what the state would become if its rates stayed."""
     weighs: bool = eqx.field(static=True, default=True)
     """Whether the direction of gravity matters."""
+    is_immersed: bool = eqx.field(static=True, default=False)
+    """Whether probes look for the surface of water, far from which it matters no more, instead of for the ground."""
     cloud: Cloud | None = eqx.field(static=True, default=None)
     """The mass points that define the frame, where the state is theirs."""
     pushes: tuple[tuple[float, ...], ...] = eqx.field(static=True, default=())
@@ -51,7 +53,15 @@ class Frame(eqx.Module):
     @classmethod
     def of(cls, structure: Structure, dt: float) -> Frame:
         """Return the frame of states with this structure; a `dt` of zero leaves out coasting."""
-        return cls(structure.segments, structure.probes, dt, structure.weighs, structure.cloud, structure.pushes)
+        return cls(
+            structure.segments,
+            structure.probes,
+            dt,
+            structure.weighs,
+            structure.is_immersed,
+            structure.cloud,
+            structure.pushes,
+        )
 
     def change_size(self, state_size: int) -> int:
         """Return how many numbers describe a change of a state of `state_size` entries."""
@@ -135,7 +145,8 @@ class Frame(eqx.Module):
     def _probe_heights(self, state: Numbers) -> list[Numbers]:
         """Return the probes' heights over the ground, now and where they would coast to, and how deep they are in it.
 
-        Heights are flat above the ceiling. Depths have a kink at the ground, as contact forces have; without
+        Heights are flat above the ceiling, in water also below its like: there rest must look the same at any depth.
+        Depths have a kink at the ground, as contact forces have; without
         them the network must make its own, and errors at touchdown are half as large again.
         """
         xp = state.__array_namespace__()
@@ -150,7 +161,8 @@ class Frame(eqx.Module):
         now = place[..., 2:] + up @ centres - radii
         rising = speed[..., 2:] + cross(up, spin) @ centres
         heights = (now, now + self.dt * rising)
-        return [_ranged(height) for height in heights] + [_depth(height) for height in heights]
+        ranged = _near_surface if self.is_immersed else _ranged
+        return [ranged(height) for height in heights] + [_depth(height) for height in heights]
 
     def _root_rate(self) -> int:
         return next(segment.rate for segment in self.segments if segment.kind == "quaternion")
@@ -273,6 +285,11 @@ def _ranged(height: Numbers) -> Numbers:
     """Return `height` [m] where it is small, the ceiling where it is large."""
     xp = height.__array_namespace__()
     return height / xp.sqrt(1 + (height / PROBE_CEILING) ** 2)
+
+
+def _near_surface(height: Numbers) -> Numbers:
+    """Return `height` [m] over the water's surface, at most the ceiling above or below it."""
+    return height.__array_namespace__().clip(height, -PROBE_CEILING, PROBE_CEILING)
 
 
 def _depth(height: Numbers) -> Numbers:

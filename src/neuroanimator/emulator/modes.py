@@ -201,6 +201,7 @@ class Modes(eqx.Module):
             segments=tuple(segments),
             probes=whole.probes,
             weighs=whole.weighs,
+            is_immersed=whole.is_immersed,
             pushes=whole.pushes,
         )
 

@@ -158,6 +158,7 @@ def _structure(definition: BodyDefinition, body: Body) -> Structure:
         segments=tuple(segments),
         cloud=Cloud.of(body.places, body.masses),
         weighs=body.weighs,
+        is_immersed=body.water is not None and body.ground is None,
         mirror=_mirror(definition, body),
         probes=_probes(definition, body),
         groups=_groups(definition, body),

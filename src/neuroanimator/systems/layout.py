@@ -47,14 +47,19 @@ class Layout:
 
     def check(self, vector: ArrayLike, label: str) -> np.ndarray:
         """Return `vector` as float64 if its last axis fits and every number is finite."""
+        array = self.check_shape(vector, label)
+        if not np.isfinite(array).all():
+            entry = int(np.argwhere(~np.isfinite(array))[0][-1])
+            raise ArgumentError(f"{label}: {self.names[entry]} is not finite. Give finite numbers only.")
+        return array
+
+    def check_shape(self, vector: ArrayLike, label: str) -> np.ndarray:
+        """Return `vector` as float64 if its last axis fits."""
         array = np.asarray(vector, dtype=np.float64)
         if array.ndim == 0 or array.shape[-1] != self.size:
             raise ArgumentError(
                 f"{label}: wanted {self.size} numbers ({', '.join(self.names)}), came shape {array.shape}."
             )
-        if not np.isfinite(array).all():
-            entry = int(np.argwhere(~np.isfinite(array))[0][-1])
-            raise ArgumentError(f"{label}: {self.names[entry]} is not finite. Give finite numbers only.")
         return array
 
     def to_json(self) -> list[list]:
@@ -95,14 +100,26 @@ class Bounds:
         """(C,) largest magnitude: what counts as full effort."""
         return np.maximum(np.abs(self.high), np.abs(self.low))
 
+    @property
+    def idle(self) -> np.ndarray:
+        """(C,) no control at all, or as little as the bounds allow."""
+        return self.clip(np.zeros(len(self.low)))
+
+    def contain(self, controls: np.ndarray) -> bool:
+        """Return whether all `controls` (..., C) lie within the bounds, to within rounding."""
+        return not self._beyond(controls).any()
+
+    def _beyond(self, controls: np.ndarray) -> np.ndarray:
+        slack = 1e-6 * self.largest
+        return (controls < np.array(self.low) - slack) | (controls > np.array(self.high) + slack)
+
     def clip(self, controls: np.ndarray) -> np.ndarray:
         """Return `controls` (..., C) with every entry brought within the bounds."""
         return np.clip(controls, self.low, self.high)
 
     def check(self, controls: np.ndarray, names: list[str]) -> np.ndarray:
         """Return `controls` (..., C); ArgumentError names an entry that is out of bounds."""
-        slack = 1e-6 * self.largest
-        beyond = (controls < np.array(self.low) - slack) | (controls > np.array(self.high) + slack)
+        beyond = self._beyond(controls)
         if beyond.any():
             place = tuple(np.argwhere(beyond)[0])
             entry = place[-1]

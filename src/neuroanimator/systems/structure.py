@@ -83,6 +83,7 @@ class Structure:
     `pushes`: (3, C) force [N] in the world per control, where controls are such forces; empty where they are not.
     `groups`: parts of it that move much on their own.
     `weighs`: whether the root feels gravity, so that up and down matter.
+    `is_immersed`: whether probes look for the surface of water instead of for the ground.
     """
 
     angles: tuple[tuple[int, ...], ...]
@@ -98,6 +99,7 @@ class Structure:
     weighs: bool = True
     groups: tuple[Group, ...] = ()
     pushes: tuple[tuple[float, ...], ...] = ()
+    is_immersed: bool = False
 
 
 def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:

@@ -30,13 +30,17 @@ class Recipe:
     """See `TrainingConfig`."""
     aside: float = 1.0
     """Share of transitions and updates for other super steps than of 50 physics steps."""
+    idle_share: float = 0.0
+    """Share of runs whose controls cease; nothing to learn where the mirror keeps rest at rest."""
     modes: tuple[int, int] = (1, 1)
     """Shapes of places and of speeds; of deformable bodies."""
 
     def data(self, system: str, substeps: int) -> DatasetConfig:
         """Return the dataset to train on."""
         count = round(self.transitions * self._share(substeps))
-        return dataset_config(system=system, substeps=substeps, count=count, picks=self.picks)
+        return dataset_config(
+            system=system, substeps=substeps, count=count, picks=self.picks, idle_share=self.idle_share
+        )
 
     def _share(self, substeps: int) -> float:
         return 1.0 if substeps == USUAL_SUBSTEPS else self.aside
@@ -65,8 +69,10 @@ RECIPES = {
         modes=(18, 18),
         aside=0.5,
     ),
-    "dolphin": Recipe((96, 64), transitions=360_000, updates=80_000, picks=36, modes=(28, 40), aside=0.5),
-    "fish": Recipe((64,), transitions=504_000, updates=100_000, picks=36, modes=(36, 48), aside=0.5),
+    "dolphin": Recipe(
+        (96, 64), transitions=360_000, updates=80_000, picks=36, idle_share=0.15, modes=(28, 40), aside=0.5
+    ),
+    "fish": Recipe((64,), transitions=504_000, updates=100_000, picks=36, idle_share=0.15, modes=(36, 48), aside=0.5),
     "lander": Recipe((64, 48), transitions=1_440_000, updates=120_000, picks=36, rare_share=0.5),
     "pendulum": Recipe((96, 64), transitions=300_000, updates=300_000),
     "pendulum-passive": Recipe((64, 64), transitions=300_000, updates=300_000),

@@ -21,7 +21,9 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files import digest, locked, remove_stale, write_whole
+from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.structure import Structure
+from neuroanimator.systems.system import System
 from neuroanimator.training.batches import draw_batches, folded, rare_rows
 from neuroanimator.training.build import build_emulator
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
@@ -34,6 +36,10 @@ CHUNKS_PER_REPORT = 4
 
 MOST_VALIDATION = 8192
 """Windows used for validation, at most: more would slow training and change no digit that matters."""
+
+
+STILL = 0.01
+"""Share of a usual change by which a system at rest may move in a super step and still count as keeping still."""
 
 
 class Report(NamedTuple):
@@ -89,6 +95,8 @@ class _Run:
     structure: Structure
     rare: Array
     """Rows of `training` with the most unusual changes."""
+    rest: RestStreams | None
+    """What the network sees at rest; None where the system does not keep still there."""
     validation: tuple[Array, Array]
     identity: str
     began: float = field(default_factory=time.monotonic)
@@ -110,7 +118,8 @@ class _Run:
         training = jnp.asarray(learn.states), jnp.asarray(learn.controls)
         validation = jnp.asarray(check.states[few]), jnp.asarray(check.controls[few])
         rare = jnp.asarray(rare_rows(base, learn))
-        return cls(config, folder, base, progress, training, data.system.structure, rare, validation, identity)
+        rest = base.rest_streams() if keeps_still(data.system, base) else None
+        return cls(config, folder, base, progress, training, data.system.structure, rare, rest, validation, identity)
 
     @property
     def is_over(self) -> bool:
@@ -118,7 +127,7 @@ class _Run:
 
     @property
     def best(self) -> Emulator:
-        return eqx.tree_at(lambda emulator: emulator.network, self.base, self.progress.best)
+        return with_network(self.base, self.progress.best, self.rest)
 
     def advance(self) -> Report:
         """Train until the next report, then validate, log and checkpoint."""
@@ -126,13 +135,15 @@ class _Run:
         while True:
             network, state, loss = _train_chunk(
                 self.config, self.structure, self.base, progress.network, progress.optimizer_state, *self.training,
-                self.rare, jnp.asarray(progress.chunk), self.config.unroll_at(progress.chunk),
+                self.rare, self.rest, jnp.asarray(progress.chunk), self.config.unroll_at(progress.chunk),
             )  # fmt: skip
             losses.append(float(loss))
             progress = progress._replace(network=network, optimizer_state=state, chunk=progress.chunk + 1)
             if progress.chunk % CHUNKS_PER_REPORT == 0 or progress.chunk >= self.config.chunks:
                 break
-        by_step = np.sqrt(_validate(self.base, progress.network, *self.validation).mean(axis=1))
+        by_step = np.sqrt(
+            _validate(with_network(self.base, progress.network, self.rest), *self.validation).mean(axis=1)
+        )
         self.progress = progress.judged(float(by_step[-1]))
         seconds = time.monotonic() - self.began
         update = progress.chunk * UPDATES_PER_CHUNK
@@ -141,6 +152,28 @@ class _Run:
             file.write(json.dumps(report._asdict()) + "\n")
         write_checkpoint(self.folder, self.identity, self.progress)
         return report
+
+
+RestStreams = tuple[Array, Array]
+"""See `Emulator.rest_streams`."""
+
+
+def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> Emulator:
+    """Return `base` with another network, and, given what that sees at rest, at rest there."""
+    emulator = eqx.tree_at(lambda emulator: emulator.network, base, network)
+    return emulator if rest is None else emulator.at_rest(rest)
+
+
+def keeps_still(system: System, emulator: Emulator) -> bool:
+    """Return whether the physics stays where it is at rest without control, measured over one super step."""
+    if isinstance(system, RecordedSystem):
+        return False
+    rest = system.rest[None]
+    idle = np.tile(system.bounds.idle, (1, 1, 1))
+    after = system.simulate(rest, idle, emulator.dt).states[:, -1]
+    inner = [emulator.encode(np.asarray(states, float)) for states in (rest, after)]
+    moved = emulator.frame.difference(*inner)[0] / np.asarray(emulator.normaliser.unit)
+    return bool(np.abs(moved).max() < STILL)
 
 
 def base_windows(base: Emulator, data: Transitions) -> Transitions:
@@ -170,6 +203,7 @@ def _train_chunk(
     states: Float[Array, "N H+1 S"],
     controls: Float[Array, "N H C"],
     rare: Array,
+    rest: RestStreams | None,
     chunk: Array,  # an array: a plain int would be compiled in, and every chunk compiled anew
     unroll: int,
 ) -> tuple[Network, Any, Float[Array, ""]]:
@@ -183,7 +217,7 @@ def _train_chunk(
     batches, weights = draw_batches(key, size, states.shape[0], rare, config.rare_share)
 
     def loss_of(network: Network, rows: Array) -> Array:
-        emulator = eqx.tree_at(lambda emulator: emulator.network, base, network)
+        emulator = with_network(base, network, rest)
         of_rows = None if weights is None else weights[rows]
         windows = states[rows, : unroll + 1], controls[rows, :unroll]
         if structure.fold > 1:
@@ -210,15 +244,15 @@ def time_chunk(emulator: Emulator, config: TrainingConfig) -> float:
     spans = []
     for chunk in range(3):
         began = time.perf_counter()
-        inputs = fresh.network, fresh.optimizer_state, states, controls, jnp.arange(64), jnp.asarray(chunk), 1
+        inputs = fresh.network, fresh.optimizer_state, states, controls, jnp.arange(64), None, jnp.asarray(chunk), 1
         jax.block_until_ready(_train_chunk(config, Structure((), (), ()), emulator, *inputs))
         spans.append(time.perf_counter() - began)
     return min(spans[1:])
 
 
 @eqx.filter_jit
-def _validate(base: Emulator, network: Network, states: Array, controls: Array) -> Array:
-    return squared_error(eqx.tree_at(lambda emulator: emulator.network, base, network), states, controls)
+def _validate(emulator: Emulator, states: Array, controls: Array) -> Array:
+    return squared_error(emulator, states, controls)
 
 
 def _first_leaf(base: Emulator) -> np.ndarray:
