@@ -13,6 +13,10 @@ class ArgumentError(NeuroAnimatorError, ValueError):
     exit_code = 2
 
 
+class DivergedError(NeuroAnimatorError):
+    """A motion ended in numbers that are not finite."""
+
+
 class BadFileError(NeuroAnimatorError):
     """A file is missing, truncated, of another kind or of another configuration."""
 

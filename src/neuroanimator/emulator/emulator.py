@@ -16,7 +16,7 @@ from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, DivergedError
 from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.rotation import Numbers
@@ -25,6 +25,9 @@ from neuroanimator.systems.skeleton import Skeleton
 UNROLL = 4
 """Super steps compiled into one loop body: 10 % faster than one; eight gain nothing more."""
 
+
+LARGEST_NUMBER = 1e6
+"""Of a state: beyond it a super step's change is lost in the rounding of float32."""
 
 COVERED_MARGIN = 0.02
 """Share of its range by which a number may leave it and still count as covered: samples seldom touch its ends."""
@@ -166,15 +169,39 @@ class Emulator(eqx.Module):
         """Return (..., K) what the network sees of a state (..., S) and a control (..., C), not yet normalised."""
         return self.seen(self.encode(state), self.encode_control(control))
 
-    def rollout(self, state: ArrayLike, controls: ArrayLike) -> Float[Array, "*B T+1 S"]:
+    def rollout(self, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool = False) -> Float[Array, "*B T+1 S"]:
         """Return the trajectory from `state` (S,) under `controls` (T, C), the start included.
 
-        A batch is `state` (B, S) with `controls` (B, T, C).
+        A batch is `state` (B, S) with `controls` (B, T, C). With `may_diverge`, numbers that are not finite are
+        returned where the motion comes to that.
 
-        Raises ArgumentError for wrong shapes and for numbers that are not finite.
+        Raises ArgumentError for wrong shapes, for numbers that are not finite or larger than `LARGEST_NUMBER`, and
+        for states no motion follows from; DivergedError where a motion ends in numbers that are not finite.
         """
         state, controls = self._checked(state, controls)
-        return _rollout_batch(self, state, controls) if state.ndim == 2 else _rollout(self, state, controls)
+        if not controls.shape[-2]:
+            return state[..., None, :]
+        found = _rollout_batch(self, state, controls) if state.ndim == 2 else _rollout(self, state, controls)
+        if not may_diverge:
+            self._check_finite(np.asarray(found))
+        return found
+
+    def _check_finite(self, trajectory: np.ndarray) -> None:
+        """Refuse a trajectory (..., T+1, S) with numbers that are not finite, by the first of them."""
+        is_broken = ~np.isfinite(trajectory)
+        if not is_broken.any():
+            return
+        *_, step, entry = np.argwhere(is_broken)[np.argmin(np.argwhere(is_broken)[:, -2])]
+        name = self.identity.state.names[entry]
+        if step <= 1:
+            raise ArgumentError(
+                f"state: no motion follows from it: after one super step {name} is not finite. Give a state that the "
+                "system can be in, such as its rest; `covers` says which the emulator knows."
+            )
+        raise DivergedError(
+            f"The motion diverged: {name} is not finite from super step {step} on. Start nearer to what the emulator "
+            "was trained on (`covers` says what that is), or train it longer."
+        )
 
     def covers(self, state: ArrayLike, control: ArrayLike) -> bool:
         """Return whether `state` (S,) with `control` (C,) lies in the range this emulator was trained on.
@@ -185,7 +212,7 @@ class Emulator(eqx.Module):
         """
         state = self.identity.state.check_shape(state, "state")
         control = self.identity.control.check_shape(control, "control")
-        if not (np.isfinite(state).all() and np.isfinite(control).all()):
+        if not (np.abs(state) <= LARGEST_NUMBER).all() or not np.isfinite(control).all():
             return False
         if not self.identity.bounds.contain(control):
             return False
@@ -216,6 +243,13 @@ class Emulator(eqx.Module):
             raise ArgumentError(
                 f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "
                 f"came {state.shape} with {controls.shape}."
+            )
+        too_large = np.abs(state) > LARGEST_NUMBER
+        if too_large.any():
+            place = tuple(np.argwhere(too_large)[0])
+            raise ArgumentError(
+                f"state: {self.identity.state.names[place[-1]]} is {state[place]:g}; wanted a magnitude of at most "
+                f"{LARGEST_NUMBER:g}. Start nearer to where you look."
             )
         kind = self.normaliser.change_scale.dtype
         return jnp.asarray(state, kind), jnp.asarray(controls, kind)

@@ -37,7 +37,7 @@ def count_blow_ups(
     states, rest = np.asarray(drawn, np.float32), np.asarray(identity.rest, np.float32)
     bound, fine = TOO_FAR * reach(emulator, steps), np.ones(starts, dtype=bool)
     for block in _control_blocks(emulator, rng, starts, steps):
-        path = np.asarray(emulator.rollout(np.where(fine[:, None], states, rest), block))
+        path = np.asarray(emulator.rollout(np.where(fine[:, None], states, rest), block, may_diverge=True))
         seen = np.abs(emulator.plain_of(path[:, 1:], block.astype(np.float32)))
         fine &= np.isfinite(path).all(axis=(1, 2)) & (seen <= bound).all(axis=(1, 2))
         states = path[:, -1]

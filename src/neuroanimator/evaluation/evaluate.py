@@ -146,7 +146,7 @@ def evaluate(
     test = replace(test, most_transitions=effort.transitions)
     among = test.transitions[0] if is_recorded else None
     errors = one_step_error(emulator, test)
-    found = np.asarray(emulator.rollout(test.states[:, 0], test.controls), float)
+    found = np.asarray(emulator.rollout(test.states[:, 0], test.controls, may_diverge=True), float)
     speed = None if is_recorded else measure_speed(emulator, test, float(root_mean_square(errors)), effort.repeats)
     return Evaluation(
         system=emulator.identity.system,

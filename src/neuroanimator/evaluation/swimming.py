@@ -32,7 +32,7 @@ def compare_swims(emulator: Emulator, system: DeformableSystem, runs: int, steps
     controls = sample_control_runs(rng, runs, steps, emulator.dt, system)
     true = system.simulate(starts, controls, emulator.dt)
     alive = true.is_alive
-    found = np.asarray(emulator.rollout(starts[alive], controls[alive]), float)
+    found = np.asarray(emulator.rollout(starts[alive], controls[alive], may_diverge=True), float)
     cloud = system.structure.cloud
     assert cloud is not None
     (centre, turn, seen), (centre_found, turn_found, seen_found) = (

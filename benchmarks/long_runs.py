@@ -1,0 +1,112 @@
+"""Every shipped system over a million super steps, at rest and under random controls; writes results/long_runs.csv.
+
+python benchmarks/long_runs.py                    about a quarter of an hour on 2 cores
+python benchmarks/long_runs.py --quick            10,000 super steps; writes no file
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from neuroanimator import Emulator, find_emulator, load_system
+from neuroanimator.bench import describe_machine, write_csv
+from neuroanimator.data.sampling import sample_control_runs
+from neuroanimator.emulator.emulator import follow
+from neuroanimator.systems.system import System
+from neuroanimator.terminal import print_table
+
+SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin", "cube")
+STEPS, QUICK_STEPS = 1_000_000, 10_000
+STARTS = 8
+"""Motions under random controls, all from rest."""
+BLOCK = 1_000
+"""Super steps rolled out at once."""
+PHYSICS_SECONDS = 60.0
+"""How long the physics is left at rest: after that nothing is new."""
+FAR = 1.1
+"""Times the range of training that a number the network sees may fill and still be inside."""
+
+_follow = eqx.filter_jit(jax.vmap(follow, in_axes=(None, 0, 0)))
+
+
+def moved(states: np.ndarray) -> float:
+    """Return the largest distance of any state entry from where `states` (T, S) begin [m, rad, m/s or rad/s]."""
+    return float(np.abs(states - states[0]).max())
+
+
+def physics_at_rest(system: System, dt: float) -> float:
+    """Return how far the physics strays at rest, without control."""
+    controls = np.tile(system.bounds.idle, (1, round(PHYSICS_SECONDS / dt), 1))
+    return moved(system.simulate(system.rest[None], controls, dt, scheme=system.scheme).states[0])
+
+
+def emulator_at_rest(emulator: Emulator, steps: int) -> tuple[float, float]:
+    """Return how far the emulator strays at rest, without control: in a minute, and in `steps` super steps."""
+    idle = emulator.identity.bounds.idle
+    minute = np.tile(idle, (round(PHYSICS_SECONDS / emulator.dt), 1))
+    short = moved(np.asarray(emulator.rollout(np.array(emulator.identity.rest), minute), float)[1:])
+    inner, held = emulator.encode_motion(emulator.identity.rest, np.tile(idle, (BLOCK, 1)))
+    first = np.asarray(_follow(emulator, inner[None], held[None])[:, 0])
+    furthest = 0.0
+    state = jnp.asarray(first)
+    for _ in range(0, steps, BLOCK):
+        path = np.asarray(_follow(emulator, state, held[None]))
+        furthest = max(furthest, float(np.abs(emulator.decode(path[0]) - emulator.decode(first)).max()))
+        state = jnp.asarray(path[:, -1])
+    return short, furthest
+
+
+def driven(emulator: Emulator, system: System, steps: int) -> dict[str, float]:
+    """Return how many motions under random controls stay finite and within the range of training, and how high."""
+    rng = np.random.default_rng(7)
+    start, _ = emulator.encode_motion(emulator.identity.rest, emulator.identity.bounds.idle)
+    state = jnp.tile(start, (STARTS, 1))
+    is_alive = np.ones(STARTS, bool)
+    is_inside = np.ones(STARTS, bool)
+    low, high = (np.asarray(end, float) for end in emulator.domain.widened(FAR - 1, slice(None)))
+    for _ in range(0, steps, BLOCK):
+        controls = sample_control_runs(rng, STARTS, BLOCK, emulator.dt, system)
+        path = np.asarray(_follow(emulator, state, jnp.asarray(emulator.encode_control(controls), jnp.float32)))
+        seen = np.asarray(emulator.features.plain_of(path, emulator.frame.local(path)))
+        count = seen.shape[-1]
+        is_alive &= np.isfinite(path).all(axis=(1, 2))
+        is_inside &= ((seen >= low[:count]) & (seen <= high[:count])).all(axis=(1, 2))
+        state = jnp.asarray(path[:, -1])
+    return {"random_starts": STARTS, "random_alive": int(is_alive.sum()), "random_inside": int(is_inside.sum())}
+
+
+def row(name: str, steps: int) -> dict[str, Any]:
+    """Return one system's row."""
+    emulator = Emulator.load(find_emulator(f"{name}-50"))
+    system = load_system(name)
+    short, long = emulator_at_rest(emulator, steps)
+    return {
+        "system": name,
+        "super_steps": steps,
+        "physics_moves_in_60_s": physics_at_rest(system, emulator.dt),
+        "emulator_moves_in_60_s": short,
+        "emulator_moves_in_all": long,
+        **driven(emulator, system, steps),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="10,000 super steps; writes no file")
+    options = parser.parse_args()
+    rows = [row(name, QUICK_STEPS if options.quick else STEPS) for name in SYSTEMS]
+    if not options.quick:
+        write_csv(Path(__file__).parent / "results" / "long_runs.csv", rows)
+    print(describe_machine())
+    print_table(rows)
+
+
+if __name__ == "__main__":
+    main()
