@@ -25,7 +25,7 @@ from neuroanimator import (
 from neuroanimator.evaluation.evaluate import Effort
 from neuroanimator.files import canonical_json
 from neuroanimator.new import write_definition
-from neuroanimator.systems.own import resolve
+from neuroanimator.systems.own import resolve, trust_files
 from neuroanimator.systems.python_system import PythonSystem
 
 FAST = Effort(runs=8, transitions=200, repeats=3, starts=20, steps=50)
@@ -105,7 +105,7 @@ def test_a_run_that_blows_up_is_told_from_one_that_does_not(tmp_path: Path):
 
 
 def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_function(folder: Path):
-    resolve(str(folder / "spring.toml"))
+    trust_files(folder / "spring.toml")
     emulator = Emulator.load(folder / "spring.emulator.safetensors")
     found = evaluate(emulator, data=read_transitions(folder / "data"), effort=FAST)
     assert found.one_step_error < 0.05
@@ -159,7 +159,7 @@ def test_a_strangers_dataset_and_emulator_never_run_code(folder: Path, cli: Cli,
     assert cli("animate", emulator, "--out", "clip.csv", cwd=tmp_path).returncode == 0
     refused = cli("evaluate", emulator, "--data", "data", cwd=tmp_path)
     assert refused.returncode == 3
-    assert "pass its TOML file: --system" in refused.stderr
+    assert "run only if you say so: give the TOML file beside it, --system PATH" in refused.stderr
     drawn = cli("animate", emulator, "--out", "clip.glb", cwd=tmp_path)
     assert (drawn.returncode, drawn.stderr.count("\n")) == (2, 1)
     assert "Use .csv" in drawn.stderr
@@ -182,6 +182,6 @@ def test_a_file_that_was_not_given_is_not_run_even_where_it_lies(
     values = json.loads(resolve(str(folder / "spring.toml"))[1])
     values["files"]["sha256"] = hashlib.sha256(source.encode()).hexdigest()
     system = load_system("spring", canonical_json(values))
-    with pytest.raises(NeuroAnimatorError, match="--system my.toml"):
+    with pytest.raises(NeuroAnimatorError, match="--system PATH"):
         system.simulate(np.zeros((1, 2)), np.zeros((1, 1, 1)), 0.1)
     assert not (tmp_path / "ran").exists()

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from neuroanimator.export.video import write_video
     from neuroanimator.shipped import find_emulator
     from neuroanimator.systems import load_system
+    from neuroanimator.systems.own import trust_files
     from neuroanimator.training.config import training_config
     from neuroanimator.training.train import train
 
@@ -86,6 +87,7 @@ _HOMES = {
     "train": "training.train",
     "training_config": "training.config",
     "travel": "control.wishes",
+    "trust_files": "systems.own",
     "write_clip": "export.table",
     "write_glb": "export.gltf",
     "write_proof": "export.proof",
@@ -95,8 +97,8 @@ _HOMES = {
 
 __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
     "Clip", "Effort", "Emulator", "NeuroAnimatorError", "Objective", "Synthesis", "Term",
-    "load_system", "dataset_config", "generate", "read_transitions", "read_diverged", "training_config", "train",
-    "find_emulator", "evaluate", "write_report",
+    "load_system", "trust_files", "dataset_config", "generate", "read_transitions", "read_diverged",
+    "training_config", "train", "find_emulator", "evaluate", "write_report",
     "effort", "smoothness", "reach_state", "reach_goal", "reach_place", "reach_heading", "keyframes", "follow_path",
     "travel", "keep_velocity", "keep_speed", "keep_heading", "stand_up", "stand_upright", "stay_within", "avoid",
     "descend", "replay", "synthesise", "read_pose", "is_upright", "is_reached",

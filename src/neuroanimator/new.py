@@ -11,6 +11,7 @@ from neuroanimator.files import write_whole
 from neuroanimator.propose import Proposal, propose
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.definition import Definition
+from neuroanimator.systems.given import trust_file
 from neuroanimator.systems.mujoco_structure import LOOKS
 from neuroanimator.systems.python_proposal import propose_function
 from neuroanimator.systems.recorded_proposal import propose_recording
@@ -62,7 +63,8 @@ GOAL_HINT = """
 def write_definition(model: str, out: Path | None = None, *, force: bool = False) -> tuple[Path, Proposal]:
     """Write the definition proposed for `model` and return (its path, the proposal).
 
-    `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML.
+    `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
+    run to see what it does.
     """
     source = Path(model)
     if not source.suffix:
@@ -82,6 +84,7 @@ def write_definition(model: str, out: Path | None = None, *, force: bool = False
 def _propose(source: Path) -> Proposal:
     if source.suffix not in OTHER_DOORS:
         return propose(source)
+    trust_file(source)  # whoever asks for a definition of a step function asks for it to be run
     definition, notes = OTHER_DOORS[source.suffix](source)
     return Proposal(definition, notes, [part.name for part in definition.state])
 

@@ -16,7 +16,7 @@ from neuroanimator.systems.model_file import compile_model, read_model_files
 from neuroanimator.systems.model_system import ModelSystem, control_range
 from neuroanimator.systems.mujoco import INTEGRATORS
 from neuroanimator.systems.mujoco_skeleton import JOINT_NAMES
-from neuroanimator.systems.mujoco_structure import LOOKS, actuator_name, joint_name
+from neuroanimator.systems.mujoco_structure import LOOKS, actuator_name, joint_name, sensor_name
 from neuroanimator.systems.proposed import GOOD_ENOUGH, WHOLE_TURN, proposed_substeps
 from neuroanimator.systems.system import Scheme
 
@@ -44,7 +44,7 @@ def propose(path: Path) -> Proposal:
         raise BadFileError(f"{path.name} has no actuators. Add an <actuator> section: something must drive the model.")
     values = _read_off(path, model)
     notes = {"physics.step": "the model's own [s]", "physics.integrator": "the model's own"}
-    sensors = [name for i in range(model.nsensor) if (name := model.sensor(i).name)]
+    sensors = [name for i in range(model.nsensor) if (name := sensor_name(model, i))]
     notes["sensors"] = f"those to be emulated too, of: {', '.join(sensors) or 'none'}"
     notes |= {
         f"control.{name}": "the model gives no range: say what your motor can do"

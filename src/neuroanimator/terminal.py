@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -16,18 +17,20 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from neuroanimator.text import printable
+
 
 class Bar:
     """One bar; does nothing where there is no terminal."""
 
     def __init__(self, progress: Progress | None, title: str, total: int):
         self._progress = progress
-        self._task = progress.add_task(title, total=total, note="") if progress else None
+        self._task = progress.add_task(printable(title), total=total, note="") if progress else None
 
     def advance_to(self, done: int, note: str = "") -> None:
         """Show `done` of the total, with a short note behind the bar."""
         if self._progress is not None and self._task is not None:
-            self._progress.update(self._task, completed=done, note=note)
+            self._progress.update(self._task, completed=done, note=printable(note))
 
 
 @contextmanager
@@ -37,12 +40,12 @@ def progress_bar(title: str, total: int) -> Iterator[Bar]:
         yield Bar(None, title, total)
         return
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
+        TextColumn("{task.fields[note]}", markup=False),
     )
     with Progress(*columns, console=Console(stderr=True)) as progress:
         yield Bar(progress, title, total)
@@ -51,19 +54,31 @@ def progress_bar(title: str, total: int) -> Iterator[Bar]:
 def print_rows(rows: Iterable[tuple[str, object]]) -> None:
     """Print names and values in two columns."""
     rows = list(rows)
-    width = max(len(name) for name, _ in rows)
+    width = max(len(printable(name)) for name, _ in rows)
     for name, value in rows:
-        print(f"{name:<{width}}  {value}")
+        print(f"{printable(name):<{width}}  {printable(str(value))}")
 
 
 def print_table(rows: list[dict[str, object]]) -> None:
     """Print rows of the same keys as aligned columns."""
     texts = [[_text(value) for value in row.values()] for row in rows]
-    heads = list(rows[0])
+    heads = [printable(head) for head in rows[0]]
     widths = [max(len(head), *(len(row[i]) for row in texts)) for i, head in enumerate(heads)]
     for row in [heads, *texts]:
         print("  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
 def _text(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{value:.4g}" if isinstance(value, float) else printable(str(value))
+
+
+def print_line(line: str, *, to_stderr: bool = False) -> None:
+    """Print one line, whatever is in it: a result on stdout, or a remark on stderr."""
+    print(printable(line), file=sys.stderr if to_stderr else sys.stdout)
+
+
+def open_streams() -> None:
+    """Let results and remarks hold any letter: one that the terminal's encoding lacks is written out, as `\\xb7`."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")

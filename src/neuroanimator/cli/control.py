@@ -54,11 +54,11 @@ def run(
     from neuroanimator.control.watch import watching
     from neuroanimator.data.transitions import read_transitions
     from neuroanimator.export.by_suffix import emulator_for
-    from neuroanimator.systems.own import resolve
-    from neuroanimator.terminal import print_rows
+    from neuroanimator.systems.own import trust_files
+    from neuroanimator.terminal import print_line, print_rows
 
     if system:
-        resolve(str(system))
+        trust_files(system)
     model = emulator_for([glb] if glb else [], emulator)
     search = _search(model, goal, objective, seconds, effort_weight)
     with watching(log, iterations) as on_iteration:
@@ -72,7 +72,7 @@ def run(
             **({} if starts is None else {"starts": starts}),
         )
     for warning in warnings_of(found):
-        print(f"neuroanimator: {warning}", file=sys.stderr)
+        print_line(f"neuroanimator: {warning}", to_stderr=True)
     _write(found, out, glb)
     print_rows([*outcome_rows(found), *(("file", path) for path in (out, glb, log) if path)])
 
@@ -83,7 +83,7 @@ def _search(
     """Return what finds the controller: for an objective file, or for a goal."""
     from neuroanimator.control.objective_file import read_objective, synthesise_wanted
     from neuroanimator.control.synthesise import synthesise_goal
-    from neuroanimator.systems import load_system
+    from neuroanimator.evaluation.accuracy import system_of
 
     if objective is None:
         weight = 1.0 if effort_weight is None else effort_weight
@@ -92,9 +92,7 @@ def _search(
         raise ArgumentError(
             "objective: its file says all that --goal, --seconds and --effort-weight do. Leave these out."
         )
-    identity = emulator.identity
-    system = load_system(identity.system, identity.definition)
-    return partial(synthesise_wanted, emulator, read_objective(objective, system))
+    return partial(synthesise_wanted, emulator, read_objective(objective, system_of(emulator)))
 
 
 def _write(found: Synthesis, out: Path, glb: Path | None) -> None:

@@ -40,11 +40,11 @@ def _evaluate(emulators: list[str], data: Path | None, system: Path | None, repo
     from neuroanimator.evaluation.evaluate import evaluate
     from neuroanimator.evaluation.report import write_report
     from neuroanimator.shipped import find_emulator
-    from neuroanimator.systems.own import resolve
-    from neuroanimator.terminal import print_table, progress_bar
+    from neuroanimator.systems.own import trust_files
+    from neuroanimator.terminal import print_line, print_table, progress_bar
 
     if system:
-        resolve(str(system))
+        trust_files(system)
     loaded = [Emulator.load(find_emulator(name)) for name in emulators]
     transitions = read_transitions(data) if data else None
     found = []
@@ -57,7 +57,7 @@ def _evaluate(emulators: list[str], data: Path | None, system: Path | None, repo
     rows = [evaluation.row() for evaluation in found]
     print(dumps(rows, indent=2)) if json else print_table([dict(row) for row in rows])
     for note in [evaluation.note for evaluation in found if evaluation.note and not json]:
-        print(note)
+        print_line(note)
 
 
 def _sweep(
@@ -69,10 +69,13 @@ def _sweep(
     from neuroanimator.cli.numbers import whole_numbers
     from neuroanimator.errors import ArgumentError
     from neuroanimator.sweep import largest_within, sweep
+    from neuroanimator.systems.own import trust_files
     from neuroanimator.terminal import print_table, progress_bar
 
     if len(systems) != 1:
         raise ArgumentError(f"evaluate --sweep: wanted one system or TOML file, came {len(systems)}.")
+    if systems[0].endswith(".toml"):
+        trust_files(systems[0])
     counts, done = whole_numbers("substeps", substeps), 0
     with progress_bar("n", len(counts)) as bar:
 

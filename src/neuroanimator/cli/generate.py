@@ -28,9 +28,11 @@ def run(
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
     from neuroanimator.data.diverged import PATTERN
     from neuroanimator.data.transitions import dataset_config
-    from neuroanimator.systems.own import resolve
+    from neuroanimator.systems.own import resolve, trust_files
     from neuroanimator.terminal import print_rows
 
+    if system.endswith(".toml"):
+        trust_files(system)
     name, definition, usual = resolve(system)
     chosen = usual if substeps is None else substeps
     config = dataset_config(system=name, definition=definition, substeps=chosen, count=count, seed=seed)
@@ -68,7 +70,7 @@ def ensure_data(reference: str, emulator: Path) -> Path:
     from neuroanimator.data.transitions import dataset_config
     from neuroanimator.errors import BadFileError
     from neuroanimator.systems import SYSTEMS
-    from neuroanimator.systems.own import resolve
+    from neuroanimator.systems.own import resolve, trust_files
 
     if Path(reference).is_dir():
         return Path(reference)
@@ -77,6 +79,8 @@ def ensure_data(reference: str, emulator: Path) -> Path:
             f"{reference} is not a dataset folder, nor a system ({', '.join(SYSTEMS)}), nor a TOML file. "
             "Make a dataset with 'generate'."
         )
+    if reference.endswith(".toml"):
+        trust_files(reference)
     name, definition, usual = resolve(reference)
     folder = emulator.with_name(emulator.name.removesuffix(".safetensors").removesuffix(".emulator") + ".data")
     generate_with_bar(dataset_config(system=name, definition=definition, substeps=usual), folder)

@@ -10,6 +10,7 @@ import typer
 from neuroanimator.cli import animate, bench, control, demo, doctor, evaluate, export, generate, info, new, train
 from neuroanimator.cli import list as list_
 from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.terminal import open_streams, print_line
 
 app = typer.Typer(
     name="neuroanimator",
@@ -30,6 +31,7 @@ for verb, module in VERBS.items():
 
 def main() -> None:
     """Run the command line; end with the exit code the error asks for and never with a traceback."""
+    open_streams()
     try:
         app()
     except NeuroAnimatorError as error:
@@ -51,5 +53,5 @@ def main() -> None:
 
 def fail(message: str, code: int) -> None:
     """Print one line on stderr and end with `code`."""
-    print(f"neuroanimator: {' '.join(message.split())}", file=sys.stderr)
+    print_line(f"neuroanimator: {' '.join(message.split())}", to_stderr=True)
     sys.exit(code)

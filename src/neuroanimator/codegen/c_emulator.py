@@ -22,10 +22,13 @@ TOLERANCE = 1e-4
 
 
 def c_program(emulator: Emulator) -> str:
-    """Return C text of `play`: steps of `Emulator.advance` in float32, in the numbers of `Emulator.encode`."""
+    """Return C text of `play`: steps of `Emulator.advance` in float32, in the numbers of `Emulator.encode`.
+
+    Only numbers and names of our own are written: none of the text an emulator carries reaches a compiler.
+    """
     start, controls = emulator.encode_motion(emulator.identity.rest, emulator.identity.bounds.middle)
     (inner,), (control,) = start.shape, controls.shape
-    return f"""/* {emulator.identity.system}: a super step of {emulator.dt:g} s: {inner} numbers, {control} controls */
+    return f"""/* A super step of {float(emulator.dt):g} s: {inner} numbers, {control} controls. */
 {HEAD}{c_function("super_step", emulator.advance, (inner,), (control,))}
 /* `steps` super steps under (steps, {control}) controls; `after` has the last. */
 void play(const float *before, const float *controls, long steps, float *after) {{

@@ -37,7 +37,8 @@ from neuroanimator.control.terms import END, as_weight
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.systems.definition import Finite, Name, Positive, Table, first_fault, read_toml
+from neuroanimator.systems.definition import Finite, Positive, Table, first_fault, read_toml
+from neuroanimator.systems.names import SystemName
 from neuroanimator.systems.system import System
 
 USUAL_KNOTS = 12
@@ -49,7 +50,7 @@ MOST_STARTS = 64
 class ObjectiveTable(Table):
     """What the file may hold; the wishes are checked one by one."""
 
-    system: Name
+    system: SystemName
     seconds: Annotated[float, Field(gt=0, le=LONGEST)]
     parameters: Literal["each step", "spline", "periodic"] = "each step"
     knots: Annotated[int, Field(ge=4)] | None = None

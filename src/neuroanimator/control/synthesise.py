@@ -21,7 +21,7 @@ from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems import load_system
+from neuroanimator.evaluation.accuracy import system_of
 from neuroanimator.systems.system import System
 
 LARGE_GAP, LARGE_SHARE = 0.5, 0.25
@@ -216,7 +216,7 @@ def synthesise_goal(
 
     `seconds` defaults to what the goal itself says is sensible.
     """
-    system = load_system(emulator.identity.system, emulator.identity.definition)
+    system = system_of(emulator)
     if not 0 <= effort_weight < float("inf"):
         raise ArgumentError(f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}.")
     objective, verdict, usual = find_goal(system, goal, effort_weight)

@@ -16,7 +16,7 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts, with
 from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
 from neuroanimator.errors import BadFileError
 from neuroanimator.files import locked, remove_stale, write_tensors
-from neuroanimator.systems import load_system
+from neuroanimator.systems import carried_system
 from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 
@@ -33,7 +33,7 @@ def generate(
     Shards already there are kept, damaged ones made again. `on_shard` is called as each is done. The runs that blew
     up can be replayed, see `data.diverged`.
     """
-    system = load_system(config.system, config.definition)
+    system = carried_system(config.system, config.definition)
     with locked(folder):
         remove_stale(folder)
         claim_folder(folder, config)
@@ -48,7 +48,7 @@ def generate(
 
 def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> Transitions:
     """Return the dataset `config` describes without storing it."""
-    system = load_system(config.system, config.definition)
+    system = carried_system(config.system, config.definition)
     cores = threads or os.cpu_count() or 1
     made = (make_shard(system, config, shard, cores) for shard in range(config.shards))
     return gather_transitions(config, ((shard.tensors, shard.blow_ups) for shard in made))

@@ -20,8 +20,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from neuroanimator.data.stretches import cut_stretches
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import canonical_json, read_tensors, write_whole
-from neuroanimator.systems import load_system
+from neuroanimator.systems import carried_system
 from neuroanimator.systems.definition import first_fault
+from neuroanimator.systems.definition_text import LARGEST_TEXT
+from neuroanimator.systems.names import SystemName
 from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 
@@ -46,7 +48,7 @@ class DatasetConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    system: str
+    system: SystemName
     substeps: int = Field(50, ge=1, le=1000)
     count: int = Field(100_000, ge=1, le=100_000_000)
     picks: Literal[12, 18, 24, 36] = PICKS_PER_RUN
@@ -54,9 +56,9 @@ class DatasetConfig(BaseModel):
     idle_share: float = Field(0.1, ge=0, le=1)
     """Share of runs whose controls cease somewhere: bodies come to rest, and emulators should know how."""
     seed: int = Field(0, ge=0, lt=2**31)
-    definition: str = ""
+    definition: str = Field("", max_length=LARGEST_TEXT)
     """What a user's own system can be made from again; empty for one that comes with the package."""
-    mujoco: str = mujoco.__version__
+    mujoco: str = Field(mujoco.__version__, pattern=r"^[0-9A-Za-z.+-]{1,40}$")
 
     @property
     def runs(self) -> int:
@@ -80,11 +82,16 @@ class DatasetConfig(BaseModel):
 
 def dataset_config(**values: Any) -> DatasetConfig:
     """Return a checked configuration; ArgumentError names a wrong field."""
+    if str(values.get("system", "")).endswith(".toml"):
+        raise ArgumentError(
+            "system: wanted a name. Of a TOML file: made = load_system('my.toml'), then system=made.name, "
+            "definition=made.definition."
+        )
     try:
         config = DatasetConfig(**values)
     except ValidationError as error:
         raise ArgumentError(f"{first_fault(error)}.") from error
-    system = load_system(config.system, config.definition)
+    system = carried_system(config.system, config.definition)
     system.truth.steps(config.substeps * system.physics_dt)
     if isinstance(system, RecordedSystem):
         system.recording()  # refused here if it is not what the TOML file says, before a folder is claimed
@@ -182,7 +189,7 @@ def gather_transitions(config: DatasetConfig, shards: Iterable[tuple[dict[str, n
         windows.append(windows_of(tensors, shard))
         blow_ups += dropped
     states, controls, run = (np.concatenate([part[i] for part in windows]) for i in range(3))
-    return Transitions(config, load_system(config.system, config.definition), states, controls, run, blow_ups)
+    return Transitions(config, carried_system(config.system, config.definition), states, controls, run, blow_ups)
 
 
 def read_shard(folder: Path, config: DatasetConfig, shard: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

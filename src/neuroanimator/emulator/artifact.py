@@ -14,20 +14,36 @@ from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.hierarchy import parts_from_json, parts_to_json
 from neuroanimator.emulator.modes import Modes
-from neuroanimator.emulator.networks import NETWORKS, make_network
+from neuroanimator.emulator.networks import NETWORKS, WIDEST_LAYER, make_network
 from neuroanimator.emulator.normaliser import Normaliser
-from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.errors import BadFileError
 from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.systems.definition_text import check_carried
 from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
-from neuroanimator.systems.skeleton import Skeleton
+from neuroanimator.systems.names import check_system_name
+from neuroanimator.systems.numbers import entries, flag, listed, number, numbers, whole
+from neuroanimator.systems.skeleton import HARDLY_OFF_UNIT, Skeleton
 from neuroanimator.systems.structure import segments_from_json, segments_to_json
+from neuroanimator.text import printable, quoted
 
 FORMAT = 4
 """Raised whenever an older reader would misunderstand a file."""
 
-WIDEST_LAYER = 4096
-"""Widest hidden layer read from a file: bounds what a hostile header can make us allocate."""
+MOST_SUBSTEPS = 1000
+"""As many as a definition or a dataset may ask for."""
+
+SHORTEST_STEP, LONGEST_STEP = 1e-9, 3600.0
+"""[s] Of one physics step, or of one interval of recordings; times closer than the first are the same time."""
+
+MOST_PROBES = 256
+"""Round parts whose height an emulator is shown: each is a feature."""
+
+FARTHEST = 1e6
+"""[m] Largest coordinate of a probe."""
+
+LONGEST_FAULT = 300
+"""Characters of an error that are shown."""
 
 
 def tensors_of(tree: Any) -> dict[str, np.ndarray]:
@@ -42,10 +58,14 @@ def with_tensors(tree: Any, tensors: dict[str, np.ndarray]) -> Any:
     names = [jax.tree_util.keystr(path) for path, _ in paths]
     if set(names) != set(tensors):
         wrong = sorted(set(names) ^ set(tensors))[0]
-        raise ValueError(f"tensor '{wrong[:60]}' is missing or not expected")
+        raise ValueError(f"tensor {quoted(wrong)} is missing or not expected")
     for name, (_, leaf) in zip(names, paths, strict=True):
         if tensors[name].shape != leaf.shape:
             raise ValueError(f"tensor '{name}' has shape {tensors[name].shape}; wanted {leaf.shape}")
+        if tensors[name].dtype.kind != leaf.dtype.kind:
+            raise ValueError(f"tensor '{name}' holds {tensors[name].dtype}; wanted {leaf.dtype}")
+        if leaf.dtype.kind == "f" and (np.abs(tensors[name]) > np.finfo(np.float32).max).any():
+            raise ValueError(f"tensor '{name}' holds a number that float32 has no room for")
     arrays = [jax.numpy.asarray(tensors[name]) for name in names]
     return jax.tree_util.tree_unflatten(structure, arrays)
 
@@ -97,16 +117,50 @@ def describe(emulator: Emulator) -> dict[str, Any]:
 
 
 def load(path: Path) -> Emulator:
-    """Return the emulator at `path`, every name, shape and number checked."""
+    """Return the emulator at `path`, every name, text, shape and number checked."""
     tensors, metadata = read_tensors(path, "emulator")
-    if metadata.get("format") != FORMAT:
-        raise BadFileError(
-            f"{path} has format {metadata.get('format')!r}; this version reads {FORMAT}. Upgrade NeuroAnimator."
-        )
+    check_format(path, metadata.get("format"), FORMAT)
     try:
-        return with_tensors(jax.eval_shape(lambda: blank(metadata)), tensors)
-    except (KeyError, TypeError, ValueError, IndexError, OverflowError, ArgumentError) as error:
-        raise BadFileError(f"{path} is not a usable emulator: {error}. Train it again.") from error
+        emulator = with_tensors(jax.eval_shape(lambda: blank(metadata)), tensors)
+        check_arrays(emulator)
+    except FAULTS as error:
+        raise BadFileError(f"{path} is not a usable emulator: {first_line(error)}. Make it again.") from error
+    return emulator
+
+
+def check_arrays(emulator: Emulator) -> None:
+    """Refuse weights that make every prediction NaN: ranges without an inside, numbers divided by nothing."""
+    if not (np.asarray(emulator.domain.low) <= np.asarray(emulator.domain.high)).all():
+        raise ValueError("domain: wanted low below high")
+    scales = [emulator.normaliser.plain_scale, emulator.normaliser.change_scale, emulator.normaliser.unit]
+    if emulator.modes is not None:
+        scales += [emulator.modes.spread]
+    if any((np.asarray(scale) <= 0).any() for scale in scales):
+        raise ValueError("normaliser or modes: wanted scales above 0")
+
+
+FAULTS = (KeyError, TypeError, ValueError, IndexError, ArithmeticError, RecursionError, AttributeError, BadFileError)
+"""What reading metadata that a stranger wrote may end in."""
+
+
+def check_format(path: Path, found: Any, wanted: int) -> None:
+    """Refuse a file of another format; say whether the file or this program is the older one."""
+    if isinstance(found, bool) or not isinstance(found, int) or found < 1:
+        raise BadFileError(f"{path} does not say its format; this version reads {wanted}. Make it again.")
+    if found < wanted:
+        raise BadFileError(f"{path} is of an older version: format {found}; this one reads {wanted}. Make it again.")
+    if found > wanted:
+        raise BadFileError(
+            f"{path} is of a newer version: format {quoted(found)}; this one reads {wanted}. Upgrade NeuroAnimator."
+        )
+
+
+def first_line(error: Exception) -> str:
+    """Return what `error` says as one line, of which whatever comes from the file is harmless to show."""
+    if isinstance(error, KeyError):
+        return f"it has no {quoted(error.args[0])}"
+    text = " ".join(str(error).split())[:LONGEST_FAULT].rstrip(".")
+    return printable(text) or type(error).__name__
 
 
 def read_metadata(path: Path) -> dict[str, Any]:
@@ -116,76 +170,97 @@ def read_metadata(path: Path) -> dict[str, Any]:
 
 def blank(metadata: dict[str, Any]) -> Emulator:
     """Return an emulator of the described structure with zeros for weights."""
-    state, control = Layout.from_json(metadata["state"]), Layout.from_json(metadata["control"])
-    described = metadata["features"]
     zeros = jax.numpy.zeros
-    plain = tuple(int(entry) for entry in described["plain"])
-    rows, widths = int(described["rows"]), tuple(int(width) for width in metadata["network"]["widths"])
+    identity = _identity(metadata)
+    state, control = identity.state, identity.control
+    described, layers = metadata["features"], metadata["network"]
     modes = None if metadata["modes"] is None else Modes.from_json(metadata["modes"], state.size, control.size)
     inner = state.size if modes is None else modes.size
-    bounds = Bounds(*(tuple(float(value) for value in side) for side in metadata["bounds"]))
-    rest = tuple(float(value) for value in metadata["rest"])
-    if max(state.size, control.size, rows, *widths) > WIDEST_LAYER:
-        raise ValueError("sizes out of range")
-    if (len(bounds.low), len(bounds.high), len(rest)) != (control.size, control.size, state.size):
-        raise ValueError("bounds or rest: other sizes than control and state")
-    rates = [entry for pair in metadata["rates"] for entry in pair]
-    if any(not 0 <= entry < inner for entry in plain) or any(not 0 <= entry < state.size for entry in rates):
-        raise ValueError("features: an entry lies outside the state")
-    frame = _frame(metadata["frame"], inner, control.size, float(metadata["dt"]))
+    plain = entries(described["plain"], "features: plain", inner)
+    rows = whole(described["rows"], "features: rows", 0, WIDEST_LAYER)
+    widths = listed(layers["widths"], "widths", lambda width, what: whole(width, what, 0, WIDEST_LAYER))
+    frame = _frame(metadata["frame"], inner, control.size, identity.dt)
     others, changes = frame.local_size + frame.control_size(control.size), frame.change_size(inner)
-    numbers = len(plain) + others
-    even, even_out = _rising(described["even"], numbers), _rising(metadata["network"]["even"], changes)
-    parts = parts_from_json(metadata["network"]["parts"])
-    features = Features(zeros((rows, inner)), plain, bool(described["is_odd"]), even)
-    network = make_network(
-        metadata["network"]["kind"], *features.sizes(others), changes, widths, jax.random.key(0), even_out, parts
-    )
+    seen = len(plain) + others
+    even, even_out = _rising(described["even"], seen), _rising(layers["even"], changes)
+    parts = parts_from_json(layers["parts"])
+    features = Features(zeros((rows, inner)), plain, flag(described["is_odd"], "features: is_odd"), even)
+    network = make_network(layers["kind"], *features.sizes(others), changes, widths, jax.random.key(0), even_out, parts)
     return Emulator(
         frame=frame,
         features=features,
-        normaliser=Normaliser(zeros(numbers), zeros(numbers), zeros(changes), zeros(changes), zeros(changes)),
+        normaliser=Normaliser(zeros(seen), zeros(seen), zeros(changes), zeros(changes), zeros(changes)),
         network=network,
-        domain=Domain(zeros(numbers), zeros(numbers)),
-        identity=Identity(
-            system=str(metadata["system"]),
-            state=state,
-            control=control,
-            bounds=bounds,
-            rest=rest,
-            definition=str(metadata["definition"]),
-            gait=None if metadata["gait"] is None else Gait.from_json(metadata["gait"], control.size),
-            substeps=int(metadata["substeps"]),
-            dt=float(metadata["dt"]),
-            skeleton=Skeleton.from_json(metadata["skeleton"], state.size),
-            rates=tuple((int(position), int(rate)) for position, rate in metadata["rates"]),
-        ),
+        domain=Domain(zeros(seen), zeros(seen)),
+        identity=identity,
         modes=modes,
     )
 
 
-def _rising(entries: list[int], size: int) -> tuple[int, ...]:
-    """Return `entries` if they rise and are below `size`."""
-    found = tuple(int(entry) for entry in entries)
-    if list(found) != sorted({*found}) or any(not 0 <= entry < size for entry in found):
+def _identity(metadata: dict[str, Any]) -> Identity:
+    """Return what the emulator stands for: its text held to the rules of definitions, its numbers finite."""
+    state = Layout.from_json(metadata["state"], "state")
+    control = Layout.from_json(metadata["control"], "control")
+    substeps = whole(metadata["substeps"], "substeps", 1, MOST_SUBSTEPS)
+    dt = number(metadata["dt"], "dt", SHORTEST_STEP * substeps, LONGEST_STEP * substeps)
+    system, definition = check_system_name(metadata["system"]), metadata["definition"]
+    if not isinstance(definition, str):
+        raise ValueError("definition: wanted a text")
+    if definition:
+        check_carried(system, definition, substeps, dt)
+    index = lambda entry, what: whole(entry, what, 0, state.size - 1)  # noqa: E731
+    rates = listed(metadata["rates"], "rates", lambda pair, what: listed(pair, what, index, 2))
+    return Identity(
+        system=system,
+        state=state,
+        control=control,
+        bounds=Bounds.from_json(metadata["bounds"], control.size, "bounds"),
+        rest=_rest(metadata["rest"], state),
+        definition=definition,
+        gait=None if metadata["gait"] is None else Gait.from_json(metadata["gait"], control.size),
+        substeps=substeps,
+        dt=dt,
+        skeleton=Skeleton.from_json(metadata["skeleton"], state.size),
+        rates=tuple((position, rate) for position, rate in rates),
+    )
+
+
+def _rest(values: Any, state: Layout) -> tuple[float, ...]:
+    """Return the state of rest, whose quaternions have a length: an orientation of zeros makes poses NaN."""
+    rest = numbers(values, "rest", state.size)
+    for part in state.slices:
+        if part.unit == "quaternion":
+            norm = np.linalg.norm(rest[state.index(part.name)])
+            if abs(norm - 1) > HARDLY_OFF_UNIT:
+                raise ValueError(f"rest: '{part.name}' is a quaternion of length {norm:g}; wanted 1")
+    return rest
+
+
+def _rising(values: Any, size: int) -> tuple[int, ...]:
+    """Return `values` if they rise and are below `size`."""
+    found = entries(values, "features: even", size)
+    if list(found) != sorted({*found}):
         raise ValueError("features: even entries out of order")
     return found
 
 
 def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float) -> Frame:
     segments = segments_from_json(described["segments"])
-    probes = tuple((float(x), float(y), float(z), float(r)) for x, y, z, r in described["probes"])
+    probes = listed(described["probes"], "frame: probes", lambda row, what: numbers(row, what, 4, FARTHEST))
+    if len(probes) > MOST_PROBES:
+        raise ValueError(f"frame: {len(probes)} probes; wanted at most {MOST_PROBES}")
     if segments and sum(segment.size for segment in segments) != state_size:
         raise ValueError("frame: its segments do not fill the state")
     if any("point" in segment.kind for segment in segments):
         raise ValueError("frame: mass points are decoded by modes")
-    if any(segment.rate >= state_size - 1 or segment.rate < -1 for segment in segments):
+    if any(segment.rate >= state_size - 1 for segment in segments):
         raise ValueError("frame: a rate lies outside the state")
     if probes and {"position", "quaternion", "velocity"} - {segment.kind for segment in segments}:
         raise ValueError("frame: probes need a root that moves freely")
-    pushes = tuple(tuple(float(force) for force in row) for row in described["pushes"])
-    if pushes and (len(pushes) != 3 or any(len(row) != controls for row in pushes)):
-        raise ValueError("frame: pushes of another size than the control")
-    weighs = bool(described["weighs"])
-    is_immersed = bool(described["is_immersed"])
-    return Frame(segments, probes, dt, weighs, is_immersed, pushes=pushes)
+    pushes = listed(described["pushes"], "frame: pushes", lambda row, what: numbers(row, what, controls))
+    if len(pushes) not in (0, 3):
+        raise ValueError("frame: wanted pushes along three axes, or none")
+    weighs = flag(described["weighs"], "frame: weighs")
+    is_immersed = flag(described["is_immersed"], "frame: is_immersed")
+    spheres = tuple((x, y, z, r) for x, y, z, r in probes)
+    return Frame(segments, spheres, dt, weighs, is_immersed, pushes=pushes)

@@ -19,8 +19,18 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from neuroanimator.emulator.features import reordered
 from neuroanimator.emulator.network import LinearGlu, Mirrored, Network
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.layout import MOST_NUMBERS
+from neuroanimator.systems.names import check_label
+from neuroanimator.systems.numbers import entries, whole
+from neuroanimator.text import quoted
 
 Entries = tuple[int, ...]
+
+MOST_PARTS = 200
+"""A file may come from a stranger, and each part is traced; a model has at most as many freedoms."""
+
+ENTRY_KEYS = ("odd", "even", "answers", "hears")
+"""Of a part as JSON."""
 
 
 @dataclass(frozen=True)
@@ -147,9 +157,9 @@ def check_parts(parts: tuple[Part, ...], odd: int, even: int, out: int, widths: 
     for number, part in enumerate(parts[1:]):
         inside = all(0 <= i < odd for i in part.odd) and all(0 <= i < even for i in part.even)
         if not inside or not {*part.hears} <= {*parts[0].answers}:
-            raise ArgumentError(f"hierarchy: part '{part.name[:40]}' sees or hears what is not there.")
+            raise ArgumentError(f"hierarchy: part {quoted(part.name)} sees or hears what is not there.")
         if part.like >= number or (part.like >= 0 and _shape(part) != _shape(parts[1 + part.like])):
-            raise ArgumentError(f"hierarchy: part '{part.name[:40]}' cannot use the weights of part {part.like}.")
+            raise ArgumentError(f"hierarchy: part {quoted(part.name)} cannot use the weights of part {part.like}.")
 
 
 def _shape(part: Part) -> tuple[int, ...]:
@@ -161,17 +171,20 @@ def parts_to_json(parts: tuple[Part, ...]) -> list[dict[str, Any]]:
     return [asdict(part) for part in parts]
 
 
-def parts_from_json(rows: list[dict[str, Any]]) -> tuple[Part, ...]:
-    """Return the parts `parts_to_json` wrote."""
-    entries = lambda numbers: tuple(int(i) for i in numbers)  # noqa: E731
-    return tuple(
-        Part(
-            name=str(row["name"]),
-            odd=entries(row["odd"]),
-            even=entries(row["even"]),
-            answers=entries(row["answers"]),
-            hears=entries(row["hears"]),
-            like=int(row["like"]),
-        )
-        for row in rows
-    )
+def parts_from_json(rows: Any) -> tuple[Part, ...]:
+    """Return the parts `parts_to_json` wrote; ValueError names what is wrong with them."""
+    if not isinstance(rows, list) or len(rows) > MOST_PARTS:
+        raise ValueError(f"parts: wanted a list of at most {MOST_PARTS}")
+    return tuple(_part_from_json(row) for row in rows)
+
+
+def _part_from_json(row: Any) -> Part:
+    if not isinstance(row, dict):
+        raise ValueError("parts: a part is no table")
+    name = check_label(row["name"], "parts")
+    indices = {key: entries(row[key], f"parts: {key} of {name}", MOST_NUMBERS) for key in ENTRY_KEYS}
+    for key, found in indices.items():
+        if len({*found}) < len(found):
+            raise ValueError(f"parts: {key} of {name} names an entry twice")
+    like = whole(row["like"], f"parts: like of {name}", -1, MOST_PARTS)
+    return Part(name, indices["odd"], indices["even"], indices["answers"], indices["hears"], like)

@@ -16,14 +16,19 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.principal import Basis, mixing, principal, reflection
 from neuroanimator.systems.cloud import Cloud, flat_of, points_of, seen_by, shown_by
+from neuroanimator.systems.layout import MOST_NUMBERS
+from neuroanimator.systems.numbers import entries, listed, number, numbers, whole
 from neuroanimator.systems.rotation import Numbers, cross
-from neuroanimator.systems.structure import Mirror, Segment, Structure
+from neuroanimator.systems.structure import LONGEST_RESPONSE, Mirror, Segment, Structure
 
 RIGID = 13
 """Numbers of the frame: place, quaternion, velocity, spin."""
 
 HARDLY_EXCEEDED = 0.9995
 """Share of the training states within the reach of the modes."""
+
+FARTHEST, SHARES_OFF = 1e6, 1e-6
+"""Of a cloud read from a file: the largest coordinate [m], and how far the sum of shares may be off 1."""
 
 SMALLEST_SPREAD, TINY = 1e-9, 1e-12
 """Modes that never vary, and motions that stand still, are not divided by zero."""
@@ -75,21 +80,24 @@ class Modes(eqx.Module):
     @classmethod
     def from_json(cls, described: dict[str, Any], states: int, controls: int) -> Modes:
         """Return the modes `to_json` wrote, arrays zero; ValueError unless they fit `states` and `controls`."""
-        places, masses = described["cloud"]
-        cloud = Cloud(tuple((float(x), float(y), float(z)) for x, y, z in places), tuple(float(m) for m in masses))
-        q, p, odd_q, odd_p = (int(count) for count in described["counts"])
-        size, muscles = 3 * cloud.count, int(described["muscles"])
-        fits = len(places) == cloud.count and states == 2 * size + muscles and muscles in (0, controls)
+        cloud = _cloud_from_json(described["cloud"])
+        counts = listed(described["counts"], "modes", lambda count, what: whole(count, what, 0, MOST_NUMBERS), 4)
+        q, p, odd_q, odd_p = counts
+        size = 3 * cloud.count
+        muscles = whole(described["muscles"], "modes: muscles", 0, controls)
+        fits = states == 2 * size + muscles and muscles in (0, controls)
         if not fits or not 0 <= odd_q <= q <= size or not 0 <= odd_p <= p <= size:
             raise ValueError("modes: other sizes than the state")
         mirror = None
         if described["mirror"] is not None:
-            mirror = Mirror(*(tuple(int(i) for i in part) for part in described["mirror"]))
+            points, drives = described["mirror"]
+            mirror = Mirror(entries(points, "modes: mirror", cloud.count), entries(drives, "modes: mirror", controls))
             if not _swaps(mirror.points, cloud.count) or not _swaps(mirror.controls, controls):
                 raise ValueError("modes: a mirror that does not pair left and right")
         bases = jnp.zeros((size, q)), jnp.zeros((size, p)), jnp.zeros(size), jnp.zeros(size)
         arrays = *bases, jnp.zeros(q + p), jnp.zeros(4)
-        return cls(*arrays, cloud, mirror, odd_q, odd_p, muscles, float(described["response"]))
+        response = number(described["response"], "modes: response", 0, LONGEST_RESPONSE)
+        return cls(*arrays, cloud, mirror, odd_q, odd_p, muscles, response)
 
     def encode(self, state: Numbers) -> Numbers:
         """Return (..., I) the few numbers of `state` (..., S)."""
@@ -226,6 +234,16 @@ class Modes(eqx.Module):
 
 def _like(numbers: Numbers, state: Numbers) -> Numbers:
     return state.__array_namespace__().asarray(numbers, dtype=state.dtype)
+
+
+def _cloud_from_json(row: Any) -> Cloud:
+    """Return the cloud; its masses are shares of the whole, so each is above 0 and they add up to 1."""
+    places, masses = row
+    shares = numbers(masses, "modes: masses", most=1)
+    if not shares or min(shares) <= 0 or abs(sum(shares) - 1) > SHARES_OFF:
+        raise ValueError("modes: wanted masses as shares of the whole, each above 0")
+    points = listed(places, "modes: places", lambda place, what: numbers(place, what, 3, FARTHEST), len(shares))
+    return Cloud(tuple((x, y, z) for x, y, z in points), shares)
 
 
 def _swaps(partners: tuple[int, ...], count: int) -> bool:

@@ -18,6 +18,23 @@ DEFAULT_WIDTHS = {
 }  # fmt: skip
 
 
+WIDEST_LAYER = 4096
+"""Most units of a hidden layer: bounds what a hostile file can make us allocate, so wider ones are not trained."""
+MOST_LAYERS = 32
+"""Most hidden layers, a hierarchy's in all; each is traced one by one."""
+
+
+def check_widths(kind: str, widths: tuple[int, ...]) -> None:
+    """Refuse hidden layers that no emulator file may have; ArgumentError says which."""
+    if any(width < 1 for width in widths if kind != "hierarchy"):
+        raise ArgumentError(f"widths: wanted at least 1 unit in every hidden layer, came {list(widths)[:MOST_LAYERS]}.")
+    if len(widths) > MOST_LAYERS:
+        raise ArgumentError(f"widths: wanted at most {MOST_LAYERS} hidden layers, came {len(widths)}.")
+    for width in widths:
+        if width > WIDEST_LAYER:
+            raise ArgumentError(f"widths: wanted at most {WIDEST_LAYER} units in a hidden layer, came {width}.")
+
+
 def make_network(
     kind: str,
     odd: int,
@@ -33,8 +50,7 @@ def make_network(
     `even_out` names the answers that stay what they are in the mirror; of `mirrored` and `hierarchy` only.
     `parts` says who sees and answers what; of `hierarchy` only.
     """
-    if any(width < 1 for width in widths if kind != "hierarchy"):
-        raise ArgumentError(f"widths: wanted at least 1 unit in every hidden layer, came {list(widths)}.")
+    check_widths(kind, widths)
     if kind not in NETWORKS:
         raise ArgumentError(f"No network called '{kind}'. Networks: {', '.join(sorted(NETWORKS))}.")
     if kind == "hierarchy":

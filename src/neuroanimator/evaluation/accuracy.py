@@ -13,8 +13,8 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.transitions import RUN_STEPS, Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.frame import Frame
-from neuroanimator.errors import ArgumentError
-from neuroanimator.systems import load_system
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import Runs, Scheme, System
 
 HELD_OUT_SEED = 2**31
@@ -71,8 +71,12 @@ class HeldOut:
 
 
 def system_of(emulator: Emulator) -> System:
-    """Return the physics `emulator` stands for."""
-    return load_system(emulator.identity.system, emulator.identity.definition)
+    """Return the physics `emulator` stands for; BadFileError if that has another state or control."""
+    identity = emulator.identity
+    system = carried_system(identity.system, identity.definition)
+    if (system.state, system.control) != (identity.state, identity.control):
+        raise BadFileError(f"The emulator says it is of {system.name}, which has another state or control.")
+    return system
 
 
 def held_out_runs(

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from neuroanimator.evaluation.evaluate import NO_OPPONENT, Evaluation
 from neuroanimator.evaluation.work_precision import EMULATOR, draw_work
 from neuroanimator.files import write_whole
+from neuroanimator.text import printable
 
 SHOWN = 3
 """State entries drawn of a motion, at most."""
@@ -56,32 +57,40 @@ def _verdict(evaluations: list[Evaluation]) -> str:
 def _sentence(e: Evaluation) -> str:
     if e.measured_speed is None:
         return (
-            f"<b>{e.system}, n = {e.substeps}.</b> One super step costs {e.emulator_seconds * 1e6:.2f} µs. "
+            f"<b>{_title(e)}.</b> One super step costs {e.emulator_seconds * 1e6:.2f} µs. "
             f"{NO_OPPONENT} Blow-ups: {e.blow_ups} of {e.blow_up_starts} recorded starts."
         )
     rival, speed = e.speed.rival.scheme, e.speed
+    scheme = f"{html.escape(rival.integrator)} at {rival.dt * 1e3:.3g} ms"
     word = "wins" if speed.equal_error > 1 else "loses"
     return (
-        f"<b>{e.system}, n = {e.substeps}.</b> One super step costs {speed.emulator_seconds * 1e6:.2f} µs "
-        f"in {speed.runtime}. "
+        f"<b>{_title(e)}.</b> One super step costs {speed.emulator_seconds * 1e6:.2f} µs "
+        f"in {html.escape(speed.runtime)}. "
         f"The physics' own {e.substeps} steps take {speed.nominal:.0f} times as long. The fastest physics that is "
-        f"at least as accurate, {rival.integrator} at {rival.dt * 1e3:.3g} ms, takes {speed.equal_error:.1f} times "
+        f"at least as accurate, {scheme}, takes {speed.equal_error:.1f} times "
         f"as long: at equal error the emulator {word}. "
-        f"Blow-ups: {e.blow_ups} of {e.blow_up_starts} random starts. {e.note}"
+        f"Blow-ups: {e.blow_ups} of {e.blow_up_starts} random starts. {html.escape(e.note)}"
     )
+
+
+def _title(e: Evaluation) -> str:
+    return f"{html.escape(e.system)}, n = {e.substeps}"
 
 
 def _section(e: Evaluation) -> str:
     figures = RECORDED_FIGURES if e.measured_speed is None else FIGURES
     body = "".join(f"{plot(partial(draw, e=e))}<p>{caption}</p>" for draw, caption in figures)
-    rows = "".join(f"<tr><td>{name}</td><td>{error:.3g}</td></tr>" for name, error in e.baselines.items())
+    rows = "".join(f"<tr><td>{html.escape(name)}</td><td>{error:.3g}</td></tr>" for name, error in e.baselines.items())
     cheap = f"<h3>Cheap predictors, one-step error</h3><table>{rows}</table>" if rows else ""
-    return f"<h2>{e.system}, n = {e.substeps} (Δt = {e.dt * 1e3:g} ms)</h2>{body}{cheap}"
+    return f"<h2>{_title(e)} (Δt = {e.dt * 1e3:g} ms)</h2>{body}{cheap}"
 
 
 def _label(e: Evaluation) -> str:
     units = dict.fromkeys(entry.rsplit(" ", 1)[-1] for entry in e.entries[:SHOWN])
-    return "joint angles [rad]" if list(units) == ["rad"] else f"state [{', '.join(units)}]"
+    if list(units) == ["rad"]:
+        return "joint angles [rad]"
+    shown = printable(", ".join(units)).replace("$", r"\$")  # Matplotlib reads what is between dollars as formulas
+    return f"state [{shown}]"
 
 
 def plot(draw: Callable[[Axes], None]) -> str:

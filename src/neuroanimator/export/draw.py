@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from neuroanimator.export.stage import Setting, Stage
-from neuroanimator.systems import load_system
+from neuroanimator.systems import carried_system
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.mujoco import MujocoSystem
 from neuroanimator.systems.skeleton import Skeleton
@@ -62,7 +62,7 @@ def draw(out: str, system: str, rate: str, width: str, height: str) -> None:
     """Write the video; all arguments as text, from the command line."""
     content = np.load(io.BytesIO(sys.stdin.buffer.read()), allow_pickle=False)
     skeleton = Skeleton.from_json(json.loads(str(content["skeleton"])))
-    scene = scene_of(load_system(system, str(content["definition"])), skeleton, content["states"], float(rate))
+    scene = scene_of(carried_system(system, str(content["definition"])), skeleton, content["states"], float(rate))
     model, size = scene.model, (int(width), int(height))
     data = mujoco.MjData(model)
     model.vis.global_.offwidth, model.vis.global_.offheight = size

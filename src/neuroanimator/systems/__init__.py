@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.system import System
+from neuroanimator.text import quoted
 
 SYSTEMS = {
     "cube": "an elastic cube: 8 mass points, 28 springs, pushed about on hard ground",
@@ -24,17 +25,33 @@ GOALS = {
 
 
 def load_system(name: str, definition: str = "") -> System:
-    """Return the system called `name`, of the TOML file `name`, or the one `definition` describes.
+    """Return the system called `name`, or the one the TOML file `name` of yours describes.
 
-    `definition` is what a dataset or an emulator of a user's own system carries along.
+    Naming a TOML file allows this process to run the step function beside it, or to open the recordings: name only
+    files whose code you would run. `definition` is what a dataset or an emulator carries along; with it, and for
+    every name out of a file, no path is looked up.
+    """
+    if definition or not name.endswith(".toml"):
+        return carried_system(name, definition)
+    from neuroanimator.systems import own
+
+    own.trust_files(name)
+    return own.from_text(own.resolve(name)[1])
+
+
+def carried_system(name: str, definition: str = "") -> System:
+    """Return the system a dataset, an emulator or a policy names: a packaged one, or what `definition` describes.
+
+    Whatever the file says, no path is looked up, no code is run and no recording opened.
     """
     from neuroanimator.systems import own, pendulum
 
-    if name.endswith(".toml"):
-        definition = own.resolve(name)[1]
     if definition:
-        return own.from_text(definition)
+        system = own.from_text(definition)
+        if system.name != name:
+            raise BadFileError(f"The definition is of the system {quoted(system.name)}, not of {quoted(name)}.")
+        return system
     if name not in SYSTEMS:
-        raise ArgumentError(f"No system called '{name}'. Systems: {', '.join(sorted(SYSTEMS))}.")
+        raise ArgumentError(f"No system called {quoted(name)}. Systems: {', '.join(sorted(SYSTEMS))}.")
     pendulums = {"pendulum": pendulum.active_pendulum, "pendulum-passive": pendulum.passive_pendulum}
     return pendulums[name]() if name in pendulums else own.packaged(name)

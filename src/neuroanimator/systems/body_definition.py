@@ -24,8 +24,9 @@ from pydantic import Field
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.body import Body, Ground, Water
 from neuroanimator.systems.body_checks import check_faces, check_muscles, check_nodes, check_springs, listed
-from neuroanimator.systems.definition import Finite, GoalTable, Name, PartName, Positive, Share, Step, Table
+from neuroanimator.systems.definition import Finite, GoalTable, Positive, Share, Step, Table
 from neuroanimator.systems.gait import Gait
+from neuroanimator.systems.names import PartName, SystemName
 from neuroanimator.systems.skin import SkinTable
 
 Integrator = Literal["symplectic", "semi-implicit", "rk4"]
@@ -116,7 +117,7 @@ class BodySampling(Table):
 class BodyDefinition(Table):
     """A system whose physics is a mass-spring body's."""
 
-    name: Name
+    name: SystemName
     kind: Literal["mass-spring"]
     substeps: int = Field(50, ge=1, le=1000)
     physics: BodyPhysics
@@ -142,7 +143,7 @@ class BodyDefinition(Table):
     skin: SkinTable | None = None
     """What is drawn; without it, a ball at every mass point."""
     sampling: BodySampling = BodySampling()
-    goals: dict[Name, GoalTable] = Field({})
+    goals: dict[SystemName, GoalTable] = Field({})
 
 
 def body_of(definition: BodyDefinition) -> Body:

@@ -18,6 +18,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.systems.names import FileName, PartName, SystemName
+from neuroanimator.text import printable
 
 Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
 Look = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
@@ -26,8 +28,6 @@ Step = Annotated[float, Field(gt=0, le=0.1)]
 """Of physics [s]."""
 Share = Annotated[float, Field(ge=0, le=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-PartName = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]{0,39}$")]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$")]
 
 
 class Table(BaseModel):
@@ -96,11 +96,11 @@ class GoalTable(Table):
 class Definition(Table):
     """A system whose physics is a MuJoCo model."""
 
-    name: Name
+    name: SystemName
     substeps: int = Field(50, ge=1, le=1000)
     """Physics steps n in a super step, if nothing else is asked for."""
     kind: Literal["mujoco"] = "mujoco"
-    model: str
+    model: FileName
     physics: Physics
     state: dict[str, Look] = {}
     """Per joint, how the network sees it."""
@@ -112,7 +112,7 @@ class Definition(Table):
     groups: dict[PartName, tuple[str, ...]] = {}
     """Per limb or other part of the body its joints, no joint twice; of a hierarchy's networks."""
     sampling: Sampling = Sampling()
-    goals: dict[Name, GoalTable] = {}
+    goals: dict[SystemName, GoalTable] = {}
 
 
 class StatePart(Table):
@@ -158,9 +158,9 @@ class StartSampling(Table):
 class PythonDefinition(Table):
     """A system whose physics is a Python function."""
 
-    name: Name
+    name: SystemName
     kind: Literal["python"]
-    file: str
+    file: FileName
     batched: bool = False
     """Whether the function also takes (S, B) states and (C, B) controls at once."""
     substeps: int = Field(50, ge=1, le=1000)
@@ -168,7 +168,7 @@ class PythonDefinition(Table):
     state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
     control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
     sampling: StartSampling = StartSampling()
-    goals: dict[Name, GoalTable] = {}
+    goals: dict[SystemName, GoalTable] = {}
 
 
 class RecordedPhysics(Table):
@@ -180,9 +180,9 @@ class RecordedPhysics(Table):
 class RecordedDefinition(Table):
     """A system known from recordings alone."""
 
-    name: Name
+    name: SystemName
     kind: Literal["recorded"]
-    file: str
+    file: FileName
     substeps: int = Field(10, ge=1, le=1000)
     """Samples n in a super step, if nothing else is asked for."""
     physics: RecordedPhysics
@@ -194,13 +194,13 @@ def first_fault(error: ValidationError) -> str:
     """Return pydantic's first complaint as one line naming the key."""
     fault = error.errors()[0]
     key = ".".join(str(part) for part in fault["loc"])
-    return f"{key}: {fault['msg'].lower()}, came {str(fault['input'])[:80]!r}"
+    return f"{printable(key)}: {fault['msg'].lower()}, came {str(fault['input'])[:80]!r}"
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return what a TOML file holds, not yet checked."""
     try:
-        return tomllib.loads(path.read_text())
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise BadFileError(f"{path} is not a readable TOML file: {error}.") from error
 

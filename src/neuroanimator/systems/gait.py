@@ -8,6 +8,13 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.systems.layout import Bounds
+from neuroanimator.systems.numbers import number, numbers
+
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1e6
+"""[s] What a definition allows, and what a clock can be divided by."""
+
+LARGEST_AMPLITUDE = 1e6
+"""Far beyond the full range, which is 1; the lags' limit [rad] too."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +41,11 @@ class Gait:
         return [self.period, list(self.amplitudes), list(self.lags)]
 
     @classmethod
-    def from_json(cls, row: list[Any], controls: int) -> Gait:
+    def from_json(cls, row: Any, controls: int) -> Gait:
         """Return the gait `to_json` wrote; ValueError unless it has that many `controls`."""
-        period, amplitudes, lags = row
-        gait = cls(float(period), tuple(float(a) for a in amplitudes), tuple(float(lag) for lag in lags))
-        if not (0 < gait.period < 1e6 and len(gait.amplitudes) == len(gait.lags) == controls):
-            raise ValueError("gait: other sizes than the control")
-        return gait
+        if not isinstance(row, list) or len(row) != 3:
+            raise ValueError("gait: wanted a period, amplitudes and lags")
+        period = number(row[0], "gait: period", SHORTEST_PERIOD, LONGEST_PERIOD)
+        amplitudes = numbers(row[1], "gait: amplitudes", controls, LARGEST_AMPLITUDE)
+        lags = numbers(row[2], "gait: lags", controls, LARGEST_AMPLITUDE)
+        return cls(period, amplitudes, lags)

@@ -1,7 +1,9 @@
-"""Files the user gave by path to this very process, by the sha256 of their bytes.
+"""Step functions and recordings this process may use: those the user allowed, by the sha256 of their bytes.
 
 A definition that travels with a dataset or an emulator may name a file, never hold one to run or to
-open: what is not given here stays closed, so that a stranger's emulator cannot make us run anything.
+open: what was not allowed here stays closed, so that a stranger's emulator cannot make us run anything.
+Nothing else in the package allows a file than `own.trust_files`, for a TOML file the user names, and
+`new.write_definition`, for the file it is asked to write one for.
 """
 
 from __future__ import annotations
@@ -14,28 +16,35 @@ from neuroanimator.errors import BadFileError
 LARGEST_FILE = 512 * 2**20
 """Largest file taken [bytes]: recordings are read whole."""
 
-_GIVEN: dict[str, Path] = {}
+_TRUSTED: dict[str, Path] = {}
 
 
-def give_file(path: Path) -> str:
-    """Allow this process to use the file at `path`; return its sha256, its name from now on."""
-    digest = hashlib.sha256(_read(path)).hexdigest()
-    _GIVEN[digest] = path
+def trust_file(path: Path) -> str:
+    """Allow this process to run or open the file at `path`, as its bytes are now; return their sha256."""
+    digest = digest_of(path)
+    _TRUSTED[digest] = path
     return digest
 
 
-def given_file(digest: str, refusal: str) -> bytes:
-    """Return the bytes with this sha256 if they were given; BadFileError with `refusal` if not."""
-    if digest not in _GIVEN:
+def digest_of(path: Path) -> str:
+    """Return the sha256 of a file's bytes, its name from now on. Allows nothing."""
+    return hashlib.sha256(_read(path)).hexdigest()
+
+
+def trusted_file(digest: str, refusal: str) -> bytes:
+    """Return the bytes with this sha256 if they were allowed; BadFileError with `refusal` if not."""
+    if digest not in _TRUSTED:
         raise BadFileError(refusal)
-    content = _read(_GIVEN[digest])
+    content = _read(_TRUSTED[digest])
     if hashlib.sha256(content).hexdigest() != digest:
-        raise BadFileError(f"{_GIVEN[digest]} changed while it was in use. Run the command again.")
+        raise BadFileError(f"{_TRUSTED[digest]} changed while it was in use. Run the command again.")
     return content
 
 
 def _read(path: Path) -> bytes:
     try:
+        if not path.is_file():
+            raise BadFileError(f"Could not read {path}: no such file. Check the path.")
         if path.stat().st_size > LARGEST_FILE:
             raise BadFileError(f"{path}: wanted at most {LARGEST_FILE:,} bytes. Split it, or leave samples out.")
         return path.read_bytes()

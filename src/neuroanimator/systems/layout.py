@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.names import check_label, refuse_twins
+from neuroanimator.systems.numbers import numbers, whole
+from neuroanimator.systems.units import STATE_UNITS
+from neuroanimator.text import quoted
+
+MOST_NUMBERS = 4096
+"""Longest vector read from a file: memory and time grow with it."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +75,27 @@ class Layout:
         return [[part.name, part.size, part.unit] for part in self.slices]
 
     @classmethod
-    def from_json(cls, rows: list[list]) -> Layout:
-        """Return the layout `to_json` wrote."""
-        return cls(tuple(Slice(str(name), int(size), str(unit)) for name, size, unit in rows))
+    def from_json(cls, rows: Any, what: str) -> Layout:
+        """Return the layout of a state or control, `what`, that `to_json` wrote.
+
+        Raises ValueError for names, units and sizes no system has.
+        """
+        if not isinstance(rows, list) or not 1 <= len(rows) <= MOST_NUMBERS:
+            raise ValueError(f"{what}: wanted 1 to {MOST_NUMBERS} named parts")
+        layout = cls(tuple(_slice_from_json(row, what) for row in rows))
+        refuse_twins((part.name for part in layout.slices), what)
+        whole(layout.size, f"{what}: numbers in all", 1, MOST_NUMBERS)
+        return layout
+
+
+def _slice_from_json(row: Any, what: str) -> Slice:
+    if not isinstance(row, list) or len(row) != 3:
+        raise ValueError(f"{what}: wanted name, size and unit of every part, came {quoted(row)}")
+    name, size, unit = row
+    check_label(name, what)
+    if not isinstance(unit, str) or unit not in STATE_UNITS:
+        raise ValueError(f"{what}: '{name}' has the unknown unit {quoted(unit)}")
+    return Slice(name, whole(size, f"{what}: size of '{name}'", 1, MOST_NUMBERS), unit)
 
 
 @dataclass(frozen=True)
@@ -84,6 +110,18 @@ class Bounds:
         """Return the bounds ±`limit` (C,)."""
         numbers = tuple(float(value) for value in np.asarray(limit))
         return cls(tuple(-value for value in numbers), numbers)
+
+    @classmethod
+    def from_json(cls, sides: Any, size: int, what: str) -> Bounds:
+        """Return the bounds of `size` numbers, least and largest as two lists; ValueError names what is wrong."""
+        if not isinstance(sides, list) or len(sides) != 2:
+            raise ValueError(f"{what}: wanted the least and the largest values")
+        low = numbers(sides[0], what, size)
+        high = numbers(sides[1], what, size)
+        for least, largest in zip(low, high, strict=True):
+            if least > largest:
+                raise ValueError(f"{what}: wanted the least value below the largest, came {least:g} and {largest:g}")
+        return cls(low, high)
 
     @property
     def middle(self) -> np.ndarray:

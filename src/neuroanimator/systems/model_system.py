@@ -17,6 +17,7 @@ from neuroanimator.systems.mujoco_structure import (
     JointView,
     actuator_name,
     joint_views,
+    sensor_numbers,
     state_layout,
     structure_of,
 )
@@ -131,11 +132,7 @@ class ModelSystem(MujocoSystem):
 
 def sensor_entries(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, ...]:
     """Return the entries of MuJoCo's sensor data the sensors called `names` fill."""
-    known = [model.sensor(i).name for i in range(model.nsensor)]
-    for name in names:
-        if name not in known:
-            raise ArgumentError(f"sensors: no sensor called '{name}'. Sensors: {', '.join(known) or 'none'}.")
-    places = [(int(model.sensor(name).adr[0]), int(model.sensor(name).dim[0])) for name in names]
+    places = [(int(model.sensor_adr[i]), int(model.sensor_dim[i])) for i in sensor_numbers(model, names)]
     return tuple(start + i for start, size in places for i in range(size))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
+from neuroanimator.systems.names import model_name
 from neuroanimator.systems.skeleton import Bone, Joint, Shape, Skeleton
 
 DRAWN_GROUPS = 3
@@ -35,7 +36,7 @@ def skeleton_of(model: mujoco.MjModel) -> Skeleton:
 def _bone(model: mujoco.MjModel, body: int, first: int) -> Bone:
     joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
     return Bone(
-        name=model.body(body).name or f"body_{body}",
+        name=model_name(model.body(body).name, f"body_{body}"),
         parent=-1 if body == 0 else int(model.body_parentid[body]) - first,
         offset=_numbers(model.body_pos[body]),
         turn=_numbers(model.body_quat[body]),
@@ -66,7 +67,8 @@ def _shape(model: mujoco.MjModel, geom: int) -> Shape:
 
 def _colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
     material = model.geom_matid[geom]
-    return model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    return np.clip(colour, 0, 1)
 
 
 def _as_is(kind: str) -> Callable[[mujoco.MjModel, int], tuple[str, tuple[float, ...]]]:

@@ -11,7 +11,9 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.definition import FrameTable
 from neuroanimator.systems.layout import Layout, Slice
 from neuroanimator.systems.mujoco_skeleton import JOINT_NAMES
+from neuroanimator.systems.names import model_name
 from neuroanimator.systems.structure import Segment, Structure
+from neuroanimator.text import quoted
 
 LOOKS = {
     "hinge": ("sine", "plain", "cyclic", "planar"),
@@ -39,12 +41,27 @@ class JointView:
 
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
     """Return what a joint is called; `joint_3` if the model does not say."""
-    return model.joint(joint).name or f"joint_{joint}"
+    return model_name(model.joint(joint).name, f"joint_{joint}")
 
 
 def actuator_name(model: mujoco.MjModel, actuator: int) -> str:
     """Return what an actuator is called; `actuator_3` if the model does not say."""
-    return model.actuator(actuator).name or f"actuator_{actuator}"
+    return model_name(model.actuator(actuator).name, f"actuator_{actuator}")
+
+
+def sensor_name(model: mujoco.MjModel, sensor: int) -> str:
+    """Return what a sensor is called; empty if the model does not say, for then it cannot be asked for."""
+    return model_name(model.sensor(sensor).name, "")
+
+
+def sensor_numbers(model: mujoco.MjModel, names: tuple[str, ...]) -> list[int]:
+    """Return the numbers in the model of the sensors called `names`; ArgumentError lists those there are."""
+    known = [sensor_name(model, i) for i in range(model.nsensor)]
+    for name in names:
+        if name not in known:
+            listed = ", ".join(filter(None, known)) or "none"
+            raise ArgumentError(f"sensors: no sensor called {quoted(name)}. Sensors: {listed}.")
+    return [known.index(name) for name in names]
 
 
 def joint_views(model: mujoco.MjModel, looks: dict[str, str], planar: tuple[str, ...] = ()) -> list[JointView]:
@@ -81,7 +98,8 @@ def state_layout(model: mujoco.MjModel, views: list[JointView], sensors: tuple[s
     places = [part for view in views for part in _place_slices(view)]
     rates = [part for view in views for part in _rate_slices(view)]
     activation = [Slice("activation", model.na, "1")] if model.na else []
-    sensed = [Slice(f"sensor.{name}", int(model.sensor(name).dim[0]), "1") for name in sensors]
+    places_of = zip(sensors, sensor_numbers(model, sensors), strict=True)
+    sensed = [Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1") for name, number in places_of]
     parts = [*places, *rates, *activation, *sensed]
     names = [part.name for part in parts]
     for name in names:

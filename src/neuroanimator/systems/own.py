@@ -2,29 +2,23 @@
 
 What makes up a user's system travels as one JSON text with its datasets and emulators, so that
 they can be measured, refined and replayed. A model travels whole. A step function and recordings
-travel by name and sha256 only: they are used where their TOML file is given, see `given.py`.
+travel by name and sha256 only: they are used where the user allows it with `trust_files`.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.errors import BadFileError
 from neuroanimator.files import canonical_json
 from neuroanimator.systems.body_definition import BodyDefinition
-from neuroanimator.systems.definition import (
-    Definition,
-    PythonDefinition,
-    RecordedDefinition,
-    check_definition,
-    read_toml,
-)
+from neuroanimator.systems.definition import Definition, check_definition, read_toml
+from neuroanimator.systems.definition_text import LARGEST_TEXT, TABLES, kind_of, read_definition_text
 from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.given import give_file
+from neuroanimator.systems.given import digest_of, trust_file
 from neuroanimator.systems.model_file import ModelFiles, compile_model, read_model_files
 from neuroanimator.systems.model_system import ModelSystem
 from neuroanimator.systems.mujoco import load_model
@@ -33,15 +27,12 @@ from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.recording import read_recording
 from neuroanimator.systems.system import System
 
-LARGEST_TEXT = 512 * 1024
-"""Largest JSON text of a system [bytes]: an emulator file carries it in its header."""
-
 
 def packaged(name: str) -> System:
     """Return the system whose TOML, and MJCF if it has one, ship in the package under `name`."""
     with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
         values = read_toml(folder / f"{name}.toml")
-    definition = check_definition(values, f"{name}.toml", _kind_of(values).table)
+    definition = check_definition(values, f"{name}.toml", TABLES[kind_of(values)])
     if isinstance(definition, BodyDefinition):
         return DeformableSystem(definition)
     return ModelSystem(definition, load_model(definition.model))
@@ -50,10 +41,10 @@ def packaged(name: str) -> System:
 class Kind(NamedTuple):
     """One way to bring a system."""
 
-    table: type[Any]
-    """What its TOML file may hold."""
     source: str
     """Key that names the file beside the TOML; empty if there is none."""
+    needs_trust: bool
+    """Whether that file is run or opened again later, where the user must have allowed it."""
     pack: Callable[[Path], Any]
     """What of that file travels along, as JSON."""
     make: Callable[[Any, Any, str], System]
@@ -69,11 +60,11 @@ def _make_model(definition: Definition, files: Any, text: str) -> System:
 
 
 def _pack_function(path: Path) -> dict[str, Any]:
-    return {"name": path.name, "sha256": give_file(path)}
+    return {"name": path.name, "sha256": digest_of(path)}
 
 
 def _pack_recording(path: Path) -> dict[str, Any]:
-    digest = give_file(path)
+    digest = digest_of(path)
     runs = read_recording(digest, path.name)
     rows = [len(states) for states in runs.states]
     return {"name": path.name, "sha256": digest, "rows": rows, "origins": list(runs.origins)}
@@ -88,38 +79,40 @@ def _make_body(definition: BodyDefinition, files: None, text: str) -> System:
 
 
 KINDS = {
-    "mujoco": Kind(Definition, "model", _pack_model, _make_model),
-    "mass-spring": Kind(BodyDefinition, "", _pack_nothing, _make_body),
-    "python": Kind(PythonDefinition, "file", _pack_function, PythonSystem),
-    "recorded": Kind(RecordedDefinition, "file", _pack_recording, RecordedSystem),
+    "mujoco": Kind("model", False, _pack_model, _make_model),
+    "mass-spring": Kind("", False, _pack_nothing, _make_body),
+    "python": Kind("file", True, _pack_function, PythonSystem),
+    "recorded": Kind("file", True, _pack_recording, RecordedSystem),
 }
-
-
-def _kind_of(values: Any) -> Kind:
-    name = values.get("kind", "mujoco") if isinstance(values, dict) else values
-    if not isinstance(name, str) or name not in KINDS:
-        raise ArgumentError(f"kind: no kind of system called {str(name)[:40]!r}. Kinds: {', '.join(KINDS)}.")
-    return KINDS[name]
+"""By the names in `definition_text.TABLES`."""
 
 
 USUAL_SUBSTEPS = 50
 
 
+def trust_files(toml: str | Path) -> None:
+    """Allow this process to run the step function, or to open the recordings, that a TOML file names beside it.
+
+    This is the one act by which Python code of a user's is run: call it only for a file whose code you would run.
+    The command line calls it for the TOML files named there, `load_system` for the one it is given; no dataset,
+    emulator or policy can. A TOML file of another kind allows nothing.
+    """
+    path = Path(toml)
+    kind, definition = _read_definition(path)
+    if kind.needs_trust:
+        trust_file(_source(path, kind, definition))
+
+
 def resolve(reference: str) -> tuple[str, str, int]:
     """Return (name, definition text, usual substeps) of what a user calls a system: its name, or its TOML file.
 
-    A TOML file's step function or recordings may be used by this process from then on.
+    Runs nothing and allows nothing: see `trust_files`, which recordings need before.
     """
     if not reference.endswith(".toml"):
         return reference, "", USUAL_SUBSTEPS
     path = Path(reference)
-    values = read_toml(path)
-    kind = _kind_of(values)
-    definition = check_definition(values, path.name, kind.table)
-    source = getattr(definition, kind.source) if kind.source else ""
-    if source and Path(source).name != source:
-        raise ArgumentError(f"{path.name}: {kind.source}: wanted a file beside it, came '{source}'.")
-    files = kind.pack(path.parent / source)
+    kind, definition = _read_definition(path)
+    files = kind.pack(_source(path, kind, definition))
     text = canonical_json({"definition": definition.model_dump(mode="json"), "files": files})
     if len(text) > LARGEST_TEXT:
         raise BadFileError(
@@ -130,12 +123,19 @@ def resolve(reference: str) -> tuple[str, str, int]:
     return definition.name, text, definition.substeps
 
 
+def _read_definition(path: Path) -> tuple[Kind, Any]:
+    """Return the kind of system a TOML file defines, and its checked definition."""
+    values = read_toml(path)
+    name = kind_of(values)
+    return KINDS[name], check_definition(values, path.name, TABLES[name])
+
+
+def _source(path: Path, kind: Kind, definition: Any) -> Path:
+    """Return the file beside a TOML file that it names, or its folder if it names none."""
+    return path.parent / (getattr(definition, kind.source) if kind.source else "")
+
+
 def from_text(text: str) -> System:
     """Return the system `resolve` wrote down. It is checked like any stranger's, and no code of its runs."""
-    try:
-        values = json.loads(text)
-        definition, files = values["definition"], values["files"]
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise BadFileError("The system's definition is damaged. Make the dataset or emulator again.") from error
-    kind = _kind_of(definition)
-    return kind.make(check_definition(definition, "definition", kind.table), files, text)
+    written = read_definition_text(text)
+    return KINDS[written.kind].make(written.definition, written.files, text)

@@ -10,7 +10,7 @@ import numpy as np
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.systems.definition import PythonDefinition, check_definition
-from neuroanimator.systems.given import give_file
+from neuroanimator.systems.given import digest_of
 from neuroanimator.systems.proposed import GOOD_ENOUGH, WHOLE_TURN, proposed_substeps
 from neuroanimator.systems.python_step import call_step, run_file
 from neuroanimator.systems.python_system import PythonSystem
@@ -35,8 +35,8 @@ EXAMPLES = {
 
 
 def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str]]:
-    """Return a definition of the step file at `path` and notes on its keys; this runs the file."""
-    digest = give_file(path)
+    """Return a definition of the step file at `path`, which the user allowed, and notes on its keys; this runs it."""
+    digest = digest_of(path)
     module = run_file(digest, path.name)
     files = {"name": path.name, "sha256": digest}
     values, notes = _declared(path, module), {}

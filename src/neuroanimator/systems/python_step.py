@@ -29,7 +29,8 @@ from types import ModuleType
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.given import given_file
+from neuroanimator.systems.given import trusted_file
+from neuroanimator.text import printable
 
 StepFunction = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
@@ -38,13 +39,13 @@ StepFunction = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 def run_file(digest: str, name: str) -> ModuleType:
     """Return the module in the given file with this sha256: this runs it.
 
-    Only a file the user gave by path to this process is ever run; see `given.py`.
+    Only a file the user allowed is ever run; see `own.trust_files`.
     """
-    source = given_file(
+    source = trusted_file(
         digest,
-        f"The physics is Python code, {name[:60]}, which no dataset or emulator may run by itself. If you have that "
-        "file and trust it, pass its TOML file: --system my.toml. If you did, the file has changed since: "
-        "generate and train again.",
+        f"It was made from {printable(name)}, Python code that is run only if you say so: give the TOML file beside "
+        "it, --system PATH, or in Python trust_files(PATH). If you did, the code has changed since: generate and "
+        "train again.",
     )
     module = ModuleType(f"neuroanimator_step_{digest[:16]}")
     module.__file__ = name

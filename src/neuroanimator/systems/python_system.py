@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator.errors import BadFileError
 from neuroanimator.systems.definition import PythonDefinition
+from neuroanimator.systems.numbers import LARGEST_NUMBER
 from neuroanimator.systems.parts import goals_of, layout_of_control, layout_of_state, numbers_of, structure_of_parts
 from neuroanimator.systems.python_step import StepFunction, call_step, run_file
 from neuroanimator.systems.skeleton import Skeleton
@@ -16,20 +16,18 @@ from neuroanimator.systems.system import Runs, Scheme, System
 FUNCTION = "function"
 """The only integrator there is: the function itself, called with a smaller or a larger dt."""
 
-LARGEST_NUMBER = 1e30
-"""A state beyond this has blown up: datasets hold float32."""
-
 
 class PythonSystem(System):
     """The user's `step`, called again and again.
 
     The definition holds the file's name and sha256 and no code. The file is run when the first step
-    is taken, and only if the user gave it by path to this process.
+    is taken, and only if the user allowed that: see `own.trust_files`.
     """
 
     def __init__(self, definition: PythonDefinition, files: dict[str, Any], text: str = ""):
         self.name, self.definition = definition.name, text
-        self.file, self.sha256 = _checked(files)
+        self.file: str = files["name"]
+        self.sha256: str = files["sha256"]
         self.batched = definition.batched
         self.state = layout_of_state(definition.state)
         self.control, self.bounds = layout_of_control(definition.control)
@@ -46,7 +44,7 @@ class PythonSystem(System):
 
     @property
     def function(self) -> StepFunction:
-        """The user's function; BadFileError unless its file was given to this process."""
+        """The user's function; BadFileError unless the user allowed its file to be run."""
         return run_file(self.sha256, self.file).step
 
     def simulate(
@@ -87,12 +85,5 @@ class PythonSystem(System):
 
 
 def is_sane(states: np.ndarray) -> np.ndarray:
-    """Return (...,) False for each state (..., S) that is not finite or absurdly large."""
+    """Return (...,) False for each state (..., S) that is not finite or too large for a dataset: it has blown up."""
     return np.asarray((np.abs(states) < LARGEST_NUMBER).all(axis=-1))  # false for NaN too
-
-
-def _checked(files: dict[str, Any]) -> tuple[str, str]:
-    try:
-        return str(files["name"])[:200], str(files["sha256"])
-    except (KeyError, TypeError) as error:
-        raise BadFileError("The system's definition is damaged. Make the dataset or emulator again.") from error

@@ -9,7 +9,7 @@ import numpy as np
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.systems.definition import RecordedDefinition, check_definition
-from neuroanimator.systems.given import give_file
+from neuroanimator.systems.given import digest_of
 from neuroanimator.systems.proposed import proposed_substeps
 from neuroanimator.systems.recording import Recording, read_recording
 from neuroanimator.systems.units import rate_unit
@@ -22,8 +22,8 @@ RATE_ERROR = 0.15
 
 
 def propose_recording(path: Path) -> tuple[RecordedDefinition, dict[str, str]]:
-    """Return a definition of the recordings at `path` and notes on its keys."""
-    digest = give_file(path)
+    """Return a definition of the recordings at `path`, which the user allowed, and notes on its keys."""
+    digest = digest_of(path)
     recording = read_recording(digest, path.name)
     rates = _rates(recording)
     values = {

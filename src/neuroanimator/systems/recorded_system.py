@@ -6,7 +6,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.definition import RecordedDefinition
 from neuroanimator.systems.parts import layout_of_control, layout_of_state, numbers_of, structure_of_parts
 from neuroanimator.systems.recording import Recording, read_recording
@@ -15,16 +15,14 @@ from neuroanimator.systems.system import Runs, Scheme, System
 
 
 class RecordedSystem(System):
-    """Recordings as the pipeline sees them. The file is read when its samples are needed, if it was given."""
+    """Recordings as the pipeline sees them. The file is read when its samples are needed, if the user allowed that."""
 
     def __init__(self, definition: RecordedDefinition, files: dict[str, Any], text: str = ""):
         self.name, self.definition = definition.name, text
-        try:
-            self.file, self.sha256 = str(files["name"])[:200], str(files["sha256"])
-            self.rows = tuple(int(count) for count in files["rows"])
-            self.origins = tuple(str(origin)[:40] for origin in files["origins"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise BadFileError("The system's definition is damaged. Make the dataset or emulator again.") from error
+        self.file: str = files["name"]
+        self.sha256: str = files["sha256"]
+        self.rows: tuple[int, ...] = tuple(files["rows"])
+        self.origins: tuple[str, ...] = tuple(files["origins"])
         self.state = layout_of_state(definition.state)
         self.control, self.bounds = layout_of_control(definition.control)
         self.scheme = self.truth = self.fine = Scheme("recorded", definition.physics.step)
@@ -34,7 +32,7 @@ class RecordedSystem(System):
         self.turning = [i for row in self.structure.angles for i in np.flatnonzero(row)]
 
     def recording(self) -> Recording:
-        """Return the recordings, angles unwrapped; BadFileError unless their file was given to this process."""
+        """Return the recordings, angles unwrapped; BadFileError unless the user allowed their file."""
         found = read_recording(self.sha256, self.file)
         check_agreement(found, self)
         return found

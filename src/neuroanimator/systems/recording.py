@@ -20,10 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.given import given_file
+from neuroanimator.systems.given import trusted_file
 from neuroanimator.systems.recording_columns import Samples
 from neuroanimator.systems.recording_csv import read_csv
 from neuroanimator.systems.recording_npz import read_npz
+from neuroanimator.text import printable
 
 READERS: dict[str, Callable[[bytes, str], Samples]] = {".csv": read_csv, ".npz": read_npz}
 
@@ -52,9 +53,10 @@ class Recording:
 @lru_cache(maxsize=4)
 def read_recording(digest: str, name: str) -> Recording:
     """Return what the given file with this sha256 holds; BadFileError names the line and the fix."""
-    content = given_file(
+    content = trusted_file(
         digest,
-        f"The recordings {name[:60]} are not at hand. Pass their TOML file, with the same recordings beside it.",
+        f"It was made from {printable(name)}, recordings that are opened only if you say so: give the TOML file beside "
+        "them, --system PATH, or in Python trust_files(PATH). If you did, they have changed since.",
     )
     suffix = Path(name).suffix
     if suffix not in READERS:

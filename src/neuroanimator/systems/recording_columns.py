@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.systems.names import PART_PATTERN
 from neuroanimator.systems.units import known_unit
-
-NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,39}")
+from neuroanimator.text import quoted
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Samples:
 def name_and_unit(text: str, where: str) -> tuple[str, str]:
     """Return (name, unit) of a column called `angle rad`; BadFileError says `where` it is not."""
     name, _, unit = text.strip().partition(" ")
-    if not NAME.fullmatch(name) or not unit.strip():
-        raise BadFileError(f"{where}: wanted a name and a unit such as 'angle rad', came '{text[:40]}'.")
+    if not re.fullmatch(PART_PATTERN, name) or not unit.strip():
+        raise BadFileError(f"{where}: wanted a name and a unit such as 'angle rad', came {quoted(text, 40)}.")
     return name, known_unit(unit.strip(), where)
 
 

@@ -8,17 +8,32 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.systems.follow import Follow, follow_from_json, followed
+from neuroanimator.systems.layout import MOST_NUMBERS
+from neuroanimator.systems.names import check_label
+from neuroanimator.systems.numbers import number, numbers, whole
 from neuroanimator.systems.rotation import multiply, rotate
 from neuroanimator.systems.skin import Skin, skin_from_json, skin_to_json
+from neuroanimator.text import quoted
 
 Numbers = tuple[float, ...]
 
 JOINT_KINDS = ("hinge", "slide", "ball", "free")
 SHAPE_KINDS = ("capsule", "box", "sphere", "ellipsoid", "cylinder")
+SHAPE_SIZES = {"capsule": 2, "box": 3, "sphere": 1, "ellipsoid": 3, "cylinder": 2}
+"""How many sizes each kind of shape needs; MuJoCo gives every shape three."""
+MOST_SIZES = 3
 JOINT_SIZES = {"ball": 4, "free": 7}
 """State entries a joint reads, if more than one."""
-MOST_BONES = 300
-"""A skeleton may come from a stranger, and every bone is drawn."""
+MOST_BONES = 500
+"""A skeleton may come from a stranger, and every bone is drawn; a model has at most as many bodies."""
+MOST_PIECES = 5000
+"""Most joints, and most shapes, of one bone: the world of a model may have many."""
+FARTHEST = 1e6
+"""[m] Largest place and size drawn."""
+LARGEST_VALUE = 1e9
+"""[rad or m] Of a joint at its reference."""
+HARDLY_OFF_UNIT = 1e-3
+"""How far a quaternion or an axis read from a file may be off the length of 1."""
 
 
 @dataclass(frozen=True)
@@ -136,38 +151,73 @@ def _bone_to_json(bone: Bone) -> dict[str, Any]:
     return row if follow is None else row | {"follow": follow.model_dump(mode="json")}
 
 
-def _bone_from_json(row: Any, number: int) -> Bone:
-    if not isinstance(row, dict):
-        raise ValueError("skeleton: a bone is no table")
-    joints = tuple(_read(Joint, joint, JOINT_KINDS) for joint in row.get("joints", ()))
-    shapes = tuple(_read(Shape, shape, SHAPE_KINDS) for shape in row.get("shapes", ()))
-    follow = None if row.get("follow") is None else follow_from_json(row["follow"])
-    bone = _read(Bone, row | {"joints": joints, "shapes": shapes, "follow": follow})
-    if not -1 <= bone.parent < number:
-        raise ValueError(f"skeleton: bone '{str(bone.name)[:40]}' comes before its parent")
-    if follow is not None and (joints or bone.parent >= 0):
-        raise ValueError(f"skeleton: bone '{str(bone.name)[:40]}' follows mass points and has joints or a parent")
-    _check_pose(bone.offset, bone.turn)
-    for shape in shapes:
-        _check_pose(shape.place, shape.turn)
-    return bone
+def _bone_from_json(row: Any, place: int) -> Bone:
+    row = {"follow": None, **row} if isinstance(row, dict) else row
+    _check_keys(row, Bone)
+    name = check_label(row["name"], f"bone {place}")
+    label = f"bone '{name}'"
+    joints = tuple(_joint_from_json(joint, label) for joint in _pieces(row["joints"], label))
+    shapes = tuple(_shape_from_json(shape, label) for shape in _pieces(row["shapes"], label))
+    follow = None if row["follow"] is None else follow_from_json(row["follow"])
+    parent = whole(row["parent"], f"{label}: parent", -1, place - 1)
+    if follow is not None and (joints or parent >= 0):
+        raise ValueError(f"{label} follows mass points and has joints or a parent")
+    offset, turn = _place(row["offset"], label), _unit_vector(row["turn"], label, 4)
+    return Bone(name, parent, offset, turn, joints, shapes, follow)
 
 
-def _check_pose(place: Numbers, turn: Numbers) -> None:
-    if len(place) != 3 or len(turn) != 4 or not np.isfinite([*place, *turn]).all():
-        raise ValueError("skeleton: wanted a place of three and a quaternion of four numbers")
+def _joint_from_json(row: Any, label: str) -> Joint:
+    _check_keys(row, Joint, JOINT_KINDS)
+    return Joint(
+        kind=row["kind"],
+        entry=whole(row["entry"], f"{label}: entry", 0, MOST_NUMBERS),
+        axis=_unit_vector(row["axis"], label, 3),
+        anchor=_place(row["anchor"], label),
+        reference=number(row["reference"], f"{label}: reference", -LARGEST_VALUE, LARGEST_VALUE),
+    )
+
+
+def _shape_from_json(row: Any, label: str) -> Shape:
+    _check_keys(row, Shape, SHAPE_KINDS)
+    size = numbers(row["size"], f"{label}: size", most=FARTHEST)
+    colour = numbers(row["colour"], f"{label}: colour", 4, 1)
+    if not SHAPE_SIZES[row["kind"]] <= len(size) <= MOST_SIZES:
+        raise ValueError(f"{label}: a {row['kind']} with {len(size)} sizes")
+    if min(size) < 0 or min(colour) < 0:
+        raise ValueError(f"{label}: wanted sizes and colours of 0 or more")
+    return Shape(row["kind"], size, _place(row["place"], label), _unit_vector(row["turn"], label, 4), colour)
+
+
+def _place(value: Any, label: str) -> Numbers:
+    return numbers(value, f"{label}: place", 3, FARTHEST)
+
+
+def _unit_vector(value: Any, label: str, size: int) -> Numbers:
+    """Return an axis, or a quaternion; a length of 0 would make poses NaN."""
+    vector = numbers(value, f"{label}: axis or turn", size, 2.0)
+    if abs(np.linalg.norm(vector) - 1) > HARDLY_OFF_UNIT:
+        raise ValueError(f"{label}: wanted an axis or a turn of length 1, came {quoted(list(vector))}")
+    return vector
+
+
+def _pieces(rows: Any, label: str) -> list[Any]:
+    if not isinstance(rows, list) or len(rows) > MOST_PIECES:
+        raise ValueError(f"{label}: wanted lists of at most {MOST_PIECES} joints and shapes")
+    return rows
+
+
+def _check_keys(row: Any, kind: type, valid: tuple[str, ...] = ()) -> None:
+    """Refuse a row that has not the fields of `kind`."""
+    if not isinstance(row, dict) or {*row} != {field.name for field in fields(kind)}:
+        raise ValueError(f"skeleton: a {kind.__name__.lower()} has other fields than expected")
+    if valid and row["kind"] not in valid:
+        raise ValueError(f"skeleton: no {kind.__name__.lower()} of the kind {quoted(row['kind'])} is known")
 
 
 def _entries_read(bone: Bone) -> list[int]:
     """Return how many state entries there must be at least for each thing that moves `bone`."""
     ends = [joint.entry + JOINT_SIZES.get(joint.kind, 1) for joint in bone.joints]
     return ends if bone.follow is None else [*ends, bone.follow.last_entry + 1]
-
-
-def _read(kind: type, row: dict[str, Any], valid: tuple[str, ...] = ()) -> Any:
-    if {*row} != {field.name for field in fields(kind)} or (valid and row["kind"] not in valid):
-        raise ValueError(f"skeleton: a {kind.__name__.lower()} has other fields than expected")
-    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in row.items()})
 
 
 def _local_pose(bone: Bone, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

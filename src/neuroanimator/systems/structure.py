@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from neuroanimator.systems.cloud import Cloud
+from neuroanimator.systems.layout import MOST_NUMBERS
+from neuroanimator.systems.numbers import number, whole
+from neuroanimator.text import quoted
 
 Probe = tuple[float, float, float, float]
 """Centre [m] in the root's frame and radius [m] of a round part that may touch the ground."""
@@ -14,6 +17,9 @@ Kind = Literal[
     "plain", "position", "quaternion", "velocity", "planar position", "heading", "planar velocity",
     "points", "point velocities", "follower",
 ]  # fmt: skip
+
+LONGEST_RESPONSE = 10.0
+"""[s] What a definition allows of a muscle."""
 
 STATE_SIZES: dict[str, int] = {
     "position": 3, "quaternion": 4, "velocity": 3, "planar position": 2, "heading": 1, "planar velocity": 2,
@@ -107,10 +113,23 @@ def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
     return [[segment.kind, segment.size, segment.rate, segment.response] for segment in segments]
 
 
-def segments_from_json(rows: list[list[Any]]) -> tuple[Segment, ...]:
+def segments_from_json(rows: Any) -> tuple[Segment, ...]:
     """Return the segments `segments_to_json` wrote; ValueError if they cannot be."""
-    segments = tuple(Segment(kind, int(size), int(rate), float(response)) for kind, size, rate, response in rows)
-    for segment in segments:
-        if segment.kind not in get_args(Kind) or STATE_SIZES.get(segment.kind, segment.size) != segment.size:
-            raise ValueError(f"segment '{str(segment.kind)[:40]}' of {segment.size} entries is not known")
-    return segments
+    if not isinstance(rows, list):
+        raise ValueError("segments: wanted a list")
+    return tuple(_segment_from_json(row) for row in rows)
+
+
+def _segment_from_json(row: Any) -> Segment:
+    if not isinstance(row, list) or len(row) != 4:
+        raise ValueError(f"segment: wanted kind, size, rate and response, came {quoted(row)}")
+    kind, size, rate, response = row
+    whole(size, "segment: size", 1, MOST_NUMBERS)
+    if kind not in get_args(Kind) or STATE_SIZES.get(kind, size) != size:
+        raise ValueError(f"segment {quoted(kind)} of {size} entries is not known")
+    return Segment(
+        kind,
+        size,
+        whole(rate, "segment: rate", -1, MOST_NUMBERS),
+        number(response, "segment: response", 0, LONGEST_RESPONSE),
+    )

@@ -16,6 +16,10 @@ SPELLINGS = {
 """Other ways to write some of them, on keyboards without ² and ·."""
 
 
+STATE_UNITS = frozenset((*KNOWN_UNITS, "quaternion"))
+"""Of the parts of a state or control as systems and emulators hold them: an orientation has a unit of its own."""
+
+
 def known_unit(unit: str, where: str) -> str:
     """Return the unit's one spelling; BadFileError names `where` it stands and lists the known ones."""
     unit = SPELLINGS.get(unit, unit)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from neuroanimator.data.transitions import LONGEST_UNROLL
-from neuroanimator.emulator.networks import DEFAULT_WIDTHS
+from neuroanimator.emulator.networks import DEFAULT_WIDTHS, check_widths
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files import canonical_json
 from neuroanimator.systems.definition import first_fault
@@ -64,6 +64,7 @@ def training_config(**values: Any) -> TrainingConfig:
         config = TrainingConfig(**values)
     except ValidationError as error:
         raise ArgumentError(f"{first_fault(error)}.") from error
+    check_widths(config.network, config.widths)
     defaults: dict[str, Any] = {}
     if not config.widths:
         defaults["widths"] = DEFAULT_WIDTHS[config.network]

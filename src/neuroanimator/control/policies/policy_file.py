@@ -6,14 +6,23 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 
 from neuroanimator.control.policies.policy import COMMAND, Policy, fresh_policy
+from neuroanimator.emulator.artifact import (
+    FAULTS,
+    blank,
+    check_format,
+    describe,
+    first_line,
+    tensors_of,
+    with_tensors,
+)
 from neuroanimator.emulator.artifact import FORMAT as EMULATOR_FORMAT
-from neuroanimator.emulator.artifact import WIDEST_LAYER, blank, describe, tensors_of, with_tensors
-from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.emulator.networks import WIDEST_LAYER
+from neuroanimator.errors import BadFileError
 from neuroanimator.files import digest, read_tensors, write_tensors
 from neuroanimator.systems.layout import Bounds
+from neuroanimator.systems.numbers import listed, whole
 
 FORMAT = 1
 """Raised whenever an older reader would misunderstand a file."""
@@ -38,36 +47,27 @@ def describe_policy(policy: Policy) -> dict[str, Any]:
 
 
 def load_policy(path: Path) -> Policy:
-    """Return the policy at `path`, every name, shape and number checked."""
+    """Return the policy at `path`, every name, text, shape and number checked."""
     tensors, metadata = read_tensors(path, "policy")
-    if metadata.get("format") != FORMAT:
-        raise BadFileError(
-            f"{path} has format {metadata.get('format')!r}; this version reads {FORMAT}. Upgrade NeuroAnimator."
-        )
+    check_format(path, metadata.get("format"), FORMAT)
+    carried = metadata.get("emulator")
+    check_format(path, carried.get("format") if isinstance(carried, dict) else None, EMULATOR_FORMAT)
     try:
         policy = with_tensors(jax.eval_shape(lambda: _blank(metadata)), tensors)
         if digest(tensors_of(policy.emulator)) != metadata["emulator_sha256"]:
             raise ValueError("its emulator is another than it was trained through")
         return policy
-    except (KeyError, TypeError, ValueError, IndexError, OverflowError, ArgumentError) as error:
-        raise BadFileError(f"{path} is not a usable policy: {first_line(error)}. Train it again.") from error
-
-
-def first_line(error: Exception) -> str:
-    """Return the start of what `error` says."""
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]
+    except FAULTS as error:
+        raise BadFileError(f"{path} is not a usable policy: {first_line(error)}. Make it again.") from error
 
 
 def _blank(metadata: dict[str, Any]) -> Policy:
     """Return a policy of the described structure with zeros or random numbers for weights."""
-    if metadata["emulator"]["format"] != EMULATOR_FORMAT:
-        raise ValueError("its emulator is of another version")
     if metadata["command"] != COMMAND.to_json():
         raise ValueError("commands of another meaning")
-    ranges = Bounds(*(tuple(float(value) for value in side) for side in metadata["ranges"]))
-    widths = tuple(int(width) for width in metadata["widths"])
-    if max(widths) > WIDEST_LAYER or min(widths) < 1:
-        raise ValueError("sizes out of range")
-    if len(ranges.low) != COMMAND.size or not (np.array(ranges.low) < np.array(ranges.high)).all():
-        raise ValueError("ranges: wanted low below high for every command")
+    ranges = Bounds.from_json(metadata["ranges"], COMMAND.size, "ranges")
+    for low, high in zip(ranges.low, ranges.high, strict=True):
+        if not low < high:
+            raise ValueError("ranges: wanted low below high for every command")
+    widths = listed(metadata["widths"], "widths", lambda width, what: whole(width, what, 1, WIDEST_LAYER))
     return fresh_policy(blank(metadata["emulator"]), ranges, widths)

@@ -1,0 +1,89 @@
+"""What names may be: of systems, parts of a state or control, bones. One set of rules, whatever file they come from.
+
+A name goes into tables, reports, film files and terminals. So none holds a control character, a line break, a quote,
+a comma or a bracket, and none begins like a formula.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from neuroanimator.text import quoted
+
+SYSTEM_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$"
+"""Of systems and goals: no dot and no slash, so that none can be a path."""
+
+PART_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.-]{0,39}$"
+"""Of what a user names in a definition: parts, nodes, muscles, groups."""
+
+LONGEST_LABEL = 80
+LABEL_PATTERN = rf"^\w(?:[\w.:/ -]{{0,{LONGEST_LABEL - 2}}}[\w.:/-])?$"
+"""Of what an emulator calls its parts: those names, with endings such as `.velocity`, and what models call theirs."""
+
+LONGEST_MODEL_NAME = 60
+"""Leaves room for an ending within `LONGEST_LABEL`."""
+
+LONGEST_FILE_NAME = 200
+
+SystemName = Annotated[str, Field(pattern=SYSTEM_PATTERN)]
+PartName = Annotated[str, Field(pattern=PART_PATTERN)]
+
+
+def check_system_name(value: object) -> str:
+    """Return `value` if it may be the name of a system; ValueError if not."""
+    if not isinstance(value, str) or not re.fullmatch(SYSTEM_PATTERN, value):
+        raise ValueError(f"system: wanted a name of letters, digits, _ and -, at most 40, came {quoted(value)}")
+    return value
+
+
+def check_label(value: object, what: str) -> str:
+    """Return `value` if it may be the name of `what`; ValueError if not."""
+    if not isinstance(value, str) or not re.fullmatch(LABEL_PATTERN, value):
+        raise ValueError(
+            f"{what}: wanted a name of letters, digits and _ . : / -, at most {LONGEST_LABEL}, came {quoted(value)}"
+        )
+    return value
+
+
+def refuse_twins(names: Iterable[str], what: str) -> None:
+    """Raise ValueError if two of `names` are the same."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise ValueError(f"{what}: two parts are called {quoted(name)}")
+        seen.add(name)
+
+
+def model_name(text: str, otherwise: str) -> str:
+    """Return what a model calls something as a label, `otherwise` if it has no name.
+
+    Models may be written by strangers, and their format allows any text: what a label may not hold becomes `_`.
+    """
+    kept = re.sub(r"[^\w.:/ -]", "_", text).strip()[:LONGEST_MODEL_NAME].strip()
+    if not kept:
+        return otherwise
+    if not re.match(r"\w", kept):
+        return "_" + kept
+    return kept
+
+
+def _check_file_name(value: str) -> str:
+    is_plain = value.isprintable() and "/" not in value and "\\" not in value
+    if not is_plain or value in ("", ".", "..") or len(value) > LONGEST_FILE_NAME:
+        raise ValueError("wanted the name of a file beside it")
+    return value
+
+
+FileName = Annotated[str, AfterValidator(_check_file_name)]
+"""Of a file beside its definition: no path."""
+
+
+def check_file_name(value: object) -> str:
+    """Return `value` if it may be the name of a file beside its definition; ValueError if not."""
+    if not isinstance(value, str):
+        raise ValueError(f"wanted the name of a file, came {quoted(value)}")
+    return _check_file_name(value)

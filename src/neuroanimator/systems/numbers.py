@@ -1,0 +1,53 @@
+"""Numbers out of a file: of the right kind, finite, and within limits, or a ValueError that says which was not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from neuroanimator.text import quoted
+
+LARGEST_NUMBER = 1e30
+"""Emulators and datasets hold float32, whose squares must be finite too in some places."""
+
+T = TypeVar("T")
+
+
+def whole(value: Any, what: str, least: int, most: int) -> int:
+    """Return `value` if it is a whole number from `least` to `most`."""
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise ValueError(f"{what}: wanted a whole number from {least:,} to {most:,}, came {quoted(value)}")
+    return value
+
+
+def number(value: Any, what: str, least: float = -LARGEST_NUMBER, most: float = LARGEST_NUMBER) -> float:
+    """Return `value` if it is a number from `least` to `most`; NaN and infinities are not."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        raise ValueError(f"{what}: wanted a number from {least:g} to {most:g}, came {quoted(value)}")
+    return float(value)
+
+
+def flag(value: Any, what: str) -> bool:
+    """Return `value` if it is true or false."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{what}: wanted true or false, came {quoted(value)}")
+    return value
+
+
+def listed(value: Any, what: str, read: Callable[[Any, str], T], size: int | None = None) -> tuple[T, ...]:
+    """Return a list's entries, each read by `read`; `size` of them if that is given."""
+    if not isinstance(value, list | tuple):
+        raise ValueError(f"{what}: wanted a list, came {quoted(value)}")
+    if size is not None and len(value) != size:
+        raise ValueError(f"{what}: wanted {size} entries, came {len(value)}")
+    return tuple(read(entry, what) for entry in value)
+
+
+def numbers(value: Any, what: str, size: int | None = None, most: float = LARGEST_NUMBER) -> tuple[float, ...]:
+    """Return a list of finite numbers of magnitude up to `most`."""
+    return listed(value, what, lambda entry, label: number(entry, label, -most, most), size)
+
+
+def entries(value: Any, what: str, count: int) -> tuple[int, ...]:
+    """Return a list of indices below `count`."""
+    return listed(value, what, lambda entry, label: whole(entry, label, 0, count - 1))

@@ -1,0 +1,41 @@
+"""Text from outside as it may be shown: on a terminal, in an error, in a table.
+
+Names out of files are checked when they are read (`systems/names.py`); these are the second fence, at each border.
+"""
+
+from __future__ import annotations
+
+LONGEST_QUOTE = 60
+"""Characters of foreign text an error shows."""
+
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+"""What makes a spreadsheet run a cell (OWASP, CSV injection)."""
+
+
+def printable(text: str) -> str:
+    """Return `text` with whatever does not print written out, such as `\\x1b`.
+
+    That is every control character (C0, C1, line breaks), marks that reverse the direction of writing, and bytes
+    that are no text.
+    """
+    return "".join(letter if letter.isprintable() else _written_out(letter) for letter in text)
+
+
+def quoted(value: object, limit: int = LONGEST_QUOTE) -> str:
+    """Return foreign text for an error: in quotes, printable, and of at most `limit` characters."""
+    shown = str(value)
+    if len(shown) > limit:
+        shown = shown[:limit] + "..."
+    return f"'{printable(shown)}'"
+
+
+def table_cell(text: str) -> str:
+    """Return the head of a column as one line that no spreadsheet takes for a formula."""
+    shown = printable(text)
+    if text.startswith(FORMULA_STARTS):
+        return "'" + shown
+    return shown
+
+
+def _written_out(letter: str) -> str:
+    return letter.encode("unicode_escape").decode("ascii")

@@ -1,0 +1,256 @@
+"""A name in a stranger's file is data, and nothing else to a compiler, a browser, a spreadsheet or a terminal."""
+
+from __future__ import annotations
+
+import base64
+import io
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import pytest
+from forgery import HOSTILE_TEXTS, NO_TEXTS, forged_emulator, forged_policy
+
+from neuroanimator import Emulator, NeuroAnimatorError, find_emulator, read_clip, write_clip, write_report
+from neuroanimator.animation.clip import Clip
+from neuroanimator.codegen.c_emulator import c_program
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.emulator.artifact import describe
+from neuroanimator.errors import BadFileError
+from neuroanimator.evaluation.evaluate import Evaluation
+from neuroanimator.export.table import read_table, write_table
+from neuroanimator.files import canonical_json, read_tensors
+from neuroanimator.shipped import SHIPPED, shipped_path
+from neuroanimator.systems.definition import check_definition
+from neuroanimator.systems.layout import Layout, Slice
+from neuroanimator.systems.model_file import ModelFiles, compile_model
+from neuroanimator.systems.model_system import ModelSystem
+from neuroanimator.terminal import print_rows, print_table, progress_bar
+
+FIELDS = {
+    "system": lambda metadata, text: metadata.update(system=text),
+    "state": lambda metadata, text: metadata["state"][0].__setitem__(0, text),
+    "state's unit": lambda metadata, text: metadata["state"][0].__setitem__(2, text),
+    "control": lambda metadata, text: metadata["control"][0].__setitem__(0, text),
+    "control's unit": lambda metadata, text: metadata["control"][0].__setitem__(2, text),
+    "bone": lambda metadata, text: metadata["skeleton"][0].update(name=text),
+    "definition": lambda metadata, text: metadata.update(definition=text),
+    "network": lambda metadata, text: metadata["network"].update(kind=text),
+}
+
+
+def _put(field: str, text: Any, metadata: dict[str, Any]) -> None:
+    FIELDS[field](metadata, text)
+
+
+def refusal(path: Path, load: Any = Emulator.load) -> str:
+    with pytest.raises(BadFileError) as caught:
+        load(path)
+    message = str(caught.value)
+    assert message.isprintable()
+    assert len(message) < 1000
+    return message
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_hostile_text_in_an_emulator_is_refused(field: str, tmp_path: Path):
+    for title, text in {**HOSTILE_TEXTS, **NO_TEXTS}.items():
+        if (field, title) in {("definition", "nothing"), ("state", "right to left letters")}:
+            continue
+        try:
+            path = forged_emulator(
+                tmp_path / "e.safetensors", lambda metadata, text=text: FIELDS[field](metadata, text)
+            )
+        except (NeuroAnimatorError, UnicodeEncodeError, ValueError):
+            continue  # not even an attacker can write it
+        assert refusal(path), title
+
+
+@pytest.mark.parametrize("field", ["system", "state", "bone"])
+def test_hostile_text_in_a_policy_is_refused(field: str, tmp_path: Path):
+    changes = FIELDS | {"bone": lambda metadata, text: metadata["skeleton"]["bones"][0].update(name=text)}
+    for title in ("script", "formula", "escape code", "right to left", "C out of a comment"):
+        text = HOSTILE_TEXTS[title]
+        path = forged_policy(
+            tmp_path / "p.safetensors", lambda metadata, text=text: changes[field](metadata["emulator"], text)
+        )
+        assert refusal(path, Policy.load), title
+
+
+def test_a_policys_contract_is_its_own_and_nobody_elses(tmp_path: Path):
+    for change in (
+        lambda metadata: metadata["command"][0].__setitem__(0, "<script>"),
+        lambda metadata: metadata.update(command=None),
+        lambda metadata: metadata.update(ranges=[[0, 0, 0, 0], [1e300, 1, 1, 1]]),
+        lambda metadata: metadata.update(ranges=[[0, 0, 0, 0], [0, 1, 1, 1]]),
+        lambda metadata: metadata.update(widths=[2.5]),
+        lambda metadata: metadata.update(widths=[]),
+        lambda metadata: metadata.update(emulator_sha256="0" * 64),
+        lambda metadata: metadata.update(emulator=[]),
+    ):
+        refusal(forged_policy(tmp_path / "p.safetensors", change), Policy.load)
+
+
+def test_two_parts_of_one_name_are_refused(tmp_path: Path):
+    path = forged_emulator(tmp_path / "e.safetensors", lambda metadata: metadata["state"][1].__setitem__(0, "angle"))
+    assert "two parts are called 'angle'" in refusal(path)
+
+
+def renamed(emulator: Emulator, text: str) -> Emulator:
+    """Return the emulator with `text` in every place that holds text."""
+    identity = emulator.identity
+    layouts = [
+        Layout(tuple(Slice(f"{text}{i}", part.size, text) for i, part in enumerate(layout.slices)))
+        for layout in (identity.state, identity.control)
+    ]
+    bones = tuple(replace(bone, name=text) for bone in identity.skeleton.bones)
+    named = replace(
+        identity,
+        system=text,
+        state=layouts[0],
+        control=layouts[1],
+        definition=text,
+        skeleton=replace(identity.skeleton, bones=bones),
+    )
+    return eqx.tree_at(lambda each: each.identity, emulator, named)
+
+
+def test_no_text_of_an_emulator_reaches_generated_c(shipped: Emulator):
+    text = HOSTILE_TEXTS["C out of a comment"]
+    assert c_program(renamed(shipped, text)) == c_program(shipped)
+    assert "constructor" not in c_program(renamed(shipped, text))
+    assert shipped.identity.system not in c_program(shipped)
+
+
+def an_evaluation(text: str) -> Evaluation:
+    numbers = np.linspace(0.1, 1, 5)
+    return Evaluation(
+        system=text,
+        substeps=50,
+        dt=0.05,
+        entries=[f"{text}[0] {text}"],
+        error_by_entry=numbers[:1],
+        times=np.arange(5) * 0.05,
+        rollout_errors=numbers,
+        self_divergence=None,
+        sample_emulated=numbers[:, None],
+        sample_physics=numbers[:, None],
+        measured_speed=None,
+        emulator_seconds=1e-6,
+        baselines={text: 0.5},
+        blow_ups=0,
+        blow_up_starts=10,
+    )
+
+
+@pytest.mark.parametrize("title", ["script", "image with a handler", "dollar", "C out of a comment"])
+def test_a_report_holds_no_markup_but_its_own(title: str, tmp_path: Path):
+    text = HOSTILE_TEXTS[title]
+    write_report([an_evaluation(text)], tmp_path / "report.html")
+    page = Elements((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "svg" in page.tags
+    assert not page.tags & {"script", "img"}
+    assert not [name for name in page.attributes if name.startswith("on")]
+
+
+class Elements(HTMLParser):
+    """What a browser would find in a page."""
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.tags: set[str] = set()
+        self.attributes: set[str] = set()
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.attributes.update(name for name, _ in attrs)
+
+
+@pytest.mark.parametrize("title", set(HOSTILE_TEXTS) - {"half a surrogate pair"})
+def test_a_table_can_be_read_back_and_no_head_is_a_formula(title: str, tmp_path: Path):
+    layout = Layout((Slice(HOSTILE_TEXTS[title], 2, "m"), Slice("plain", 1, "1")))
+    path, rows = tmp_path / "table.csv", np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    write_table(path, np.array([0.0, 0.1]), rows, layout)
+    times, found = read_table(path, layout)
+    np.testing.assert_allclose(found, rows)
+    np.testing.assert_allclose(times, [0.0, 0.1])
+    content = path.read_text(encoding="utf-8")
+    assert content.splitlines() == content.split("\n")[:-1]
+    for cell in content.split("\n")[0].split(","):
+        assert not cell.lstrip('"').startswith(("=", "+", "-", "@", "\t"))
+
+
+def test_what_animate_writes_read_clip_reads_for_every_name_that_loads(shipped: Emulator, tmp_path: Path):
+    path = forged_emulator(
+        tmp_path / "e.safetensors", lambda metadata: metadata["state"][0].__setitem__(0, "left hip/x:2.Größe-1")
+    )
+    emulator = Emulator.load(path)
+    states = np.zeros((3, emulator.identity.state.size))
+    clip = Clip(emulator.identity.system, emulator.identity.skeleton, np.arange(3) / 30, states)
+    write_clip(clip, tmp_path / "clip.csv", emulator.identity.state)
+    np.testing.assert_allclose(read_clip(tmp_path / "clip.csv", emulator).states, states)
+
+
+def test_nothing_printed_steers_the_terminal(capsys: pytest.CaptureFixture[str]):
+    for text in HOSTILE_TEXTS.values():
+        print_rows([(text, text), ("plain", 1)])
+        print_table([{text: text}, {text: 1.5}])
+    shown = capsys.readouterr().out
+    assert all(letter.isprintable() for letter in shown.replace("\n", ""))
+    print_rows([("unit", "N·m, m/s², µs, Δt")])
+    assert "N·m, m/s², µs, Δt" in capsys.readouterr().out
+
+
+def test_a_bar_shows_markup_as_it_is(monkeypatch: pytest.MonkeyPatch):
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with progress_bar("[red]arm[/red] [/nothing]", 2) as bar:
+        bar.advance_to(1, "[bold]\x1b]0;owned\x07")
+    shown = screen.getvalue()
+    assert "[red]arm[/red]" in shown
+    assert "\x1b]0;" not in shown
+
+
+MODEL = """<mujoco><worldbody><body name="{body}"><joint name="{joint}" type="hinge"/><geom size="0.1"/></body>
+</worldbody><actuator><motor name="{motor}" joint="{joint}" ctrlrange="-1 1"/></actuator>
+<sensor><jointvel name="{sensor}" joint="{joint}"/></sensor></mujoco>"""
+
+
+def test_what_a_model_calls_its_parts_is_made_harmless():
+    """MJCF allows any text as a name, and a model is no less a stranger's than an emulator."""
+    names = {
+        "body": "&lt;script&gt;",
+        "joint": "=1+1,&quot;x&quot;",
+        "motor": "*/ go /*",
+        "sensor": "[red]&#x202e;",
+    }
+    text = MODEL.format(**names)
+    model = compile_model(ModelFiles("m.xml", (("m.xml", base64.b64encode(text.encode()).decode()),)))
+    step = {"step": 0.002, "truth_step": 0.002, "fine_step": 0.0002}
+    values = {"name": "m", "model": "m.xml", "physics": step, "sensors": ["_red__"]}
+    system = ModelSystem(check_definition(values, "m"), model)
+    assert Layout.from_json(system.state.to_json(), "state") == system.state
+    assert Layout.from_json(system.control.to_json(), "control") == system.control
+    assert [bone.name for bone in system.skeleton.bones] == ["_script_"]
+    assert system.control.slices[0].name == "_/ go /_"
+
+
+def test_every_shipped_emulator_says_the_same_after_the_checks():
+    """The checks change no number: what is read is what was written."""
+    for name, substeps in SHIPPED:
+        path = shipped_path(name, substeps)
+        metadata = read_tensors(path, "emulator")[1]
+        described = describe(Emulator.load(path))
+        assert canonical_json(described) == canonical_json({key: metadata[key] for key in described})
+
+
+def test_shipped_names_keep_the_rules():
+    assert Emulator.load(find_emulator("fish-50")).identity.state.names[0] == "nose[0] m"
