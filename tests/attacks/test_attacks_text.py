@@ -6,6 +6,7 @@ import base64
 import io
 import sys
 from dataclasses import replace
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 

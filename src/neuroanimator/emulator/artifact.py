@@ -186,6 +186,8 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     parts = parts_from_json(layers["parts"])
     features = Features(zeros((rows, inner)), plain, flag(described["is_odd"], "features: is_odd"), even)
     network = make_network(layers["kind"], *features.sizes(others), changes, widths, jax.random.key(0), even_out, parts)
+    if (getattr(network, "even", ()), getattr(network, "parts", ())) != (even_out, parts):
+        raise ValueError(f"network: {quoted(layers['kind'])} has no even answers or no parts")
     return Emulator(
         frame=frame,
         features=features,
@@ -210,6 +212,8 @@ def _identity(metadata: dict[str, Any]) -> Identity:
         check_carried(system, definition, substeps, dt)
     index = lambda entry, what: whole(entry, what, 0, state.size - 1)  # noqa: E731
     rates = listed(metadata["rates"], "rates", lambda pair, what: listed(pair, what, index, 2))
+    if len({position for position, _ in rates}) < len(rates):
+        raise ValueError("rates: an entry has two")
     return Identity(
         system=system,
         state=state,

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.systems.follow import Follow, follow_from_json, followed
-from neuroanimator.systems.layout import MOST_NUMBERS
 from neuroanimator.systems.names import check_label
 from neuroanimator.systems.numbers import number, numbers, whole
 from neuroanimator.systems.rotation import multiply, rotate
@@ -28,6 +27,8 @@ MOST_BONES = 500
 """A skeleton may come from a stranger, and every bone is drawn; a model has at most as many bodies."""
 MOST_PIECES = 5000
 """Most joints, and most shapes, of one bone: the world of a model may have many."""
+MOST_ENTRIES = 10**9
+"""State entries a joint may read up to, before the state's own size is known."""
 FARTHEST = 1e6
 """[m] Largest place and size drawn."""
 LARGEST_VALUE = 1e9
@@ -170,7 +171,7 @@ def _joint_from_json(row: Any, label: str) -> Joint:
     _check_keys(row, Joint, JOINT_KINDS)
     return Joint(
         kind=row["kind"],
-        entry=whole(row["entry"], f"{label}: entry", 0, MOST_NUMBERS),
+        entry=whole(row["entry"], f"{label}: entry", 0, MOST_ENTRIES),
         axis=_unit_vector(row["axis"], label, 3),
         anchor=_place(row["anchor"], label),
         reference=number(row["reference"], f"{label}: reference", -LARGEST_VALUE, LARGEST_VALUE),
