@@ -16,7 +16,7 @@ from neuroanimator.emulator.hierarchy import parts_from_json, parts_to_json
 from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.networks import NETWORKS, WIDEST_LAYER, make_network
 from neuroanimator.emulator.normaliser import Normaliser
-from neuroanimator.errors import BadFileError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import read_tensors, write_tensors
 from neuroanimator.systems.definition_text import check_carried
 from neuroanimator.systems.gait import Gait
@@ -41,6 +41,9 @@ MOST_PROBES = 256
 
 FARTHEST = 1e6
 """[m] Largest coordinate of a probe."""
+
+TRIAL_NAME = "trial.emulator.safetensors"
+"""Of a file that is there for a moment before a training."""
 
 LONGEST_FAULT = 300
 """Characters of an error that are shown."""
@@ -73,6 +76,21 @@ def with_tensors(tree: Any, tensors: dict[str, np.ndarray]) -> Any:
 def save(emulator: Emulator, path: Path, provenance: dict[str, Any] | None = None) -> None:
     """Write `emulator`; `provenance` says what it was trained on and how (any JSON)."""
     write_tensors(path, tensors_of(emulator), {**describe(emulator), "provenance": provenance or {}})
+
+
+def check_readable(emulator: Emulator, folder: Path, provenance: dict[str, Any]) -> None:
+    """Write `emulator` to a file in `folder`, read it back and remove it: before a training, not after it.
+
+    Raises ArgumentError for whatever `load` would refuse, such as a state that is too long.
+    """
+    trial = folder / TRIAL_NAME
+    try:
+        save(emulator, trial, provenance)
+        load(trial)
+    except BadFileError as error:
+        raise ArgumentError(f"Such an emulator could not be read back once it is trained: {error}") from error
+    finally:
+        trial.unlink(missing_ok=True)
 
 
 def describe(emulator: Emulator) -> dict[str, Any]:

@@ -47,7 +47,7 @@ def plain_player(
     It returns the states (B, S) in float32. None where no C compiler is found, or where several muscles pull at
     one spring, which this program does not know.
     """
-    library = compiled_library(PROGRAM.read_text())
+    library = compiled_library(PROGRAM.read_text(encoding="utf-8"))
     if library is None or (np.count_nonzero(body.muscles, axis=1) > 1).any():
         return None
     kept = float(np.exp(-dt / body.response)) if body.response else 0.0

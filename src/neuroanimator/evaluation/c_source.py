@@ -39,7 +39,9 @@ def c_source(body: Body, precision: str, lanes: int) -> str:
     }
     most = MOST_STATEMENTS if lanes == 1 else 0
     defines = "\n".join(f"#define {name} {value}" for name, value in sizes.items())
-    return "\n".join([defines, *_numbers(body), *_lists(body, most), *_elimination(body, most), PROGRAM.read_text()])
+    return "\n".join(
+        [defines, *_numbers(body), *_lists(body, most), *_elimination(body, most), PROGRAM.read_text(encoding="utf-8")]
+    )
 
 
 def _surroundings(body: Body) -> dict[str, str]:

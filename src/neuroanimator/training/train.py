@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.data.transitions import Transitions
-from neuroanimator.emulator.artifact import save
+from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
@@ -71,10 +71,12 @@ def train(
     with locked(folder):
         remove_stale(folder)
         run = _Run.prepare(data, config, folder, start_from)
+        provenance = {"dataset": data.config.model_dump(), "training": config.model_dump(mode="json")}
+        check_readable(run.base, folder, provenance)
         while not run.is_over:
             on_report(run.advance())
         emulator = run.best
-        save(emulator, out, {"dataset": data.config.model_dump(), "training": config.model_dump(mode="json")})
+        save(emulator, out, provenance)
     return emulator
 
 

@@ -1,0 +1,75 @@
+"""Make the golden files: a small emulator and a small policy, and what they predict.
+
+Run it only when the format changes, together with raising its version (see docs/format.md):
+`python tests/golden/make_golden.py`. Released golden files are kept, and stay readable or are refused by their version.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from neuroanimator import Emulator, dataset_config, training_config
+from neuroanimator.control.policies.policy import Policy, fresh_policy
+from neuroanimator.control.policies.policy_file import save_policy
+from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.emulator.artifact import save
+from neuroanimator.systems.layout import Bounds
+from neuroanimator.training.build import build_emulator
+
+FOLDER = Path(__file__).parent
+EMULATOR = FOLDER / "pendulum.emulator.safetensors"
+POLICY = FOLDER / "fish.policy.safetensors"
+PREDICTIONS = FOLDER / "predictions.json"
+RANGES = Bounds((0.0, -1.0, -1.0, -1.0), (0.5, 1.0, 1.0, 1.0))
+STEPS = 6
+
+
+def small_emulator(system: str, **settings: Any) -> Emulator:
+    """Return an emulator of `system` that fits a few transitions, its network drawn and not trained."""
+    data = simulate_transitions(dataset_config(system=system, count=120, seed=7), threads=1)
+    return build_emulator(data, training_config(seed=7, **settings))
+
+
+def emulator_case(emulator: Emulator) -> dict[str, Any]:
+    """Return a start, controls and the trajectory under them."""
+    rng, identity = np.random.default_rng(1), emulator.identity
+    start = np.array(identity.rest) + rng.normal(size=identity.state.size) * 0.1
+    controls = identity.bounds.middle + identity.bounds.half * rng.uniform(-1, 1, (STEPS, identity.control.size))
+    states = np.asarray(emulator.rollout(start, controls), float)
+    return {"start": start.tolist(), "controls": controls.tolist(), "states": states.tolist()}
+
+
+def policy_case(policy: Policy) -> dict[str, Any]:
+    """Return states, phases, commands and the controls for them."""
+    rng, rest = np.random.default_rng(2), np.array(policy.emulator.identity.rest)
+    states = rest + rng.normal(size=(STEPS, len(rest))) * 0.003
+    phases, commands = rng.uniform(0, 6, STEPS), rng.uniform(RANGES.low, RANGES.high, (STEPS, 4))
+    controls = controls_of(policy, states, phases, commands)
+    inputs = {"states": states.tolist(), "phases": phases.tolist(), "commands": commands.tolist()}
+    return {**inputs, "controls": controls.tolist()}
+
+
+def controls_of(policy: Policy, states: np.ndarray, phases: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    """Return the controls (B, C) of `policy` for bodies in `states` (B, S)."""
+    inner = jnp.asarray(policy.emulator.encode(np.asarray(states, float)), jnp.float32)
+    numbers = [jnp.asarray(each, jnp.float32) for each in (phases, commands)]
+    return np.asarray(jax.vmap(policy.control)(inner, *numbers), float)
+
+
+def main() -> None:
+    """Write the files."""
+    save(small_emulator("pendulum", widths=(6, 4)), EMULATOR, {"made by": "tests/golden/make_golden.py"})
+    fish = small_emulator("fish", widths=(4,), place_modes=3, speed_modes=3)
+    save_policy(fresh_policy(fish, RANGES, (4,), seed=7), POLICY, {"made by": "tests/golden/make_golden.py"})
+    cases = {"emulator": emulator_case(Emulator.load(EMULATOR)), "policy": policy_case(Policy.load(POLICY))}
+    PREDICTIONS.write_text(json.dumps(cases) + "\n")
+
+
+if __name__ == "__main__":
+    main()
