@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from neuroanimator.files import read_tensors, write_tensors
-from neuroanimator.shipped import find_emulator, find_policy
+from neuroanimator.shipped import find_emulator
+
+POLICY = Path(__file__).parents[1] / "golden" / "fish.policy.safetensors"
 
 Change = Callable[[dict[str, Any]], object]
 
@@ -51,9 +53,9 @@ def forged_emulator(target: Path, change: Change, name: str = "pendulum-50") -> 
     return _forged(find_emulator(name), target, change, "emulator")
 
 
-def forged_policy(target: Path, change: Change, name: str = "fish") -> Path:
-    """Write a shipped policy to `target` after `change` of its metadata, sealed anew."""
-    return _forged(find_policy(name), target, change, "policy")
+def forged_policy(target: Path, change: Change) -> Path:
+    """Write the golden policy to `target` after `change` of its metadata, sealed anew."""
+    return _forged(POLICY, target, change, "policy")
 
 
 def _forged(source: Path, target: Path, change: Change, kind: str) -> Path:
