@@ -164,7 +164,7 @@ def _tampered(change) -> bytes:
 @pytest.mark.parametrize(
     "change",
     [
-        lambda m: m.update(format=4),
+        lambda m: m.update(format=99),
         lambda m: m.update(kind="shard"),
         lambda m: m.pop("state"),
         lambda m: m["network"].update(widths=[10**9, 64]),

@@ -50,7 +50,10 @@ class Features(eqx.Module):
 
     def with_plain(self, state: Float[Array, " S"], values: Float[Array, " P"]) -> Float[Array, " S"]:
         """Return `state` with its plain entries replaced by `values`."""
-        return state.at[np.array(self.plain)].set(values, mode="promise_in_bounds", unique_indices=True)
+        size = state.shape[0]
+        places = {entry: size + i for i, entry in enumerate(self.plain)}
+        order = tuple(places.get(entry, entry) for entry in range(size))
+        return reordered(jnp.concatenate([state, values]), order)  # a scatter there is no C for
 
     def streams(
         self, state: Float[Array, " S"], plain: Float[Array, " K"]
