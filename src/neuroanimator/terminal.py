@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -70,15 +69,3 @@ def print_table(rows: list[dict[str, object]]) -> None:
 
 def _text(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else printable(str(value))
-
-
-def print_line(line: str, *, to_stderr: bool = False) -> None:
-    """Print one line, whatever is in it: a result on stdout, or a remark on stderr."""
-    print(printable(line), file=sys.stderr if to_stderr else sys.stdout)
-
-
-def open_streams() -> None:
-    """Let results and remarks hold any letter: one that the terminal's encoding lacks is written out, as `\\xb7`."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")

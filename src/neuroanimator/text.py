@@ -5,6 +5,9 @@ Names out of files are checked when they are read (`systems/names.py`); these ar
 
 from __future__ import annotations
 
+import io
+import sys
+
 LONGEST_QUOTE = 60
 """Characters of foreign text an error shows."""
 
@@ -35,6 +38,18 @@ def table_cell(text: str) -> str:
     if text.startswith(FORMULA_STARTS):
         return "'" + shown
     return shown
+
+
+def print_line(line: str, *, to_stderr: bool = False) -> None:
+    """Print one line, whatever is in it: a result on stdout, or a remark on stderr."""
+    print(printable(line), file=sys.stderr if to_stderr else sys.stdout)
+
+
+def open_streams() -> None:
+    """Let results and remarks hold any letter: one that the terminal's encoding lacks is written out, as `\\xb7`."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _written_out(letter: str) -> str:

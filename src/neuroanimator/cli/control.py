@@ -55,7 +55,8 @@ def run(
     from neuroanimator.data.transitions import read_transitions
     from neuroanimator.export.by_suffix import emulator_for
     from neuroanimator.systems.own import trust_files
-    from neuroanimator.terminal import print_line, print_rows
+    from neuroanimator.terminal import print_rows
+    from neuroanimator.text import print_line
 
     if system:
         trust_files(system)

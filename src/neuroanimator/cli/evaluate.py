@@ -41,7 +41,8 @@ def _evaluate(emulators: list[str], data: Path | None, system: Path | None, repo
     from neuroanimator.evaluation.report import write_report
     from neuroanimator.shipped import find_emulator
     from neuroanimator.systems.own import trust_files
-    from neuroanimator.terminal import print_line, print_table, progress_bar
+    from neuroanimator.terminal import print_table, progress_bar
+    from neuroanimator.text import print_line
 
     if system:
         trust_files(system)

@@ -10,7 +10,7 @@ import typer
 from neuroanimator.cli import animate, bench, control, demo, doctor, evaluate, export, generate, info, new, train
 from neuroanimator.cli import list as list_
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.terminal import open_streams, print_line
+from neuroanimator.text import open_streams, print_line
 
 app = typer.Typer(
     name="neuroanimator",
