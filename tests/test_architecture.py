@@ -52,12 +52,3 @@ def test_constraints_name_no_registry():
     assert "--hash=sha256:" in text
     assert "http" not in text
     assert "--index" not in text
-
-
-def test_files_and_functions_stay_small():
-    for path in SOURCE.rglob("*.py"):
-        text = path.read_text()
-        assert len(text.splitlines()) <= 300, path
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.FunctionDef):
-                assert (node.end_lineno or 0) - node.lineno <= 60, f"{path}: {node.name}"
