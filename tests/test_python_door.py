@@ -23,6 +23,7 @@ from neuroanimator import (
     write_report,
 )
 from neuroanimator.evaluation.evaluate import Effort
+from neuroanimator.evaluation.speed_python import function_schemes
 from neuroanimator.files import canonical_json
 from neuroanimator.new import write_definition
 from neuroanimator.systems.own import resolve, trust_files
@@ -37,6 +38,7 @@ STEP = 0.01
 STATE = {"place": "m", "speed": "m/s"}
 CONTROL = {"force": ("N", -3.0, 3.0)}
 RATES = {"place": "speed"}
+ODE = True
 SPREAD = {"place": 1.0, "speed": 2.0}
 BATCHED = True
 
@@ -89,11 +91,26 @@ def test_rows_one_by_one_and_in_batches_are_the_same(tmp_path: Path):
     assert not np.array_equal(runs[0][0], runs[0][1])
 
 
-def test_a_function_that_ignores_dt_teaches_at_its_own_step(tmp_path: Path):
-    system = system_from(tmp_path, SPRING.replace("control, dt):", "control, dt):\n    dt = 0.01"), "fixed")
+def test_a_function_is_the_truth_at_its_own_step_unless_it_says_that_it_integrates_an_equation(tmp_path: Path):
+    system = system_from(tmp_path, SPRING.replace("ODE = True\n", ""), "plain")
     assert system.truth == system.fine == system.scheme
-    halved = system_from(tmp_path)
-    assert halved.fine.dt == pytest.approx(halved.scheme.dt / 10)
+    text = (tmp_path / "plain.toml").read_text()
+    assert "truth_step = 0.01  # the function at its own step is the truth." in text
+    assert "ODE = True in plain.py" in text
+    integrated = system_from(tmp_path)
+    assert integrated.fine.dt == pytest.approx(integrated.scheme.dt / 10)
+
+
+def test_a_function_that_fails_at_a_smaller_step_is_never_called_with_one(tmp_path: Path):
+    source = SPRING.replace("ODE = True\n", "").replace("dt):\n", "dt):\n    assert dt >= 0.01\n")
+    system = system_from(tmp_path, source, "coarse")
+    found = function_schemes(system, 0.1, (1, 2, 5, 10, 20, 50))
+    assert sorted(round(scheme.dt, 6) for scheme in found) == [0.01, 0.02, 0.05, 0.1]
+
+
+def test_a_function_that_ignores_dt_cannot_be_an_equation(tmp_path: Path):
+    with pytest.raises(NeuroAnimatorError, match="ODE: step does the same for every dt"):
+        system_from(tmp_path, SPRING.replace("control, dt):", "control, dt):\n    dt = 0.01"), "fixed")
 
 
 def test_a_run_that_blows_up_is_told_from_one_that_does_not(tmp_path: Path):
@@ -127,9 +144,10 @@ def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_functio
         (('("N", -3.0, 3.0)', '("N", 3.0, -3.0)'), "control.force: wanted as many numbers"),
         (('{"place": "speed"}', '{"plaice": "speed"}'), "RATES: no part 'plaice' in STATE. Parts: place, speed"),
         (("def step", "def stepp"), "wanted a function `def step(state, control, dt)"),
-        (("    speed = ", "    spee d = "), "broken.py, line 12: invalid syntax"),
-        (("control[0]", "control[1]"), "broken.py, line 12: IndexError: index 1 is out of bounds"),
+        (("    speed = ", "    spee d = "), "broken.py, line 13: invalid syntax"),
+        (("control[0]", "control[1]"), "broken.py, line 13: IndexError: index 1 is out of bounds"),
         (("[state[0] + dt * speed, speed]", "[speed]"), "broken.py: step returned shape"),
+        (("ODE = True", "ODE = 1"), "broken.py: ODE: wanted a line like `ODE = True`, came 1"),
         (("import numpy as np", "import numpy as np\nimport sys\nsys.exit(4)"), "broken.py, line 3: SystemExit: 4"),
     ],
 )

@@ -34,7 +34,7 @@ TITLES = {
 
 PART_TITLES = {
     "physics": "The step the function is called with, or the sampling interval [s].\n"
-    "# Of a function: truth teaches; fine is the reference of every error.",
+    "# Of a function: truth_step is the dt that teaches, fine_step the one every error is measured against.",
     "state": "The state, part by part. look: plain, sine (an angle that may turn all the way round) or\n"
     "# cyclic (where it is does not matter, how fast it moves does); rate: the part that is its rate of change.",
     "control": "The control, part by part, with its least and largest values.",

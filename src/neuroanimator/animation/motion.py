@@ -38,7 +38,8 @@ def _free_hinges(emulator: Emulator) -> np.ndarray:
     if emulator.modes is not None:
         return np.array([], int)
     angles = np.asarray(emulator.features.angles).any(axis=0) & (np.array(emulator.identity.rest) == 0)
-    return np.intersect1d(np.flatnonzero(angles), [position for position, _ in emulator.identity.rates])
+    positions = np.array([position for position, _ in emulator.identity.rates], int)  # int even where there are none
+    return np.intersect1d(np.flatnonzero(angles), positions)
 
 
 def controlled_motion(emulator: Emulator, controls: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import Annotated
 
 import typer
 
@@ -29,9 +30,42 @@ for verb, module in VERBS.items():
     app.command(verb, epilog=f"Example: {module.EXAMPLE}")(module.run)
 
 
+def print_version(is_wanted: bool) -> None:
+    """Print the installed version and end, if that is wanted."""
+    if not is_wanted:
+        return
+    from importlib.metadata import version
+
+    print(f"neuroanimator {version('neuroanimator')}")
+    raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """Learn a physics model once, then animate and control it at a fraction of the cost."""
+
+
 def main() -> None:
     """Run the command line; end with the exit code the error asks for and never with a traceback."""
     open_streams()
+    try:
+        _run()
+    finally:
+        say_what_mujoco_warned_of()
+
+
+def say_what_mujoco_warned_of() -> None:
+    """Print one line on stderr if MuJoCo warned of anything; import nothing that was not needed so far."""
+    counted = sys.modules.get("neuroanimator.systems.mujoco_warnings")
+    if counted is not None and (line := counted.warning_line()):
+        print(f"neuroanimator: {line}", file=sys.stderr)
+
+
+def _run() -> None:
     try:
         app()
     except NeuroAnimatorError as error:

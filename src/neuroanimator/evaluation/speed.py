@@ -35,6 +35,7 @@ from neuroanimator.evaluation.speed_python import (
 )
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.mujoco_warnings import warnings_counted
 from neuroanimator.systems.python_system import FUNCTION, PythonSystem
 from neuroanimator.systems.system import Scheme
 
@@ -247,9 +248,10 @@ def physics_player(system: MujocoSystem, test: HeldOut, integrator: str) -> Call
     kind, signals = system.drive(controls[:, None])
 
     def play() -> None:
-        for start, signal in zip(starts, signals[:, 0], strict=True):
-            system.put(data, start)
-            mujoco.mj_setState(model, data, signal, int(kind))
-            mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // STRETCHES)
+        with warnings_counted:
+            for start, signal in zip(starts, signals[:, 0], strict=True):
+                system.put(data, start)
+                mujoco.mj_setState(model, data, signal, int(kind))
+                mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // STRETCHES)
 
     return play

@@ -14,6 +14,9 @@ from neuroanimator.systems.system import Scheme
 
 PYTHON_FUNCTION = "Python function"
 
+ROUNDING = 1e-9
+"""Share by which two steps may differ and still be the same."""
+
 FUNCTION_STEPS = 500
 """Calls in one timed run: milliseconds, so that the clock's grain does not count."""
 
@@ -45,5 +48,9 @@ def function_error(test: HeldOut, scheme: Scheme) -> float:
 
 
 def function_schemes(system: PythonSystem, dt: float, divisions: tuple[int, ...]) -> set[Scheme]:
-    """Return the ways to step the function through `dt` [s]; the reference is among them, for it has no error."""
-    return {Scheme(FUNCTION, dt / parts) for parts in divisions} | {system.scheme, system.truth, system.fine}
+    """Return the ways to step the function through `dt` [s]; the reference is among them, for it has no error.
+
+    A function is never called with a smaller dt than its reference is: it need not know what to do with that.
+    """
+    schemes = {Scheme(FUNCTION, dt / parts) for parts in divisions} | {system.scheme, system.truth, system.fine}
+    return {scheme for scheme in schemes if scheme.dt >= system.fine.dt * (1 - ROUNDING)}

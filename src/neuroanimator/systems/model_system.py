@@ -21,6 +21,7 @@ from neuroanimator.systems.mujoco_structure import (
     state_layout,
     structure_of,
 )
+from neuroanimator.systems.mujoco_warnings import warnings_counted
 from neuroanimator.systems.parts import goal_of
 from neuroanimator.systems.rotation import facing, multiply, rotate, turned_by
 from neuroanimator.systems.system import Goal, Scheme
@@ -65,10 +66,11 @@ class ModelSystem(MujocoSystem):
         if not self.sensors:
             return physical
         data, sensed = mujoco.MjData(self.model), np.empty((len(physical), len(self.sensors)))
-        for row, state in enumerate(physical):
-            self.put(data, state)
-            mujoco.mj_forward(self.model, data)
-            sensed[row] = data.sensordata[list(self.sensors)]
+        with warnings_counted:
+            for row, state in enumerate(physical):
+                self.put(data, state)
+                mujoco.mj_forward(self.model, data)
+                sensed[row] = data.sensordata[list(self.sensors)]
         return np.concatenate([physical, sensed], axis=1)
 
     def _scatter(self, view: JointView, starts: np.ndarray, spread: np.ndarray, rng: np.random.Generator) -> None:

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
+from neuroanimator.systems.mujoco_warnings import warnings_counted
 from neuroanimator.systems.system import Runs, Scheme, System
 
 INTEGRATORS = {
@@ -96,7 +97,8 @@ class MujocoSystem(System):
         initial = np.concatenate([np.zeros((len(starts), 1)), physical], axis=1)  # MuJoCo's state leads with time
         kind, signal = self.drive(controls)
         signal = np.repeat(signal, substeps, axis=1)
-        found = rollout.rollout(model, workers, initial, signal, control_spec=int(kind))
+        with warnings_counted:
+            found = rollout.rollout(model, workers, initial, signal, control_spec=int(kind))
         states, sensed = (np.asarray(part)[:, substeps - 1 :: substeps] for part in found)
         return np.concatenate([states[..., 1:], sensed[..., list(self.sensors)]], axis=-1)
 

@@ -22,6 +22,11 @@ TEACHER_PARTS = (1, 2, 5, 10)
 
 TRIAL_RUNS, TRIAL_STEPS = 8, 25
 
+AT_ITS_OWN_STEP = (
+    "the function at its own step is the truth. Where it integrates an equation and is the better the smaller dt is, "
+    "say ODE = True in {file}"
+)
+
 EXAMPLES = {
     "STEP": "STEP = 0.01",
     "STATE": 'STATE = {"angle": "rad", "speed": "rad/s"}',
@@ -30,6 +35,7 @@ EXAMPLES = {
     "RATES": 'RATES = {"angle": "speed"}',
     "REST": 'REST = {"angle": 0.0}',
     "SPREAD": 'SPREAD = {"angle": 3.14, "speed": 4.0}',
+    "ODE": "ODE = True",
 }
 """How each declaration is written."""
 
@@ -46,14 +52,12 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str]]:
         notes["state.spread"] = "as far as trial runs went; SPREAD in the file says it better"
     system = PythonSystem(_check(values, path), files)
     _check_batches(system)
-    parts, error = _teacher(system)
-    step = values["physics"]["step"]
-    values["physics"] |= {"truth_step": step / parts, "fine_step": step / (FINE_PARTS if error is not None else 1)}
-    notes["physics.truth_step"] = (
-        "step does the same for every dt"
-        if error is None
-        else f"teaches with an error of {error:.2g} of a step's change"
-    )
+    notes["physics.truth_step"] = AT_ITS_OWN_STEP.format(file=path.name)
+    if _is_ode(path, module):
+        parts, error = _teacher(system)
+        step = values["physics"]["step"]
+        values["physics"] |= {"truth_step": step / parts, "fine_step": step / FINE_PARTS}
+        notes["physics.truth_step"] = f"{path.name} says ODE; teaches with an error of {error:.2g} of a step's change"
     return _check(values, path), notes
 
 
@@ -82,6 +86,14 @@ def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
         "control": [_control_part(path, name, value) for name, value in control.items()],
         "sampling": {"rest_share": 0.3, "rest_spread": 0.15},
     }
+
+
+def _is_ode(path: Path, module: ModuleType) -> bool:
+    """Return whether the file says that its function integrates an equation, the better the smaller dt is."""
+    value = getattr(module, "ODE", False)
+    if not isinstance(value, bool):
+        raise BadFileError(f"{path.name}: ODE: wanted a line like `{EXAMPLES['ODE']}`, came {repr(value)[:60]}.")
+    return value
 
 
 def _declaration(path: Path, module: ModuleType, name: str, kind: Any, default: Any = None) -> Any:
@@ -162,8 +174,8 @@ def _check_batches(system: PythonSystem) -> None:
             raise BadFileError(f"{system.file}: BATCHED: step answers (S, B) arrays otherwise than (S,). Leave it out.")
 
 
-def _teacher(system: PythonSystem) -> tuple[int, float | None]:
-    """Return (parts of the step that teach well enough, their error); the error is None if step ignores dt."""
+def _teacher(system: PythonSystem) -> tuple[int, float]:
+    """Return (parts of the step that teach well enough, their error); refuse a function that ignores dt."""
     states, controls = _trial(system)
     step = system.physics_dt
 
@@ -173,7 +185,7 @@ def _teacher(system: PythonSystem) -> tuple[int, float | None]:
         ]
 
     if np.array_equal(after(1), after(1, step / 2)):
-        return 1, None
+        raise BadFileError(f"{system.file}: ODE: step does the same for every dt. Leave ODE out, or use dt in step.")
     exact = after(FINE_PARTS)
     unit = np.maximum((exact - states).std(axis=0), 1e-9)
     for parts in TEACHER_PARTS:

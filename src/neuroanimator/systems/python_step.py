@@ -12,6 +12,7 @@ A step file is all of this; what comes after CONTROL may be left out:
     REST = {"angle": 0.0}                             # the state of rest; zeros if left out
     SPREAD = {"angle": 3.14, "speed": 4.0}            # random starts are rest ± spread
     BATCHED = True                                    # step takes (S, B) and (C, B) arrays too: much faster
+    ODE = True                                        # step integrates an equation: finer dt are its reference
 
     def step(state, control, dt):
         speed = state[1] + dt * (control[0] - 9.81 * np.sin(state[0]))

@@ -107,7 +107,10 @@ class _Run:
     def prepare(cls, data: Transitions, config: TrainingConfig, folder: Path, start_from: Emulator | None) -> _Run:
         held_out = validation_mask(data.run, config)
         if not held_out.any() or held_out.all():
-            raise ArgumentError(f"count: {data.config.count} transitions are too few to train on; wanted some hundred.")
+            lost = f" {data.blow_ups} runs blew up and were dropped: use a smaller step." if data.blow_ups else ""
+            raise ArgumentError(
+                f"count: {len(data.run)} transitions are too few to train on; wanted some hundred.{lost}"
+            )
         learn, check = data.where(~held_out), data.where(held_out)
         base = start_from or build_emulator(learn, config)
         learn, check = base_windows(base, learn), base_windows(base, check)

@@ -23,6 +23,7 @@ from neuroanimator.systems.body import Body
 from neuroanimator.systems.deformable import WILDEST_STRAIN, DeformableSystem
 from neuroanimator.systems.mass_spring import strains
 from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.mujoco_warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
 
 TRIED_STEPS = 10
@@ -72,17 +73,18 @@ class MujocoPhysics(FastPhysics):
         kind, signal = self.system.drive(np.asarray(controls, float))
         roll = self._alone.rollout if count == 1 else partial(rollout.rollout, persistent_pool=True)
         sensed = self._sensed if self._sensed is None else self._sensed[:count]
-        roll(
-            [self.model] * count,
-            self.workers[:1] if count == 1 else self.workers,
-            self._initial[:count],
-            np.repeat(signal, self.substeps, axis=1),
-            control_spec=int(kind),
-            skip_checks=True,
-            nstep=self.steps,
-            state=self._states[:count],
-            sensordata=sensed,
-        )
+        with warnings_counted:
+            roll(
+                [self.model] * count,
+                self.workers[:1] if count == 1 else self.workers,
+                self._initial[:count],
+                np.repeat(signal, self.substeps, axis=1),
+                control_spec=int(kind),
+                skip_checks=True,
+                nstep=self.steps,
+                state=self._states[:count],
+                sensordata=sensed,
+            )
         ends = slice(self.substeps - 1, None, self.substeps)
         states = self._states[:count, ends, 1:]
         if sensed is None:

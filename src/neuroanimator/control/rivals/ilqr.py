@@ -10,6 +10,7 @@ from neuroanimator.control.rivals.contest import Contest, Pricing
 from neuroanimator.control.rivals.fast_physics import MujocoPhysics, cores, threads
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.mujoco_warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
 
 DIFFERENCE = 1e-5
@@ -134,10 +135,11 @@ def _super_step(
     by_state, by_control = np.eye(size), np.zeros((size, model.nu))
     physics.system.put(data, state)
     data.ctrl[:] = control
-    for _ in range(physics.substeps):
-        mujoco.mjd_transitionFD(model, data, DIFFERENCE, False, one_state, one_control, None, None)
-        by_state, by_control = one_state @ by_state, one_state @ by_control + one_control
-        mujoco.mj_step(model, data)
+    with warnings_counted:
+        for _ in range(physics.substeps):
+            mujoco.mjd_transitionFD(model, data, DIFFERENCE, False, one_state, one_control, None, None)
+            by_state, by_control = one_state @ by_state, one_state @ by_control + one_control
+            mujoco.mj_step(model, data)
     return by_state, by_control
 
 

@@ -1,0 +1,78 @@
+"""What MuJoCo warns of: counted, and kept off the console and out of a MUJOCO_LOG.TXT in the user's folder."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections import Counter
+from typing import Any
+
+import mujoco
+
+LONGEST_WARNING = 160
+"""Characters of a warning that are kept: some repeat a model's names."""
+
+MOST_KINDS = 100
+"""Different warnings kept apart; whatever else is said is counted as one."""
+
+OTHERS = "other warnings"
+
+_heard: Counter[str] = Counter()
+
+
+class _Handler:
+    """MuJoCo's one warning handler, ours while anybody counts; the one that was there before returns afterwards."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._counting = 0
+        self._before: Any = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._counting == 0:
+                self._before = mujoco.get_mju_user_warning()
+                mujoco.set_mju_user_warning(_hear)
+            self._counting += 1
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._counting -= 1
+            if self._counting == 0:
+                mujoco.set_mju_user_warning(self._before)
+
+
+warnings_counted = _Handler()
+"""`with warnings_counted:` counts MuJoCo's warnings, in all threads, instead of printing and logging them."""
+
+
+def warnings_heard() -> Counter[str]:
+    """Return how often MuJoCo has given each warning to this process; the time within the run is left out."""
+    return Counter(_heard)
+
+
+def warning_line() -> str:
+    """Return one line that says how often MuJoCo warned this process, of what and what became of it; empty if never."""
+    if not _heard:
+        return ""
+    count = sum(_heard.values())
+    times = "once" if count == 1 else f"{count:,} times"
+    text = _heard.most_common(1)[0][0]
+    others = len(_heard) - 1
+    more = f", and of {others} other kinds" if others > 1 else ", and of one other kind" if others else ""
+    return f"MuJoCo warned {times}: {text}{more}. Runs that blew up were dropped, or count as failed."
+
+
+def _hear(text: str) -> None:
+    kind = shortened(text)
+    if kind not in _heard and len(_heard) >= MOST_KINDS:
+        kind = OTHERS
+    _heard[kind] += 1
+
+
+def shortened(text: str) -> str:
+    """Return a warning without what differs from run to run: its time, and the advice that always follows."""
+    line = " ".join(str(text).split())
+    line = line.replace("The simulation is unstable.", "")
+    line = re.sub(r"Time = \S+", "", line)
+    return line[:LONGEST_WARNING].rstrip(". ")
