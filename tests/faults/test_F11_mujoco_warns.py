@@ -17,7 +17,10 @@ STIFF = """\
 <mujoco model="stiff">
   <option timestep="0.02" integrator="Euler"/>
   <worldbody>
-    <body><joint name="hinge" axis="0 1 0" stiffness="1e9"/><geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="0.3"/></body>
+    <body>
+      <joint name="hinge" axis="0 1 0" stiffness="1e9"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="0.3"/>
+    </body>
   </worldbody>
   <actuator><motor name="motor" joint="hinge" ctrllimited="true" ctrlrange="-1 1"/></actuator>
 </mujoco>
