@@ -113,7 +113,6 @@ def _swing_up_html(found: Synthesis) -> str:
 
 
 def _print(summary: dict[str, Any], evaluation: Evaluation, found: Synthesis, break_even: float) -> None:
-    rival = evaluation.speed.rival.scheme
     print_rows(
         [
             ("system", f"{SYSTEM}, n = {SUBSTEPS}: one super step is {evaluation.dt * 1e3:g} ms"),
@@ -123,10 +122,8 @@ def _print(summary: dict[str, Any], evaluation: Evaluation, found: Synthesis, br
                 f"{summary['rollout_error_1s']:.4f} of the state's standard deviation",
             ),
             ("nominal speed-up", f"{summary['nominal_speedup']:.0f} (MuJoCo Euler, 1 ms)"),
-            (
-                "equal-error speed-up",
-                f"{summary['equal_error_speedup']:.1f} (MuJoCo {rival.integrator}, {rival.dt * 1e3:.3g} ms)",
-            ),
+            ("equal-error speed-up", evaluation.equal_error_text),
+            ("verdict", evaluation.verdict),
             ("blow-ups", f"{evaluation.blow_ups} of {evaluation.blow_up_starts} random starts"),
             ("break-even", f"after {break_even / 3600:.1f} simulated hours (data and training counted)"),
             *outcome_rows(found),

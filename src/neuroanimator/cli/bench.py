@@ -46,7 +46,7 @@ def run(
         return
     shown = ("system", "substeps", "one_step_error", "nominal_speedup", "nominal_1998", "equal_error_speedup")
     shown += ("equal_error_rival", "emulator_us", "rollout_error_1s", "rollout_error_5s")
-    shown += ("break_even_hours", "blow_ups")
+    shown += ("break_even_hours", "blow_ups", "verdict")
     print_table([{key: row[key] for key in shown} for row in figures])
     print_rows([("file", path) for path in files])
 

@@ -57,8 +57,12 @@ def _evaluate(emulators: list[str], data: Path | None, system: Path | None, repo
         write_report(found, report)
     rows = [evaluation.row() for evaluation in found]
     print(dumps(rows, indent=2)) if json else print_table([dict(row) for row in rows])
-    for note in [evaluation.note for evaluation in found if evaluation.note and not json]:
-        print_line(note)
+    for evaluation in [] if json else found:
+        print_line(f"{evaluation.system}, n = {evaluation.substeps}: {evaluation.verdict}.")
+        if evaluation.verdict.is_useless and evaluation.measured_speed:
+            print_line(f"{evaluation.system}: equal-error speed-up: {evaluation.equal_error_text}.")
+        if evaluation.note:
+            print_line(evaluation.note)
 
 
 def _sweep(

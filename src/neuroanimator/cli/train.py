@@ -30,6 +30,7 @@ def run(
     from neuroanimator.cli.generate import ensure_data
     from neuroanimator.cli.numbers import whole_numbers
     from neuroanimator.data.transitions import read_transitions
+    from neuroanimator.evaluation.evaluate import judge_training
     from neuroanimator.systems.definition import read_toml
     from neuroanimator.terminal import print_rows, progress_bar
     from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
@@ -49,8 +50,9 @@ def run(
             last[:] = [report]
             bar.advance_to(report.update, f"error {report.error:.4f}, {report.update / report.seconds:,.0f}/s")
 
-        train(transitions, checked, out, on_report=on_report)
+        emulator = train(transitions, checked, out, on_report=on_report)
     rows: list[tuple[str, object]] = [("emulator", out), ("metrics", run_folder(out) / "metrics.jsonl")]
     if last:
         rows += [("one-step error (validation)", f"{last[0].error:.4f}"), ("updates", last[0].update)]
+    rows += [("verdict", judge_training(emulator, transitions, checked))]
     print_rows(rows)

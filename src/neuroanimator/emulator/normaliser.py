@@ -5,11 +5,15 @@ from __future__ import annotations
 import equinox as eqx
 from jaxtyping import Array, Float
 
+SMALLEST_CHANGE = 1e-6
+"""[of its unit] What changes by less in a super step never moves: rounding would be taken for motion, and learnt."""
+
 
 class Normaliser(eqx.Module):
     """Means and standard deviations of the plain features and of the predicted change.
 
-    Where the motion is odd both means are zero, so that the symmetry stays exact.
+    Where the motion is odd both means are zero, so that the symmetry stays exact. What never moves has a
+    `change_scale` and a `unit` of zero: it changes by its mean, whatever the network says, and makes no error.
     """
 
     plain_mean: Float[Array, " K"]

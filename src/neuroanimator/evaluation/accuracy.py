@@ -13,6 +13,7 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.transitions import RUN_STEPS, Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.frame import Frame
+from neuroanimator.emulator.normaliser import SMALLEST_CHANGE
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import Runs, Scheme, System
@@ -40,13 +41,32 @@ class HeldOut:
     controls: np.ndarray
     """(B, T, C)"""
     change_scale: np.ndarray
-    """(V,) standard deviation of the change in one super step, in the body's own frame: the unit of every error."""
+    """(V,) standard deviation of the change in one super step, in the body's own frame: the unit of every error.
+
+    What never moves has none, and no error: see `moves`.
+    """
     most_transitions: int = MOST_TRANSITIONS
 
     @property
     def frame(self) -> Frame:
         """The frame in which states are compared."""
         return Frame.of(self.system.structure, self.dt)
+
+    @property
+    def moves(self) -> np.ndarray:
+        """(V,) whether each number of a change varies at all: a target that stands still has no error to speak of."""
+        return self.change_scale >= SMALLEST_CHANGE
+
+    def relative(self, off: np.ndarray) -> np.ndarray:
+        """Return the errors `off` (..., V) of what moves, over the standard deviation of its change."""
+        return off[..., self.moves] / self.change_scale[self.moves]
+
+    @property
+    def still(self) -> list[str]:
+        """Names and units of the state entries that never move and are left out of every error."""
+        entries = self.frame.change_entries(self.states.shape[-1])
+        names = zip(self.system.state.names, entries, strict=True)
+        return [name for name, numbers in names if numbers and not self.moves[list(numbers)].any()]
 
     @property
     def transitions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -104,21 +124,22 @@ def held_out_runs(
 
 
 def make_test(system: System, dt: float, states: np.ndarray, controls: np.ndarray) -> HeldOut:
-    """Return the runs (B, T+1, S) under controls (B, T, C) as a test."""
+    """Return the runs (B, T+1, S) under controls (B, T, C) as a test; refuse runs in which nothing happens."""
+    if not len(states):
+        raise ArgumentError(f"{system.name}: every test run blew up in the physics itself. Use a smaller step.")
     changes = Frame.of(system.structure, dt).difference(states[:, :-1], states[:, 1:])
-    return HeldOut(system, dt, states, controls, np.maximum(changes.std(axis=(0, 1)), SMALLEST_CHANGE))
-
-
-SMALLEST_CHANGE = 1e-9
-"""A number that never changes is measured against this instead of zero."""
+    test = HeldOut(system, dt, states, controls, changes.std(axis=(0, 1)))
+    if not test.moves.any():
+        raise ArgumentError(f"{system.name}: nothing changes by {SMALLEST_CHANGE:g} of its unit in a super step.")
+    return test
 
 
 def one_step_error(emulator: Emulator, test: HeldOut) -> np.ndarray:
-    """Return (V,) rms one-step errors over the standard deviation of the change."""
+    """Return (M,) rms one-step errors of what moves, over the standard deviation of the change."""
     states, controls, truth = test.transitions
     kind = emulator.normaliser.change_scale.dtype
     found = jax.vmap(emulator.step)(jnp.asarray(states, kind), jnp.asarray(controls, kind))
-    return root_mean_square(test.frame.difference(truth, np.asarray(found, float)) / test.change_scale)
+    return root_mean_square(test.relative(test.frame.difference(truth, np.asarray(found, float))))
 
 
 def root_mean_square(values: np.ndarray, axis: int | tuple[int, ...] = 0) -> np.ndarray:
@@ -127,9 +148,13 @@ def root_mean_square(values: np.ndarray, axis: int | tuple[int, ...] = 0) -> np.
 
 
 def rollout_error(frame: Frame, found: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Return (T+1,) rms errors of trajectories (B, T+1, S), over the rms way the truth gets from its start."""
+    """Return (T+1,) rms errors of trajectories (B, T+1, S), over the rms way the truth gets from its start.
+
+    What gets nowhere is left out.
+    """
     reach = root_mean_square(frame.difference(truth[:, :1], truth), axis=(0, 1))
-    return root_mean_square(frame.difference(truth, found) / np.maximum(reach, SMALLEST_CHANGE), axis=(0, 2))
+    moves = reach >= SMALLEST_CHANGE
+    return root_mean_square(frame.difference(truth, found)[..., moves] / reach[moves], axis=(0, 2))
 
 
 def scheme_error(test: HeldOut, scheme: Scheme) -> float:
@@ -146,7 +171,7 @@ def runs_error(test: HeldOut, runs: Runs) -> float:
         return float("inf")
     truth = test.transitions[2]
     off = test.frame.difference(truth, runs.states[:, 1])
-    return float(root_mean_square(off / test.change_scale, axis=(0, 1)))
+    return float(root_mean_square(test.relative(off), axis=(0, 1)))
 
 
 def recorded_runs(emulator: Emulator, data: Transitions | None) -> HeldOut:
@@ -163,28 +188,36 @@ def recorded_runs(emulator: Emulator, data: Transitions | None) -> HeldOut:
     return make_test(data.system, identity.dt, *data.held_out)
 
 
-def baselines(data: Transitions, test: HeldOut) -> dict[str, float]:
-    """Return the one-step errors of cheap predictors: nothing changes, speeds stay, ridge regression."""
+NO_CHANGE, CONSTANT_VELOCITY = "persistence", "constant velocity"
+"""The predictors that need no data: nothing changes; speeds stay."""
+
+
+def baselines(data: Transitions | None, test: HeldOut) -> dict[str, float]:
+    """Return the one-step errors of cheap predictors: nothing changes, speeds stay, ridge regression on `data`."""
     states, controls, truth = test.transitions
     frame = test.frame
+    guesses = {NO_CHANGE: states, CONSTANT_VELOCITY: _coasted(test, states)}
+    if data is not None:
+        first, following = np.asarray(data.states[:, 0], float), np.asarray(data.states[:, 1], float)
+        weights = _ridge(_linear_features(test, first, data.controls[:, 0]), frame.remainder(first, following))
+        guesses["ridge regression"] = frame.apply(states, _linear_features(test, states, controls) @ weights)
+    return {
+        name: float(root_mean_square(test.relative(frame.difference(truth, guess)), axis=(0, 1)))
+        for name, guess in guesses.items()
+    }
+
+
+def _coasted(test: HeldOut, states: np.ndarray) -> np.ndarray:
+    """Return `states` (N, S) a super step later if all speeds stayed as they are."""
+    frame = test.frame
     still = np.zeros((len(states), len(test.change_scale)))
-    first, following = np.asarray(data.states[:, 0], float), np.asarray(data.states[:, 1], float)
-    weights = _ridge(_linear_features(test, first, data.controls[:, 0]), frame.remainder(first, following))
     coasting = np.array(states)
     for position, rate in test.system.structure.rates:
         coasting[:, position] += test.dt * states[:, rate]
     if frame.segments:  # the frame coasts the root, its plain entries coast as above
         moved = frame.apply(states, still)
         coasting = np.where(moved == states, coasting, moved)
-    guesses = {
-        "persistence": states,
-        "constant velocity": coasting,
-        "ridge regression": frame.apply(states, _linear_features(test, states, controls) @ weights),
-    }
-    return {
-        name: float(root_mean_square(frame.difference(truth, guess) / test.change_scale, axis=(0, 1)))
-        for name, guess in guesses.items()
-    }
+    return coasting
 
 
 def _linear_features(test: HeldOut, states: np.ndarray, controls: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.normaliser import SMALLEST_CHANGE
 from neuroanimator.evaluation.accuracy import system_of
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.mujoco import MujocoSystem
@@ -18,6 +19,9 @@ BLOCK = 500
 
 PHYSICS_STARTS = 16
 """Runs of the physics that show how far it gets in the same time: a lander may fly off at any speed."""
+
+STILL_REACH = 0.1
+"""[of its unit] Reach of what never moved, so that it has blown up where it is off by one whole unit."""
 
 TOO_FAR = 10.0
 """Times the reach of training and physics at which a rollout has blown up."""
@@ -35,7 +39,7 @@ def count_blow_ups(
     system = system_of(emulator)
     drawn = sample_starts(system, rng, starts, os.cpu_count() or 1) if among is None else rng.choice(among, starts)
     states, rest = np.asarray(drawn, np.float32), np.asarray(identity.rest, np.float32)
-    bound, fine = TOO_FAR * reach(emulator, steps), np.ones(starts, dtype=bool)
+    bound, fine = TOO_FAR * np.maximum(reach(emulator, steps), least_reach(emulator)), np.ones(starts, dtype=bool)
     for block in _control_blocks(emulator, rng, starts, steps):
         path = np.asarray(emulator.rollout(np.where(fine[:, None], states, rest), block, may_diverge=True))
         seen = np.abs(emulator.plain_of(path[:, 1:], block.astype(np.float32)))
@@ -58,6 +62,12 @@ def reach(emulator: Emulator, steps: int) -> np.ndarray:
         largest = np.maximum(largest, np.abs(seen).max(axis=(0, 1), initial=0))
         states = np.where(runs.is_alive[:, None], runs.states[:, -1], system.rest)
     return largest
+
+
+def least_reach(emulator: Emulator) -> np.ndarray:
+    """Return (K,) what counts as the reach of each number the network sees: more than zero for what never moves."""
+    low, high = np.asarray(emulator.domain.low), np.asarray(emulator.domain.high)
+    return np.where(high - low < SMALLEST_CHANGE, STILL_REACH, 0.0)
 
 
 def _control_blocks(emulator: Emulator, rng: np.random.Generator, starts: int, steps: int) -> Iterator[np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from neuroanimator.evaluation.accuracy import (
     HeldOut,
     baselines,
     held_out_runs,
+    make_test,
     one_step_error,
     recorded_runs,
     rollout_error,
@@ -25,7 +26,13 @@ from neuroanimator.evaluation.blow_ups import count_blow_ups
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
 from neuroanimator.evaluation.speed_deformable import JAX, NO_COMPILER
 from neuroanimator.evaluation.speed_python import PYTHON_FUNCTION
+from neuroanimator.evaluation.verdict import Verdict, judge
 from neuroanimator.systems.recorded_system import RecordedSystem
+from neuroanimator.training.config import TrainingConfig
+from neuroanimator.training.train import validation_mask
+
+MOST_NAMED = 6
+"""State entries named in a note."""
 
 NO_OPPONENT = "learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
 
@@ -78,9 +85,33 @@ class Evaluation:
     emulator_seconds: float
     """Time of one super step [s]."""
     baselines: dict[str, float]
-    """One-step errors of cheap predictors; empty without a dataset."""
+    """One-step errors of cheap predictors; ridge regression only with a dataset."""
     blow_ups: int
     blow_up_starts: int
+    still: list[str] = field(default_factory=list)
+    """State entries that never move and are left out of all errors."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the emulator is of any use, and why."""
+        return judge(
+            self.one_step_error,
+            self.baselines,
+            blow_ups=self.blow_ups,
+            rollouts=self.blow_up_starts,
+            error_after_second=self.rollout_error_at(1.0),
+        )
+
+    @property
+    def equal_error_text(self) -> str:
+        """The equal-error speed-up and its rival, or why there is none."""
+        if self.measured_speed is None:
+            return "none: there is no physics to compare with"
+        if self.verdict.is_useless:
+            return f"none: {self.verdict.reasons[0].partition(' (')[0]}"
+        speed = self.measured_speed
+        rival = speed.rival.scheme
+        return f"{speed.equal_error:.1f} ({speed.physics} {rival.integrator}, {rival.dt * 1e3:.3g} ms)"
 
     @property
     def speed(self) -> Speed:
@@ -91,7 +122,20 @@ class Evaluation:
 
     @property
     def note(self) -> str:
-        """What must be said about the speed-ups, if anything."""
+        """What must be said about the figures, if anything."""
+        notes = [self._note_on_speed, self._note_on_errors]
+        return " ".join(note for note in notes if note)
+
+    @property
+    def _note_on_errors(self) -> str:
+        if not self.still:
+            return ""
+        shown = ", ".join(self.still[:MOST_NAMED])
+        more = f" and {len(self.still) - MOST_NAMED} more" if len(self.still) > MOST_NAMED else ""
+        return f"{self.system}: left out of all errors, for it never moves: {shown}{more}."
+
+    @property
+    def _note_on_speed(self) -> str:
         if self.measured_speed is None:
             return f"{self.system}: {NO_OPPONENT}"
         if self.measured_speed.physics == JAX:
@@ -112,20 +156,22 @@ class Evaluation:
     def row(self) -> dict[str, str | int | float]:
         """Return the figures by their published names."""
         speed = self.measured_speed
+        rivalled = None if self.verdict.is_useless else speed
         return {
             "system": self.system,
             "substeps": self.substeps,
             "one_step_error": self.one_step_error,
             "rollout_error_1s": self.rollout_error_at(1.0),
             "nominal_speedup": speed.nominal if speed else "none",
-            "equal_error_speedup": speed.equal_error if speed else "none",
-            "equal_error_rival": f"{speed.rival.scheme.integrator} {speed.rival.scheme.dt * 1e3:.3g} ms"
-            if speed
+            "equal_error_speedup": rivalled.equal_error if rivalled else "none",
+            "equal_error_rival": f"{rivalled.rival.scheme.integrator} {rivalled.rival.scheme.dt * 1e3:.3g} ms"
+            if rivalled
             else "none",
             "emulator_us": self.emulator_seconds * 1e6,
             "emulator_jax_us": speed.jax_seconds * 1e6 if speed and speed.jax_seconds else "none",
             "physics_us": speed.physics_seconds * 1e6 if speed else "none",
             "blow_ups": self.blow_ups,
+            "verdict": self.verdict.word,
         }
 
 
@@ -161,10 +207,22 @@ def evaluate(
         sample_physics=test.states[0],
         measured_speed=speed,
         emulator_seconds=speed.emulator_seconds if speed else measure_emulator(emulator),
-        baselines=baselines(data, test) if data else {},
+        baselines=baselines(data, test),
         blow_ups=count_blow_ups(emulator, effort.starts, effort.steps, among=among) if effort.starts else 0,
         blow_up_starts=effort.starts,
+        still=test.still,
     )
+
+
+def judge_training(emulator: Emulator, data: Transitions, config: TrainingConfig) -> Verdict:
+    """Return the verdict on the windows of `data` that training with `config` kept for validation: one step each."""
+    kept = data.where(validation_mask(data.run, config))
+    states = np.asarray(kept.states[:, :2], float)
+    controls = np.asarray(kept.controls[:, :1], float)
+    test = make_test(data.system, emulator.dt, states, controls)
+    if emulator.modes is None:  # the same unit as in the error that training reports
+        test = replace(test, change_scale=np.asarray(emulator.normaliser.unit, float))
+    return judge(float(root_mean_square(one_step_error(emulator, test))), baselines(None, test))
 
 
 def self_divergence(test: HeldOut) -> np.ndarray:

@@ -57,19 +57,31 @@ def _verdict(evaluations: list[Evaluation]) -> str:
 def _sentence(e: Evaluation) -> str:
     if e.measured_speed is None:
         return (
-            f"<b>{_title(e)}.</b> One super step costs {e.emulator_seconds * 1e6:.2f} µs. "
+            f"{_heading(e)} One super step costs {e.emulator_seconds * 1e6:.2f} µs. "
             f"{NO_OPPONENT} Blow-ups: {e.blow_ups} of {e.blow_up_starts} recorded starts."
         )
-    rival, speed = e.speed.rival.scheme, e.speed
-    scheme = f"{html.escape(rival.integrator)} at {rival.dt * 1e3:.3g} ms"
+    speed = e.speed
+    return (
+        f"{_heading(e)} One super step costs {speed.emulator_seconds * 1e6:.2f} µs "
+        f"in {html.escape(speed.runtime)}. "
+        f"The physics' own {e.substeps} steps take {speed.nominal:.0f} times as long. {_at_equal_error(e)} "
+        f"Blow-ups: {e.blow_ups} of {e.blow_up_starts} random starts. {html.escape(e.note)}"
+    )
+
+
+def _heading(e: Evaluation) -> str:
+    return f"<b>{_title(e)}: {html.escape(str(e.verdict))}.</b>"
+
+
+def _at_equal_error(e: Evaluation) -> str:
+    if e.verdict.is_useless:
+        return f"Speed-up at equal error: {html.escape(e.equal_error_text)}."
+    speed = e.speed
+    rival = speed.rival.scheme
     word = "wins" if speed.equal_error > 1 else "loses"
     return (
-        f"<b>{_title(e)}.</b> One super step costs {speed.emulator_seconds * 1e6:.2f} µs "
-        f"in {html.escape(speed.runtime)}. "
-        f"The physics' own {e.substeps} steps take {speed.nominal:.0f} times as long. The fastest physics that is "
-        f"at least as accurate, {scheme}, takes {speed.equal_error:.1f} times "
-        f"as long: at equal error the emulator {word}. "
-        f"Blow-ups: {e.blow_ups} of {e.blow_up_starts} random starts. {html.escape(e.note)}"
+        f"The fastest physics that is at least as accurate, {html.escape(rival.integrator)} at "
+        f"{rival.dt * 1e3:.3g} ms, takes {speed.equal_error:.1f} times as long: at equal error the emulator {word}."
     )
 
 

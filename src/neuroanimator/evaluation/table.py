@@ -92,8 +92,9 @@ def _nominal_tuned(evaluation: Evaluation) -> float | str:
 
 
 def _middle(values: list[Any]) -> Any:
-    """Return the median of numbers, and the first of anything else."""
-    return float(np.median(values)) if isinstance(values[0], float) else values[0]
+    """Return the median of numbers, and the first text where there is one."""
+    texts = [value for value in values if not isinstance(value, float)]
+    return texts[0] if texts else float(np.median(values))
 
 
 def quartiles(values: list[float]) -> str:

@@ -22,7 +22,9 @@ def rare_rows(emulator: Emulator, data: Transitions) -> np.ndarray:
     """Return the rows of `data` whose change is the most unusual in any of its numbers: a tenth of all."""
     normaliser = emulator.normaliser
     change = emulator.frame.remainder(data.states[:, 0], data.states[:, 1])
-    unusual = np.abs((change - np.asarray(normaliser.change_mean)) / np.asarray(normaliser.change_scale)).max(axis=1)
+    scale = np.asarray(normaliser.change_scale)
+    moves = scale > 0
+    unusual = np.abs((change - np.asarray(normaliser.change_mean))[:, moves] / scale[moves]).max(axis=1)
     count = max(1, round(RARE * len(unusual)))
     return np.sort(np.argpartition(unusual, -count)[-count:]).astype(np.int32)
 

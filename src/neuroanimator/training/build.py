@@ -18,7 +18,7 @@ from neuroanimator.emulator.hierarchy import Part
 from neuroanimator.emulator.modes import Modes, fit_modes
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.networks import make_network
-from neuroanimator.emulator.normaliser import Normaliser
+from neuroanimator.emulator.normaliser import SMALLEST_CHANGE, Normaliser
 from neuroanimator.emulator.parts import parts_of_body, parts_of_joints
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import System
@@ -26,6 +26,11 @@ from neuroanimator.training.config import TrainingConfig
 
 SMALLEST_SCALE = 1e-6
 """A number that never varies is divided by this share of one instead of by zero."""
+
+NOTHING_MOVES = (
+    f"Nothing in this system changes by {SMALLEST_CHANGE:g} of its unit in a super step. "
+    "Use longer super steps (--substeps), smaller units, or stronger controls."
+)
 
 MOST_SHAPES = 20_000
 """States whose shapes the modes of a deformable body are found from."""
@@ -170,5 +175,11 @@ def _normaliser(plain: np.ndarray, sight: _Sight, odd_plain: np.ndarray) -> Norm
     pairs = (plain, odd_plain), (change, sight.odd_changes)
     means = [np.where(odd, 0.0, values.mean(axis=0)) for values, odd in pairs]
     scales = [np.maximum(values.std(axis=0), SMALLEST_SCALE) for values in (plain, change, whole)]
+    if sight.modes is None:  # the few numbers of a deformable body all move, and have units of their own
+        moves = whole.std(axis=0) >= SMALLEST_CHANGE
+        if not moves.any():
+            raise ArgumentError(NOTHING_MOVES)
+        scales[1] = np.where(moves, scales[1], 0.0)
+        scales[2] = np.where(moves, scales[2], 0.0)
     numbers = [jnp.asarray(value, jnp.float32) for value in (means[0], scales[0], means[1], scales[1], scales[2])]
     return Normaliser(*numbers)

@@ -20,10 +20,11 @@ def squared_error(
     """Return the mean squared error after 1..H super steps, in units of the change's standard deviation.
 
     States and controls are those of `Emulator.encode`. `weights` make rows count more or less; their mean
-    should be one.
+    should be one. What never moves makes no error.
     """
+    unit = emulator.normaliser.unit
     found = jax.vmap(partial(follow, emulator, is_bounded=False))(states[:, 0], controls)
-    off = emulator.frame.difference(states[:, 1:], found) / emulator.normaliser.unit
+    off = emulator.frame.difference(states[:, 1:], found) / jnp.where(unit > 0, unit, jnp.inf)
     return jnp.mean(off**2 if weights is None else off**2 * weights[:, None, None], axis=0)
 
 

@@ -146,9 +146,9 @@ class _Run:
             progress = progress._replace(network=network, optimizer_state=state, chunk=progress.chunk + 1)
             if progress.chunk % CHUNKS_PER_REPORT == 0 or progress.chunk >= self.config.chunks:
                 break
-        by_step = np.sqrt(
-            _validate(with_network(self.base, progress.network, self.rest), *self.validation).mean(axis=1)
-        )
+        moves = np.asarray(self.base.normaliser.unit) > 0
+        emulator = with_network(self.base, progress.network, self.rest)
+        by_step = np.sqrt(_validate(emulator, *self.validation)[:, moves].mean(axis=1))
         self.progress = progress.judged(float(by_step[-1]))
         seconds = time.monotonic() - self.began
         update = progress.chunk * UPDATES_PER_CHUNK
@@ -177,8 +177,8 @@ def keeps_still(system: System, emulator: Emulator) -> bool:
     idle = np.tile(system.bounds.idle, (1, 1, 1))
     after = system.simulate(rest, idle, emulator.dt).states[:, -1]
     inner = [emulator.encode(np.asarray(states, float)) for states in (rest, after)]
-    moved = emulator.frame.difference(*inner)[0] / np.asarray(emulator.normaliser.unit)
-    return bool(np.abs(moved).max() < STILL)
+    moved = np.abs(emulator.frame.difference(*inner)[0])
+    return bool((moved <= STILL * np.asarray(emulator.normaliser.unit)).all())
 
 
 def base_windows(base: Emulator, data: Transitions) -> Transitions:

@@ -1,0 +1,135 @@
+"""An emulator that no guess should lose to is judged in words; what never moves is no part of the judgement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuroanimator import Emulator, dataset_config, evaluate, generate, read_transitions, train
+from neuroanimator import training_config as settings
+from neuroanimator.data.transitions import Transitions
+from neuroanimator.evaluation.accuracy import CONSTANT_VELOCITY, NO_CHANGE
+from neuroanimator.evaluation.evaluate import Effort, judge_training
+from neuroanimator.evaluation.report import write_report
+from neuroanimator.evaluation.verdict import judge
+from neuroanimator.new import write_definition
+from neuroanimator.systems.own import resolve
+from neuroanimator.training.config import TrainingConfig
+
+FAST = Effort(runs=8, transitions=200, repeats=3, starts=20, steps=50)
+TRAINING = {"updates": 500, "widths": (24, 24), "batch": 128}
+
+REACHER = """\
+<mujoco model="reacher">
+  <option timestep="0.005" gravity="0 0 -9.81"/>
+  <worldbody>
+    <body>
+      <joint name="shoulder" axis="0 0 1" damping="0.05"/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="0.5" contype="0" conaffinity="0"/>
+    </body>
+    TARGET
+  </worldbody>
+  <actuator><motor name="motor" joint="shoulder" ctrllimited="true" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+TARGET = """\
+    <body pos="0.3 0.3 0">
+      <joint name="target_x" type="slide" axis="1 0 0" limited="true" range="-0.3 0.3"/>
+      <joint name="target_y" type="slide" axis="0 1 0" limited="true" range="-0.3 0.3"/>
+      <geom type="sphere" size="0.03" mass="1" contype="0" conaffinity="0"/>
+    </body>
+"""
+
+
+def trained(folder: Path, model: str) -> tuple[Emulator, Transitions, TrainingConfig]:
+    folder.mkdir()
+    (folder / "reacher.xml").write_text(model)
+    name, definition, substeps = resolve(str(write_definition(str(folder / "reacher.xml"))[0]))
+    config = dataset_config(system=name, definition=definition, substeps=substeps, count=2400)
+    generate(config, folder / "data")
+    data = read_transitions(folder / "data")
+    return train(data, settings(**TRAINING), folder / "e.safetensors"), data, settings(**TRAINING)
+
+
+@pytest.fixture(scope="module")
+def with_target(tmp_path_factory: pytest.TempPathFactory) -> tuple[Emulator, Transitions, TrainingConfig]:
+    return trained(tmp_path_factory.mktemp("with") / "m", REACHER.replace("TARGET", TARGET))
+
+
+def test_what_never_moves_is_left_out_of_errors_and_blow_ups(with_target):
+    emulator, data, config = with_target
+    found = evaluate(emulator, data=data, effort=FAST)
+    assert found.one_step_error < 0.2
+    assert found.rollout_error_at(1.0) < 0.6
+    assert found.blow_ups == 0
+    assert [name.split("[")[0] for name in found.still] == ["target_x", "target_y", "target_x.speed", "target_y.speed"]
+    assert "left out of all errors, for it never moves: target_x[0] m" in found.note
+    assert found.verdict.word in ("usable", "good")
+    assert judge_training(emulator, data, config).word in ("usable", "good")
+
+
+def test_what_never_moves_stands_still_whatever_the_network_says(with_target):
+    emulator, _, _ = with_target
+    start = np.array([0.5, 0.1, -0.2, 1.0, 0.0, 0.0])
+    path = np.asarray(emulator.rollout(start, np.ones((500, 1))))
+    np.testing.assert_array_equal(path[:, 1:3], np.tile(np.float32(start[1:3]), (501, 1)))
+    np.testing.assert_array_equal(path[:, 4:], 0)
+    assert np.ptp(path[:, 0]) > 0.1
+
+
+def test_an_emulator_that_moves_what_stands_still_far_away_has_blown_up(with_target):
+    emulator, _, _ = with_target
+    drifting = emulator.normaliser.change_mean.at[4].set(0.1)
+    wrong = replace(emulator, normaliser=replace(emulator.normaliser, change_mean=drifting))
+    assert evaluate(wrong, effort=FAST).blow_ups == FAST.starts
+
+
+def test_a_useless_emulator_gets_no_speed_up(with_target, tmp_path: Path):
+    emulator, data, config = with_target
+    scale = emulator.normaliser.change_scale
+    wild = replace(emulator, normaliser=replace(emulator.normaliser, change_scale=20 * scale))
+    found = evaluate(wild, data=data, effort=FAST)
+    assert found.verdict.word == "useless"
+    assert found.row()["equal_error_speedup"] == "none"
+    assert found.equal_error_text == "none: it is worse than predicting no change"
+    assert judge_training(wild, data, config).is_useless
+    write_report([found], tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    assert "useless: it is worse than predicting no change" in text
+    assert "at equal error the emulator" not in text
+
+
+def test_a_model_in_which_nothing_moves_is_refused(tmp_path: Path):
+    frozen = REACHER.replace("TARGET", "").replace('axis="0 0 1" damping="0.05"', 'axis="0 0 1" damping="1e9"')
+    with pytest.raises(Exception, match="of its unit in a super step"):
+        trained(tmp_path / "m", frozen)
+
+
+CHEAP = {NO_CHANGE: 1.0, CONSTANT_VELOCITY: 0.8, "ridge regression": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("error", "more", "word", "reason"),
+    [
+        (0.03, {}, "good", "one step is off by 0.03"),
+        (0.03, {"blow_ups": 0, "rollouts": 1000}, "good", "0 of 1,000 long rollouts blew up"),
+        (0.03, {"blow_ups": 5, "rollouts": 1000}, "usable", "5 of 1,000 long rollouts blew up"),
+        (0.03, {"blow_ups": 472, "rollouts": 1000}, "poor", "472 of 1,000 long rollouts blew up"),
+        (0.03, {"error_after_second": 1.3}, "usable", "after a second"),
+        (0.03, {"error_after_second": math.nan}, "usable", "after a second"),
+        (0.2, {}, "usable", "one step is off by 0.2"),
+        (0.5, {}, "poor", "predicting that speeds stay as they are by no more than 0.8"),
+        (0.9, {}, "useless", "worse than predicting that speeds stay as they are (0.9 against 0.8"),
+        (2.39, {"blow_ups": 472, "rollouts": 1000}, "useless", "worse than predicting no change (2.4 against 1"),
+        (math.nan, {}, "useless", "not even give finite numbers"),
+        (math.inf, {}, "useless", "not even give finite numbers"),
+    ],
+)
+def test_a_verdict_is_a_word_and_its_reason(error: float, more: dict[str, float], word: str, reason: str):
+    found = judge(error, CHEAP, **more)
+    assert found.word == word
+    assert reason in str(found)
