@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 from conftest import Cli
 
+from neuroanimator.cli import info
 from neuroanimator.cli.main import VERBS
+from neuroanimator.control.report import gap_in_words
+from neuroanimator.shipped import shipped_policy
 
 
 def test_help_needs_no_heavy_import():
@@ -51,7 +55,7 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (
             ["control", "pendulum-passive", "--out", "c.csv"],
             2,
-            "No goal called 'upright' for the system",
+            "Goals of pendulum-passive: none. Write a file my.toml with the lines",
         ),
         (["export", "missing.csv", "--emulator", "pendulum", "--out", "c.glb"], 3, "missing.csv"),
         (["info", "missing"], 3, "No emulator file 'missing'"),
@@ -88,8 +92,43 @@ def test_control_then_animate_then_export(cli: Cli, tmp_path: Path):
 def test_info_and_list_and_doctor_answer(cli: Cli):
     info = json.loads(cli("info", "pendulum-50", "--json").stdout)
     assert (info["system"], info["substeps"], info["dt"]) == ("pendulum", 50, 0.05)
-    assert "pendulum-passive-100" in cli("list").stdout
+    listed = cli("list").stdout
+    assert "pendulum-passive-100" in listed
+    assert "swims by commands, speed and turn, through dolphin-50" in listed
     assert "video drawn by" in cli("doctor").stdout
+
+
+def test_info_of_a_body_fits_on_a_screen_and_json_says_all(capsys):
+    info.run("fish-50")
+    shown = capsys.readouterr().out
+    assert len(shown) < 1200
+    assert "138 numbers" not in shown or "[m]" in shown
+    info.run("fish-50", json=True)
+    assert len(json.loads(capsys.readouterr().out)["state"]) > 0
+
+
+def test_info_reads_policies_and_datasets(dataset: Path, capsys):
+    info.run(str(shipped_policy("fish")))
+    shown = capsys.readouterr().out
+    assert "policy for" in shown
+    assert "fish, n = 50" in shown
+    info.run(str(dataset))
+    shown = capsys.readouterr().out
+    assert "6,000 asked for, seed 0" in shown
+    assert "2 of 2 made" in shown
+
+
+def test_the_version_is_told_without_heavy_imports(cli: Cli):
+    result = cli("--version")
+    assert (result.returncode, result.stdout) == (0, f"neuroanimator {version('neuroanimator')}\n")
+
+
+def test_a_gap_is_told_in_words():
+    assert "physics does even better" in gap_in_words(0.956, 0.315)
+    assert "does what the emulator foretold" in gap_in_words(0.30, 0.31)
+    assert "a little worse" in gap_in_words(0.3, 0.5)
+    assert "much worse" in gap_in_words(0.3, 1.4)
+    assert "lower is better" in gap_in_words(0.3, 1.4)
 
 
 def test_interrupting_ends_with_130_and_loses_nothing(tmp_path: Path):

@@ -12,19 +12,20 @@ import numpy as np
 import pytest
 from conftest import Cli, read_glb
 
-from neuroanimator import Objective, load_system, stand_upright
+from neuroanimator import Emulator, Objective, load_system, stand_upright
 from neuroanimator.cli.control import METHOD_HELP, run
 from neuroanimator.control import wishes
 from neuroanimator.control.descend import DEFAULT_ITERATIONS
-from neuroanimator.control.goals import reach_goal
+from neuroanimator.control.goals import reach_goal, usual_goal
 from neuroanimator.control.methods import METHODS
 from neuroanimator.control.objective_file import KINDS, Wanted, read_objective
 from neuroanimator.control.obstacles import Zone, avoid
 from neuroanimator.control.parameters import EachStep, Periodic, Spline
+from neuroanimator.control.synthesise import synthesise_goal
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.control.watch import watching
-from neuroanimator.errors import BadFileError
-from neuroanimator.systems.system import System
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.systems.system import Goal, System
 
 TUTORIAL = Path(__file__).parents[1] / "docs" / "tutorials" / "my-objective.md"
 
@@ -82,6 +83,9 @@ MEANT = {
     'kind = "avoid"\nzones = [{ place = [0.2, 0], radius = 0.5 }]\nmargin = 1': lambda truck: avoid(
         truck, [Zone((0.2, 0.0), radius=0.5)], margin=1.0
     ),
+    'kind = "reach_state"\nreach = { "steer_fl" = [0.1] }\nwithin = { "steer_fl" = 0.02 }\nweight = 2': lambda truck: (
+        reach_goal(truck.structure, truck.rest, Goal(((truck.state.index("steer_fl").start, 0.1),), (0.02,)), 2.0)
+    ),
     'kind = "goal"\nname = "bay_2"\nweight = 3\nat = 1': lambda truck: reach_goal(
         truck.structure, truck.rest, truck.goals["bay_2"], 3.0, (1.0,)
     ),
@@ -122,6 +126,34 @@ def test_the_pendulums_goal_in_a_file_is_that_of_the_command_line(tmp_path: Path
     assert float(found.objective(motion)) == pytest.approx(float(stand_upright()(motion)), rel=1e-6)
     assert found.verdicts[0](np.array([np.pi, 0, 0, 0, 0, 0]))
     assert not found.verdicts[0](np.zeros(6))
+
+
+def test_a_state_wished_for_at_the_end_is_judged_on_the_physics(tmp_path: Path):
+    text = '[[wishes]]\nkind = "reach_state"\nreach = { "root.place" = [1, 2, 0.5] }\nwithin = { "root.place" = 0.2 }\n'
+    state = np.array(a_system("truck").rest)
+    (verdict,) = read(tmp_path, text).verdicts
+    assert not verdict(state)
+    state[:3] = [1.1, 2.1, 0.4]
+    assert verdict(state)
+    assert read(tmp_path, text + "at = 1").verdicts == ()
+
+
+def test_a_goal_may_be_written_after_training(shipped: Emulator):
+    later = load_system("pendulum")
+    later.goals = {"aside": Goal(((0, 0.5),), (0.2,), 0.5)}
+    found = synthesise_goal(shipped, "aside", goals_from=later, iterations=6, corrections=1, refinements=0)
+    assert found.is_reached
+    with pytest.raises(ArgumentError, match="truck has another state or control than the emulator's pendulum"):
+        synthesise_goal(shipped, "bay_1", goals_from=load_system("truck"))
+
+
+def test_who_names_no_goal_is_told_how_to_write_one():
+    assert usual_goal(a_system("pendulum")) == "upright"
+    with pytest.raises(ArgumentError, match="Say which: --goal bay_1, --goal bay_2"):
+        usual_goal(a_system("truck"))
+    with pytest.raises(ArgumentError) as caught:
+        usual_goal(load_system("pendulum-passive"))
+    assert 'kind = "reach_state", reach = { "angle" = [1.0, 1.0, 1.0] }' in str(caught.value)
 
 
 def test_what_may_vary_is_what_the_file_says(tmp_path: Path):
@@ -178,6 +210,14 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         (
             '[[wishes]]\nkind = "goal"\nname = "moon"',
             "wish 1 (goal): No goal called 'moon' for the system truck. Goals:",
+        ),
+        ('[[wishes]]\nkind = "reach_state"\nreach = {}', "wish 1 (reach_state): reach: wanted at least one part"),
+        ('[[wishes]]\nkind = "reach_state"\nreach = { wheel = [1] }', "No part called 'wheel'. Parts: root.place"),
+        ('[[wishes]]\nkind = "reach_state"\nreach = { steer_fl = [1, 2] }', "'steer_fl' has 1 numbers"),
+        ('[[wishes]]\nkind = "reach_state"\nreach = { steer_fl = ["1"] }', "reach.steer_fl.0: input should be"),
+        (
+            '[[wishes]]\nkind = "reach_state"\nreach = { steer_fl = [1] }\nwithin = { steer_fl = 0 }',
+            "wish 1 (reach_state): within.steer_fl: input should be greater than 0",
         ),
         (
             '[[wishes]]\nkind = "avoid"\nmargin = 1\nzones = [{ radius = 1 }]',

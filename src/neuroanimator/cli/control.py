@@ -15,9 +15,9 @@ from neuroanimator.errors import ArgumentError
 if TYPE_CHECKING:
     from neuroanimator.control.synthesise import Synthesis
     from neuroanimator.emulator.emulator import Emulator
+    from neuroanimator.systems.system import System
 
 EXAMPLE = "neuroanimator control pendulum --goal upright --seconds 1.5 --out swing-up.csv"
-DEFAULT_GOAL = "upright"
 # Written out, as is the default of iterations: looking them up would load JAX before it is needed; a test compares.
 METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
 
@@ -26,7 +26,7 @@ def run(
     emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
     out: Annotated[Path, typer.Option(help="CSV file for the controls.")],
     goal: Annotated[
-        str | None, typer.Option(help="What to achieve, 'upright' if not given; 'list' names each system's goals.")
+        str | None, typer.Option(help="What to achieve; a system's only goal if not given. 'list' names the goals.")
     ] = None,
     objective: Annotated[Path | None, typer.Option(help="TOML file of wishes, instead of a goal.")] = None,
     seconds: Annotated[
@@ -39,7 +39,8 @@ def run(
     ] = None,
     effort_weight: Annotated[float | None, typer.Option(help="Weight of effort in a goal's J; 1 if not given.")] = None,
     system: Annotated[
-        Path | None, typer.Option(help="Your TOML file, whose step function may then run; see 'new'.")
+        Path | None,
+        typer.Option(help="Your TOML file: its goals may be new, and its step function may then run; see 'new'."),
     ] = None,
     data: Annotated[
         Path | None, typer.Option(help="Dataset folder to refine with; simulated anew if not given.")
@@ -54,14 +55,13 @@ def run(
     from neuroanimator.control.watch import watching
     from neuroanimator.data.transitions import read_transitions
     from neuroanimator.export.by_suffix import emulator_for
-    from neuroanimator.systems.own import trust_files
+    from neuroanimator.systems import load_system
     from neuroanimator.terminal import print_rows
     from neuroanimator.text import print_line
 
-    if system:
-        trust_files(system)
+    own = load_system(str(system)) if system else None
     model = emulator_for([glb] if glb else [], emulator)
-    search = _search(model, goal, objective, seconds, effort_weight)
+    search = _search(model, own, goal, objective, seconds, effort_weight)
     with watching(log, iterations) as on_iteration:
         found = search(
             method=method,
@@ -79,21 +79,30 @@ def run(
 
 
 def _search(
-    emulator: Emulator, goal: str | None, objective: Path | None, seconds: float | None, effort_weight: float | None
+    emulator: Emulator,
+    own: System | None,
+    goal: str | None,
+    objective: Path | None,
+    seconds: float | None,
+    effort_weight: float | None,
 ) -> Callable[..., Synthesis]:
-    """Return what finds the controller: for an objective file, or for a goal."""
+    """Return what finds the controller: for an objective file, or for a goal; `own` may have goals of its own."""
+    from neuroanimator.control.goals import usual_goal
     from neuroanimator.control.objective_file import read_objective, synthesise_wanted
-    from neuroanimator.control.synthesise import synthesise_goal
+    from neuroanimator.control.synthesise import check_same_system, synthesise_goal
     from neuroanimator.evaluation.accuracy import system_of
 
+    system = own or system_of(emulator)
+    check_same_system(emulator, system)
     if objective is None:
         weight = 1.0 if effort_weight is None else effort_weight
-        return partial(synthesise_goal, emulator, goal or DEFAULT_GOAL, seconds, effort_weight=weight)
+        name = goal or usual_goal(system)
+        return partial(synthesise_goal, emulator, name, seconds, effort_weight=weight, goals_from=system)
     if (goal, seconds, effort_weight) != (None, None, None):
         raise ArgumentError(
             "objective: its file says all that --goal, --seconds and --effort-weight do. Leave these out."
         )
-    return partial(synthesise_wanted, emulator, read_objective(objective, system_of(emulator)))
+    return partial(synthesise_wanted, emulator, read_objective(objective, system))
 
 
 def _write(found: Synthesis, out: Path, glb: Path | None) -> None:

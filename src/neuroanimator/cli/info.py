@@ -2,43 +2,117 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+if TYPE_CHECKING:
+    from neuroanimator.systems.layout import Layout
+
 EXAMPLE = "neuroanimator info pendulum-50"
+
+MOST_PARTS = 6
+"""Parts of a state or control that are named; of the others only the number is told."""
+
+Rows = list[tuple[str, object]]
 
 
 def run(
-    emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
+    file: Annotated[
+        str, typer.Argument(help="Emulator or policy file, folder made by 'generate', or name of a shipped emulator.")
+    ],
     json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
 ) -> None:
-    """Check an emulator file and show what it is."""
+    """Check an emulator, a policy or a dataset and show what it is; --json says all, with every column."""
     from json import dumps
 
-    from neuroanimator.emulator.artifact import load, read_metadata, tensors_of
-    from neuroanimator.shipped import find_emulator
     from neuroanimator.terminal import print_rows
 
-    path = find_emulator(emulator)
-    metadata, model = read_metadata(path), load(path)
+    everything, rows = _read(file)
     if json:
-        print(dumps(metadata, indent=2, sort_keys=True))
-        return
+        print(dumps(everything, indent=2, sort_keys=True))
+    else:
+        print_rows(rows)
+
+
+def _read(file: str) -> tuple[dict[str, Any], Rows]:
+    """Return (all that the file says, the rows to show)."""
+    if Path(file).is_dir():
+        return _dataset(Path(file))
+    if file.endswith(".policy.safetensors"):
+        return _policy(Path(file))
+    return _emulator(file)
+
+
+def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
+    from neuroanimator.emulator.artifact import load, read_metadata, tensors_of
+    from neuroanimator.shipped import find_emulator
+
+    path = find_emulator(file)
+    metadata, model = read_metadata(path), load(path)
     network = metadata["network"]
-    print_rows(
-        [
-            ("file", path.name),
-            ("system", metadata["system"]),
-            ("super step", f"{metadata['dt'] * 1e3:g} ms ({metadata['substeps']} physics steps)"),
-            ("state", ", ".join(model.identity.state.names)),
-            ("control", ", ".join(model.identity.control.names)),
-            (
-                "control bounds",
-                ", ".join(f"{low:g} to {high:g}" for low, high in zip(*metadata["bounds"], strict=True)),
-            ),
-            ("network", f"{network['kind']} {'x'.join(map(str, network['widths']))}"),
-            ("numbers stored", f"{sum(array.size for array in tensors_of(model).values()):,}"),
-            ("sha256", metadata["sha256"]),
-        ]
-    )
+    rows: Rows = [
+        ("file", path.name),
+        ("system", metadata["system"]),
+        ("super step", f"{metadata['dt'] * 1e3:g} ms ({metadata['substeps']} physics steps)"),
+        ("state", summary_of(model.identity.state)),
+        ("control", summary_of(model.identity.control)),
+        ("control bounds", bounds_of(*metadata["bounds"])),
+        ("network", f"{network['kind']} {'x'.join(map(str, network['widths']))}"),
+        ("numbers stored", f"{sum(array.size for array in tensors_of(model).values()):,}"),
+        ("sha256", metadata["sha256"]),
+    ]
+    return metadata, rows
+
+
+def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
+    from neuroanimator.control.policies.policy_file import load_policy
+    from neuroanimator.files import read_tensors
+    from neuroanimator.shipped import find_policy
+
+    path = find_policy(str(path))
+    policy = load_policy(path)
+    metadata = read_tensors(path, "policy")[1]
+    identity = policy.emulator.identity
+    rows: Rows = [
+        ("file", path.name),
+        ("policy for", f"{identity.system}, n = {identity.substeps}: a command every {identity.dt * 1e3:g} ms"),
+        ("command", ", ".join(part["name"] for part in metadata["command"])),
+        ("command bounds", bounds_of(*metadata["ranges"])),
+        ("control", summary_of(identity.control)),
+        ("network", "x".join(map(str, metadata["widths"]))),
+        ("sha256", metadata["sha256"]),
+    ]
+    return metadata, rows
+
+
+def _dataset(folder: Path) -> tuple[dict[str, Any], Rows]:
+    from neuroanimator.data.transitions import read_config
+
+    config = read_config(folder)
+    present = sum(config.shard_path(folder, shard).is_file() for shard in range(config.shards))
+    rows: Rows = [
+        ("dataset", folder),
+        ("system", config.system),
+        ("super step", f"{config.substeps} physics steps"),
+        ("transitions", f"{config.count:,} asked for, seed {config.seed}"),
+        ("shards", f"{present} of {config.shards} made"),
+        ("MuJoCo", config.mujoco),
+        ("config", config.hash),
+    ]
+    return config.model_dump(), rows
+
+
+def summary_of(layout: Layout) -> str:
+    """Return the size of a layout and its parts with their units: the first few by name, the others by number."""
+    parts = [f"{part.name} [{part.unit}]" + (f" x {part.size}" if part.size > 1 else "") for part in layout.slices]
+    left_out = len(parts) - MOST_PARTS
+    shown = parts if left_out <= 1 else [*parts[:MOST_PARTS], f"and {left_out} more parts (--json names them)"]
+    return f"{layout.size} number{'s' if layout.size != 1 else ''}: {', '.join(shown)}"
+
+
+def bounds_of(low: list[float], high: list[float]) -> str:
+    """Return the bounds of each number, those that are all alike once."""
+    pairs = [f"{least:g} to {largest:g}" for least, largest in zip(low, high, strict=True)]
+    return f"{pairs[0]}, each" if len(pairs) > 1 and len({*pairs}) == 1 else ", ".join(pairs)

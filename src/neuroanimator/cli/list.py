@@ -1,4 +1,4 @@
-"""`list`: systems and the emulators that ship."""
+"""`list`: systems, and the emulators and policies that ship."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ EXAMPLE = "neuroanimator list"
 
 
 def run() -> None:
-    """List the systems and the ready-made emulators."""
-    from neuroanimator.shipped import SHIPPED, shipped_path
+    """List the systems and the ready-made emulators and policies."""
+    from neuroanimator.shipped import POLICIES, SHIPPED, shipped_path, shipped_policy
     from neuroanimator.systems import GOALS, SYSTEMS
     from neuroanimator.terminal import print_rows
 
@@ -18,3 +18,6 @@ def run() -> None:
     print("\nReady-made emulators")
     present = [(system, n) for system, n in sorted(SHIPPED) if shipped_path(system, n).is_file()]
     print_rows((f"  {system}-{n}", f"leaps {n} physics steps at a time") for system, n in present)
+    print("\nReady-made policies (Python: find_policy, load_policy)")
+    held = [system for system in POLICIES if shipped_policy(system).is_file()]
+    print_rows((f"  {system}", f"swims by commands, speed and turn, through {system}-50") for system in held)

@@ -102,5 +102,36 @@ def find_goal(system: System, name: str, effort_weight: float = 1.0) -> tuple[Ob
         goal = system.goals[name]
         objective = reach_state(system.structure, system.rest, goal, effort_weight)
         return objective, lambda state: is_reached(system, goal, state), goal.seconds
-    names = ", ".join(sorted([*system.goals, *(GOALS if system.name == "pendulum" else ())]))
-    raise ArgumentError(f"No goal called '{name}' for the system {system.name}. Goals: {names or 'none'}.")
+    names = goal_names(system)
+    if not names:
+        raise ArgumentError(how_to_wish(system))
+    raise ArgumentError(f"No goal called '{name}' for the system {system.name}. Goals: {', '.join(names)}.")
+
+
+def goal_names(system: System) -> list[str]:
+    """Return the names of the goals `find_goal` knows for `system`."""
+    return sorted([*system.goals, *(GOALS if system.name == "pendulum" else ())])
+
+
+def usual_goal(system: System) -> str:
+    """Return the one goal of `system`; ArgumentError where there is none, or a choice."""
+    names = goal_names(system)
+    if not names:
+        raise ArgumentError(how_to_wish(system))
+    if len(names) > 1:
+        raise ArgumentError(f"{system.name} has several goals. Say which: --goal {', --goal '.join(names)}.")
+    return names[0]
+
+
+def how_to_wish(system: System) -> str:
+    """Return one line on how to ask something of a system that names no goals."""
+    part = system.state.slices[0]
+    values = ", ".join(["1.0"] * part.size)
+    wish = f'[[wishes]], kind = "reach_state", reach = {{ "{part.name}" = [{values}] }}'
+    lines = f'system = "{system.name}", seconds = 2.0, {wish}'
+    later = ""
+    if system.definition:
+        later = " Or add [goals.NAME] with such a reach to your TOML file, and pass --system FILE.toml --goal NAME."
+    return (
+        f"Goals of {system.name}: none. Write a file my.toml with the lines {lines}; pass --objective my.toml.{later}"
+    )

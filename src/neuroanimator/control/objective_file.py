@@ -19,6 +19,7 @@ import inspect
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,7 +29,7 @@ from pydantic import ConfigDict, Field, PlainValidator, ValidationError, create_
 from pydantic_core import PydanticCustomError
 
 from neuroanimator.control import wishes
-from neuroanimator.control.goals import Verdict, find_goal
+from neuroanimator.control.goals import Verdict, find_goal, is_reached, reach_goal
 from neuroanimator.control.objective import Objective, Term
 from neuroanimator.control.obstacles import avoid
 from neuroanimator.control.parameters import EachStep, Parameters, Periodic, Spline
@@ -37,9 +38,11 @@ from neuroanimator.control.terms import END, as_weight
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.systems.definition import Finite, Positive, Table, first_fault, read_toml
+from neuroanimator.systems.definition import Finite, GoalTable, Positive, Table, first_fault, read_toml
+from neuroanimator.systems.model_system import ModelSystem
 from neuroanimator.systems.names import SystemName
-from neuroanimator.systems.system import System
+from neuroanimator.systems.parts import goals_of
+from neuroanimator.systems.system import Goal, System
 
 USUAL_KNOTS = 12
 """Of a spline: enough for a few swings to and fro."""
@@ -77,7 +80,7 @@ class Wanted:
     vary: Callable[[int, float], Parameters]
     """(super steps, super step [s]) → what a descent may vary."""
     verdicts: tuple[Verdict, ...]
-    """Of the named goals wanted at the end."""
+    """Of the goals and states wanted at the end."""
 
 
 def read_objective(path: Path, system: System) -> Wanted:
@@ -119,8 +122,15 @@ def _wanted(table: ObjectiveTable, system: System) -> Wanted:
         seconds=table.seconds,
         starts=table.starts,
         vary=_vary(table, system),
-        verdicts=tuple(find_goal(system, name)[1] for name in named),
+        verdicts=(*(find_goal(system, name)[1] for name in named), *_states_reached(table, system)),
     )
+
+
+def _states_reached(table: ObjectiveTable, system: System) -> list[Verdict]:
+    """Return a verdict for each state that is to be reached at the end."""
+    wanted = [wish for wish in table.wishes if wish["kind"] == "reach_state" and "at" not in wish]
+    goals = [goal_to_reach(system, wish["reach"], wish.get("within", {})) for wish in wanted]
+    return [partial(is_reached, system, goal) for goal in goals]
 
 
 def _vary(table: ObjectiveTable, system: System) -> Callable[[int, float], Parameters]:
@@ -158,6 +168,32 @@ def goal(system: System, name: str, *, at: float | None = None, weight: float = 
     return replace(reach, weight=as_weight(weight), times=END if at is None else (at,))
 
 
+def reach_state(
+    system: System,
+    reach: dict[str, tuple[float, ...]],
+    *,
+    within: dict[str, float] | None = None,
+    at: float | None = None,
+    weight: float = 1.0,
+) -> Term:
+    """Return the wish that parts of the state have the values `reach` at the end, or `at` [s].
+
+    `within` says how far off each of them may be, in its unit; 0.1 if not said.
+    """
+    wanted = goal_to_reach(system, reach, within or {})
+    return reach_goal(system.structure, system.rest, wanted, weight, END if at is None else (at,))
+
+
+def goal_to_reach(system: System, reach: dict[str, tuple[float, ...]], within: dict[str, float]) -> Goal:
+    """Return the goal that parts of the state have the values `reach`, `within` some tolerances."""
+    if not reach:
+        raise ArgumentError("reach: wanted at least one part of the state and its values.")
+    table = GoalTable(reach=reach, within=within)
+    if isinstance(system, ModelSystem):
+        return system.goal("reach_state", table)
+    return goals_of(system.state, {"reach_state": table})["reach_state"]
+
+
 KINDS: dict[str, Callable[..., Term]] = {
     "avoid": avoid,
     "effort": wishes.effort,
@@ -169,6 +205,7 @@ KINDS: dict[str, Callable[..., Term]] = {
     "keyframes": wishes.keyframes,
     "reach_heading": wishes.reach_heading,
     "reach_place": wishes.reach_place,
+    "reach_state": reach_state,
     "smoothness": wishes.smoothness,
     "stand_up": wishes.stand_up,
     "stay_within": wishes.stay_within,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from neuroanimator.control.synthesise import Synthesis
+from neuroanimator.control.synthesise import Synthesis, is_gap_large
+
+SMALL_GAP = 0.05
+"""Share of J by which two values of it may differ and still be called the same."""
 
 
 def outcome_rows(found: Synthesis) -> list[tuple[str, object]]:
@@ -19,12 +22,26 @@ def outcome_rows(found: Synthesis) -> list[tuple[str, object]]:
         ("J on emulator", f"{outcome.cost_emulator:.3f}"),
         ("J on physics", f"{outcome.cost_physics:.3f}"),
         ("gap", f"{outcome.gap:+.3f}"),
+        ("in words", gap_in_words(outcome.cost_emulator, outcome.cost_physics)),
         *(
             [("goal reached on the true physics", "yes" if found.is_reached else "no")]
             if found.is_reached is not None
             else []
         ),
     ]
+
+
+def gap_in_words(cost_emulator: float, cost_physics: float) -> str:
+    """Return what J says of a controller: how far it is from what was wished, foretold and on the physics."""
+    meaning = "J adds up how far the motion is from what was wished, so lower is better; "
+    gap = cost_physics - cost_emulator
+    if abs(gap) <= SMALL_GAP * max(cost_emulator, cost_physics):
+        return meaning + "the physics does what the emulator foretold"
+    if gap < 0:
+        return meaning + "the physics does even better than the emulator foretold"
+    if is_gap_large(cost_emulator, cost_physics):
+        return meaning + "the physics does much worse than the emulator foretold: trust the physics' J"
+    return meaning + "the physics does a little worse than the emulator foretold"
 
 
 def warnings_of(found: Synthesis) -> list[str]:

@@ -209,17 +209,36 @@ def between(parameters: Parameters, old: np.ndarray, new: np.ndarray) -> np.ndar
     )
 
 
+def check_same_system(emulator: Emulator, system: System) -> None:
+    """Refuse a `system` whose states or controls are not the emulator's, by name."""
+    identity = emulator.identity
+    if (system.state, system.control) != (identity.state, identity.control):
+        raise ArgumentError(
+            f"system: {system.name} has another state or control than the emulator's {identity.system}. "
+            "Pass the TOML file it was trained from; goals may be added to it, joints and actuators not."
+        )
+
+
 def synthesise_goal(
-    emulator: Emulator, goal: str, seconds: float | None = None, *, effort_weight: float = 1.0, **options: Any
+    emulator: Emulator,
+    goal: str,
+    seconds: float | None = None,
+    *,
+    effort_weight: float = 1.0,
+    goals_from: System | None = None,
+    **options: Any,
 ) -> Synthesis:
     """Return the controller that reaches the named `goal` from rest in `seconds`; options as `synthesise`.
 
-    `seconds` defaults to what the goal itself says is sensible.
+    `seconds` defaults to what the goal itself says is sensible. `goals_from` is the emulator's system with other
+    goals: they may be written after training.
     """
     system = system_of(emulator)
+    named = system if goals_from is None else goals_from
+    check_same_system(emulator, named)
     if not 0 <= effort_weight < float("inf"):
         raise ArgumentError(f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}.")
-    objective, verdict, usual = find_goal(system, goal, effort_weight)
+    objective, verdict, usual = find_goal(named, goal, effort_weight)
     seconds = usual if seconds is None else seconds
     if not emulator.dt <= seconds <= LONGEST:
         raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")

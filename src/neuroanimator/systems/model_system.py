@@ -51,7 +51,7 @@ class ModelSystem(MujocoSystem):
         self.sampling = definition.sampling
         self.warm_up = definition.sampling.warm_up
         self._check_sampling()
-        self.goals = {name: self._goal(name, table) for name, table in definition.goals.items()}
+        self.goals = {name: self.goal(name, table) for name, table in definition.goals.items()}
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         near = rng.random(count) < self.sampling.rest_share
@@ -104,7 +104,8 @@ class ModelSystem(MujocoSystem):
                 if table == "speed" and len(value) != sizes[name]:
                     raise ArgumentError(f"sampling.speed.{name}: wanted {sizes[name]} numbers, came {len(value)}.")
 
-    def _goal(self, name: str, table: GoalTable) -> Goal:
+    def goal(self, name: str, table: GoalTable) -> Goal:
+        """Return the goal that `table` describes; ArgumentError names `name` and the part that is wrong."""
         reach = {part: np.array(values, float) for part, values in table.reach.items()}
         if table.site:
             reach |= self._at_site(name, table.site)
