@@ -27,9 +27,10 @@ from neuroanimator.control.methods import METHODS
 from neuroanimator.control.objective import objective_cost
 from neuroanimator.control.parameters import EachStep
 from neuroanimator.control.refine import transitions_near
-from neuroanimator.control.synthesise import synthesise_goal
+from neuroanimator.control.synthesise import CORRECTING_ITERATIONS, synthesise_goal
 from neuroanimator.control.wishes import effort, keep_speed, keyframes, reach_place, smoothness
 from neuroanimator.data.transitions import Transitions
+from neuroanimator.demo import CORRECTIONS, SWEEPS
 from neuroanimator.systems.layout import Bounds
 from neuroanimator.systems.system import Goal
 
@@ -43,6 +44,13 @@ def test_every_method_lowers_the_cost_within_bounds(method: str, shipped: Emulat
     assert found.cost < 0.1 * found.costs[0]
     assert (np.abs(found.controls) <= shipped.identity.bounds.largest).all()
     assert found.seconds < 10
+
+
+def test_the_demos_swing_up_takes_twenty_iterations_at_most_corrections_counted(shipped: Emulator):
+    found = synthesise_goal(shipped, "upright", iterations=SWEEPS, corrections=CORRECTIONS, refinements=0)
+    assert SWEEPS + CORRECTING_ITERATIONS * CORRECTIONS == 20
+    assert found.descent.iterations <= 20
+    assert found.is_reached
 
 
 def test_gauss_newton_swings_up_the_true_pendulum_within_twenty_iterations(shipped: Emulator):

@@ -30,6 +30,8 @@ from neuroanimator.training.train import train
 SYSTEM, SUBSTEPS = "pendulum", 50
 TRANSITIONS = 100_000
 UPDATES = 100_000
+SWEEPS, CORRECTIONS = 16, 2
+"""Backward sweeps of the first descent, and corrections of two more each: at most twenty iterations in all."""
 
 
 def run_demo(out: Path) -> dict[str, Any]:
@@ -85,6 +87,8 @@ def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
         emulator,
         "upright",
         data=data,
+        iterations=SWEEPS,
+        corrections=CORRECTIONS,
         measures_trust=True,
         on_refine=lambda gap: print(f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr),
     )

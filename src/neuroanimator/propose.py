@@ -41,7 +41,12 @@ def propose(path: Path) -> Proposal:
     """Return a definition of the MJCF or URDF model at `path`; refuse what cannot be emulated, by name."""
     model = compile_model(read_model_files(path))
     if not model.nu:
-        raise BadFileError(f"{path.name} has no actuators. Add an <actuator> section: something must drive the model.")
+        how = "Add an <actuator> section: something must drive the model."
+        if path.suffix.lower() == ".urdf":
+            how = (
+                "A URDF cannot have any: let MuJoCo save it as MJCF (mujoco.mj_saveLastXML), add an <actuator> section."
+            )
+        raise BadFileError(f"{path.name} has no actuators. {how}")
     values = _read_off(path, model)
     notes = {"physics.step": "the model's own [s]", "physics.integrator": "the model's own"}
     sensors = [name for i in range(model.nsensor) if (name := sensor_name(model, i))]

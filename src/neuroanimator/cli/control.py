@@ -33,7 +33,9 @@ def run(
         float | None, typer.Option(help="Length of a motion to a goal [s]; the goal's own if not given.")
     ] = None,
     method: Annotated[str, typer.Option(help=METHOD_HELP)] = "gauss-newton",
-    iterations: Annotated[int, typer.Option(help="Backward sweeps allowed.")] = 18,
+    iterations: Annotated[
+        int, typer.Option(help="Backward sweeps of a descent; up to five corrections take two more each.")
+    ] = 18,
     starts: Annotated[
         int | None, typer.Option(help="First guesses descended from, side by side; 1, or the file's, if not given.")
     ] = None,

@@ -67,6 +67,7 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
 
 
 def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
+    from neuroanimator.control.policies.policy import COMMAND
     from neuroanimator.control.policies.policy_file import load_policy
     from neuroanimator.files import read_tensors
     from neuroanimator.shipped import find_policy
@@ -78,7 +79,7 @@ def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
     rows: Rows = [
         ("file", path.name),
         ("policy for", f"{identity.system}, n = {identity.substeps}: a command every {identity.dt * 1e3:g} ms"),
-        ("command", ", ".join(part["name"] for part in metadata["command"])),
+        ("command", summary_of(COMMAND)),
         ("command bounds", bounds_of(*metadata["ranges"])),
         ("control", summary_of(identity.control)),
         ("network", "x".join(map(str, metadata["widths"]))),
