@@ -10,10 +10,12 @@ import typer
 
 from neuroanimator.cli import animate, bench, control, demo, doctor, evaluate, export, generate, info, new, train
 from neuroanimator.cli import list as list_
+from neuroanimator.cli.usage import Verbs
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.text import open_streams, print_line
 
 app = typer.Typer(
+    cls=Verbs,
     name="neuroanimator",
     help="Learn a physics model once, then animate and control it at a fraction of the cost.",
     no_args_is_help=True,
