@@ -150,11 +150,14 @@ def check_arrays(emulator: Emulator) -> None:
     """Refuse weights that make every prediction NaN: ranges without an inside, numbers divided by nothing."""
     if not (np.asarray(emulator.domain.low) <= np.asarray(emulator.domain.high)).all():
         raise ValueError("domain: wanted low below high")
-    scales = [emulator.normaliser.plain_scale, emulator.normaliser.change_scale, emulator.normaliser.unit]
+    divisors = [emulator.normaliser.plain_scale]
     if emulator.modes is not None:
-        scales += [emulator.modes.spread]
-    if any((np.asarray(scale) <= 0).any() for scale in scales):
+        divisors += [emulator.modes.spread]
+    if any((np.asarray(scale) <= 0).any() for scale in divisors):
         raise ValueError("normaliser or modes: wanted scales above 0")
+    changes = [emulator.normaliser.change_scale, emulator.normaliser.unit]
+    if any((np.asarray(scale) < 0).any() for scale in changes):  # zero: what never moves stands still
+        raise ValueError("normaliser: wanted scales of at least 0")
 
 
 FAULTS = (KeyError, TypeError, ValueError, IndexError, ArithmeticError, RecursionError, AttributeError, BadFileError)
