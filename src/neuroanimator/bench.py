@@ -58,7 +58,7 @@ def describe_machine() -> str:
     """Return processor, cores and versions in one line."""
     cpu = platform.machine()
     if Path("/proc/cpuinfo").exists():
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
         cpu = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), cpu)
     packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "mujoco", "numpy"))
     return (

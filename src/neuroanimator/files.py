@@ -8,7 +8,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 import safetensors.numpy
 
 from neuroanimator.errors import BadFileError, ResourceError
+from neuroanimator.unfinished import finish, unfinished
 
 METADATA_KEY = "na"
 """The one metadata key; with two or more, safetensors' bytes differ from run to run."""
@@ -30,6 +31,8 @@ TENSOR_LIMIT = 256
 """Most tensors in a file: a crowded header is a known way to make a reader slow."""
 
 DTYPES = {"F32", "F64", "I32"}
+
+FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def canonical_json(value: Any) -> str:
@@ -48,34 +51,29 @@ def digest(tensors: dict[str, np.ndarray]) -> str:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write `content` so that a reader, or a kill at any moment, finds the old file or the new one."""
-    temporary = path.with_name(f"{path.name}.tmp-{os.getpid()}")
+    """Write `content` so that a reader, or a kill at any moment, finds the old file or the new one.
+
+    Raises ResourceError, which says how many bytes were needed where the disk is full.
+    """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(temporary, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        _sync_folder(path.parent)
+        with unfinished(path) as temporary:
+            with open(temporary, "xb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            finish(temporary, path)
     except OSError as error:
-        temporary.unlink(missing_ok=True) if temporary.parent.is_dir() else None
-        need = f" ({len(content):,} bytes needed)" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+        need = f" ({len(content):,} bytes needed)" if error.errno in FULL else ""
         raise ResourceError(f"Could not write {path}: {error.strerror}{need}.") from error
 
 
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
+def append_line(path: Path, line: str) -> None:
+    """Append `line` to a log; ResourceError names the file if that fails."""
     try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
-def remove_stale(folder: Path) -> None:
-    """Remove what a killed process left half-written in `folder`."""
-    for leftover in folder.glob("*.tmp-*"):
-        leftover.unlink(missing_ok=True)
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(line + "\n")
+    except OSError as error:
+        raise ResourceError(f"Could not write {path}: {error.strerror}.") from error
 
 
 @contextmanager
@@ -83,21 +81,29 @@ def locked(folder: Path) -> Iterator[None]:
     """Hold `folder` for this process alone; refuse with the other's process id if it is taken."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        file = open(folder / ".lock", "a+")  # noqa: SIM115 (held open for as long as the lock)
+        handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
     except OSError as error:
         raise ResourceError(f"Could not use the folder {folder}: {error.strerror}.") from error
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            file.seek(0)
-            raise ResourceError(
-                f"{folder} is in use by process {file.read().strip()}. Wait for it, or choose another folder."
-            ) from error
-        file.truncate(0)
-        file.write(str(os.getpid()))
-        file.flush()
+    try:
+        _take_lock(handle, folder)
+        # Who holds it is only a word to whoever comes second: on a full disk the lock holds without.
+        with suppress(OSError):
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, str(os.getpid()).encode(), 0)
         yield
+    finally:
+        os.close(handle)
+
+
+def _take_lock(handle: int, folder: Path) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        number = os.pread(handle, 20, 0).decode(errors="replace").strip()
+        holder = f"process {number}" if number.isdecimal() else "another process"
+        raise ResourceError(f"{folder} is in use by {holder}. Wait for it, or choose another folder.") from error
+    except OSError as error:
+        raise ResourceError(f"Could not lock the folder {folder}: {error.strerror}.") from error
 
 
 def _seal(tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
 
 from rich.console import Console
 from rich.progress import (
@@ -16,7 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from neuroanimator.text import printable
+from neuroanimator.text import print_line, printable
 
 
 class Bar:
@@ -69,3 +70,9 @@ def print_table(rows: list[dict[str, object]]) -> None:
 
 def _text(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else printable(str(value))
+
+
+@cache
+def warn_once(message: str) -> None:
+    """Print one line on stderr; the same one never again."""
+    print_line(f"neuroanimator: {message}", to_stderr=True)

@@ -1,4 +1,9 @@
-"""The machine's own C compiler, where there is one."""
+"""The machine's own C compiler, where there is one, and what it has compiled.
+
+A compiled program is code that runs. So it lies where nobody else can write, is written whole, and is loaded only
+if it is what was written: its sha256 is part of its name. Where any of this fails there is no library, and callers
+go on without C.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +11,21 @@ import ctypes
 import hashlib
 import os
 import platform
+import shlex
 import shutil
-import subprocess
-import tempfile
 from functools import cache
 from pathlib import Path
+
+from neuroanimator.codegen.build import (
+    CompilerError,
+    NoCompilerError,
+    build_library,
+    compiler_version,
+    remove_abandoned_builds,
+)
+from neuroanimator.private_folder import private_folders
+from neuroanimator.terminal import warn_once
+from neuroanimator.unfinished import finish, unfinished
 
 COMPILERS = ("cc", "gcc", "clang")
 
@@ -21,67 +36,109 @@ FLAGS = (
 )
 """The first that the compiler knows are used."""
 
-PATIENCE = 300
-"""[s] A compiler may take."""
+_given_up: set[str] = set()
+"""Compilers that this process does not try again: one that hangs would hang for every program."""
+
+PURPOSE = "compiled"
+"""Of the private folder the libraries lie in."""
 
 
 def compiled_library(text: str) -> ctypes.CDLL | None:
-    """Return the library of the C program `text`; None without a compiler, or if it fails."""
+    """Return the library of the C program `text`; None without a compiler, or if it fails, which is said once."""
     compiler = find_compiler()
     return None if compiler is None else _compiled(text, compiler)
 
 
 def find_compiler() -> str | None:
-    """Return the path of a C compiler, None where there is none (or one without the flags below: Windows)."""
+    """Return the command of a C compiler, None where there is none (or one without the flags above: Windows).
+
+    `$CC` is used if it is set, arguments and all.
+    """
     if os.name != "posix":
         return None
-    return next((path for path in map(shutil.which, COMPILERS) if path), None)
+    asked = os.environ.get("CC", "").strip()
+    if not asked:
+        return next((shlex.quote(path) for path in map(shutil.which, COMPILERS) if path), None)
+    try:
+        program = shutil.which(shlex.split(asked)[0])
+    except ValueError:  # a quotation mark without its partner
+        program = None
+    if program is None:
+        warn_once(f"CC={asked}: no such program, so nothing is compiled. JAX is used instead of C.")
+        return None
+    return asked
 
 
 @cache
 def _compiled(text: str, compiler: str) -> ctypes.CDLL | None:
-    """Return the library of the program `text`; compiled once for a processor and a compiler, None if that fails."""
-    key = hashlib.sha256("\n".join([text, compiler, _version(compiler), _processor(), str(FLAGS)]).encode())
-    path = _folder() / f"{key.hexdigest()[:24]}.so"
-    if not path.exists() and not any(_compile(text, compiler, flags, path) for flags in FLAGS):
+    """Return the library of the program `text`; made once for a processor and a compiler, None if that fails."""
+    command = shlex.split(compiler)
+    if compiler in _given_up:
         return None
-    return ctypes.CDLL(str(path))
+    try:
+        about = "\n".join([text, compiler, compiler_version(command[0]), _processor(), str(FLAGS)])
+        key = hashlib.sha256(about.encode()).hexdigest()[:24]
+        return _found_or_made(text, command, key)
+    except (CompilerError, OSError) as error:
+        if isinstance(error, NoCompilerError):
+            _given_up.add(compiler)
+        reason = getattr(error, "strerror", None) or error
+        warn_once(f"Nothing could be compiled ({reason}). JAX is used instead of C.")
+        return None
 
 
-def _compile(text: str, compiler: str, flags: tuple[str, ...], path: Path) -> bool:
-    """Compile `text` to the shared library `path`; return whether that went well."""
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        source, made, library = (Path(folder) / f"program.{suffix}" for suffix in ("c", "o", "so"))
-        source.write_text(text)
-        # Linked apart, without -ffast-math: with it the library would flush small numbers in the whole process.
-        calls = [
-            [compiler, "-std=gnu11", *flags, "-fPIC", "-c", str(source), "-o", str(made)],
-            [compiler, "-shared", str(made), "-o", str(library), "-lm"],
-        ]
-        for call in calls:
-            if subprocess.run(call, capture_output=True, timeout=PATIENCE).returncode:
-                return False
-        os.replace(library, path)
-    return True
+def _found_or_made(text: str, command: list[str], key: str) -> ctypes.CDLL:
+    """Return the library `key`; OSError if none can be loaded from any folder, CompilerError if none can be made."""
+    fault: CompilerError | OSError = OSError(0, "there is no folder that nobody else can write to")
+    for folder in private_folders(PURPOSE):
+        if not _can_be_run_from(folder):
+            fault = OSError(0, f"programs may not be run from {folder}")
+            continue
+        try:
+            return _found(folder, key) or ctypes.CDLL(str(_make(text, command, folder, key)))
+        except NoCompilerError:
+            raise
+        except (CompilerError, OSError) as error:  # no room in this folder, perhaps
+            fault = error
+    raise fault
 
 
-def _folder() -> Path:
-    """Return a folder for compiled programs that nobody else can write to."""
-    folder = Path(tempfile.gettempdir()) / f"neuroanimator-c-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()
-    if found.st_uid == os.getuid() and not found.st_mode & 0o022 and folder.is_dir() and not folder.is_symlink():
-        return folder
-    return Path(tempfile.mkdtemp(prefix="neuroanimator-c-"))
+def _can_be_run_from(folder: Path) -> bool:
+    return not os.statvfs(folder).f_flag & getattr(os, "ST_NOEXEC", 0)
 
 
-@cache
-def _version(compiler: str) -> str:
-    return subprocess.run([compiler, "--version"], capture_output=True, text=True, timeout=PATIENCE).stdout
+def _found(folder: Path, key: str) -> ctypes.CDLL | None:
+    """Return the library `key` from `folder`; one that is damaged, or cannot be loaded, is removed."""
+    for path in folder.glob(f"{key}-*.so"):
+        try:
+            if path == _path(folder, key, path.read_bytes()):
+                return ctypes.CDLL(str(path))
+        except OSError:  # made for another kind of machine, or unreadable
+            pass
+        path.unlink(missing_ok=True)
+    return None
+
+
+def _make(text: str, command: list[str], folder: Path, key: str) -> Path:
+    """Compile `text` to a library in `folder` and return its path: whole on the disk, and named for what is in it."""
+    remove_abandoned_builds(folder)
+    content = build_library(text, command, FLAGS, folder)
+    path = _path(folder, key, content)
+    with unfinished(path) as temporary:
+        with open(temporary, "xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        finish(temporary, path)
+    return path
+
+
+def _path(folder: Path, key: str, content: bytes) -> Path:
+    return folder / f"{key}-{hashlib.sha256(content).hexdigest()}.so"
 
 
 def _processor() -> str:
     """Return what -march=native depends on, as far as it can be told."""
     about = Path("/proc/cpuinfo")
-    lines = about.read_text().splitlines() if about.exists() else []
+    lines = about.read_text(errors="replace").splitlines() if about.exists() else []
     return platform.machine() + next((line for line in lines if line.startswith(("flags", "Features"))), "")

@@ -15,10 +15,11 @@ from neuroanimator.data.recorded import cut_shard, write_held_out
 from neuroanimator.data.sampling import sample_control_runs, sample_starts, with_idle_runs
 from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
 from neuroanimator.errors import BadFileError
-from neuroanimator.files import locked, remove_stale, write_tensors
+from neuroanimator.files import locked, write_tensors
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
+from neuroanimator.unfinished import remove_stale
 
 
 def generate(
@@ -35,8 +36,8 @@ def generate(
     """
     system = carried_system(config.system, config.definition)
     with locked(folder):
-        remove_stale(folder)
         claim_folder(folder, config)
+        remove_stale(folder)
         blow_ups = 0
         for shard in range(config.shards):
             blow_ups += _ensure_shard(system, config, folder, shard, threads or os.cpu_count() or 1)

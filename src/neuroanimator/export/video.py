@@ -17,6 +17,7 @@ import numpy as np
 from neuroanimator.animation.clip import Clip
 from neuroanimator.errors import ResourceError
 from neuroanimator.files import canonical_json
+from neuroanimator.unfinished import finish, unfinished
 
 BACKENDS = ("egl", "osmesa")
 """Ways to draw without a screen, tried in this order."""
@@ -35,18 +36,19 @@ def write_video(clip: Clip, path: Path, *, width: int = 960, height: int = 720) 
     backend = graphics_backend()
     if backend is None:
         raise ResourceError(HOW_TO_GET_GL)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{path.stem}.tmp-{os.getpid()}{path.suffix}")
     content = io.BytesIO()
     skeleton = np.array(canonical_json(clip.skeleton.to_json()))
     np.savez(content, states=clip.states, definition=np.array(clip.definition), skeleton=skeleton)
-    arguments = [str(temporary), clip.name, str(clip.rate), str(width), str(height)]
-    result = _run("neuroanimator.export.draw", arguments, backend, content.getvalue())
-    if result.returncode != 0:
-        temporary.unlink(missing_ok=True)
-        lines = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
-        raise ResourceError(f"Drawing {path.name} failed: {lines[-1][:200]}. 'neuroanimator doctor' says more.")
-    os.replace(temporary, path)
+    arguments = [clip.name, str(clip.rate), str(width), str(height)]
+    try:
+        with unfinished(path, path.suffix) as temporary:
+            result = _run("neuroanimator.export.draw", [str(temporary), *arguments], backend, content.getvalue())
+            if result.returncode != 0:
+                lines = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
+                raise ResourceError(f"Drawing {path.name} failed: {lines[-1][:200]}. 'neuroanimator doctor' says more.")
+            finish(temporary, path)
+    except OSError as error:
+        raise ResourceError(f"Could not write {path}: {error.strerror}.") from error
 
 
 def graphics_backend() -> str | None:

@@ -20,7 +20,7 @@ from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files import digest, locked, remove_stale, write_whole
+from neuroanimator.files import append_line, digest, locked, write_whole
 from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.structure import Structure
 from neuroanimator.systems.system import System
@@ -30,6 +30,7 @@ from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_c
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.loss import squared_error, unrolled_loss
 from neuroanimator.training.optimizer import make_optimizer
+from neuroanimator.unfinished import remove_stale
 
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""
@@ -69,8 +70,8 @@ def train(
     """
     folder = run_folder(out)
     with locked(folder):
-        remove_stale(folder)
         run = _Run.prepare(data, config, folder, start_from)
+        remove_stale(folder)
         provenance = {"dataset": data.config.model_dump(), "training": config.model_dump(mode="json")}
         check_readable(run.base, folder, provenance)
         while not run.is_over:
@@ -153,8 +154,7 @@ class _Run:
         seconds = time.monotonic() - self.began
         update = progress.chunk * UPDATES_PER_CHUNK
         report = Report(update, float(np.mean(losses)), float(by_step[0]), float(by_step[-1]), seconds)
-        with open(self.folder / "metrics.jsonl", "a") as file:
-            file.write(json.dumps(report._asdict()) + "\n")
+        append_line(self.folder / "metrics.jsonl", json.dumps(report._asdict()))
         write_checkpoint(self.folder, self.identity, self.progress)
         return report
 
@@ -268,7 +268,9 @@ def _trim_metrics(folder: Path, update: int) -> None:
     """Drop lines a killed run logged after its last checkpoint."""
     path = folder / "metrics.jsonl"
     if path.exists():
-        lines = [line for line in path.read_text().splitlines() if _logged_by(line, update)]
+        lines = [
+            line for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if _logged_by(line, update)
+        ]
         write_whole(path, "".join(line + "\n" for line in lines).encode())
 
 

@@ -24,10 +24,11 @@ from neuroanimator.emulator.artifact import tensors_of
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files import canonical_json, digest, locked, remove_stale
+from neuroanimator.files import append_line, canonical_json, digest, locked
 from neuroanimator.systems.layout import Bounds
 from neuroanimator.systems.system import System
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
+from neuroanimator.unfinished import remove_stale
 
 WIDEST_TURN = 1.5
 """[rad] Commands to turn further count as this: a quarter of a circle is turned as fast as the body can anyway."""
@@ -90,8 +91,8 @@ def train_policy(
     """
     folder = out.with_name(out.name.removesuffix(".safetensors") + ".run")
     with locked(folder):
-        remove_stale(folder)
         run = _Run.prepare(emulator, system, training, folder)
+        remove_stale(folder)
         while not run.is_over:
             on_report(run.advance())
         save_policy(run.best, out, {"training": json.loads(canonical_json(asdict(training)))})
@@ -150,8 +151,7 @@ class _Run:
         update, seconds = progress.chunk * UPDATES_PER_REPORT, time.monotonic() - self.began
         report = PolicyReport(update, float(loss), validation, seconds)
         write_checkpoint(self.folder, self.identity, self.progress)
-        with open(self.folder / "metrics.jsonl", "a") as file:
-            file.write(json.dumps(report._asdict()) + "\n")
+        append_line(self.folder / "metrics.jsonl", json.dumps(report._asdict()))
         return report
 
 

@@ -1,0 +1,116 @@
+"""A C program becomes a shared library: in a folder that goes afterwards, by a compiler that may fail or hang."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+PATIENCE = 120
+"""[s] A compiler may take: the largest program takes ten on one slow core."""
+
+VERSION_PATIENCE = 10
+"""[s] A compiler may take to say which one it is."""
+
+BUILD = "build-"
+"""How the names of these folders begin."""
+
+SETTLED = 10
+"""[s] After which a builder has surely locked its folder."""
+
+
+class CompilerError(Exception):
+    """The compiler refuses the program with every set of flags."""
+
+
+class NoCompilerError(CompilerError):
+    """What is called a compiler is no program, or does not end: not to be tried again."""
+
+
+def build_library(text: str, command: list[str], flag_sets: tuple[tuple[str, ...], ...], folder: Path) -> bytes:
+    """Return the shared library of the C program `text`, made in `folder` with the first flags the compiler knows."""
+    with _build_folder(folder) as place:
+        source, unlinked, library = (place / f"program.{suffix}" for suffix in ("c", "o", "so"))
+        source.write_text(text, encoding="utf-8")
+        # Linked apart, without -ffast-math: with it the library would flush small numbers in the whole process.
+        link = [*command, "-shared", str(unlinked), "-o", str(library), "-lm"]
+        for flags in flag_sets:
+            compile_ = [*command, "-std=gnu11", *flags, "-fPIC", "-c", str(source), "-o", str(unlinked)]
+            if _succeeds(compile_, place) and _succeeds(link, place) and library.is_file():
+                return library.read_bytes()
+    raise CompilerError(f"{command[0]} failed")
+
+
+@cache
+def compiler_version(program: str) -> str:
+    """Return what `program --version` says; NoCompilerError if it is no program or does not end."""
+    with _started([program, "--version"], stdout=subprocess.PIPE) as process:
+        said, _ = process.communicate(timeout=VERSION_PATIENCE)
+    return said.decode(errors="replace")
+
+
+def _succeeds(command: list[str], place: Path) -> bool:
+    # What a compiler leaves behind when it is killed lies in the folder that goes.
+    surroundings = os.environ | {"TMPDIR": str(place), "LC_ALL": "C"}
+    with _started(command, stdout=subprocess.DEVNULL, cwd=place, env=surroundings) as process:
+        return process.wait(PATIENCE) == 0
+
+
+@contextmanager
+def _started(command: list[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """Run `command` while the block waits for it; if the block fails it is killed, with all it started."""
+    nothing = subprocess.DEVNULL
+    try:
+        process = subprocess.Popen[bytes](command, stdin=nothing, stderr=nothing, start_new_session=True, **options)
+    except OSError as error:
+        raise NoCompilerError(f"{command[0]}: {error.strerror}") from error
+    try:
+        yield process
+    except BaseException as error:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        if isinstance(error, subprocess.TimeoutExpired):
+            raise NoCompilerError(f"{command[0]} did not end within {error.timeout:g} s") from error
+        raise
+
+
+@contextmanager
+def _build_folder(folder: Path) -> Iterator[Path]:
+    """Yield a folder to build in. While its builder lives it is locked, so that nobody else removes it."""
+    with tempfile.TemporaryDirectory(prefix=BUILD, dir=folder, ignore_cleanup_errors=True) as place:
+        handle = os.open(place, os.O_RDONLY)
+        try:
+            with suppress(OSError):  # a disk of another machine that knows no locks: there, age decides
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield Path(place)
+        finally:
+            os.close(handle)
+
+
+def remove_abandoned_builds(folder: Path) -> None:
+    """Remove what killed builders left in `folder`."""
+    for place in folder.glob(f"{BUILD}*"):
+        with suppress(OSError):
+            if time.time() - place.stat().st_mtime > SETTLED and _is_unlocked(place):
+                shutil.rmtree(place, ignore_errors=True)
+
+
+def _is_unlocked(place: Path) -> bool:
+    handle = os.open(place, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return True

@@ -1,0 +1,85 @@
+"""Folders that only this user can write to: what is found there again was put there by this user."""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from neuroanimator.unfinished import remove_at_exit
+
+NAME = "neuroanimator"
+
+WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+
+
+def private_folders(purpose: str) -> Iterator[Path]:
+    """Yield folders for `purpose` that nobody else can write to, the best first.
+
+    The first lies in the user's cache (`$XDG_CACHE_HOME`, or `.cache` in the home folder) and is found again by the
+    next process. The second is temporary and goes with this process. Either may be missing: a home that cannot be
+    written to, a disk that is full, a folder that somebody else could write to, or a link.
+    """
+    kept = _kept_folder(purpose)
+    if kept is not None:
+        yield kept
+    passing = _passing_folder()
+    if passing is not None:
+        yield passing
+
+
+def _kept_folder(purpose: str) -> Path | None:
+    try:
+        cache_home = _cache_home()
+        cache_home.mkdir(parents=True, exist_ok=True)
+        if not all(_is_safe_above(folder) for folder in (cache_home, *cache_home.parents)):
+            return None
+        for folder in (cache_home / NAME, cache_home / NAME / purpose):
+            folder.mkdir(mode=0o700, exist_ok=True)
+            if not is_private(folder):
+                return None
+    except (OSError, RuntimeError, ValueError):  # no home; cannot be written to; a zero byte in the name
+        return None
+    return folder if os.access(folder, os.W_OK | os.X_OK) else None
+
+
+def _cache_home() -> Path:
+    """Return the user's cache folder, without links; RuntimeError where there is no home."""
+    said = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    # The standard says that a relative path is to be ignored.
+    chosen = said if said.is_absolute() else Path.home() / ".cache"
+    return chosen.resolve()
+
+
+def is_private(folder: Path) -> bool:
+    """Return whether `folder` is a real folder of this user's, no link, that nobody else can write to."""
+    found = folder.lstat()
+    is_own_folder = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+    return is_own_folder and not found.st_mode & WRITABLE_BY_OTHERS
+
+
+def _is_safe_above(folder: Path) -> bool:
+    """Return whether nobody but root and this user could put another folder in the place of one in `folder`."""
+    found = folder.lstat()
+    if found.st_uid not in (0, os.getuid()):
+        return False
+    if found.st_mode & stat.S_ISVTX:
+        return True
+    # Where every user has a group of their own, homes are often writable by that group.
+    is_own_group = found.st_gid == os.getgid()
+    unwanted = stat.S_IWOTH if is_own_group else WRITABLE_BY_OTHERS
+    return not found.st_mode & unwanted
+
+
+@cache
+def _passing_folder() -> Path | None:
+    """Return a folder that is removed when this process ends; None where nothing temporary can be written."""
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=f"{NAME}-"))
+    except OSError:
+        return None
+    remove_at_exit(folder)
+    return folder
