@@ -1,16 +1,20 @@
-# make demo: the main job on real physics, results in out/    make test: every test
+# make demo: the main job on real physics, results in out/    make test: every test but the long ones
+# make endurance: every fault and attack, the long ones too; its last line counts them
 # Both set up .venv by themselves. PYTHON chooses the interpreter (3.11 or newer).
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
 
-.PHONY: setup demo test lint check bench lock clean
+.PHONY: setup demo test endurance lint check bench lock clean
 
 demo: setup
 	$(BIN)/neuroanimator demo --out out
 
 test: setup
 	$(BIN)/pytest
+
+endurance: setup
+	$(BIN)/pytest -m "endurance or fault or attack"
 
 lint: setup
 	$(BIN)/ruff check .

@@ -4,18 +4,51 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tally import Tally, tally_line
 
 from neuroanimator import Emulator, dataset_config, find_emulator, generate, read_transitions
 from neuroanimator.data.transitions import Transitions
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
+
+FAULT_NAME = re.compile(r"test_f\d\d_")
+"""Tests of faults that lie beside their subject."""
+
+
+@pytest.fixture
+def tally(record_property: Callable[[str, object], None]) -> Iterator[Tally]:
+    """Count what a test of faults or attacks tries; one if it does not say."""
+    counted = Tally()
+    yield counted
+    record_property("tally", [counted.tried, counted.bytes_lost])
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark tests of faults and attacks, by their folder or their name."""
+    for item in items:
+        folder = item.path.parent.name
+        if folder == "attacks":
+            item.add_marker(pytest.mark.attack)
+        elif folder == "faults" or FAULT_NAME.match(item.name):
+            item.add_marker(pytest.mark.fault)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Say as the last line of all how many faults and attacks were tried and survived, and how many bytes were lost."""
+    reporter = config.pluginmanager.get_plugin("terminalreporter")
+    if reporter is not None and not hasattr(config, "workerinput"):
+        line = tally_line(reporter.stats)
+        if line:
+            reporter.write_line(line)
 
 
 @pytest.fixture(scope="session")

@@ -1,83 +1,49 @@
-"""The command line: `neuroanimator VERB`."""
+"""The command line: `neuroanimator VERB`. Light to import, so that Ctrl-C is heard from the first moment."""
 
 from __future__ import annotations
 
 import os
 import sys
-from typing import Annotated
 
-import typer
-
-from neuroanimator.cli import animate, bench, control, demo, doctor, evaluate, export, generate, info, new, train
-from neuroanimator.cli import list as list_
-from neuroanimator.cli.usage import Verbs
+from neuroanimator.cli.stop import STOP, Stopped
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.text import open_streams, print_line
-
-app = typer.Typer(
-    cls=Verbs,
-    name="neuroanimator",
-    help="Learn a physics model once, then animate and control it at a fraction of the cost.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-VERBS = {
-    "demo": demo, "doctor": doctor, "list": list_, "new": new, "generate": generate, "train": train,
-    "evaluate": evaluate, "animate": animate, "control": control, "export": export, "bench": bench,
-    "info": info,
-}  # fmt: skip
-for verb, module in VERBS.items():
-    app.command(verb, epilog=f"Example: {module.EXAMPLE}")(module.run)
-
-
-def print_version(is_wanted: bool) -> None:
-    """Print the installed version and end, if that is wanted."""
-    if not is_wanted:
-        return
-    from importlib.metadata import version
-
-    print(f"neuroanimator {version('neuroanimator')}")
-    raise typer.Exit
-
-
-@app.callback()
-def options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and end.")
-    ] = False,
-) -> None:
-    """Learn a physics model once, then animate and control it at a fraction of the cost."""
 
 
 def main() -> None:
     """Run the command line; end with the exit code the error asks for and never with a traceback."""
-    open_streams()
     try:
-        _run()
-    finally:
-        say_what_mujoco_warned_of()
-
-
-def say_what_mujoco_warned_of() -> None:
-    """Print one line on stderr if MuJoCo warned of anything; import nothing that was not needed so far."""
-    counted = sys.modules.get("neuroanimator.systems.mujoco_warnings")
-    if counted is not None and (line := counted.warning_line()):
-        print(f"neuroanimator: {line}", file=sys.stderr)
+        STOP.listen()
+        try:
+            _run()
+        finally:
+            STOP.ignore()
+    except BaseException:
+        # A library may have made another exception of it, such as an ImportError.
+        if STOP.signal is not None:
+            STOP.ignore()
+            STOP.end()
+        raise
 
 
 def _run() -> None:
     try:
-        app()
+        open_streams()
+        from neuroanimator.cli.verbs import app
+
+        try:
+            app()
+        finally:
+            say_what_mujoco_warned_of()
     except NeuroAnimatorError as error:
         fail(str(error), error.exit_code)
-    except KeyboardInterrupt:
-        fail("Interrupted. Nothing is lost: the same command goes on where it stopped.", 130)
+    except KeyboardInterrupt as error:
+        raise Stopped from error
     except MemoryError:
         fail("Out of memory. Ask for less at once.", 4)
     except OSError as error:
-        fail(f"{error.strerror or error}: {error.filename or ''}", 4)
+        name = f": {error.filename}" if error.filename else ""
+        fail(f"{error.strerror or error}{name}", 4)
     except Exception as error:
         if os.environ.get("NEUROANIMATOR_DEBUG"):
             raise
@@ -85,6 +51,13 @@ def _run() -> None:
             f"Unexpected {type(error).__name__}: {error}. NEUROANIMATOR_DEBUG=1 shows where; please report it.",
             1,
         )
+
+
+def say_what_mujoco_warned_of() -> None:
+    """Print one line on stderr if MuJoCo warned of anything; import nothing that was not needed so far."""
+    counted = sys.modules.get("neuroanimator.systems.mujoco_warnings")
+    if counted is not None and (line := counted.warning_line()):
+        print_line(f"neuroanimator: {line}", to_stderr=True)
 
 
 def fail(message: str, code: int) -> None:

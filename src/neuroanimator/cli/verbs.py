@@ -1,0 +1,47 @@
+"""Every verb: one file each beside this one, no logic in them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from neuroanimator.cli import animate, bench, control, demo, doctor, evaluate, export, generate, info, new, train
+from neuroanimator.cli import list as list_
+from neuroanimator.cli.usage import Verbs
+
+app = typer.Typer(
+    cls=Verbs,
+    name="neuroanimator",
+    help="Learn a physics model once, then animate and control it at a fraction of the cost.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+VERBS = {
+    "demo": demo, "doctor": doctor, "list": list_, "new": new, "generate": generate, "train": train,
+    "evaluate": evaluate, "animate": animate, "control": control, "export": export, "bench": bench,
+    "info": info,
+}  # fmt: skip
+for verb, module in VERBS.items():
+    app.command(verb, epilog=f"Example: {module.EXAMPLE}")(module.run)
+
+
+def print_version(is_wanted: bool) -> None:
+    """Print the installed version and end, if that is wanted."""
+    if not is_wanted:
+        return
+    from importlib.metadata import version
+
+    print(f"neuroanimator {version('neuroanimator')}")
+    raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """Learn a physics model once, then animate and control it at a fraction of the cost."""

@@ -1,0 +1,73 @@
+"""Real processes of the command line, interrupted and killed."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+MAIN = "from neuroanimator.cli.main import main; main()"
+LISTENS = 1 << (signal.SIGTERM - 1)
+"""The bit of a process that handles SIGTERM itself: from then on it can be stopped."""
+
+
+def command(*arguments: object) -> list[str]:
+    # A job started in the background inherits 'ignore Ctrl-C'; a user's terminal does not.
+    return ["env", "--default-signal=INT", sys.executable, "-c", MAIN, *map(str, arguments)]
+
+
+def run(*arguments: object, **environment: str) -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run(command(*arguments), capture_output=True, env={**os.environ, **environment}, timeout=300)
+
+
+def start(folder: Path, *arguments: object, **environment: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        command(*arguments),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=folder,
+        env={**os.environ, **environment},
+    )
+
+
+def wait_until_it_listens(process: subprocess.Popen[str]) -> None:
+    while process.poll() is None and not _caught(process.pid) & LISTENS:
+        time.sleep(0.002)
+
+
+def _caught(pid: int) -> int:
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return 0
+    return int(next((line.split()[1] for line in lines if line.startswith("SigCgt")), "0"), 16)
+
+
+def stopped_after(process: subprocess.Popen[str], seconds: float, number: int) -> tuple[int, str, float]:
+    """Return (exit code, stderr, seconds it took) of a process that gets the signal after `seconds`."""
+    wait_until_it_listens(process)
+    time.sleep(seconds)
+    began = time.monotonic()
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    return process.returncode, errors, time.monotonic() - began
+
+
+def killed_at_random(rng: random.Random, longest: float, *arguments: object) -> bool:
+    """Run the command, kill it after up to `longest` seconds; return whether it was still running then."""
+    process = subprocess.Popen(command(*arguments), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        process.wait(rng.uniform(0, longest))
+    except subprocess.TimeoutExpired:
+        process.kill()
+    return process.wait() == -signal.SIGKILL
+
+
+def leftovers(folder: Path) -> list[Path]:
+    """Return every unfinished file under `folder`."""
+    return [path for path in folder.rglob("*") if "tmp-" in path.name or path.name.startswith("build-")]

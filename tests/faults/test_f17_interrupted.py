@@ -1,0 +1,125 @@
+"""Ctrl-C and SIGTERM end every verb within seconds: 130 or 143, one line, nothing half-written."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from processes import leftovers, run, start, stopped_after
+from tally import Tally
+
+LONGEST = 12.0
+"""[s] An end may take on a busy machine: four until the work is given up, and the rest for the machine."""
+
+GOES_ON = "neuroanimator: Stopped. Started again, it goes on where it stopped."
+WHOLE = "neuroanimator: Stopped. No file was left half-written."
+
+VERBS: dict[str, tuple[list[object], str]] = {
+    "generate": (["generate", "fish", "--count", "400000", "--out", "data"], GOES_ON),
+    "train": (["train", "pendulum", "--out", "e.safetensors"], GOES_ON),
+    "demo": (["demo", "--out", "out"], GOES_ON),
+    "control": (["control", "pendulum", "--out", "c.csv", "--starts", "8"], WHOLE),
+    "animate": (["animate", "fish", "--seconds", "300", "--out", "clip.glb", "--out", "clip.mp4"], WHOLE),
+    "evaluate": (["evaluate", "fish-50", "lander-50", "truck-50", "--report", "report.html"], WHOLE),
+    "new": (["new", "Humanoid-v5"], WHOLE),
+}
+
+
+def stop_once(folder: Path, verb: str, seconds: float, number: int, tally: Tally) -> None:
+    """Stop the verb after `seconds` and check how it ends; one that ended before counts as not tried."""
+    arguments, line = VERBS[verb]
+    code, errors, took = stopped_after(start(folder, *arguments), seconds, number)
+    if code == 0:
+        return
+    tally.tried += 1
+    told = [text for text in errors.splitlines() if text.startswith("neuroanimator: ")]
+    assert code == 128 + number, errors
+    assert told[-1:] == [line]
+    assert len(told) == 1
+    assert "Traceback" not in errors
+    assert "Exception" not in errors
+    assert took < LONGEST
+    assert not leftovers(folder)
+
+
+@pytest.mark.parametrize(("verb", "seconds"), [("control", 0.0), ("generate", 3.0), ("train", 0.5), ("new", 0.2)])
+def test_f17_a_verb_ends_with_one_line(verb: str, seconds: float, tmp_path: Path, tally: Tally):
+    number = signal.SIGTERM if verb == "train" else signal.SIGINT
+    stop_once(tmp_path, verb, seconds, number, tally)
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize("verb", VERBS)
+def test_f17_a_verb_ends_at_any_moment(verb: str, tmp_path: Path, tally: Tally):
+    rng = random.Random(verb)
+    for number in range(20):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        stop_once(folder, verb, rng.uniform(0, 20), rng.choice([signal.SIGINT, signal.SIGTERM]), tally)
+
+
+IN_A_CALLBACK = """
+import gc, os, signal, sys, time
+from neuroanimator.cli.stop import STOP
+from neuroanimator.cli import main
+def collected(phase, info):
+    if phase == "start" and not done:
+        done.append(1)
+        os.kill(os.getpid(), signal.SIGINT)
+done = []
+gc.callbacks.append(collected)
+def work():
+    gc.collect()
+    time.sleep(60)
+main._run = work
+main.main()
+"""
+
+IN_COMPILED_CODE = """
+import hashlib, threading, os, signal
+from neuroanimator.cli import main
+def work():
+    threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+    hashlib.pbkdf2_hmac("sha512", b"a", b"b", 300_000_000)
+main._run = work
+main.main()
+"""
+
+IN_AN_IMPORT = """
+import os, signal
+from neuroanimator.cli import main
+def work():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except BaseException as error:
+        raise ImportError("a compiled module could not be initialised") from error
+main._run = work
+main.main()
+"""
+
+
+@pytest.mark.parametrize("program", [IN_A_CALLBACK, IN_COMPILED_CODE, IN_AN_IMPORT])
+def test_f17_what_swallows_ctrl_c_does_not_keep_it(program: str):
+    command = ["env", "--default-signal=INT", sys.executable, "-c", program]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST)
+    assert (ended.returncode, ended.stderr.splitlines()) == (130, [WHOLE])
+
+
+def test_f17_what_was_told_to_ignore_ctrl_c_ignores_it(tmp_path: Path):
+    program = "import os, signal; from neuroanimator.cli import main; main._run = lambda: os.kill(os.getpid(), 2)"
+    command = ["env", "--ignore-signal=INT", sys.executable, "-c", f"{program}; main.main()"]
+    assert subprocess.run(command, env=os.environ.copy()).returncode == 0
+
+
+def test_f17_stopped_and_started_again_it_ends_with_the_same_bytes(dataset: Path, tmp_path: Path, tally: Tally):
+    arguments = ("generate", "pendulum", "--count", "6000", "--out", tmp_path)
+    for seconds in (0.2, 1.5):
+        tally.tried += stopped_after(start(tmp_path, *arguments), seconds, signal.SIGINT)[0] == 130
+    assert run(*arguments).returncode == 0
+    for path in dataset.glob("*.*s*"):
+        tally.expect(tmp_path / path.name, path.read_bytes())
