@@ -37,6 +37,7 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (["generate", "pendulum", "--out", "d", "--substeps", "0"], 2, "substeps: "),
         (["generate", "pendulum", "--out", "d", "--substeps", "7"], 2, "whole number"),
         (["generate", "pendulum", "--out", "d", "--count", "-5"], 2, "count: "),
+        (["generate", "pendulum", "--out", "d", "--threads", "-1"], 2, "threads: wanted 1 or more, or 0 for all cores"),
         (["train", "nowhere", "--out", "e.safetensors"], 3, "is not a dataset folder"),
         (["train", "nowhere", "--out", "e.safetensors", "--batch", "0"], 2, "batch: "),
         (["new", "missing.xml"], 3, "missing.xml"),

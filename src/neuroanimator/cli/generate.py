@@ -22,7 +22,7 @@ def run(
     count: Annotated[int, typer.Option(help="Transitions to make.")] = 100_000,
     seed: Annotated[int, typer.Option(help="Seed of starts and controls.")] = 0,
     threads: Annotated[
-        int | None, typer.Option(help="Threads; default all cores. The bytes do not depend on it.")
+        int | None, typer.Option(help="Threads; 0 or not given: all cores. The bytes do not depend on it.")
     ] = None,
 ) -> None:
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""

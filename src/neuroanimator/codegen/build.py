@@ -79,6 +79,8 @@ def _started(command: list[str], **options: Any) -> Iterator[subprocess.Popen[by
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
+        if process.stdout:
+            process.stdout.close()
         if isinstance(error, subprocess.TimeoutExpired):
             raise NoCompilerError(f"{command[0]} did not end within {error.timeout:g} s") from error
         raise

@@ -30,8 +30,7 @@ def watching(log: Path | None, iterations: int) -> Iterator[Callable[[int, float
             bar.advance_to(min(done, iterations), f"J {cost:.4g} after {done}")
             if file is not None:
                 row = {"descent": descent, "iteration": done, "J": cost if math.isfinite(cost) else None}
-                file.write(canonical_json(row | {"seconds": round(time.perf_counter() - began, 3)}) + "\n")
-                file.flush()
+                _write_line(file, canonical_json(row | {"seconds": round(time.perf_counter() - began, 3)}))
 
         yield on_iteration
 
@@ -41,6 +40,14 @@ def _opened(log: Path | None) -> AbstractContextManager[TextIO | None]:
         return nullcontext()
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
-        return open(log, "w")
+        return open(log, "w", encoding="utf-8")
     except OSError as error:
         raise ResourceError(f"Could not write {log}: {error.strerror}.") from error
+
+
+def _write_line(file: TextIO, line: str) -> None:
+    try:
+        file.write(line + "\n")
+        file.flush()
+    except OSError as error:
+        raise ResourceError(f"Could not write {file.name}: {error.strerror}.") from error

@@ -14,7 +14,7 @@ from neuroanimator.data.diverged import has_diverged, write_diverged
 from neuroanimator.data.recorded import cut_shard, write_held_out
 from neuroanimator.data.sampling import sample_control_runs, sample_starts, with_idle_runs
 from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
-from neuroanimator.errors import BadFileError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import locked, write_tensors
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.recorded_system import RecordedSystem
@@ -32,15 +32,16 @@ def generate(
     """Fill `folder` with the dataset `config` describes; return how many runs blew up and were dropped.
 
     Shards already there are kept, damaged ones made again. `on_shard` is called as each is done. The runs that blew
-    up can be replayed, see `data.diverged`.
+    up can be replayed, see `data.diverged`. `threads`: none, or 0, for all cores.
     """
+    cores = _checked_threads(threads)
     system = carried_system(config.system, config.definition)
     with locked(folder):
         claim_folder(folder, config)
         remove_stale(folder)
         blow_ups = 0
         for shard in range(config.shards):
-            blow_ups += _ensure_shard(system, config, folder, shard, threads or os.cpu_count() or 1)
+            blow_ups += _ensure_shard(system, config, folder, shard, cores)
             on_shard()
         if isinstance(system, RecordedSystem):
             write_held_out(system, config, folder)
@@ -49,10 +50,18 @@ def generate(
 
 def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> Transitions:
     """Return the dataset `config` describes without storing it."""
+    cores = _checked_threads(threads)
     system = carried_system(config.system, config.definition)
-    cores = threads or os.cpu_count() or 1
     made = (make_shard(system, config, shard, cores) for shard in range(config.shards))
     return gather_transitions(config, ((shard.tensors, shard.blow_ups) for shard in made))
+
+
+def _checked_threads(threads: int | None) -> int:
+    """Return how many threads to use; ArgumentError for fewer than none."""
+    if threads is not None and threads < 0:
+        raise ArgumentError(f"threads: wanted 1 or more, or 0 for all cores; came {threads}.")
+    # More than a shard has runs would have nothing to do, and each takes memory.
+    return min(threads or os.cpu_count() or 1, transitions.RUNS_PER_SHARD)
 
 
 class Shard(NamedTuple):
