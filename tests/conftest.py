@@ -7,7 +7,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +24,11 @@ FAULT_NAME = re.compile(r"test_f\d\d_")
 
 
 @pytest.fixture
-def tally(record_property: Callable[[str, object], None]) -> Iterator[Tally]:
+def tally(record_property: Callable[[str, object], None]) -> Tally:
     """Count what a test of faults or attacks tries; one if it does not say."""
     counted = Tally()
-    yield counted
-    record_property("tally", [counted.tried, counted.bytes_lost])
+    record_property("tally", counted.counts)
+    return counted
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

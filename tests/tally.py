@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,22 @@ from typing import Any
 class Tally:
     """What one test tried. A test that says nothing tried one thing."""
 
-    tried: int = 0
-    bytes_lost: int = 0
+    counts: list[int] = field(default_factory=lambda: [0, 0])
+    """Tried, and bytes lost: a list, for the test's report is written before its fixtures end."""
+
+    @property
+    def tried(self) -> int:
+        return self.counts[0]
+
+    @tried.setter
+    def tried(self, count: int) -> None:
+        self.counts[0] = count
 
     def expect(self, path: Path, content: bytes) -> None:
         """Check that the file is what it should be, and count its bytes as lost if not."""
         found = path.read_bytes() if path.exists() else b""
         if found != content:
-            self.bytes_lost += len(content)
+            self.counts[1] += len(content)
         assert found == content, f"{path} is not what it was"
 
 

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -29,25 +25,6 @@ from neuroanimator.systems.layout import Bounds
 
 def fingerprint(folder: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.glob("*.*s*"))}
-
-
-def test_the_bytes_do_not_depend_on_threads(dataset: Path, tmp_path: Path):
-    generate(dataset_config(system="pendulum", count=6000), tmp_path, threads=1)
-    assert fingerprint(tmp_path) == fingerprint(dataset)
-    assert len(fingerprint(dataset)) == 3
-
-
-def test_killed_and_started_again_it_ends_with_the_same_bytes(dataset: Path, tmp_path: Path):
-    command = [sys.executable, "-c", "from neuroanimator.cli.main import main; main()"]
-    command += ["generate", "pendulum", "--count", "6000", "--out", str(tmp_path)]
-    for delay in (0.7, 1.0, 1.3):
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-        time.sleep(delay)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    assert subprocess.run(command, stdout=subprocess.DEVNULL).returncode == 0
-    assert fingerprint(tmp_path) == fingerprint(dataset)
-    assert not list(tmp_path.glob("*.tmp-*"))
 
 
 @pytest.mark.parametrize(("count", "largest"), [(12, LARGEST_GAP), (18, 3), (24, 2), (36, 1)])

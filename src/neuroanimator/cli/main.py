@@ -5,25 +5,18 @@ from __future__ import annotations
 import os
 import sys
 
-from neuroanimator.cli.stop import STOP, Stopped
+from neuroanimator.cli.stop import STOP
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.text import open_streams, print_line
 
 
 def main() -> None:
     """Run the command line; end with the exit code the error asks for and never with a traceback."""
+    STOP.listen()
     try:
-        STOP.listen()
-        try:
-            _run()
-        finally:
-            STOP.ignore()
-    except BaseException:
-        # A library may have made another exception of it, such as an ImportError.
-        if STOP.signal is not None:
-            STOP.ignore()
-            STOP.end()
-        raise
+        _run()
+    finally:
+        STOP.ignore()
 
 
 def _run() -> None:
@@ -37,8 +30,6 @@ def _run() -> None:
             say_what_mujoco_warned_of()
     except NeuroAnimatorError as error:
         fail(str(error), error.exit_code)
-    except KeyboardInterrupt as error:
-        raise Stopped from error
     except MemoryError:
         fail("Out of memory. Ask for less at once.", 4)
     except OSError as error:

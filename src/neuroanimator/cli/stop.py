@@ -1,11 +1,11 @@
-"""Ctrl-C and SIGTERM: the work unwinds, one line says so, and the process ends within seconds.
+"""Ctrl-C and SIGTERM: one line says so, and the process ends at once, wherever it is.
 
-A signal raises `Stopped` in the main thread. Two things can keep that from ending the process, and both are seen by
-a thread that does nothing else: a library's callback may swallow the exception (JAX's at garbage collection does),
-so it is raised again; and one long compiled call may not come back, so after a while the process ends without
-unwinding. Nothing is lost then: every file is whole or absent.
+No exception is raised for it. One would have to come through libraries that swallow it (JAX's callback at garbage
+collection does), make another one of it (modules that are being imported do) or crash; and one long compiled call
+does not look for it. Nothing is lost by ending without unwinding: every file is whole or absent, what is unfinished
+is removed here, and so are the processes started from here.
 
-Only light modules are imported here, so that the first moments of the imports can be stopped too.
+Only light modules are imported, so that the first moments of the imports can be stopped too.
 """
 
 from __future__ import annotations
@@ -16,33 +16,25 @@ import signal
 import sys
 import threading
 import time
+from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-PATIENCE = 4.0
-"""[s] The work may take to unwind. A compiled call is not waited for longer."""
-
-LOOK_EVERY = 0.05
-"""[s] Between two looks whether the exception was swallowed."""
+PATIENCE = 0.5
+"""[s] Until the process is ended from beside a compiled call that does not come back."""
 
 RESUMABLE = frozenset({"demo", "generate", "train"})
 """Verbs that keep what they have done and go on from there."""
 
 
-class Stopped(BaseException):
-    """The user wants an end. No KeyboardInterrupt: libraries, and typer, make something else of that."""
-
-
 class Stop:
-    """What has been heard of a wish to stop; one for the process."""
+    """Hears the signals; one for the process."""
 
     def __init__(self) -> None:
-        self.signal: int | None = None
-        self._is_swallowed = False
-        self._show_unraisable = sys.unraisablehook
         self._ending = threading.Lock()
+        self._is_done = False
 
     def listen(self) -> None:
         """Take over the signals, but for those that whoever started this process wants ignored."""
@@ -50,8 +42,6 @@ class Stop:
             return
         reader, writer = os.pipe()
         os.set_blocking(writer, False)
-        self._show_unraisable = sys.unraisablehook
-        sys.unraisablehook = self._on_unraisable
         threading.Thread(target=self._guard, args=(reader,), name="stop", daemon=True).start()
         # Written to by the system itself, even while the main thread is deep in a compiled call.
         signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
@@ -60,59 +50,37 @@ class Stop:
                 signal.signal(number, self._on_signal)
 
     def ignore(self) -> None:
-        """Hear no signals any more: the work is done, or its end is under way."""
-        if threading.current_thread() is threading.main_thread():
-            for number in SIGNALS:
-                signal.signal(number, signal.SIG_IGN)
+        """Hear no signals any more: the work is done, and what is left is to leave."""
+        self._is_done = True
 
-    def end(self) -> NoReturn:
-        """End the process with one line and the exit code of the signal."""
+    def end(self, number: int) -> NoReturn:
+        """End the process, and all it started, with one line and the exit code of the signal `number`."""
         if not self._ending.acquire(blocking=False):
-            time.sleep(PATIENCE)  # the other thread ends the process meanwhile
-        with contextlib.suppress(Exception):
-            _remove_leftovers()
-            _say(_line())
-            sys.stdout.flush()
-        # Not sys.exit: what libraries do at an exit may hang, and has nothing left to save.
-        os._exit(128 + (self.signal or signal.SIGINT))
+            time.sleep(60)  # the other thread ends the process meanwhile
+        for tidy in (_end_children, _remove_leftovers, _show_what_was_printed, _say_so):
+            with contextlib.suppress(Exception):
+                tidy()
+        os._exit(128 + number)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        # While the work unwinds it is left alone: a second Ctrl-C would only keep it from tidying up.
-        if self.signal is None or self._is_swallowed:
-            self.signal, self._is_swallowed = number, False
-            raise Stopped
-
-    def _on_unraisable(self, event: sys.UnraisableHookArgs) -> None:
-        if self.signal is not None and issubclass(event.exc_type, Stopped):
-            self._is_swallowed = True
-        else:
-            self._show_unraisable(event)
+        if not self._is_done:
+            self.end(number)
 
     def _guard(self, reader: int) -> None:
         number = 0
         while number not in SIGNALS:
             number = os.read(reader, 1)[0]
-        last_moment = time.monotonic() + PATIENCE
-        while time.monotonic() < last_moment:
-            time.sleep(LOOK_EVERY)
-            if self._is_swallowed:
-                signal.pthread_kill(threading.main_thread().ident or 0, number)
-        self.signal = self.signal or number
-        self.end()
+        time.sleep(PATIENCE)
+        self._on_signal(number, None)
 
 
-def _line() -> str:
-    verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
-    if verb in RESUMABLE or "--sweep" in sys.argv:
-        return "Stopped. Started again, it goes on where it stopped."
-    return "Stopped. No file was left half-written."
-
-
-def _say(line: str) -> None:
-    # A terminal has shown '^C', and the bar has hidden the cursor.
-    before = "\r\n\x1b[?25h" if sys.stderr.isatty() else ""
-    sys.stderr.write(f"{before}neuroanimator: {line}\n")
-    sys.stderr.flush()
+def _end_children() -> None:
+    """Kill what this process started: a compiler, or what draws a film. Where there is no /proc a terminal does."""
+    for list_ in Path("/proc/self/task").glob("*/children"):
+        for word in list_.read_text().split():
+            child = int(word)
+            is_leader = os.getpgid(child) == child
+            os.killpg(child, signal.SIGKILL) if is_leader else os.kill(child, signal.SIGKILL)
 
 
 def _remove_leftovers() -> None:
@@ -121,6 +89,19 @@ def _remove_leftovers() -> None:
     remove = getattr(module, "remove_leftovers", None)
     if remove is not None:
         remove()
+
+
+def _show_what_was_printed() -> None:
+    sys.stdout.flush()
+
+
+def _say_so() -> None:
+    verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+    goes_on = verb in RESUMABLE or "--sweep" in sys.argv
+    line = "Started again, it goes on where it stopped." if goes_on else "No file was left half-written."
+    # A terminal has shown '^C', and the bar has hidden the cursor.
+    before = "\r\n\x1b[?25h" if os.isatty(2) else ""
+    os.write(2, f"{before}neuroanimator: Stopped. {line}\n".encode())
 
 
 STOP = Stop()

@@ -1,0 +1,77 @@
+"""A full disk: exit code 4, the file and the bytes it needs, and once there is room it goes on to the same bytes."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from processes import command, leftovers, run
+from tally import Tally
+
+from neuroanimator.files import locked
+
+ARGUMENTS = ("generate", "pendulum", "--count", "6000", "--out")
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 256 kB: less than half of the dataset."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if os.getuid() != 0 or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "none", disk]).returncode:
+        pytest.skip("only root may mount a small disk; the limit on a file's size is tested")
+    yield disk
+    subprocess.run(["umount", disk], check=True)
+
+
+def test_f04_a_full_disk_is_said_and_resumed_from(small_disk: Path, dataset: Path, tally: Tally):
+    folder = small_disk / "data"
+    full = run(*ARGUMENTS, folder)
+    told = full.stderr.decode()
+    assert full.returncode == 4, told
+    assert f"Could not write {folder}/shard-0000" in told
+    assert "bytes needed" in told
+    assert len(told.splitlines()) == 1
+    assert not leftovers(folder)
+    subprocess.run(["mount", "-o", "remount,size=64m", small_disk], check=True)
+    assert run(*ARGUMENTS, folder).returncode == 0
+    for path in dataset.glob("*.*s*"):
+        tally.expect(folder / path.name, path.read_bytes())
+
+
+def test_f04_a_lock_holds_on_a_full_disk(small_disk: Path):
+    (small_disk / "data").mkdir()
+    (small_disk / "data" / ".lock").touch()
+    with open(small_disk / "filled", "wb", buffering=0) as file, suppress(OSError):
+        while True:
+            file.write(b"x" * 4096)
+    with locked(small_disk / "data"):
+        pass
+    full = run(*ARGUMENTS, small_disk / "data")
+    assert full.returncode == 4
+    assert b"dataset.json: No space left on device (" in full.stderr
+
+
+def test_f04_a_limit_on_files_is_said(tmp_path: Path):
+    limited = subprocess.run(
+        command(*ARGUMENTS, tmp_path / "data"),
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000)),
+    )
+    assert limited.returncode == 4
+    assert "shard-00000.safetensors: File too large" in limited.stderr
+    assert not leftovers(tmp_path)
+
+
+def test_f06_a_second_process_is_refused_with_the_first_ones_number(tmp_path: Path):
+    folder = tmp_path / "data"
+    with locked(folder):
+        second = run(*ARGUMENTS, folder)
+    assert second.returncode == 4
+    assert f"{folder} is in use by process {os.getpid()}." in second.stderr.decode()

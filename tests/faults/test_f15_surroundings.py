@@ -1,0 +1,54 @@
+"""No home, a home that cannot be written to, locales without UTF-8, names with spaces and umlauts: it works."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from processes import MAIN
+
+ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+LATIN = {**ASCII, "PYTHONIOENCODING": "latin-1"}
+NO_HOME = {"HOME": None, "XDG_CACHE_HOME": None}
+SHUT = {"HOME": "/proc/nothing", "XDG_CACHE_HOME": "/proc/nothing"}
+
+
+def run_in(surroundings: dict[str, str | None], folder: Path, *arguments: str) -> subprocess.CompletedProcess[bytes]:
+    environment = {**os.environ, **surroundings}
+    present = {key: value for key, value in environment.items() if value is not None}
+    program = [sys.executable, "-c", MAIN, *arguments]
+    return subprocess.run(program, cwd=folder, env=present, capture_output=True, timeout=300)
+
+
+@pytest.mark.parametrize("surroundings", [ASCII, LATIN], ids=["ascii", "latin-1"])
+def test_f15_info_replaces_what_the_locale_lacks(surroundings: dict[str, str | None], tmp_path: Path):
+    shown = run_in(surroundings, tmp_path, "info", "pendulum-50")
+    assert shown.returncode == 0, shown.stderr
+    assert b"torque[0] N" in shown.stdout
+    assert b"\xc2\xb7" not in shown.stdout
+
+
+def test_f15_files_are_utf_8_whatever_the_locale(tmp_path: Path):
+    folder = tmp_path / "ein Ordner für Gelände"
+    folder.mkdir()
+    controls = folder / "c.csv"
+    controls.write_text("time s,torque[0] N·m,torque[1] N·m,torque[2] N·m\n0,0,0,0\n0.05,0,1,0\n", encoding="utf-8")
+    made = run_in({**ASCII, **NO_HOME}, folder, "animate", "pendulum", "--controls", "c.csv", "--out", "größe.csv")
+    assert made.returncode == 0, made.stderr
+    assert "rad/s" in (folder / "größe.csv").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("surroundings", [NO_HOME, SHUT], ids=["no home", "shut home"])
+def test_f15_a_home_is_not_needed(surroundings: dict[str, str | None], tmp_path: Path):
+    made = run_in(surroundings, tmp_path, "generate", "fish", "--count", "12", "--out", "data")
+    assert made.returncode == 0, made.stderr
+    assert not [path for path in tmp_path.iterdir() if path.name != "data"]
+
+
+def test_f15_a_mistake_in_a_foreign_script_is_one_line(tmp_path: Path):
+    wrong = run_in(ASCII, tmp_path, "info", "größe-日本")
+    assert wrong.returncode == 3
+    assert len(wrong.stderr.splitlines()) == 1

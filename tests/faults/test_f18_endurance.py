@@ -1,0 +1,67 @@
+"""What only a long run shows: memory that grows, and numbers that part ways between C and JAX."""
+
+from __future__ import annotations
+
+import resource
+
+import numpy as np
+import pytest
+from tally import Tally
+
+from neuroanimator import Emulator, find_emulator
+from neuroanimator.codegen.c_emulator import c_emulator
+from neuroanimator.codegen.compiler import find_compiler
+from neuroanimator.shipped import SHIPPED
+
+BLOCK = 10_000
+MOST_GROWTH = 0.05
+CLOSE = 1e-5
+"""Of the largest number in a state: both are float32."""
+
+
+def resident() -> float:
+    """Return the memory this process holds now [bytes]."""
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * resource.getpagesize()
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize("name", ["pendulum-50", "fish-50"])
+def test_f18_a_million_steps_take_no_more_memory_than_ten_thousand(name: str):
+    emulator = Emulator.load(find_emulator(name))
+    identity = emulator.identity
+    rng = np.random.default_rng(0)
+    state = np.asarray(identity.rest, np.float32)
+
+    def advance(state: np.ndarray) -> np.ndarray:
+        share = rng.uniform(-1, 1, (BLOCK, identity.control.size)).astype(np.float32)
+        return np.asarray(emulator.rollout(state, identity.bounds.middle + share * identity.bounds.half))[-1]
+
+    for _ in range(3):
+        state = advance(state)
+    before = resident()
+    for _ in range(1_000_000 // BLOCK):
+        state = advance(state)
+    assert np.isfinite(state).all()
+    assert resident() < (1 + MOST_GROWTH) * before
+
+
+@pytest.mark.endurance
+@pytest.mark.skipif(find_compiler() is None, reason="no C compiler: there is no C to compare")
+@pytest.mark.parametrize("name", [f"{system}-{substeps}" for system, substeps in sorted(SHIPPED)])
+def test_f19_c_and_jax_say_the_same_of_a_thousand_inputs(name: str, tally: Tally):
+    import equinox as eqx
+    import jax
+
+    emulator = Emulator.load(find_emulator(name))
+    program, identity = c_emulator(emulator), emulator.identity
+    assert program is not None
+    rng = np.random.default_rng(0)
+    held = identity.bounds.middle + rng.uniform(-1, 1, (1000, identity.control.size)) * identity.bounds.half
+    states = np.asarray(emulator.rollout(identity.rest, held), np.float32)
+    starts = np.asarray(jax.vmap(emulator.encode)(states))
+    controls = np.asarray(jax.vmap(emulator.encode_control)(held.astype(np.float32)))
+    expected = np.asarray(eqx.filter_jit(jax.vmap(emulator.advance))(starts, controls))
+    found = np.stack([program.play(*each) for each in zip(starts, controls[:, None], strict=True)])
+    tally.tried = len(found)
+    assert np.abs(found - expected).max() <= CLOSE * np.abs(expected).max()
