@@ -252,7 +252,7 @@ class _Trap:
         ({"state_names": ["angle rad"]}, "state_names lists 1 names for 2 columns"),
         ({"state_names": ["angle rad", "speed mph"]}, "state_names[1]: unknown unit 'mph'"),
         ({"controls": np.full((2400, 1), np.nan)}, "controls, row 0, column 0: not a finite number"),
-        ({"run": np.array([_Trap()] * 2400)}, "Object arrays cannot be loaded"),
+        ({"run": np.array([_Trap()] * 2400)}, "objects are refused"),
     ],
 )
 def test_a_bad_npz_is_refused_by_array(

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from neuroanimator.errors import ArgumentError
 
+LONGEST_SHOWN = 40
+"""Characters of a text shown in an error."""
+
 
 def whole_numbers(name: str, text: str) -> tuple[int, ...]:
     """Return the numbers in a text such as `96,64`; ArgumentError names the option."""
     try:
         return tuple(int(part) for part in text.split(","))
     except ValueError as error:
-        raise ArgumentError(f"{name}: wanted numbers such as 96,64, came '{text}'.") from error
+        raise ArgumentError(f"{name}: wanted numbers such as 96,64, came {text[:LONGEST_SHOWN]!r}.") from error

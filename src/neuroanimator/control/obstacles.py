@@ -16,6 +16,7 @@ from neuroanimator.control.pose import read_pose
 from neuroanimator.control.terms import as_weight
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.layout import as_numbers
 from neuroanimator.systems.rotation import Numbers
 from neuroanimator.systems.structure import Structure
 from neuroanimator.systems.system import System
@@ -72,7 +73,7 @@ def avoid(
     system: System, zones: list[Zone], *, probes: ArrayLike = ((0.0, 0.0),), margin: float, weight: float = 1.0
 ) -> Avoid:
     """Return the wish to stay `margin` [m] out of `zones` with each of the `probes` (P, 2) [m] of the body."""
-    points = np.asarray(probes, float)
+    points = as_numbers(probes, "probes")
     if not zones or points.ndim != 2 or points.shape[1] != 2 or not 0 < margin < math.inf:
         raise ArgumentError(
             f"avoid: wanted zones, probes (P, 2) and margin above 0, came {len(zones)}, {points.shape}, {margin:g}."

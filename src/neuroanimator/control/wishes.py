@@ -25,6 +25,7 @@ from neuroanimator.control.terms import (
     as_weight,
 )
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.layout import as_numbers
 from neuroanimator.systems.structure import Structure
 from neuroanimator.systems.system import System
 
@@ -44,7 +45,7 @@ def reach_place(
 ) -> ReachPlaces:
     """Return the wish to be at `place` [m] at the end, or `at` [s]; `axes` says which of x, y, z it gives."""
     return keyframes(
-        system, np.asarray(place)[None], None if at is None else [at], within=within, axes=axes, weight=weight
+        system, as_numbers(place, "place")[None], None if at is None else [at], within=within, axes=axes, weight=weight
     )
 
 
@@ -160,7 +161,7 @@ def _axes(names: str) -> tuple[int, ...]:
 
 
 def _numbers(label: str, values: ArrayLike, size: int | None, *, rows: bool = False) -> Array:
-    array = np.asarray(values, float)
+    array = as_numbers(values, label)
     fits = array.ndim == (2 if rows else 1) and array.size and (size is None or array.shape[-1] == size)
     if not fits or not np.isfinite(array).all():
         wanted = f"{'rows of ' if rows else ''}{size or 'some'} finite number{'s' if size != 1 else ''}"

@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from neuroanimator.data.transitions import DatasetConfig, read_config
+from neuroanimator.data.shard_checks import Wanted, check_tensors
+from neuroanimator.data.transitions import RUN_STEPS, DatasetConfig, read_config
 from neuroanimator.errors import BadFileError
 from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.systems import load_system
 
 KIND = "diverged"
 PATTERN = "diverged-*.safetensors"
@@ -56,10 +58,16 @@ def read_diverged(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
     """
     folder = Path(folder)
     config = read_config(folder)
+    system = load_system(config.system, config.definition)
     found = []
     for shard in range(config.shards):
         if (path := _path(folder, shard)).exists():
             tensors, metadata = read_tensors(path, KIND)
+            wanted = {
+                "starts": Wanted(np.float64, (None, system.state.size)),
+                "controls": Wanted(np.float64, (None, RUN_STEPS, system.control.size)),
+            }
+            check_tensors(path, tensors, wanted)
             if not _belongs(tensors, metadata, config, shard):
                 raise BadFileError(f"{path} belongs to another dataset. Move it away.")
             found.append((tensors["starts"], tensors["controls"]))

@@ -53,7 +53,7 @@ def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> T
     cores = _checked_threads(threads)
     system = carried_system(config.system, config.definition)
     made = (make_shard(system, config, shard, cores) for shard in range(config.shards))
-    return gather_transitions(config, ((shard.tensors, shard.blow_ups) for shard in made))
+    return gather_transitions(config, system, ((shard.tensors, shard.blow_ups) for shard in made))
 
 
 def _checked_threads(threads: int | None) -> int:
@@ -81,7 +81,7 @@ class Shard(NamedTuple):
 
 def _ensure_shard(system: System, config: DatasetConfig, folder: Path, shard: int, threads: int) -> int:
     try:
-        blow_ups = int(read_shard(folder, config, shard)[1]["blow_ups"])
+        blow_ups = read_shard(folder, config, system, shard)[1]["blow_ups"]
         if has_diverged(folder, config, shard, blow_ups):
             return blow_ups
     except BadFileError:

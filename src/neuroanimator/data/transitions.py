@@ -17,9 +17,11 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from neuroanimator.data.shard_checks import Wanted, check_range, check_tensors, largest_size, refuse, whole_number
 from neuroanimator.data.stretches import cut_stretches
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files import canonical_json, read_tensors, write_whole
+from neuroanimator.files import HEADER_LIMIT, canonical_json, one_line, read_bounded, read_tensors, write_whole
+from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.definition import first_fault
 from neuroanimator.systems.definition_text import LARGEST_TEXT
@@ -28,6 +30,8 @@ from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 
 CONFIG_NAME = "dataset.json"
+LARGEST_CONFIG = 2 * 2**20
+"""[bytes] A definition, twice escaped, and a few numbers."""
 RUN_STEPS = 40
 """Length of a run in super steps."""
 PICKS_PER_RUN = 12
@@ -39,6 +43,8 @@ LONGEST_UNROLL = 4
 RUNS_PER_SHARD = 256
 LONGEST_SHOWN = 60
 """Characters of a setting shown in an error; a definition has thousands."""
+LARGEST_HELD_OUT = 512 * 2**20
+"""[bytes] No larger than the recordings these runs come from."""
 HELD_OUT_NAME = "held-out.safetensors"
 """Runs of recordings kept for the test; simulated systems make their tests anew."""
 
@@ -133,12 +139,15 @@ def claim_folder(folder: Path, config: DatasetConfig) -> None:
 def read_config(folder: Path) -> DatasetConfig:
     """Return the configuration of the dataset in `folder`."""
     path = folder / CONFIG_NAME
+    if not path.exists():
+        raise BadFileError(f"{folder} is not a dataset: no {CONFIG_NAME}. Make one with 'generate'.")
+    content = read_bounded(path, LARGEST_CONFIG)
     try:
-        return DatasetConfig.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise BadFileError(f"{folder} is not a dataset: no {CONFIG_NAME}. Make one with 'generate'.") from error
+        return DatasetConfig.model_validate(parse_json_object(content, LARGEST_CONFIG))
     except ValidationError as error:
         raise BadFileError(f"{path} is damaged: {first_fault(error)}. Generate the dataset again.") from error
+    except ValueError as error:
+        raise BadFileError(f"{path} is damaged: {one_line(error)}. Generate the dataset again.") from error
 
 
 @dataclass(frozen=True)
@@ -165,40 +174,81 @@ class Transitions:
 
 
 def read_transitions(folder: Path) -> Transitions:
-    """Return every transition in `folder`; BadFileError if a shard is missing or damaged."""
+    """Return every transition in `folder`; BadFileError if a shard is missing, damaged or not what a dataset holds."""
     config = read_config(folder)
-    shards = (read_shard(folder, config, shard) for shard in range(config.shards))
-    found = gather_transitions(config, ((tensors, metadata["blow_ups"]) for tensors, metadata in shards))
-    is_recorded = isinstance(found.system, RecordedSystem)
-    return replace(found, held_out=read_held_out(folder, config)) if is_recorded else found
+    system = carried_system(config.system, config.definition)
+    shards = (read_shard(folder, config, system, shard) for shard in range(config.shards))
+    found = gather_transitions(config, system, ((tensors, metadata["blow_ups"]) for tensors, metadata in shards))
+    is_recorded = isinstance(system, RecordedSystem)
+    return replace(found, held_out=read_held_out(folder, config, system)) if is_recorded else found
 
 
-def read_held_out(folder: Path, config: DatasetConfig) -> tuple[np.ndarray, np.ndarray]:
+def read_held_out(folder: Path, config: DatasetConfig, system: System) -> tuple[np.ndarray, np.ndarray]:
     """Return (states (B, T+1, S), controls (B, T, C)) of the recorded runs kept for the test."""
     path = folder / HELD_OUT_NAME
-    tensors, metadata = read_tensors(path, "held-out")
-    if metadata.get("config") != config.hash or not {"states", "controls"} <= set(tensors):
+    tensors, metadata = read_tensors(path, "held-out", LARGEST_HELD_OUT)
+    if metadata.get("config") != config.hash:
         raise BadFileError(f"{path} belongs to another dataset. Generate into an empty folder.")
+    controls = tensors.get("controls", np.zeros(0))
+    steps = controls.shape[1] if controls.ndim == 3 else 1
+    wanted = {
+        "states": Wanted(np.float64, (None, steps + 1, system.state.size)),
+        "controls": Wanted(np.float64, (None, steps, system.control.size)),
+    }
+    if not check_tensors(path, tensors, wanted) or not 1 <= steps <= RUN_STEPS:
+        refuse(path, f"no runs of 1 to {RUN_STEPS} super steps")
     return tensors["states"], tensors["controls"]
 
 
-def gather_transitions(config: DatasetConfig, shards: Iterable[tuple[dict[str, np.ndarray], int]]) -> Transitions:
+def gather_transitions(
+    config: DatasetConfig, system: System, shards: Iterable[tuple[dict[str, np.ndarray], int]]
+) -> Transitions:
     """Return the transitions in `shards`, pairs of tensors and blow-ups in order of their number."""
     windows, blow_ups = [], 0
     for shard, (tensors, dropped) in enumerate(shards):
         windows.append(windows_of(tensors, shard))
         blow_ups += dropped
     states, controls, run = (np.concatenate([part[i] for part in windows]) for i in range(3))
-    return Transitions(config, carried_system(config.system, config.definition), states, controls, run, blow_ups)
+    return Transitions(config, system, states, controls, run, blow_ups)
 
 
-def read_shard(folder: Path, config: DatasetConfig, shard: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return one shard's (tensors, metadata), checked to belong to `config`."""
+def read_shard(
+    folder: Path, config: DatasetConfig, system: System, shard: int
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return one shard's (tensors, metadata), checked to belong to `config` and to hold what such a shard does."""
     path = config.shard_path(folder, shard)
-    tensors, metadata = read_tensors(path, "shard")
+    is_recorded = isinstance(system, RecordedSystem)
+    wanted = wanted_of_recordings(system) if is_recorded else wanted_of_runs(system, config)
+    runs = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
+    rows = runs * config.picks if is_recorded else runs
+    tensors, metadata = read_tensors(path, "shard", HEADER_LIMIT + largest_size(wanted, rows))
     if metadata.get("config") != config.hash or metadata.get("shard") != shard:
         raise BadFileError(f"{path} belongs to another dataset. Generate into an empty folder.")
+    blow_ups = whole_number(path, metadata, "blow_ups", runs)
+    found = check_tensors(path, tensors, wanted)
+    if found + blow_ups != rows:
+        refuse(path, f"{found:,} rows and {blow_ups:,} blow-ups; wanted {rows:,} together")
+    check_range(path, "picks", tensors["picks"], 0, tensors["controls"].shape[1] - LONGEST_UNROLL)
     return tensors, metadata
+
+
+def wanted_of_runs(system: System, config: DatasetConfig) -> dict[str, Wanted]:
+    """Return what a shard of simulated runs holds."""
+    return {
+        "states": Wanted(np.float32, (None, RUN_STEPS + 1, system.state.size)),
+        "controls": Wanted(np.float32, (None, RUN_STEPS, system.control.size)),
+        "picks": Wanted(np.int32, (None, config.picks)),
+    }
+
+
+def wanted_of_recordings(system: System) -> dict[str, Wanted]:
+    """Return what a shard of windows cut out of recordings holds."""
+    return {
+        "states": Wanted(np.float32, (None, LONGEST_UNROLL + 1, system.state.size)),
+        "controls": Wanted(np.float32, (None, LONGEST_UNROLL, system.control.size)),
+        "picks": Wanted(np.int32, (None, 1)),
+        "runs": Wanted(np.int32, (None,)),
+    }
 
 
 def windows_of(tensors: dict[str, np.ndarray], shard: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,14 @@ import numpy as np
 from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
-from neuroanimator.files import write_whole
+from neuroanimator.files import one_line, read_bounded, write_whole
+from neuroanimator.parsing.csv_text import csv_rows
 from neuroanimator.systems.layout import Layout
+from neuroanimator.systems.recording_columns import LARGEST_NUMBER
 from neuroanimator.text import quoted, table_cell
+
+LARGEST_TABLE = 256 * 2**20
+"""Largest table read back [bytes]: an hour of the largest body at 30 images a second."""
 
 LONGEST_HEADER = 400
 """Characters of a wanted header that an error shows."""
@@ -35,28 +41,29 @@ def header_of(layout: Layout) -> str:
 
 def read_table(path: Path, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     """Return (times, rows) of a table written for `layout`; BadFileError names the line that is wrong."""
+    rows = csv_rows(read_bounded(path, LARGEST_TABLE))
+    wanted = [table_cell(name) for name in ("time s", *layout.names)]
+    numbers = array("d")
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadFileError(f"Could not read {path}: {error}. Check the path.") from error
-    wanted = header_of(layout)
-    if not lines or lines[0] != wanted:
-        raise BadFileError(f"{path}: wanted the header {quoted(wanted, LONGEST_HEADER)}.")
-    columns = 1 + layout.size
-    numbers = [_numbers(path, number, line, columns) for number, line in enumerate(lines[1:], start=2)]
+        if next(rows, (0, []))[1] != wanted:
+            raise BadFileError(f"{path}: wanted the header {quoted(header_of(layout), LONGEST_HEADER)}.")
+        for line, cells in rows:
+            numbers.extend(_numbers(f"{path}, line {line}", cells, len(wanted)))
+    except ValueError as error:
+        raise BadFileError(f"{path}, {one_line(error)}.") from error
     if not numbers:
         raise BadFileError(f"{path} holds no rows below its header.")
-    table = np.array(numbers)
+    table = np.array(numbers).reshape(-1, len(wanted))
     return table[:, 0], table[:, 1:]
 
 
-def _numbers(path: Path, number: int, line: str, count: int) -> list[float]:
+def _numbers(where: str, cells: list[str], count: int) -> list[float]:
     try:
-        values = [float(cell) for cell in line.split(",")]
+        values = [float(cell) for cell in cells]
     except ValueError as error:
-        raise BadFileError(f"{path}, line {number}: {error}.") from error
-    if len(values) != count or not np.isfinite(values).all():
-        raise BadFileError(f"{path}, line {number}: wanted {count} finite numbers, came {quoted(line)}.")
+        raise BadFileError(f"{where}: {one_line(error)}.") from error
+    if len(values) != count or not all(abs(value) < LARGEST_NUMBER for value in values):
+        raise BadFileError(f"{where}: wanted {count} finite numbers, came {quoted(','.join(cells))}.")
     return values
 
 

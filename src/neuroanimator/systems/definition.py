@@ -11,20 +11,25 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.files import one_line, read_bounded
+from neuroanimator.parsing.toml_text import LARGEST_TOML, parse_toml
 from neuroanimator.systems.names import FileName, PartName, SystemName
 from neuroanimator.text import printable
 
 Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
 Look = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
+LONGEST_SHOWN = 80
+"""Characters of a key, or of what came, shown in an error."""
+SHORTEST_STEP = 1e-8
+"""[s] Of physics: times closer than a tenth of it count as the same, see `system.TIME_RESOLUTION`."""
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
-Step = Annotated[float, Field(gt=0, le=0.1)]
+Step = Annotated[float, Field(ge=SHORTEST_STEP, le=0.1)]
 """Of physics [s]."""
 Share = Annotated[float, Field(ge=0, le=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -143,9 +148,9 @@ class ControlPart(Table):
 class FunctionPhysics(Table):
     """The steps a Python function is called with [s]; see `System.scheme`, `truth` and `fine`."""
 
-    step: Annotated[float, Field(gt=0, le=10)]
-    truth_step: Annotated[float, Field(gt=0, le=10)]
-    fine_step: Annotated[float, Field(gt=0, le=10)]
+    step: Annotated[float, Field(ge=SHORTEST_STEP, le=10)]
+    truth_step: Annotated[float, Field(ge=SHORTEST_STEP, le=10)]
+    fine_step: Annotated[float, Field(ge=SHORTEST_STEP, le=10)]
 
 
 class StartSampling(Table):
@@ -174,7 +179,7 @@ class PythonDefinition(Table):
 class RecordedPhysics(Table):
     """How often recordings were sampled."""
 
-    step: Annotated[float, Field(gt=0, le=3600)]
+    step: Annotated[float, Field(ge=SHORTEST_STEP, le=3600)]
 
 
 class RecordedDefinition(Table):
@@ -194,15 +199,16 @@ def first_fault(error: ValidationError) -> str:
     """Return pydantic's first complaint as one line naming the key."""
     fault = error.errors()[0]
     key = ".".join(str(part) for part in fault["loc"])
-    return f"{printable(key)}: {fault['msg'].lower()}, came {str(fault['input'])[:80]!r}"
+    return f"{printable(key[:LONGEST_SHOWN])}: {fault['msg'].lower()}, came {str(fault['input'])[:LONGEST_SHOWN]!r}"
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return what a TOML file holds, not yet checked."""
+    content = read_bounded(path, LARGEST_TOML)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BadFileError(f"{path} is not a readable TOML file: {error}.") from error
+        return parse_toml(content)
+    except ValueError as error:
+        raise BadFileError(f"{path} is not a readable TOML file: {one_line(error)}.") from error
 
 
 def check_definition(values: dict[str, Any], label: str, kind: type[BaseModel] = Definition) -> Any:

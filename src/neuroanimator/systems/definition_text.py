@@ -6,11 +6,11 @@ It comes out of files that strangers may have written, so it is held to the rule
 
 from __future__ import annotations
 
-import json
 import re
 from typing import Any, NamedTuple
 
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.systems.body_definition import BodyDefinition
 from neuroanimator.systems.definition import Definition, PythonDefinition, RecordedDefinition, check_definition
 from neuroanimator.systems.names import check_file_name
@@ -62,9 +62,9 @@ def read_definition_text(text: str) -> Written:
     if len(text) > LARGEST_TEXT:
         raise BadFileError(f"{DAMAGED}: {len(text):,} characters; wanted at most {LARGEST_TEXT:,}.")
     try:
-        values = json.loads(text)
+        values = parse_json_object(text, LARGEST_TEXT)
         definition, files = values["definition"], values["files"]
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise BadFileError(f"{DAMAGED}. Make the dataset or emulator again.") from error
     kind = kind_of(definition)
     checked = check_definition(definition, "definition", TABLES[kind])
@@ -82,8 +82,10 @@ def _check_files(kind: str, files: Any) -> None:
     if not isinstance(files["sha256"], str) or not re.fullmatch(SHA256, files["sha256"]):
         raise ValueError(f"files.sha256: wanted 64 hex digits, came {quoted(files['sha256'])}")
     if kind == "recorded":
-        listed(files["rows"], "files.rows", lambda count, what: whole(count, what, 0, MOST_ROWS))
+        listed(files["rows"], "files.rows", lambda count, what: whole(count, what, 1, MOST_ROWS))
         listed(files["origins"], "files.origins", _check_origin)
+        if len(files["rows"]) != len(files["origins"]):
+            raise ValueError(f"files: {len(files['rows'])} runs, {len(files['origins'])} origins")
 
 
 def _check_origin(value: Any, what: str) -> str:

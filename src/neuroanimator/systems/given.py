@@ -12,6 +12,7 @@ import hashlib
 from pathlib import Path
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.files import read_bounded
 
 LARGEST_FILE = 512 * 2**20
 """Largest file taken [bytes]: recordings are read whole."""
@@ -28,25 +29,14 @@ def trust_file(path: Path) -> str:
 
 def digest_of(path: Path) -> str:
     """Return the sha256 of a file's bytes, its name from now on. Allows nothing."""
-    return hashlib.sha256(_read(path)).hexdigest()
+    return hashlib.sha256(read_bounded(path, LARGEST_FILE)).hexdigest()
 
 
 def trusted_file(digest: str, refusal: str) -> bytes:
     """Return the bytes with this sha256 if they were allowed; BadFileError with `refusal` if not."""
     if digest not in _TRUSTED:
         raise BadFileError(refusal)
-    content = _read(_TRUSTED[digest])
+    content = read_bounded(_TRUSTED[digest], LARGEST_FILE)
     if hashlib.sha256(content).hexdigest() != digest:
         raise BadFileError(f"{_TRUSTED[digest]} changed while it was in use. Run the command again.")
     return content
-
-
-def _read(path: Path) -> bytes:
-    try:
-        if not path.is_file():
-            raise BadFileError(f"Could not read {path}: no such file. Check the path.")
-        if path.stat().st_size > LARGEST_FILE:
-            raise BadFileError(f"{path}: wanted at most {LARGEST_FILE:,} bytes. Split it, or leave samples out.")
-        return path.read_bytes()
-    except OSError as error:
-        raise BadFileError(f"Could not read {path}: {error.strerror}. Check the path.") from error

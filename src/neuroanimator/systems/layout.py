@@ -17,6 +17,12 @@ from neuroanimator.text import quoted
 MOST_NUMBERS = 4096
 """Longest vector read from a file: memory and time grow with it."""
 
+REAL_KINDS = "biuf"
+"""NumPy's letters for truth values, whole and real numbers."""
+
+BFLOAT16 = "bfloat16"
+"""JAX's short numbers, which NumPy does not count as real."""
+
 
 @dataclass(frozen=True)
 class Slice:
@@ -54,7 +60,10 @@ class Layout:
         raise ArgumentError(f"No part called '{name}'. Parts: {valid}.")
 
     def check(self, vector: ArrayLike, label: str) -> np.ndarray:
-        """Return `vector` as float64 if its last axis fits and every number is finite."""
+        """Return `vector` as float64 if its last axis fits and every number is finite.
+
+        Raises ArgumentError also for texts, complex numbers, objects and rows of unequal length.
+        """
         array = self.check_shape(vector, label)
         if not np.isfinite(array).all():
             entry = int(np.argwhere(~np.isfinite(array))[0][-1])
@@ -63,7 +72,7 @@ class Layout:
 
     def check_shape(self, vector: ArrayLike, label: str) -> np.ndarray:
         """Return `vector` as float64 if its last axis fits."""
-        array = np.asarray(vector, dtype=np.float64)
+        array = as_numbers(vector, label)
         if array.ndim == 0 or array.shape[-1] != self.size:
             raise ArgumentError(
                 f"{label}: wanted {self.size} numbers ({', '.join(self.names)}), came shape {array.shape}."
@@ -96,6 +105,22 @@ def _slice_from_json(row: Any, what: str) -> Slice:
     if not isinstance(unit, str) or unit not in STATE_UNITS:
         raise ValueError(f"{what}: '{name}' has the unknown unit {quoted(unit)}")
     return Slice(name, whole(size, f"{what}: size of '{name}'", 1, MOST_NUMBERS), unit)
+
+
+def as_numbers(values: ArrayLike, label: str) -> np.ndarray:
+    """Return `values` as float64, whatever their shape; ArgumentError if they are no real numbers."""
+    try:
+        array = np.asarray(values)
+    except (ValueError, OverflowError) as error:
+        raise ArgumentError(f"{label}: wanted numbers in rows equally long, came {_what(values)}.") from error
+    if array.dtype.kind not in REAL_KINDS and array.dtype.name != BFLOAT16:
+        raise ArgumentError(f"{label}: wanted real numbers, came {_what(values)} of {array.dtype.name[:40]}.")
+    with np.errstate(over="ignore"):  # of long doubles: too large ones become infinite
+        return array.astype(np.float64, copy=False)
+
+
+def _what(values: object) -> str:
+    return f"a {type(values).__name__}"
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,7 @@ def _assemble(main: str, source: Source) -> tuple[Element, dict[str, bytes]]:
     content = source.take(main)
     if content is None:
         refuse(main, "", "no such file. Check the path")
-    root = parse(main, content)
+    root = parse(source, main, content)
     expand(source, root, (main,), {main})
     settings = _take_settings(root)
     if root.tag == "robot":

@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from neuroanimator.systems.definition import SHORTEST_STEP
 from neuroanimator.systems.model_xml import Element, refuse, refuse_at
 
 BODY_LIMIT, FREEDOM_LIMIT, STEP_LIMIT = 500, 200, 0.1
@@ -120,8 +121,8 @@ def _file_cells(content: bytes) -> int:
 def check_model(main: str, model: mujoco.MjModel) -> None:
     """Refuse a compiled model that cannot move, is too large, or has an infinite number or NaN anywhere."""
     step = model.opt.timestep
-    if not 0 < step <= STEP_LIMIT:
-        refuse(main, f"option timestep={step:g}", f"wanted more than 0 and at most {STEP_LIMIT} s")
+    if not SHORTEST_STEP <= step <= STEP_LIMIT:
+        refuse(main, f"option timestep={step:g}", f"wanted {SHORTEST_STEP:g} to {STEP_LIMIT} s")
     if model.njnt == 0:
         refuse(main, "worldbody", "no joints, so nothing can move. Add a joint")
     for name, (size, limit) in LARGEST.items():

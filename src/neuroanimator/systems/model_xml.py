@@ -18,6 +18,9 @@ FILE_LIMIT, TOTAL_LIMIT = 2 * 2**20, 4 * 2**20
 COUNT_LIMIT, INCLUDE_LIMIT, DEPTH_LIMIT = 200, 16, 100
 """Most files, deepest include in an include, deepest element in an element."""
 
+ELEMENT_LIMIT = 10_000
+"""Most elements in a model's files, refused while they are read: each takes far more memory than its text."""
+
 
 class Element(ET.Element):
     """An XML element that knows where it stands."""
@@ -62,6 +65,8 @@ class Source:
     """Returns the bytes of a file by its path in the model's folder, or None if there is no such file."""
 
     taken: dict[str, bytes] = field(default_factory=dict)
+    elements: int = 0
+    """Read so far, in all files."""
 
     def take(self, name: str) -> bytes | None:
         """Return the bytes of `name`, or None if there is no such file."""
@@ -98,7 +103,7 @@ def _candidates(element: Element, attribute: str, folders: list[str]) -> list[st
     return list(dict.fromkeys(str(PurePosixPath(folder, path)) for path in paths for folder in folders))
 
 
-def parse(name: str, content: bytes) -> Element:
+def parse(source: Source, name: str, content: bytes) -> Element:
     """Return the root element; refuses document types, which can define entities that explode."""
     parser, open_elements, roots = expat.ParserCreate(), [], []
 
@@ -107,6 +112,9 @@ def parse(name: str, content: bytes) -> Element:
         element.origin = (name, parser.CurrentLineNumber)
         (open_elements[-1] if open_elements else roots).append(element)
         open_elements.append(element)
+        source.elements += 1
+        if source.elements > ELEMENT_LIMIT:
+            refuse(name, "", f"more than {ELEMENT_LIMIT:,} elements. Write a smaller model")
         if len(open_elements) > DEPTH_LIMIT:
             refuse_at(element, "", f"more than {DEPTH_LIMIT} elements deep. Write a flatter model")
 
@@ -144,7 +152,7 @@ def _included(source: Source, include: Element, chain: tuple[str, ...], seen: se
     if name in seen or len(chain) > INCLUDE_LIMIT:
         refuse_at(include, "file", f"included twice, in a circle, or over {INCLUDE_LIMIT} deep. Include it once")
     seen.add(name)
-    root = parse(name, content)
+    root = parse(source, name, content)
     expand(source, root, (*chain, name), seen)
     return root.children()
 

@@ -6,7 +6,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.definition import RecordedDefinition
 from neuroanimator.systems.parts import layout_of_control, layout_of_state, numbers_of, structure_of_parts
 from neuroanimator.systems.recording import Recording, read_recording
@@ -69,6 +69,9 @@ def check_agreement(recording: Recording, system: RecordedSystem) -> None:
             raise ArgumentError(
                 f"{recording.file}: {kind} columns are {', '.join(found)}; the TOML file says {', '.join(said)}."
             )
+    rows = tuple(len(states) for states in recording.states)
+    if rows != system.rows:
+        raise BadFileError(f"{recording.file}: other runs than its definition says. Pass its TOML file again.")
     if abs(recording.step - system.physics_dt) > 1e-6 * recording.step:
         raise ArgumentError(
             f"physics.step: {recording.file} is sampled every {recording.step:g} s, came {system.physics_dt:g}."

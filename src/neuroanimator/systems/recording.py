@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.systems.definition import SHORTEST_STEP
 from neuroanimator.systems.given import trusted_file
 from neuroanimator.systems.recording_columns import Samples
 from neuroanimator.systems.recording_csv import read_csv
@@ -95,5 +96,9 @@ def _interval(samples: Samples, name: str, gaps: np.ndarray, inside: np.ndarray)
         raise BadFileError(
             f"{name}, {samples.place(row + 1)}, time: {gaps[row]:.6g} s after the row before, elsewhere {usual:.6g} s. "
             "Resample to a constant interval, or begin a new run there (column run)."
+        )
+    if usual < SHORTEST_STEP:
+        raise BadFileError(
+            f"{name}: sampled every {usual:g} s; wanted at least {SHORTEST_STEP:g} s. Is time in seconds?"
         )
     return float(f"{gaps[inside].mean():.6g}")

@@ -12,6 +12,12 @@ from neuroanimator.systems.names import PART_PATTERN
 from neuroanimator.systems.units import known_unit
 from neuroanimator.text import quoted
 
+MOST_COLUMNS = 514
+"""A definition has room for 256 parts of the state and 256 of the control; a run and a time beside them."""
+
+LARGEST_NUMBER = 1e30
+"""In a recording: beyond it, sums and differences in single precision overflow."""
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -48,6 +54,8 @@ def refuse_columns(name: str, state: list[tuple[str, str]], control: list[tuple[
     """Refuse names that clash and recordings without a state or a control."""
     for kind, columns in (("state", state), ("control", control)):
         names = [column for column, _ in columns]
+        if len(names) > MOST_COLUMNS:
+            raise BadFileError(f"{name}: {len(names):,} {kind} columns; wanted at most {MOST_COLUMNS}. Leave some out.")
         if not names:
             example = "state.angle rad" if kind == "state" else "control.torque N·m"
             raise BadFileError(f"{name}: no {kind} column. Name at least one, such as '{example}'.")

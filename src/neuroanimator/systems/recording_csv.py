@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-import csv
 import math
+from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.recording_columns import Samples, name_and_unit, refuse_columns
+from neuroanimator.files import one_line
+from neuroanimator.parsing.csv_text import csv_rows
+from neuroanimator.systems.recording_columns import (
+    LARGEST_NUMBER,
+    MOST_COLUMNS,
+    Samples,
+    name_and_unit,
+    refuse_columns,
+)
 
 HEADER = "run,time s,state.angle rad,state.speed rad/s,control.torque N·m"
 
@@ -27,37 +36,48 @@ class _Header:
 
 def read_csv(content: bytes, name: str) -> Samples:
     """Return the samples in a CSV file; BadFileError names line, column and fix."""
+    rows = csv_rows(content)
     try:
-        lines = content.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise BadFileError(
-            f"{name} is not text in UTF-8: {error.reason} at byte {error.start}. Save it as CSV."
-        ) from error
-    if not lines:
-        raise BadFileError(f"{name} is empty. It should begin with a header such as '{HEADER}'.")
-    header = _header(_cells(lines[0]), name)
+        header = _header(_first(rows, name), name)
+        return _samples(header, rows, name)
+    except ValueError as error:
+        raise BadFileError(f"{name}, {one_line(error)}.") from error
+
+
+def _first(rows: Iterator[tuple[int, list[str]]], name: str) -> list[str]:
+    for _, cells in rows:
+        return cells
+    raise BadFileError(f"{name} is empty. It should begin with a header such as '{HEADER}'.")
+
+
+def _samples(header: _Header, rows: Iterator[tuple[int, list[str]]], name: str) -> Samples:
     columns = [header.time, *header.states, *header.controls]
-    labels, table, numbers = [], [], []
-    for number, line in enumerate(lines[1:], start=2):
-        if not line.strip():
+    labels: dict[str, int] = {}
+    runs, lines, numbers = array("q"), array("q"), array("d")
+    for line, cells in rows:
+        if not cells:
             continue
-        cells = _cells(line)
-        table.append(_row(cells, columns, header, f"{name}, line {number}"))
-        labels.append("" if header.run is None else cells[header.run].strip())
-        numbers.append(number)
-    rows = np.array(table, float).reshape(-1, len(columns))
+        numbers.extend(_row(cells, columns, header, f"{name}, line {line}"))
+        lines.append(line)
+        label = "" if header.run is None else cells[header.run].strip()
+        runs.append(labels.setdefault(label, len(labels)))
+    table = np.array(numbers).reshape(-1, len(columns))
     middle = 1 + len(header.states)
-    parts = rows[:, 0], rows[:, 1:middle], rows[:, middle:]
-    named = tuple(header.states.values()), tuple(header.controls.values())
-    return Samples(np.array(labels), *parts, *named, np.array(numbers, int))
-
-
-def _cells(line: str) -> list[str]:
-    return next(csv.reader([line]), [])
+    return Samples(
+        run=np.array(runs, int),
+        time=table[:, 0],
+        states=table[:, 1:middle],
+        controls=table[:, middle:],
+        state=tuple(header.states.values()),
+        control=tuple(header.controls.values()),
+        lines=np.array(lines, int),
+    )
 
 
 def _header(cells: list[str], name: str) -> _Header:
     cells = [cell.strip() for cell in cells]
+    if len(cells) > MOST_COLUMNS:
+        raise BadFileError(f"{name}, line 1: {len(cells):,} columns; wanted at most {MOST_COLUMNS}. Leave some out.")
     if "time s" not in cells:
         raise BadFileError(f"{name}, line 1: no column 'time s'. Wanted a header such as '{HEADER}'.")
     states, controls = {}, {}
@@ -88,7 +108,7 @@ def _number(cell: str, where: str) -> float:
         value = float(cell)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not abs(value) < LARGEST_NUMBER:  # true for NaN too
         raise BadFileError(
             f"{where}: wanted a finite number, came '{cell[:40]}'. Fill it in, or begin a new run after it."
         )

@@ -18,6 +18,9 @@ from neuroanimator.systems.structure import Structure
 TIME_RESOLUTION = 1e-9
 """Times closer than this are the same time [s]; two steps never differ by so little."""
 
+MOST_STEPS = 2**31
+"""Physics steps in a super step, which MuJoCo counts in 32 bits."""
+
 
 @dataclass(frozen=True)
 class Scheme:
@@ -29,7 +32,10 @@ class Scheme:
 
     def steps(self, duration: float) -> int:
         """Return how many steps make up `duration` [s]; refuse if it is not a whole number."""
-        count = round(duration / self.dt)
+        ratio = duration / self.dt
+        if not 0 < ratio < MOST_STEPS:  # NaN is refused too
+            raise ArgumentError(f"dt: wanted a finite time above 0 s, came {duration} s of {self.dt} s physics steps.")
+        count = round(ratio)
         if count < 1 or abs(count * self.dt - duration) > TIME_RESOLUTION:
             raise ArgumentError(f"dt: {duration} s is not a whole number of {self.dt} s physics steps.")
         return count

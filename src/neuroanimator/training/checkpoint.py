@@ -15,6 +15,9 @@ from neuroanimator.files import read_tensors, write_tensors
 
 NAME = "checkpoint.safetensors"
 
+MOST_CHUNKS = 2**31
+"""JAX counts them in 32 bits."""
+
 
 class Progress(NamedTuple):
     """Everything the rest of a run depends on."""
@@ -63,7 +66,19 @@ def read_checkpoint(folder: Path, identity: str, fresh: Progress) -> Progress:
         )
     try:
         arrays = with_tensors((fresh.network, fresh.optimizer_state, fresh.best), tensors)
+        best_error, chunk, stale = _numbers(metadata)
     except ValueError as error:
         raise BadFileError(f"{path} is damaged: {error}. Remove {folder} to train anew.") from error
     network, optimizer_state, best = jax.tree.map(jax.numpy.asarray, arrays)
-    return Progress(network, optimizer_state, best, *(metadata[key] for key in ("best_error", "chunk", "stale")))
+    return Progress(network, optimizer_state, best, best_error, chunk, stale)
+
+
+def _numbers(metadata: dict[str, Any]) -> tuple[float, int, int]:
+    """Return (best error, chunks done, reports since the best one); ValueError names what is no such number."""
+    best_error = metadata.get("best_error")
+    if not isinstance(best_error, int | float) or best_error < 0:
+        raise ValueError(f"best_error is {str(best_error)[:40]!r}")
+    for key in ("chunk", "stale"):
+        if type(metadata.get(key)) is not int or not 0 <= metadata[key] < MOST_CHUNKS:
+            raise ValueError(f"{key} is {str(metadata.get(key))[:40]!r}")
+    return best_error, metadata["chunk"], metadata["stale"]

@@ -21,6 +21,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files import append_line, digest, locked, write_whole
+from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.structure import Structure
 from neuroanimator.systems.system import System
@@ -34,6 +35,9 @@ from neuroanimator.unfinished import remove_stale
 
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""
+
+LONGEST_LINE = 10_000
+"""Of `metrics.jsonl` [characters]; ours have a hundred."""
 
 MOST_VALIDATION = 8192
 """Windows used for validation, at most: more would slow training and change no digit that matters."""
@@ -276,6 +280,6 @@ def _trim_metrics(folder: Path, update: int) -> None:
 
 def _logged_by(line: str, update: int) -> bool:
     try:
-        return json.loads(line)["update"] <= update
+        return parse_json_object(line, LONGEST_LINE)["update"] <= update
     except (ValueError, KeyError, TypeError):
         return False
