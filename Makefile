@@ -1,11 +1,11 @@
 # make demo: the main job on real physics, results in out/    make test: every test but the long ones
-# make endurance: every fault and attack, the long ones too; its last line counts them
+# make endurance: every fault and attack, the long ones too; its last line counts them    make fuzz: random input
 # Both set up .venv by themselves. PYTHON chooses the interpreter (3.11 or newer).
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
 
-.PHONY: setup demo test endurance lint check bench lock clean
+.PHONY: setup demo test endurance fuzz lint check bench lock clean
 
 demo: setup
 	$(BIN)/neuroanimator demo --out out
@@ -15,6 +15,10 @@ test: setup
 
 endurance: setup
 	$(BIN)/pytest -m "endurance or fault or attack"
+
+# Ten minutes of random input for every parser of strangers' files; `make test` has half a minute of it.
+fuzz: setup
+	cd tests && ../$(BIN)/python -m fuzz --seconds 600
 
 lint: setup
 	$(BIN)/ruff check .

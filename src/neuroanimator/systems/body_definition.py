@@ -257,15 +257,15 @@ def _drives(definition: BodyDefinition, springs: np.ndarray, names: tuple[str, .
     if not table:
         return np.zeros((len(springs), 0)), np.array(list(definition.pushes.values()), float).T
     shorten = np.zeros((len(springs), len(table.springs)))
-    ends = [frozenset(pair) for pair in springs.tolist()]
+    spring_of = {frozenset(pair): number for number, pair in enumerate(springs.tolist())}
     for column, (name, pairs) in enumerate(table.springs.items()):
         if not pairs:
             raise ArgumentError(f"muscles.springs.{name}: wanted at least one spring, came none. Name some.")
         for pair in pairs:
             wanted = frozenset(_numbers(names, pair, f"muscles.springs.{name}"))
-            if wanted not in ends:
+            if wanted not in spring_of:
                 raise ArgumentError(
                     f"muscles.springs.{name}: no spring connects {list(pair)}. Add it under 'springs', or name another."
                 )
-            shorten[ends.index(wanted), column] = table.shorten
+            shorten[spring_of[wanted], column] = table.shorten
     return shorten, np.zeros((3, shorten.shape[1]))

@@ -21,6 +21,9 @@ COUNT_LIMIT, INCLUDE_LIMIT, DEPTH_LIMIT = 200, 16, 100
 ELEMENT_LIMIT = 10_000
 """Most elements in a model's files, refused while they are read: each takes far more memory than its text."""
 
+ATTRIBUTE_LIMIT = 100
+"""Most attributes of an element: MuJoCo compares each with all the others, 49 s for 150,000."""
+
 
 class Element(ET.Element):
     """An XML element that knows where it stands."""
@@ -113,6 +116,8 @@ def parse(source: Source, name: str, content: bytes) -> Element:
         (open_elements[-1] if open_elements else roots).append(element)
         open_elements.append(element)
         source.elements += 1
+        if len(attributes) > ATTRIBUTE_LIMIT:
+            refuse(name, tag[:40], f"more than {ATTRIBUTE_LIMIT} attributes. Write a smaller model")
         if source.elements > ELEMENT_LIMIT:
             refuse(name, "", f"more than {ELEMENT_LIMIT:,} elements. Write a smaller model")
         if len(open_elements) > DEPTH_LIMIT:

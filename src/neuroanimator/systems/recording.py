@@ -99,6 +99,6 @@ def _interval(samples: Samples, name: str, gaps: np.ndarray, inside: np.ndarray)
         )
     if usual < SHORTEST_STEP:
         raise BadFileError(
-            f"{name}: sampled every {usual:g} s; wanted at least {SHORTEST_STEP:g} s. Is time in seconds?"
+            f"{name}: sampled every {usual:g} s; wanted at least {SHORTEST_STEP:g} s. Give the time in seconds."
         )
     return float(f"{gaps[inside].mean():.6g}")

@@ -87,7 +87,7 @@ def _header(cells: list[str], name: str) -> _Header:
             if cell.startswith(prefix):
                 found[column] = name_and_unit(cell.removeprefix(prefix), where)
         if cell not in ("run", "time s") and not cell.startswith(("state.", "control.")):
-            raise BadFileError(f"{where}: '{cell[:40]}' is none of run, time s, state.NAME UNIT, control.NAME UNIT.")
+            raise BadFileError(f"{where}: {cell[:40]!r} is none of run, time s, state.NAME UNIT, control.NAME UNIT.")
     for cell in ("run", "time s"):
         if cells.count(cell) > 1:
             raise BadFileError(f"{name}, line 1: two columns are called '{cell}'. Remove one of them.")
@@ -110,6 +110,6 @@ def _number(cell: str, where: str) -> float:
         value = math.nan
     if not abs(value) < LARGEST_NUMBER:  # true for NaN too
         raise BadFileError(
-            f"{where}: wanted a finite number, came '{cell[:40]}'. Fill it in, or begin a new run after it."
+            f"{where}: wanted a finite number, came {cell[:40]!r}. Fill it in, or begin a new run after it."
         )
     return value

@@ -60,6 +60,6 @@ def _names(array: np.ndarray, key: str, name: str) -> list[tuple[str, str]]:
         raise BadFileError(f"{name}: {key}_names: wanted a list of texts such as 'angle rad'.")
     try:
         texts = array.tolist()
-    except ValueError as error:  # numbers that are no characters
+    except (ValueError, SystemError) as error:  # numbers that are no characters
         raise BadFileError(f"{name}: {key}_names holds no texts: {error}. Save them again.") from error
     return [name_and_unit(text, f"{name}: {key}_names[{i}]") for i, text in enumerate(texts)]

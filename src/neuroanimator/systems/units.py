@@ -25,7 +25,7 @@ def known_unit(unit: str, where: str) -> str:
     unit = SPELLINGS.get(unit, unit)
     if unit not in KNOWN_UNITS:
         raise BadFileError(
-            f"{where}: unknown unit '{unit[:20]}'. Convert to one of: {', '.join(KNOWN_UNITS)} (1 for a plain number)."
+            f"{where}: unknown unit {unit[:20]!r}. Convert to one of: {', '.join(KNOWN_UNITS)} (1 for a plain number)."
         )
     return unit
 

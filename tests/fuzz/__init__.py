@@ -1,0 +1,1 @@
+"""Every parser under random input: `make fuzz`."""

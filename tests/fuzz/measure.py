@@ -1,0 +1,113 @@
+"""What a parser takes of the machine: each input tried in a child of its own, forked after all imports.
+
+python -m fuzz.measure PARSER FILE PARSER FILE ...    one line of JSON per file
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+CEILING = 1024 * 2**20
+"""[bytes] What a child may add to its address space: more ends in MemoryError instead of a full machine."""
+
+MOST_SECONDS = 1.0
+"""[s] Of the process's own time, which a busy machine does not lengthen much."""
+
+MOST_MEGABYTES = 100
+
+LONGEST_MESSAGE = 500
+"""Characters: a line on a wide terminal, and a long path."""
+
+PATIENCE = 600
+"""[s] Of the clock, for all inputs together, on a busy machine."""
+
+
+class Refusal(NamedTuple):
+    """How a parser answered."""
+
+    error: str
+    """Name of the class raised; empty if the input was read."""
+    is_ours: bool
+    """Whether it is a NeuroAnimatorError."""
+    message: str
+    seconds: float
+    """Of the process's own time."""
+    megabytes: float
+    """By which the most memory in use grew."""
+
+
+def refusals(inputs: dict[str, tuple[str, bytes]], folder: Path) -> dict[str, Refusal]:
+    """Return how each of the `inputs`, (parser, content) by name, is answered."""
+    arguments = []
+    for number, (parser, content) in enumerate(inputs.values()):
+        path = folder / f"input-{number}"
+        path.write_bytes(content)
+        arguments += [parser, str(path)]
+    command = [sys.executable, "-m", "fuzz.measure", *arguments]
+    tests = Path(__file__).parents[1]
+    result = subprocess.run(command, cwd=tests, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert result.returncode == 0, result.stderr[-2000:]
+    lines = result.stdout.splitlines()
+    return {name: Refusal(**json.loads(line)) for name, line in zip(inputs, lines, strict=True)}
+
+
+def check_refusal(answer: Refusal, message: str) -> None:
+    """Fail unless the input was refused in one line holding `message`, within the second and 100 MB promised."""
+    assert answer.is_ours, answer
+    assert message in answer.message
+    assert "\n" not in answer.message
+    assert len(answer.message) < LONGEST_MESSAGE
+    assert answer.seconds < MOST_SECONDS
+    assert answer.megabytes < MOST_MEGABYTES
+
+
+def _answer(parser: str, content: bytes) -> Refusal:
+    from fuzz.targets import TARGETS
+    from neuroanimator.errors import NeuroAnimatorError
+
+    before = resource.getrusage(resource.RUSAGE_SELF)
+    began = time.process_time()
+    error: BaseException | None = None
+    try:
+        TARGETS[parser](content)
+    except BaseException as caught:
+        error = caught
+    spent = time.process_time() - began
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before.ru_maxrss
+    is_ours = isinstance(error, NeuroAnimatorError)
+    name = "" if error is None else type(error).__name__
+    return Refusal(name, is_ours, str(error or "")[:5000], spent, grown / 1024)
+
+
+def main() -> None:
+    import fuzz.targets  # noqa: F401 (loaded before the fork, so that it counts for no input)
+
+    for parser, path in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
+        content = Path(path).read_bytes()
+        sys.stdout.flush()
+        child = os.fork()
+        if not child:
+            _limit()
+            print(json.dumps(_answer(parser, content)._asdict()), flush=True)
+            os._exit(0)
+        _, status = os.waitpid(child, 0)
+        if status:
+            print(json.dumps(Refusal(f"exit status {status}", False, "", 0.0, 0.0)._asdict()))
+
+
+def _limit() -> None:
+    pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 0
+    if pages:
+        most = pages * resource.getpagesize() + CEILING
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+if __name__ == "__main__":
+    main()

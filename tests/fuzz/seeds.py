@@ -1,0 +1,132 @@
+"""Files the fuzzer starts from: what users have, small."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+
+import neuroanimator
+from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.shipped import shipped_path
+
+ASSETS = Path(str(neuroanimator.__file__)).parent / "systems" / "assets"
+CORPUS = Path(__file__).parent / "corpus"
+
+JELLY = """name = "jelly"
+kind = "mass-spring"
+[physics]
+step = 0.001
+truth_step = 0.001
+fine_step = 0.0001
+[nodes]
+a = [0.2, 0.0, 0.0, 0.1]
+b = [0.0, 0.1, 0.0, 0.1]
+c = [0.0, -0.1, 0.0, 0.1]
+[springs.all]
+stiffness = 50.0
+damping = 0.05
+pairs = [["a", "b"], ["b", "c"], ["c", "a"]]
+[muscles]
+shorten = 0.2
+[muscles.springs]
+pull = [["a", "b"]]
+"""
+STEP = """name = "tank"
+kind = "recorded"
+file = "runs.csv"
+[physics]
+step = 0.02
+[[state]]
+name = "angle"
+unit = "rad"
+look = "sine"
+[[control]]
+name = "torque"
+unit = "N·m"
+least = [-1.0]
+largest = [1.0]
+"""
+FUNCTION = (
+    STEP.replace('"recorded"', '"python"')
+    .replace("runs.csv", "step.py")
+    .replace("step = 0.02", "step = 0.02\ntruth_step = 0.02\nfine_step = 0.002")
+)
+WISHES = """system = "lander"
+seconds = 2.0
+parameters = "spline"
+[[wishes]]
+kind = "reach_place"
+place = [1, 2, 3]
+within = 0.1
+[[wishes]]
+kind = "avoid"
+zones = [{ place = [0.2, 0], radius = 0.5 }]
+margin = 1
+[[wishes]]
+kind = "effort"
+"""
+RECORDING = """run,time s,state.angle rad,control.torque N·m
+0,0.00,0.1,1
+0,0.02,0.2,2
+1,0.00,0.3,1
+1,0.02,"0.2",2
+"""
+MODEL = """<mujoco><option timestep="0.01"/><worldbody><body name="b"><joint name="j" type="hinge"/>
+<geom type="box" size="1 1 1"/></body></worldbody><actuator><motor joint="j"/></actuator></mujoco>"""
+ROBOT = """<robot name="r"><link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0"
+ixz="0" iyz="0"/></inertial></link></robot>"""
+
+
+def seeds() -> dict[str, dict[str, bytes]]:
+    """Return per parser its seeds by name."""
+    table = np.array([[0.0, 0.1], [0.02, 0.2], [0.04, 0.3]])
+    arrays = {"time": table[:, 0], "states": table[:, 1:], "controls": table[:, 1:]}
+    names = {"state_names": np.array(["angle rad"]), "control_names": np.array(["torque N*m"])}
+    plain, packed = io.BytesIO(), io.BytesIO()
+    np.savez(plain, **arrays, **names, run=np.zeros(3, int))
+    np.savez_compressed(packed, **arrays, **names)
+    _, metadata = read_tensors(shipped_path("pendulum"), "emulator")
+    parts = {key: metadata[key] for key in ("bounds", "features", "network", "frame", "rest", "rates", "state", "dt")}
+    shard = {
+        "tensors": {"states": ["F32", [2, 41, 6], 0], "controls": ["F32", [2, 40, 3], 0], "picks": ["I32", [2, 12], 1]},
+        "metadata": {"blow_ups": 0},
+    }
+    small = CORPUS.parent / "small.safetensors"
+    write_tensors(small, {"w": np.ones((2, 1), np.float32), "n": np.arange(2, dtype=np.int32)}, {"kind": "emulator"})
+    sealed = small.read_bytes()
+    small.unlink()
+    text = json.dumps({"definition": {"name": "a", "model": "m.xml", "physics": {"step": 0.01, "truth_step": 0.01,
+        "fine_step": 0.001}}, "files": {"main": "m.xml", "files": {"m.xml": "PGEvPg=="}}})  # fmt: skip
+    setting = json.dumps({"system": "pendulum", "substeps": 50, "count": 24, "picks": 12, "seed": 0})
+    return {
+        "clip": {"good": b"time s,angle[0] rad,angle[1] rad,speed[0] rad/s\n0,1,2,3\n0.1,1,2,3\n"},
+        "config": {"good": setting.encode()},
+        "csv": {"good": RECORDING.encode()},
+        "dataset": {"good": json.dumps(shard).encode()},
+        "definition": {"model": text.encode()},
+        "emulator": {key: json.dumps({key: value}).encode() for key, value in parts.items()},
+        "model": {"mjcf": MODEL.encode(), "urdf": ROBOT.encode()},
+        "npz": {"plain": plain.getvalue(), "packed": packed.getvalue()},
+        "numbers": {"good": b"96,64"},
+        "objective": {"good": WISHES.encode()},
+        "state": {"good": b"[[0.1, 2, -3e4], [1, 2, 3]]"},
+        "tensors": {"good": sealed},
+        "toml": {"jelly": JELLY.encode(), "recorded": STEP.encode(), "function": FUNCTION.encode(),
+                 "lander": (ASSETS / "lander.toml").read_bytes()},
+    }  # fmt: skip
+
+
+def write_seeds() -> None:
+    """Put the seeds into the corpus; what is there stays."""
+    for parser, files in seeds().items():
+        folder = CORPUS / parser
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            (folder / f"seed-{name}").write_bytes(content)
+
+
+if __name__ == "__main__":
+    write_seeds()

@@ -1,0 +1,202 @@
+"""Every parser of strangers' files as a function of bytes, which returns or raises a NeuroAnimatorError."""
+
+from __future__ import annotations
+
+import base64
+import json
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuroanimator.cli.numbers import whole_numbers
+from neuroanimator.control.objective_file import read_objective
+from neuroanimator.data.transitions import DatasetConfig, claim_folder, read_config, read_transitions
+from neuroanimator.emulator.artifact import load
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.export.table import read_table
+from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.shipped import shipped_path
+from neuroanimator.systems import load_system
+from neuroanimator.systems.definition import check_definition, read_toml
+from neuroanimator.systems.layout import Layout, Slice
+from neuroanimator.systems.model_file import ModelFiles, compile_model
+from neuroanimator.systems.own import KINDS, from_text
+from neuroanimator.systems.recording import cut_runs
+from neuroanimator.systems.recording_csv import read_csv
+from neuroanimator.systems.recording_npz import read_npz
+from neuroanimator.systems.system import System
+
+FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
+
+LAYOUT = Layout((Slice("angle", 2, "rad"), Slice("speed", 1, "rad/s")))
+
+MODEL = """<mujoco><worldbody><body name="b"><joint name="j"/><geom size="1"/></body></worldbody>
+<actuator><motor name="m" joint="j"/></actuator></mujoco>"""
+
+FILES = {
+    "main": "m.xml",
+    "files": {"m.xml": base64.b64encode(MODEL.encode()).decode()},
+    "name": "a.csv",
+    "sha256": "0" * 64,
+    "rows": [100],
+    "origins": ["row 0"],
+}
+"""What travels with a definition, of every kind at once."""
+
+FEW = 2
+"""Runs in a dataset of the fuzzer's."""
+
+
+def toml(content: bytes) -> None:
+    """A definition of any kind."""
+    values = read_toml(_file("a.toml", content))
+    name = values.get("kind", "mujoco")
+    if isinstance(name, str) and name in KINDS:
+        kind = KINDS[name]
+        kind.make(check_definition(values, "a.toml", kind.table), FILES, "")
+
+
+def definition(content: bytes) -> None:
+    """The text of a definition as datasets and emulators carry it."""
+    from_text(content.decode("utf-8", "replace"))
+
+
+def model(content: bytes) -> None:
+    """MJCF or URDF."""
+    compile_model(ModelFiles("model.xml", (("model.xml", base64.b64encode(content).decode()),)))
+
+
+def objective(content: bytes) -> None:
+    """What a motion should achieve, in TOML."""
+    read_objective(_file("a.toml", content), _system("lander"))
+
+
+def csv(content: bytes) -> None:
+    """Recordings as text."""
+    cut_runs(read_csv(content, "a.csv"), "a.csv")
+
+
+def npz(content: bytes) -> None:
+    """Recordings as arrays."""
+    cut_runs(read_npz(content, "a.npz"), "a.npz")
+
+
+def clip(content: bytes) -> None:
+    """A clip's table."""
+    read_table(_file("a.csv", content), LAYOUT)
+
+
+def tensors(content: bytes) -> None:
+    """The header of an emulator, policy, shard or checkpoint."""
+    read_tensors(_file("a.safetensors", content), "emulator")
+
+
+def config(content: bytes) -> None:
+    """What a dataset says of itself."""
+    _file("dataset.json", content)
+    read_config(FOLDER)
+
+
+def dataset(content: bytes) -> None:
+    """A sealed shard: `{"tensors": {name: [dtype, shape, number]}, "metadata": {...}}` in JSON."""
+    values = _json(content)
+    folder = FOLDER / "dataset"
+    settings = DatasetConfig(system="pendulum", count=FEW * 12)
+    claim_folder(folder, settings)
+    listed = values.get("tensors") if isinstance(values, dict) else None
+    arrays = {}
+    for name, row in list(listed.items())[:8] if isinstance(listed, dict) else ():
+        try:
+            dtype, shape, number = row
+            if np.prod([float(length) for length in shape]) < 100_000:
+                arrays[name] = np.full(shape, number, {"F32": "f4", "F64": "f8", "I32": "i4"}[dtype])
+        except (ValueError, TypeError, KeyError, OverflowError):
+            continue
+    metadata = {"kind": "shard", "config": settings.hash, "shard": 0, "blow_ups": 0}
+    given = values.get("metadata") if isinstance(values, dict) else None
+    path = settings.shard_path(folder, 0)
+    try:
+        write_tensors(path, arrays, metadata | (given if isinstance(given, dict) else {}))
+    except (ValueError, TypeError):
+        return
+    read_transitions(folder)
+
+
+def emulator(content: bytes) -> None:
+    """A sealed emulator of which parts of the metadata are replaced by those in JSON."""
+    changes = _json(content)
+    if not isinstance(changes, dict):
+        return
+    weights, metadata = _shipped()
+    path = FOLDER / "a.emulator.safetensors"
+    try:
+        write_tensors(path, weights, metadata | changes)
+    except ValueError:
+        return
+    load(path)
+
+
+def state(content: bytes) -> None:
+    """What a Python caller gives as a state."""
+    LAYOUT.check(_json(content), "state")
+
+
+def numbers(content: bytes) -> None:
+    """A list of numbers on the command line."""
+    whole_numbers("widths", content.decode("utf-8", "replace"))
+
+
+TARGETS: dict[str, Callable[[bytes], None]] = {
+    "clip": clip,
+    "config": config,
+    "csv": csv,
+    "dataset": dataset,
+    "definition": definition,
+    "emulator": emulator,
+    "model": model,
+    "npz": npz,
+    "numbers": numbers,
+    "objective": objective,
+    "state": state,
+    "tensors": tensors,
+    "toml": toml,
+}
+
+
+def try_parser(name: str, content: bytes) -> str:
+    """Return what the parser refused `content` with, empty if it read it; any other error is the parser's fault."""
+    try:
+        TARGETS[name](content)
+    except NeuroAnimatorError as error:
+        message = str(error)
+        assert "\n" not in message, "an error of several lines"
+        assert len(message) < 2000, "an error of thousands of characters"
+        return message
+    return ""
+
+
+def _file(name: str, content: bytes) -> Path:
+    path = FOLDER / name
+    path.write_bytes(content)
+    return path
+
+
+def _json(content: bytes) -> Any:
+    try:
+        return json.loads(content)
+    except (ValueError, RecursionError):
+        return None
+
+
+@cache
+def _system(name: str) -> System:
+    return load_system(name)
+
+
+@cache
+def _shipped() -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    return read_tensors(shipped_path("pendulum"), "emulator")

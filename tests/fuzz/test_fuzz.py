@@ -1,0 +1,86 @@
+"""Every parser for a second or two under random input, and all inputs that once took a new way."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fuzz.mutate import changed_json
+from fuzz.seeds import CORPUS, seeds
+from fuzz.targets import TARGETS, try_parser
+
+SECONDS = 26
+"""[s] Of fuzzing in all; with the imports half a minute."""
+
+LARGEST_CORPUS = 300_000
+"""[bytes]"""
+
+
+@pytest.mark.parametrize("parser", TARGETS)
+def test_every_input_of_the_corpus_is_read_or_refused_in_one_line(parser: str):
+    answers = {path.name: try_parser(parser, path.read_bytes()) for path in sorted((CORPUS / parser).iterdir())}
+    assert answers
+
+
+@pytest.mark.parametrize("parser", TARGETS)
+def test_a_parser_takes_random_input(parser: str, tmp_path: Path):
+    command = [sys.executable, "-m", "fuzz", "--seconds", str(SECONDS // len(TARGETS)), "--parser", parser]
+    tests = Path(__file__).parents[1]
+    result = subprocess.run(
+        [*command, "--crashes", str(tmp_path)], cwd=tests, capture_output=True, text=True, errors="replace", timeout=300
+    )
+    assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-1000:]
+    assert "inputs" in result.stdout
+
+
+def test_the_fuzzer_finds_a_planted_fault_and_keeps_its_input(tmp_path: Path):
+    planted = (
+        "import sys; from pathlib import Path; import fuzz.targets, fuzz.one\n"
+        "def numbers(content):\n"
+        "    if len(content) > 8: raise KeyError('planted')\n"
+        "fuzz.targets.TARGETS['numbers'] = numbers\n"
+        "fuzz.one.main()"
+    )
+    found, crashes = tmp_path / "found", tmp_path / "crashes"
+    found.mkdir()
+    crashes.mkdir()
+    command = [sys.executable, "-c", planted, "numbers", "60", str(crashes), str(found)]
+    result = subprocess.run(
+        command, cwd=Path(__file__).parents[1], capture_output=True, text=True, errors="replace", timeout=300,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(["." , *sys.path])},
+    )  # fmt: skip
+    assert result.returncode != 0
+    assert "planted" in result.stdout + result.stderr
+    (kept,) = crashes.iterdir()
+    assert kept.name.startswith("numbers-")
+    assert len(kept.read_bytes()) > 8
+
+
+def test_the_seeds_are_files_users_have():
+    refused = {"definition": 1, "model": 1}
+    """A model without a joint, and one that is no MJCF: near enough."""
+    for parser, files in seeds().items():
+        answers = [try_parser(parser, content) for content in files.values()]
+        assert sum(map(bool, answers)) <= refused.get(parser, 0), (parser, answers)
+        for name, content in files.items():
+            assert (CORPUS / parser / f"seed-{name}").read_bytes() == content or parser == "npz"
+
+
+def test_the_corpus_is_small():
+    assert sum(path.stat().st_size for path in CORPUS.rglob("*") if path.is_file()) < LARGEST_CORPUS
+
+
+def test_json_is_changed_into_json():
+    content, rng = json.dumps({"a": [1, {"b": 2}], "c": "d"}).encode(), random.Random(1)
+    found = {changed_json(content, rng.getrandbits(32)) for _ in range(200)}
+    assert len(found) > 50
+    for changed in found:
+        assert changed is not None
+        json.loads(changed)
+    assert changed_json(b"{", 1) is None
