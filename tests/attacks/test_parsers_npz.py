@@ -176,16 +176,16 @@ def test_it_is_refused_in_a_second_and_100_megabytes(answers: dict[str, Refusal]
 
 def test_every_flipped_byte_of_an_npz_is_refused_or_read():
     content = saved(compressed=True)
-    refused = 0
+    refusals_told = []
     for place in range(len(content)):
         damaged = bytearray(content)
         damaged[place] ^= 0xFF
         try:
             read_npz(bytes(damaged), "a.npz")
         except BadFileError as error:
-            refused += 1
-            assert "\n" not in str(error)
-    assert refused > len(content) / 2
+            refusals_told.append(str(error))
+    assert len(refusals_told) > len(content) / 2
+    assert not [message for message in refusals_told if "\n" in message]
 
 
 def test_plain_and_packed_arrays_of_any_number_type_and_order_are_read():

@@ -28,6 +28,9 @@ from neuroanimator.systems.model_xml import (
 URDF_PARTS = {"link", "joint", "material", "mujoco"}
 """What MuJoCo reads of a URDF; the rest, such as <gazebo>, is dropped."""
 
+LONGEST_NAME, LONGEST_SHOWN = 255, 40
+"""Most characters of a file's name, and of a wrong one shown in an error."""
+
 
 @dataclass(frozen=True)
 class ModelFiles:
@@ -48,6 +51,9 @@ class ModelFiles:
             isinstance(text, str) for text in (value.get("main"), *files.values())
         ):
             raise BadFileError("The model's files are not {main, files}. Read them again with read_model_files.")
+        for name in (value["main"], *files):
+            if not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
+                raise BadFileError(f"The model's files: {name[:LONGEST_SHOWN]!r} is no file name. Rename the file.")
         return cls(value["main"], tuple(sorted(files.items())))
 
 
