@@ -11,6 +11,7 @@ from fuzz.measure import Refusal, check_refusal, refusals
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.files import METADATA_KEY, read_tensors, write_tensors
+from neuroanimator.systems.model_file import ModelFiles
 
 ANY = 2**20 - 100
 """[bytes] Almost as much as a header may take."""
@@ -116,3 +117,11 @@ def test_tensors_are_read_as_they_were_written(tmp_path: Path):
     for name, array in tensors.items():
         np.testing.assert_array_equal(found[name], array)
         assert found[name].dtype == array.dtype
+
+
+@pytest.mark.parametrize("name", ["", "a\n\x1b[1m", "a" * 1000, "\u2028"])
+def test_a_file_name_that_cannot_be_printed_is_refused(name: str):
+    for files in ({"main": name, "files": {}}, {"main": "a.xml", "files": {name: ""}}):
+        with pytest.raises(BadFileError, match="is no file name") as caught:
+            ModelFiles.from_json(files)
+        assert str(caught.value).isprintable()

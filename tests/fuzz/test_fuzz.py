@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from fuzz.mutate import changed_json
+from fuzz.one import by_chance
 from fuzz.seeds import CORPUS, seeds
 from fuzz.targets import TARGETS, try_parser
 
@@ -84,3 +85,8 @@ def test_json_is_changed_into_json():
         assert changed is not None
         json.loads(changed)
     assert changed_json(b"{", 1) is None
+
+
+def test_without_atheris_inputs_are_changed_by_chance(tmp_path: Path):
+    by_chance("csv", 1, tmp_path)
+    assert not list(tmp_path.iterdir())
