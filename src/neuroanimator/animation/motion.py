@@ -7,15 +7,29 @@ import numpy as np
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.rotation import multiply, rotate
 
 LONGEST = 3600.0
 """[s] Longest random motion; an hour."""
+DIVE = 0.6
+"""How deep under the water's surface a swimmer begins, over its length: there its tail stays wet."""
+TOSS = 2.0
+"""How high a soft body is thrown, over its size: high enough to bounce, and low enough to be seen whole."""
+TOSS_TURN = np.array([0.1, 0.6])
+"""[rad] How it is held when thrown, about its X and Y: it lands on a corner."""
+TOSS_SPIN = np.array([0.3, 6.0, 0.2])
+"""[rad/s] How it turns in flight: it rolls on."""
+WELL_WITHIN = 0.8
+"""Share of the speed and spin seen in training that a throw has at most."""
+GRAVITY = 9.81
+"""[m/s²]"""
 
 
 def random_motion(emulator: Emulator, seconds: float, seed: int) -> np.ndarray:
     """Return a trajectory (T+1, S) under random, never idle controls, from rest; free hinges start anywhere.
 
-    With the seed 0, what has a gait moves by it.
+    With the seed 0 it is a motion to look at: what has a gait moves by it, a swimmer well under the surface, and a
+    soft body on the ground is thrown and left alone.
     """
     if not emulator.dt <= seconds <= LONGEST:
         raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")
@@ -27,7 +41,11 @@ def random_motion(emulator: Emulator, seconds: float, seed: int) -> np.ndarray:
     start[positions] = rng.uniform(-np.pi / 2, np.pi / 2, len(positions))
     steps = int(np.ceil(seconds / emulator.dt - 1e-9))
     if seed == 0 and identity.gait is not None:
+        start = _dived(emulator, start)
         controls = identity.gait.controls(steps, emulator.dt, identity.bounds)
+    elif seed == 0 and _is_soft_on_ground(emulator):
+        start = _thrown(emulator, start)
+        controls = np.repeat(identity.bounds.middle[None], steps, axis=0)
     else:
         controls = sample_controls(rng, steps, emulator.dt, identity.bounds, identity.gait)
     return np.asarray(emulator.rollout(start, controls), float)
@@ -40,6 +58,62 @@ def _free_hinges(emulator: Emulator) -> np.ndarray:
     angles = np.asarray(emulator.features.angles).any(axis=0) & (np.array(emulator.identity.rest) == 0)
     positions = np.array([position for position, _ in emulator.identity.rates], int)  # int even where there are none
     return np.intersect1d(np.flatnonzero(angles), positions)
+
+
+def _dived(emulator: Emulator, start: np.ndarray) -> np.ndarray:
+    """Return `start` (S,) moved down under the water's surface if the body floats in one."""
+    if emulator.modes is None or not emulator.frame.weighs or _is_soft_on_ground(emulator):
+        return start
+    places, _ = _points(emulator, start)
+    length = float(np.ptp(places, axis=0).max())
+    places[:, 2] += _level(emulator) - DIVE * length - places[:, 2].mean()
+    return start
+
+
+def _thrown(emulator: Emulator, start: np.ndarray) -> np.ndarray:
+    """Return `start` (S,) of a soft body turned, above the ground, and flying: up, forward and spinning."""
+    assert emulator.modes is not None
+    places, speeds = _points(emulator, start)
+    size = float(np.ptp(places, axis=0).max())
+    reach = np.asarray(emulator.modes.reach)
+    centre = places.mean(axis=0)
+    turn = multiply(_about(0, TOSS_TURN[0]), _about(1, TOSS_TURN[1]))
+    offsets = rotate(np.broadcast_to(turn, (len(places), 4)), places - centre)
+    fall = np.sqrt(GRAVITY * TOSS * size)  # half the height is climbed: v² = 2 g (TOSS / 2) size
+    velocity = np.array([0.6 * fall, 0.15 * fall, fall])
+    velocity *= min(1.0, WELL_WITHIN * float(reach[2]) / float(np.linalg.norm(velocity)))
+    spin = TOSS_SPIN * min(1.0, WELL_WITHIN * float(reach[3]) / float(np.linalg.norm(TOSS_SPIN)))
+    places[:] = centre + [0.0, 0.0, TOSS / 2 * size] + offsets
+    speeds[:] = velocity + np.cross(spin, offsets)
+    return start
+
+
+def _is_soft_on_ground(emulator: Emulator) -> bool:
+    """Return whether this is a body of mass points that at rest lies wholly above the level its heights count from."""
+    if emulator.modes is None or not emulator.frame.weighs:
+        return False
+    places, _ = _points(emulator, np.array(emulator.identity.rest))
+    return float(places[:, 2].min()) > _level(emulator) - 0.05 * float(np.ptp(places[:, 2]))
+
+
+def _level(emulator: Emulator) -> float:
+    """Return the height [m] of ground or water: what the frame's probes are held against."""
+    return emulator.frame.probes[0][3] if emulator.frame.probes else 0.0
+
+
+def _points(emulator: Emulator, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return places [m] and velocities [m/s] (N, 3) of the mass points of `state` (S,), as views into it."""
+    assert emulator.modes is not None
+    size = 3 * emulator.modes.cloud.count
+    return state[:size].reshape(-1, 3), state[size : 2 * size].reshape(-1, 3)
+
+
+def _about(axis: int, angle: float) -> np.ndarray:
+    """Return the quaternion wxyz (4,) that turns by `angle` [rad] about an axis of the world."""
+    quaternion = np.zeros(4)
+    quaternion[0] = np.cos(angle / 2)
+    quaternion[1 + axis] = np.sin(angle / 2)
+    return quaternion
 
 
 def controlled_motion(emulator: Emulator, controls: np.ndarray) -> np.ndarray:

@@ -7,7 +7,13 @@ from typing import Annotated
 
 import typer
 
-EXAMPLE = "neuroanimator animate pendulum --seconds 5 --seed 1 --out swing.glb --out swing.mp4"
+from neuroanimator.export.film import CAMERAS, USUAL_SIZE
+
+EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
+
+SIZE = "{}x{}".format(*USUAL_SIZE)
+SIZE_HELP = "Width x height of a film [pixels]."
+CAMERA_HELP = "Of a film: " + "; ".join(f"{name} ({does})" for name, does in CAMERAS.items()) + "."
 
 
 def run(
@@ -16,21 +22,25 @@ def run(
     seconds: Annotated[float, typer.Option(help="Length of a random motion [s].")] = 5.0,
     controls: Annotated[Path | None, typer.Option(help="CSV of controls, as 'control' writes; from rest.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of start and controls.")] = 0,
-    rate: Annotated[float, typer.Option(help="Frames a second.")] = 30.0,
+    rate: Annotated[float, typer.Option(help="Frames a second, such as 30 or 60.")] = 30.0,
+    size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
+    camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
 ) -> None:
     """Animate a random motion, or one found by 'control', without running the physics."""
     from neuroanimator.animation.clip import make_clip
     from neuroanimator.animation.motion import controlled_motion, random_motion
     from neuroanimator.export.by_suffix import emulator_for, export_clip
+    from neuroanimator.export.film import read_film
     from neuroanimator.export.table import read_table
     from neuroanimator.terminal import print_rows
 
+    film = read_film(size, camera)
     model = emulator_for(out, emulator)
     if controls:
         states = controlled_motion(model, read_table(controls, model.identity.control)[1])
     else:
         states = random_motion(model, seconds, seed)
     clip = make_clip(model, states, rate=rate, interpolation=interpolation)
-    export_clip(clip, model, out)
+    export_clip(clip, model, out, film)
     print_rows([("frames", len(clip.times)), ("seconds", f"{clip.times[-1]:.2f}"), *(("file", path) for path in out)])

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from neuroanimator.cli.animate import CAMERA_HELP, SIZE, SIZE_HELP
+
 EXAMPLE = "neuroanimator export swing.csv --emulator pendulum --out swing.glb"
 
 
@@ -14,13 +16,17 @@ def run(
     clip: Annotated[Path, typer.Argument(help="CSV clip written by 'animate'.")],
     emulator: Annotated[str, typer.Option(help="Emulator file or name the clip belongs to.")],
     out: Annotated[list[Path], typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times.")],
+    size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
+    camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
 ) -> None:
     """Export a clip as GLB for Blender and the web, or as MP4 video."""
     from neuroanimator.export.by_suffix import emulator_for, export_clip
+    from neuroanimator.export.film import read_film
     from neuroanimator.export.table import read_clip
     from neuroanimator.terminal import print_rows
 
+    film = read_film(size, camera)
     model = emulator_for(out, emulator)
     motion = read_clip(clip, model)
-    export_clip(motion, model, out)
+    export_clip(motion, model, out, film)
     print_rows([("frames", len(motion.times)), *(("file", path) for path in out)])

@@ -7,6 +7,7 @@ from pathlib import Path
 from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.export.film import Film
 from neuroanimator.export.gltf import write_glb
 from neuroanimator.export.table import write_clip
 from neuroanimator.export.video import write_video
@@ -24,15 +25,15 @@ def emulator_for(outs: list[Path], name: str) -> Emulator:
     return emulator
 
 
-def export_clip(clip: Clip, emulator: Emulator, outs: list[Path]) -> None:
-    """Write `clip` to each path as .csv, .glb or .mp4; nothing is written if one of them is refused."""
+def export_clip(clip: Clip, emulator: Emulator, outs: list[Path], film: Film = Film()) -> None:
+    """Write `clip` to each path as .csv, .glb or .mp4 (a `film`); nothing is written if one of them is refused."""
     _check_formats(outs)
     _check_bodies(clip.skeleton, outs)
     for path in outs:
         if path.suffix == ".glb":
             write_glb(clip, path)
         elif path.suffix == ".mp4":
-            write_video(clip, path)
+            write_video(clip, path, size=film.size, camera=film.camera)
         else:
             write_clip(clip, path, emulator.identity.state)
 

@@ -1,0 +1,123 @@
+"""Draw every system's default film, and the leap, and lay twelve images of each side by side, to be looked at.
+
+python benchmarks/contact_sheets.py                    # films and sheets into out/films and out/sheets
+python benchmarks/contact_sheets.py --only cube leap   # some of them
+python benchmarks/contact_sheets.py images             # the pictures of the README into docs/images
+"""
+
+from __future__ import annotations
+
+import argparse
+import runpy
+import subprocess
+import tempfile
+import time
+from contextlib import chdir
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+
+import neuroanimator as na
+from neuroanimator.animation.motion import random_motion
+from neuroanimator.export.film import read_film
+
+SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin", "cube")
+SECONDS = 5.0
+"""Of a default film, as `animate` has it."""
+COLUMNS, ROWS = 3, 4
+"""Of a sheet."""
+ROOT = Path(__file__).resolve().parents[1]
+LEAP = ROOT / "examples" / "09_leap.py"
+PICTURE = (960, 540)
+"""[pixels] Of one image in the README's pictures."""
+
+
+def main() -> None:
+    """Draw what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=("sheets", "images"), default="sheets")
+    parser.add_argument("--only", nargs="+", choices=(*SYSTEMS, "leap"), default=[*SYSTEMS, "leap"])
+    parser.add_argument("--size", default="1280x720")
+    parser.add_argument("--camera", default="follow")
+    parser.add_argument("--out", type=Path, default=ROOT / "out")
+    options = parser.parse_args()
+    if options.what == "images":
+        write_images(ROOT / "docs" / "images")
+    else:
+        for name in options.only:
+            write_sheet(name, options.out, options.size, options.camera)
+
+
+def write_sheet(name: str, out: Path, size: str, camera: str) -> None:
+    """Draw the film called `name` and the sheet of its images."""
+    film = read_film(size, camera)
+    motion = clip_of(name)
+    began = time.monotonic()
+    path = out / "films" / f"{name}.mp4"
+    na.write_video(motion, path, size=film.size, camera=film.camera)
+    seconds = time.monotonic() - began
+    images = len(motion.times)
+    first, step = images // (2 * COLUMNS * ROWS), images / (COLUMNS * ROWS)
+    chosen = [int(first + number * step) for number in range(COLUMNS * ROWS)]
+    sheet = out / "sheets" / f"{name}.jpg"
+    tile(path, chosen, COLUMNS, ROWS, 480, sheet)
+    print(f"{name}: {images} images in {seconds:.1f} s, {path.stat().st_size / 1e3:.0f} kB; {sheet}")
+
+
+def clip_of(name: str) -> na.Clip:
+    """Return the default motion of a system, or the leap on the true physics."""
+    if name == "leap":
+        with tempfile.TemporaryDirectory() as folder, chdir(folder):
+            found = runpy.run_path(str(LEAP))
+        return na.make_clip(found["emulator"], found["found"].outcome.physical)
+    emulator = na.Emulator.load(na.find_emulator(name))
+    return na.make_clip(emulator, random_motion(emulator, SECONDS, seed=0))
+
+
+def tile(film: Path, chosen: list[int], columns: int, rows: int, width: int, out: Path) -> None:
+    """Lay the `chosen` images of a film side by side, each `width` pixels wide."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    wanted = "+".join(rf"eq(n\,{number})" for number in chosen)
+    layout = f"select={wanted},scale={width}:-2:flags=area,tile={columns}x{rows}:padding=4:margin=4:color=white"
+    ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+    command = [ffmpeg, "-v", "error", "-y", "-i", str(film), "-vf", layout, "-frames:v", "1", "-q:v", "3", str(out)]
+    subprocess.run(command, check=True)
+
+
+def write_images(folder: Path) -> None:
+    """Draw the README's pictures: two animals, two machines, and a leap in six images."""
+    with tempfile.TemporaryDirectory() as scratch:
+        pair(["fish", "dolphin"], Path(scratch), folder / "fish-and-dolphin.jpg")
+        pair(["truck", "lander"], Path(scratch), folder / "truck-and-lander.jpg")
+        leap = clip_of("leap")
+        film = Path(scratch) / "leap.mp4"
+        na.write_video(leap, film, size=PICTURE)
+        tile(film, moments_of_leap(leap), 3, 2, 480, folder / "dolphin-leap.jpg")
+
+
+def pair(names: list[str], scratch: Path, out: Path) -> None:
+    """Lay one image of each of two films side by side: the one in the middle."""
+    stills = []
+    for name in names:
+        film = scratch / f"{name}.mp4"
+        motion = clip_of(name)
+        na.write_video(motion, film, size=PICTURE)
+        still = scratch / f"{name}.png"
+        tile(film, [len(motion.times) // 2], 1, 1, PICTURE[0] * 3 // 4, still)
+        stills += ["-i", str(still)]
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y", *stills, "-filter_complex", "hstack", "-q:v", "3"]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    subprocess.run([*command, str(out)], check=True)
+
+
+def moments_of_leap(leap: na.Clip) -> list[int]:
+    """Return six images around the highest point of the body's middle."""
+    places, _ = leap.skeleton.world_poses(leap.states)
+    highest = int(places[..., 2].mean(axis=1).argmax())
+    last = len(leap.times) - 1
+    return sorted({int(np.clip(highest + number, 0, last)) for number in (-18, -11, -5, 0, 6, 12)})
+
+
+if __name__ == "__main__":
+    main()

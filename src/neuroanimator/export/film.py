@@ -1,0 +1,56 @@
+"""How a motion is filmed: the picture's size and the camera, as users say it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from neuroanimator.errors import ArgumentError
+
+CAMERAS = {
+    "follow": "goes along at the body's side, a little above",
+    "side": "goes along exactly beside it, level",
+    "front": "goes ahead of it and looks back",
+    "back": "goes behind it",
+    "top": "goes along above it and looks down",
+    "still": "stays where it is, with the whole motion in view",
+}
+"""Cameras by name, and what each does."""
+
+USUAL_SIZE = (1280, 720)
+"""[pixels] Width and height, 16:9 as screens are."""
+
+SMALLEST_SIDE, LARGEST_SIDE = 32, 4096
+"""[pixels] No encoder likes less, and software drawing more takes seconds an image."""
+
+
+class Film(NamedTuple):
+    """A film's looks."""
+
+    size: tuple[int, int] = USUAL_SIZE
+    """[pixels] Width and height, both even, as H.264 wants them."""
+    camera: str = "follow"
+    """One of `CAMERAS`."""
+
+
+def checked_film(size: tuple[int, int], camera: str) -> Film:
+    """Return the film; ArgumentError says what is wrong with `size` [pixels] or `camera`."""
+    width, height = size
+    for side in (width, height):
+        if side % 2 or not SMALLEST_SIDE <= side <= LARGEST_SIDE:
+            raise ArgumentError(
+                f"size: wanted even numbers of pixels between {SMALLEST_SIDE} and {LARGEST_SIDE}, "
+                f"such as 1280x720, came {width}x{height}."
+            )
+    if camera not in CAMERAS:
+        raise ArgumentError(f"No camera called '{camera[:40]}'. Cameras: {', '.join(CAMERAS)}.")
+    return Film((width, height), camera)
+
+
+def read_film(size: str, camera: str) -> Film:
+    """Return the film of a size as typed, such as '1280x720', and the name of a camera."""
+    width, cross, height = size.partition("x")
+    if not (cross and width.isascii() and width.isdigit() and height.isascii() and height.isdigit()):
+        raise ArgumentError(f"size: wanted width x height in pixels, such as 1280x720, came '{size[:40]}'.")
+    if max(len(width), len(height)) > len(str(LARGEST_SIDE)):
+        raise ArgumentError(f"size: wanted at most {LARGEST_SIDE} pixels a side, came '{size[:40]}'.")
+    return checked_film((int(width), int(height)), camera)
