@@ -133,7 +133,7 @@ def test_a_video_is_drawn_or_the_missing_library_named(clip: Clip, tmp_path: Pat
         with pytest.raises(NeuroAnimatorError, match="apt-get install libegl1 libosmesa6"):
             write_video(clip, path)
         return
-    write_video(clip, path, width=128, height=128)
+    write_video([clip, clip], path, size=(128, 128), camera="still")
     assert path.read_bytes()[4:8] == b"ftyp"
     assert path.stat().st_size > 2000
 

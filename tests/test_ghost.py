@@ -10,7 +10,8 @@ from conftest import accessor, read_glb
 
 from neuroanimator import Clip, load_system, write_glb
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.gltf import GHOST_OPACITY
+from neuroanimator.export.colour import linear_of
+from neuroanimator.export.material_gltf import GHOST_COLOUR, GHOST_OPACITY
 from neuroanimator.systems.rotation import rotation_matrices
 
 
@@ -28,7 +29,7 @@ def test_a_ghost_is_the_same_body_moving_its_own_way_and_translucent(name: str, 
     clip, ghost = two_motions(name)
     write_glb(clip, tmp_path / "a.glb", ghost=ghost)
     document, binary = read_glb(tmp_path / "a.glb")
-    roots = [i for i, node in enumerate(document["nodes"]) if node["name"] in (name, f"ghost {name}")]
+    roots = roots_of(document, name)
     assert {*document["scenes"][0]["nodes"]} >= {*roots}
     for motion, root in zip((clip, ghost), roots, strict=True):
         places, turns = motion.skeleton.local_poses(motion.states)
@@ -47,24 +48,35 @@ def test_a_ghost_is_the_same_body_moving_its_own_way_and_translucent(name: str, 
             np.testing.assert_allclose(accessor(document, binary, sampler["input"])[:, 0], motion.times, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["pendulum", "truck", "fish"])
-def test_a_ghost_shares_its_shapes_and_only_its_materials_are_translucent(name: str, tmp_path: Path):
+@pytest.mark.parametrize("name", ["pendulum", "truck", "lander", "fish"])
+def test_a_ghost_is_only_what_moves_in_one_other_colour_and_shares_its_shapes(name: str, tmp_path: Path):
     clip, ghost = two_motions(name)
     write_glb(clip, tmp_path / "alone.glb")
     write_glb(clip, tmp_path / "a.glb", ghost=ghost)
     document, _ = read_glb(tmp_path / "a.glb")
-    half = len(document["meshes"]) // 2
-    for one, other in zip(document["meshes"][:half], document["meshes"][half:], strict=True):
-        assert other["name"] == f"ghost {one['name']}"
-        for solid, thin in zip(one["primitives"], other["primitives"], strict=True):
-            assert (solid["attributes"], solid["indices"]) == (thin["attributes"], thin["indices"])
-            first, second = (document["materials"][each["material"]] for each in (solid, thin))
-            opacity = [m["pbrMetallicRoughness"]["baseColorFactor"][3] for m in (first, second)]
-            assert opacity[1] == pytest.approx(GHOST_OPACITY * opacity[0])
-            assert second["alphaMode"] == "BLEND"
-            assert ("alphaMode" in first) == (opacity[0] < 1)
+    used = {"solid": set(), "ghost": set()}
+    shapes: dict[str, list] = {"solid": [], "ghost": []}
+    for node in document["nodes"]:
+        kind = "ghost" if node["name"].startswith("ghost ") else "solid"
+        for primitive in document["meshes"][node["mesh"]]["primitives"] if "mesh" in node else []:
+            used[kind].add(primitive["material"])
+            shapes[kind].append((primitive["attributes"]["POSITION"], primitive["indices"]))
+    (thin,) = used["ghost"]
+    assert thin not in used["solid"]
+    colour = document["materials"][thin]["pbrMetallicRoughness"]["baseColorFactor"]
+    assert colour == pytest.approx([*linear_of(GHOST_COLOUR), GHOST_OPACITY], abs=1e-5)
+    assert document["materials"][thin]["alphaMode"] == "BLEND"
+    assert {*shapes["ghost"]} <= {*shapes["solid"]}
+    scenery = sum(len(b.shapes) for i, b in enumerate(clip.skeleton.bones) if not clip.skeleton.is_moved(i))
+    assert len(shapes["solid"]) - len(shapes["ghost"]) == scenery
     alone, both = ((tmp_path / f).stat().st_size for f in ("alone.glb", "a.glb"))
     assert both < 1.8 * alone
+
+
+def roots_of(document: dict, name: str) -> list[int]:
+    """Return the nodes that turn the true body and its ghost."""
+    names = [node["name"] for node in document["nodes"]]
+    return [names.index(f"{name} root"), names.index(f"ghost {name} root")]
 
 
 def test_a_ghosts_skin_hangs_on_its_own_bones(tmp_path: Path):
@@ -72,7 +84,7 @@ def test_a_ghosts_skin_hangs_on_its_own_bones(tmp_path: Path):
     write_glb(clip, tmp_path / "a.glb", ghost=ghost)
     document, binary = read_glb(tmp_path / "a.glb")
     nodes, skins = document["nodes"], document["skins"]
-    assert [nodes[skin["skeleton"]]["name"] for skin in skins] == ["fish", "ghost fish"]
+    assert [nodes[skin["skeleton"]]["name"] for skin in skins] == ["fish root", "ghost fish root"]
     for node in nodes:
         if "skin" in node:
             skin = skins[node["skin"]]

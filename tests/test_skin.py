@@ -14,7 +14,7 @@ from conftest import accessor, read_glb
 
 from neuroanimator import Clip, NeuroAnimatorError, load_system, write_glb
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.stage import camera_way
+from neuroanimator.export.camera import camera_way
 from neuroanimator.export.video import graphics_backend, write_video
 from neuroanimator.systems.body_skeleton import body_skeleton
 from neuroanimator.systems.deformable import DeformableSystem
@@ -285,5 +285,5 @@ def test_an_animal_is_filmed_or_the_missing_library_named(tmp_path: Path):
         with pytest.raises(NeuroAnimatorError, match="apt-get install libegl1 libosmesa6"):
             write_video(swimming("dolphin", 3), tmp_path / "a.mp4")
         return
-    write_video(swimming("dolphin", 3), tmp_path / "a.mp4", width=96, height=64)
+    write_video(swimming("dolphin", 3), tmp_path / "a.mp4", size=(96, 64))
     assert (tmp_path / "a.mp4").read_bytes()[4:8] == b"ftyp"

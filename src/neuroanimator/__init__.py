@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         keep_velocity,
         keyframes,
         reach_heading,
+        reach_height,
         reach_place,
         smoothness,
         stand_up,
@@ -72,6 +73,7 @@ _HOMES = {
     "make_clip": "animation.clip",
     "reach_goal": "control.goals",
     "reach_heading": "control.wishes",
+    "reach_height": "control.wishes",
     "reach_place": "control.wishes",
     "reach_state": "control.goals",
     "read_clip": "export.table",
@@ -99,9 +101,9 @@ __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
     "Clip", "Effort", "Emulator", "NeuroAnimatorError", "Objective", "Synthesis", "Term",
     "load_system", "trust_files", "dataset_config", "generate", "read_transitions", "read_diverged",
     "training_config", "train", "find_emulator", "evaluate", "write_report",
-    "effort", "smoothness", "reach_state", "reach_goal", "reach_place", "reach_heading", "keyframes", "follow_path",
-    "travel", "keep_velocity", "keep_speed", "keep_heading", "stand_up", "stand_upright", "stay_within", "avoid",
-    "descend", "replay", "synthesise", "read_pose", "is_upright", "is_reached",
+    "effort", "smoothness", "reach_state", "reach_goal", "reach_place", "reach_height", "reach_heading", "keyframes",
+    "follow_path", "travel", "keep_velocity", "keep_speed", "keep_heading", "stand_up", "stand_upright", "stay_within",
+    "avoid", "descend", "replay", "synthesise", "read_pose", "is_upright", "is_reached",
     "make_clip", "read_clip", "write_clip", "write_glb", "write_proof", "write_video",
 ]  # fmt: skip
 

@@ -27,6 +27,8 @@ class Clip:
     """(F, S) in the system's own layout."""
     definition: str = ""
     """Of a user's own system; see `System.definition`."""
+    source: str = ""
+    """What made the motion, as exports say it: 'emulator' or 'physics'; empty if not known."""
 
     @property
     def rate(self) -> float:
@@ -34,8 +36,10 @@ class Clip:
         return (len(self.times) - 1) / float(self.times[-1])
 
 
-def make_clip(emulator: Emulator, states: np.ndarray, *, rate: float = 30.0, interpolation: str = "hermite") -> Clip:
-    """Return the clip of a trajectory (T+1, S) at `rate` frames a second."""
+def make_clip(
+    emulator: Emulator, states: np.ndarray, *, rate: float = 30.0, interpolation: str = "hermite", source: str = ""
+) -> Clip:
+    """Return the clip of a trajectory (T+1, S) at `rate` frames a second; `source` says what made it."""
     if interpolation not in INTERPOLATIONS:
         raise ArgumentError(
             f"No interpolation called '{interpolation}'. Interpolations: {', '.join(sorted(INTERPOLATIONS))}."
@@ -50,4 +54,4 @@ def make_clip(emulator: Emulator, states: np.ndarray, *, rate: float = 30.0, int
     times = times[times <= duration + 1e-9] if frames > 1 else np.array([0.0, duration])
     turns = emulator.frame.turns if emulator.modes is None else ()  # mass points have no quaternions to keep
     between = INTERPOLATIONS[interpolation](states, identity.dt, times, identity.rates, turns)
-    return Clip(identity.system, identity.skeleton, times, between, identity.definition)
+    return Clip(identity.system, identity.skeleton, times, between, identity.definition, source)

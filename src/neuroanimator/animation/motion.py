@@ -83,7 +83,7 @@ def _thrown(emulator: Emulator, start: np.ndarray) -> np.ndarray:
     velocity = np.array([0.6 * fall, 0.15 * fall, fall])
     velocity *= min(1.0, WELL_WITHIN * float(reach[2]) / float(np.linalg.norm(velocity)))
     spin = TOSS_SPIN * min(1.0, WELL_WITHIN * float(reach[3]) / float(np.linalg.norm(TOSS_SPIN)))
-    places[:] = centre + [0.0, 0.0, TOSS / 2 * size] + offsets
+    places[:] = centre + np.array([0.0, 0.0, TOSS / 2 * size]) + offsets
     speeds[:] = velocity + np.cross(spin, offsets)
     return start
 

@@ -28,19 +28,20 @@ def run(
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
 ) -> None:
     """Animate a random motion, or one found by 'control', without running the physics."""
+    from neuroanimator.export.film import read_film
+
+    film = read_film(size, camera)
     from neuroanimator.animation.clip import make_clip
     from neuroanimator.animation.motion import controlled_motion, random_motion
     from neuroanimator.export.by_suffix import emulator_for, export_clip
-    from neuroanimator.export.film import read_film
     from neuroanimator.export.table import read_table
     from neuroanimator.terminal import print_rows
 
-    film = read_film(size, camera)
     model = emulator_for(out, emulator)
     if controls:
         states = controlled_motion(model, read_table(controls, model.identity.control)[1])
     else:
         states = random_motion(model, seconds, seed)
-    clip = make_clip(model, states, rate=rate, interpolation=interpolation)
+    clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="emulator")
     export_clip(clip, model, out, film)
     print_rows([("frames", len(clip.times)), ("seconds", f"{clip.times[-1]:.2f}"), *(("file", path) for path in out)])

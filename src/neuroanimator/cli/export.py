@@ -20,12 +20,13 @@ def run(
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
 ) -> None:
     """Export a clip as GLB for Blender and the web, or as MP4 video."""
-    from neuroanimator.export.by_suffix import emulator_for, export_clip
     from neuroanimator.export.film import read_film
+
+    film = read_film(size, camera)
+    from neuroanimator.export.by_suffix import emulator_for, export_clip
     from neuroanimator.export.table import read_clip
     from neuroanimator.terminal import print_rows
 
-    film = read_film(size, camera)
     model = emulator_for(out, emulator)
     motion = read_clip(clip, model)
     export_clip(motion, model, out, film)

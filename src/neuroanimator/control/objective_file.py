@@ -204,6 +204,7 @@ KINDS: dict[str, Callable[..., Term]] = {
     "keep_velocity": wishes.keep_velocity,
     "keyframes": wishes.keyframes,
     "reach_heading": wishes.reach_heading,
+    "reach_height": wishes.reach_height,
     "reach_place": wishes.reach_place,
     "reach_state": reach_state,
     "smoothness": wishes.smoothness,

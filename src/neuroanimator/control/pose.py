@@ -43,6 +43,16 @@ def read_pose(structure: Structure, states: Numbers) -> Pose:
     )
 
 
+def read_heights(structure: Structure, states: Numbers) -> Numbers:
+    """Return the heights (..., N) [m] of all mass points of `states` (..., S), or (..., 1) of a rigid body's root.
+
+    Raises ArgumentError as `read_pose` does.
+    """
+    if structure.cloud is None:
+        return read_pose(structure, states).place[..., 2:]
+    return states[..., 2 : 3 * structure.cloud.count : 3]
+
+
 def _root_pose(structure: Structure, states: Numbers) -> Pose:
     xp, found, start = states.__array_namespace__(), {}, 0
     for segment in structure.segments:

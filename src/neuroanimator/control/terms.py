@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective import Term
-from neuroanimator.control.pose import read_pose
+from neuroanimator.control.pose import read_heights, read_pose
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.systems.structure import Structure
@@ -83,6 +83,22 @@ class ReachPlaces(Term):
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
         return ((read_pose(self.structure, states).place[:, self.axes] - self.places) / self.within).ravel()
+
+
+class ReachHeight(Term):
+    """Be up with all of the body at given times: the rms of how far mass points are below a height."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    height: Float[Array, ""]
+    """[m]"""
+    within: Float[Array, ""]
+    times: tuple[float, ...] = eqx.field(static=True)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        heights = read_heights(self.structure, trajectory.states[jnp.array(rows_at(self.times, trajectory))])
+        below = jnp.maximum(self.height - heights, 0) / self.within
+        return (below / math.sqrt(heights.shape[-1])).ravel()
 
 
 class FollowPath(Term):

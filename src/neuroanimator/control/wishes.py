@@ -18,6 +18,7 @@ from neuroanimator.control.terms import (
     KeepSpeed,
     KeepVelocity,
     Point,
+    ReachHeight,
     ReachPlaces,
     Smoothness,
     StayWithin,
@@ -47,6 +48,19 @@ def reach_place(
     return keyframes(
         system, as_numbers(place, "place")[None], None if at is None else [at], within=within, axes=axes, weight=weight
     )
+
+
+def reach_height(
+    system: System, height: float, *, within: float, at: float | None = None, weight: float = 1.0
+) -> ReachHeight:
+    """Return the wish that all of the body is at least `height` [m] up at the end, or `at` [s].
+
+    All of a deformable body are its mass points: a leap takes its tail out of the water too. Of a rigid body it is
+    the root's place.
+    """
+    wanted = _numbers("height", [height], 1)[0]
+    when = END if at is None else (_time("at", at),)
+    return ReachHeight(as_weight(weight), _posed(system), wanted, _positive("within", within), when)
 
 
 def keyframes(

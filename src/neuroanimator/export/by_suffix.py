@@ -15,6 +15,7 @@ from neuroanimator.shipped import find_emulator
 from neuroanimator.systems.skeleton import Skeleton
 
 FORMATS = (".csv", ".glb", ".mp4")
+USUAL = Film()
 
 
 def emulator_for(outs: list[Path], name: str) -> Emulator:
@@ -25,7 +26,7 @@ def emulator_for(outs: list[Path], name: str) -> Emulator:
     return emulator
 
 
-def export_clip(clip: Clip, emulator: Emulator, outs: list[Path], film: Film = Film()) -> None:
+def export_clip(clip: Clip, emulator: Emulator, outs: list[Path], film: Film = USUAL) -> None:
     """Write `clip` to each path as .csv, .glb or .mp4 (a `film`); nothing is written if one of them is refused."""
     _check_formats(outs)
     _check_bodies(clip.skeleton, outs)

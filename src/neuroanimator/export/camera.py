@@ -26,7 +26,7 @@ FOLLOWING = 0.8
 LAG = 0.3
 """Farthest the camera may look beside the body, over its size."""
 CLEARANCE = 0.12
-"""Least height of the camera over the water or under its surface, over the body's size: no wave of the lens through it."""
+"""Least height of the camera over the water, or depth under it, over the body's size."""
 EMERGED = 0.5
 """Share of the images in which something must be out of the water for a camera above it, if nothing leaps."""
 LEAPING = 0.1
@@ -112,7 +112,7 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
         heading = smoothed(np.unwrap(_heading(clips[0]))[:, None], round(rate * FOLLOWING))[:, 0]
     azimuth = heading + np.radians(view.turn)
     width, height = _seen(boxes, azimuth)
-    is_still = film.camera == "still" or (film.camera == "follow" and _stays(boxes, azimuth[:1]))
+    is_still = film.camera == "still" or (film.camera == "follow" and _stays(clips, boxes, azimuth[:1]))
     share = SHARE if len(clips) == 1 else SHARE_OF_MANY
     share_of_height = SHARE_OF_HEIGHT
     lookat = camera_way(boxes.centres, round(rate * FOLLOWING), LAG * float(np.median(np.maximum(width, height))))
@@ -155,7 +155,7 @@ def _room(clip: Clip) -> Boxes:
         return _room_of_skin(clip, places)
     lows, highs = [], []
     for i, bone in enumerate(skeleton.bones):
-        if not moves(clip, i):
+        if not skeleton.is_moved(i):
             continue
         for shape in bone.shapes:
             centre = places[:, i] + rotate(turns[:, i], np.broadcast_to(np.array(shape.place), places[:, i].shape))
@@ -178,15 +178,6 @@ def _room_of_skin(clip: Clip, places: np.ndarray) -> Boxes:
     return Boxes(places.min(axis=1) - around, places.max(axis=1) + around)
 
 
-def moves(clip: Clip, bone: int) -> bool:
-    """Return whether a bone, or one it hangs from, is moved by anything."""
-    while bone >= 0:
-        if clip.skeleton.bones[bone].is_moving:
-            return True
-        bone = clip.skeleton.bones[bone].parent
-    return False
-
-
 def half_sizes(shape: Shape) -> np.ndarray:
     """Return (3,) [m] how far a shape reaches along its own axes."""
     first = shape.size[0]
@@ -201,7 +192,7 @@ def half_sizes(shape: Shape) -> np.ndarray:
 
 def _heading(clip: Clip) -> np.ndarray:
     """Return (F,) [rad] where the body points: the bone in the middle of those that move."""
-    moving = [i for i in range(len(clip.skeleton.bones)) if moves(clip, i)]
+    moving = [i for i in range(len(clip.skeleton.bones)) if clip.skeleton.is_moved(i)]
     bone = moving[len(moving) // 2] if clip.skeleton.skin is not None and moving else (moving or [0])[0]
     root = clip.skeleton.bones[bone]
     if root.joints and root.joints[0].kind != "free":
@@ -216,10 +207,21 @@ def _seen(boxes: Boxes, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return width, extent[:, 2]
 
 
-def _stays(boxes: Boxes, azimuth: np.ndarray) -> bool:
+def _stays(clips: Sequence[Clip], boxes: Boxes, azimuth: np.ndarray) -> bool:
+    """Return whether the motion stays where it is: of bodies fixed to the world, or in little more than their room."""
+    if all(_is_anchored(clip) for clip in clips):
+        return True
     one, whole = _seen(boxes, np.repeat(azimuth, len(boxes.low))), _seen(boxes.whole, azimuth)
     own = max(float(np.median(one[0])), float(np.median(one[1])))
     return max(float(whole[0].max()), float(whole[1].max())) <= STAYS * own
+
+
+def _is_anchored(clip: Clip) -> bool:
+    """Return whether what moves hangs from a place that does not: an arm on its base."""
+    bones = clip.skeleton.bones
+    places, _ = clip.skeleton.world_poses(clip.states)
+    first = [i for i, bone in enumerate(bones) if bone.is_moving and not clip.skeleton.is_moved(bone.parent)]
+    return bool(first) and float(np.ptp(places[:, first], axis=0).max()) < NEAREST
 
 
 def _distance(film: Film, width: float, height: float) -> float:

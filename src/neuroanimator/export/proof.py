@@ -12,5 +12,6 @@ from neuroanimator.export.gltf import write_glb
 
 def write_proof(emulator: Emulator, proof: Replay, path: Path) -> None:
     """Write the motion on the true physics as GLB, with the emulator's as a ghost beside it."""
-    physical, emulated = (make_clip(emulator, states) for states in (proof.physical, proof.emulated))
+    physical = make_clip(emulator, proof.physical, source="physics")
+    emulated = make_clip(emulator, proof.emulated, source="emulator")
     write_glb(physical, path, ghost=emulated)

@@ -15,7 +15,7 @@ from neuroanimator.export.camera import FIELD, Shots, shots_of
 from neuroanimator.export.film import Film
 from neuroanimator.export.reel import unpacked
 from neuroanimator.export.stage import Setting, Stage
-from neuroanimator.systems import load_system
+from neuroanimator.systems import carried_system
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.mujoco import MujocoSystem
 
@@ -120,7 +120,7 @@ def _camera(shots: Shots, frame: int) -> mujoco.MjvCamera:
 
 def scene_of(clips: Sequence[Clip], film: Film) -> Scene:
     """Return what is filmed of `clips`: rigid bodies as MuJoCo has them, others as their skeletons have them."""
-    system = load_system(clips[0].name, clips[0].definition)
+    system = carried_system(clips[0].name, clips[0].definition)
     if isinstance(system, MujocoSystem):
         return RigidScene(system, clips, film)
     surface, ground = None, False

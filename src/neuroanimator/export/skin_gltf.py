@@ -1,4 +1,4 @@
-"""A skin in a GLB file: one mesh whose points follow the bones' nodes."""
+"""A skin in a GLB file: one mesh whose points follow the bones' nodes, a primitive for each of its parts."""
 
 from __future__ import annotations
 
@@ -6,20 +6,23 @@ from typing import Any
 
 import numpy as np
 
+from neuroanimator.export.colour import linear_of
 from neuroanimator.export.glb import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, float32
+from neuroanimator.export.material_gltf import material
 from neuroanimator.systems.rotation import rotation_matrices
 from neuroanimator.systems.skeleton import Skeleton
-from neuroanimator.systems.skin_mesh import colours_of, skin_mesh
+from neuroanimator.systems.skin import Box
+from neuroanimator.systems.skin_mesh import BACK, EYE, FIN, colours_of, skin_mesh
 
-SCREEN_GAMMA = 2.2
-"""Colours are meant for the screen; those of glTF's points are linear."""
+PARTS = ("body", "fin", "eye")
+"""Of a swimmer, by shade; a box is all body."""
 
 
-def skin_mesh_object(skeleton: Skeleton, name: str, material: int, buffer: Buffer) -> dict[str, Any]:
-    """Return the mesh of the skeleton's skin at rest."""
+def skin_primitives(skeleton: Skeleton, buffer: Buffer) -> dict[str, dict[str, Any]]:
+    """Return, for each part of the skin there is, its primitive without a material: the points are shared."""
     assert skeleton.skin is not None
     mesh = skin_mesh(skeleton)
-    colours = colours_of(skeleton.skin, mesh.shades) ** SCREEN_GAMMA
+    colours = linear_of(colours_of(skeleton.skin, mesh.shades))
     attributes = {
         "POSITION": buffer.add(float32(mesh.points), "VEC3", target=ARRAY_BUFFER, bounds=True),
         "NORMAL": buffer.add(float32(mesh.normals), "VEC3", target=ARRAY_BUFFER),
@@ -27,11 +30,20 @@ def skin_mesh_object(skeleton: Skeleton, name: str, material: int, buffer: Buffe
         "JOINTS_0": buffer.add(_listed(mesh.bones, mesh.weights), "VEC4", target=ARRAY_BUFFER),
         "WEIGHTS_0": buffer.add(float32(mesh.weights), "VEC4", target=ARRAY_BUFFER),
     }
-    indices = buffer.add(mesh.triangles.astype(np.uint16).ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER)
-    return {"name": name, "primitives": [{"attributes": attributes, "indices": indices, "material": material}]}
+    shades = mesh.shades[mesh.triangles].max(axis=1)
+    part = np.zeros(len(shades), int)
+    if not isinstance(skeleton.skin, Box):
+        part = np.digitize(shades, [(BACK + FIN) / 2, (FIN + EYE) / 2])
+    primitives = {}
+    for number, name in enumerate(PARTS):
+        triangles = mesh.triangles[part == number]
+        if len(triangles):
+            indices = buffer.add(triangles.astype(np.uint16).ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER)
+            primitives[name] = {"attributes": attributes, "indices": indices}
+    return primitives
 
 
-def skin_object(skeleton: Skeleton, root: int, buffer: Buffer) -> dict[str, Any]:
+def skin_object(skeleton: Skeleton, name: str, root: int, buffer: Buffer) -> dict[str, Any]:
     """Return the skin: bones as joints, after the node `root`, and what takes points at rest into their frames."""
     matrices = np.zeros((len(skeleton.bones), 4, 4))
     for matrix, bone in zip(matrices, skeleton.bones, strict=True):
@@ -39,13 +51,12 @@ def skin_object(skeleton: Skeleton, root: int, buffer: Buffer) -> dict[str, Any]
         matrix[:3, :3], matrix[:3, 3], matrix[3, 3] = back, -back @ np.array(bone.offset), 1
     columns = float32(matrices.transpose(0, 2, 1))
     joints = list(range(root + 1, root + 1 + len(skeleton.bones)))
-    return {"joints": joints, "inverseBindMatrices": buffer.add(columns, "MAT4"), "skeleton": root}
+    return {"name": name, "joints": joints, "inverseBindMatrices": buffer.add(columns, "MAT4"), "skeleton": root}
 
 
-def skin_material(opacity: float) -> dict[str, Any]:
+def skin_material(part: str) -> dict[str, Any]:
     """Return a wet surface; its colour is that of its points."""
-    surface = {"baseColorFactor": [1, 1, 1, opacity], "metallicFactor": 0.0, "roughnessFactor": 0.45}
-    return {"pbrMetallicRoughness": surface} | ({"alphaMode": "BLEND"} if opacity < 1 else {})
+    return material(part, (1.0, 1.0, 1.0), metallic=0.0, roughness=0.45)
 
 
 def _listed(bones: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -66,9 +66,25 @@ def _shape(model: mujoco.MjModel, geom: int) -> Shape:
 
 
 def _colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return a geom's colour (4,); of a texture the mean, for triangles have none."""
     material = model.geom_matid[geom]
-    colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    if material < 0:
+        return np.clip(model.geom_rgba[geom], 0, 1)
+    texture = int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
+    colour = np.array(model.mat_rgba[material], float)
+    if texture >= 0:
+        colour[:3] *= _mean_texel(model, texture)
     return np.clip(colour, 0, 1)
+
+
+def _mean_texel(model: mujoco.MjModel, texture: int) -> np.ndarray:
+    """Return the mean colour (3,) of a texture, 0 to 1."""
+    channels = int(model.tex_nchannel[texture])
+    size = int(model.tex_height[texture]) * int(model.tex_width[texture])
+    first = int(model.tex_adr[texture])
+    texels = np.asarray(model.tex_data[first : first + size * channels]).reshape(size, channels)
+    mean = texels.mean(axis=0) / 255
+    return mean[:3] if channels >= 3 else np.repeat(mean[:1], 3)
 
 
 def _as_is(kind: str) -> Callable[[mujoco.MjModel, int], tuple[str, tuple[float, ...]]]:

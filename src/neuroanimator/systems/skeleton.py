@@ -98,6 +98,14 @@ class Skeleton:
     skin: Skin | None = None
     """Drawn around all bones."""
 
+    def is_moved(self, number: int) -> bool:
+        """Return whether anything moves bone `number`, or one it hangs from; what nothing moves is scenery."""
+        while number >= 0:
+            if self.bones[number].is_moving:
+                return True
+            number = self.bones[number].parent
+        return False
+
     def local_poses(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return places (T, B, 3) [m] and quaternions wxyz (T, B, 4), each in its parent's frame, for states (T, S)."""
         poses = [_local_pose(bone, states) for bone in self.bones]

@@ -1,0 +1,152 @@
+"""Films: what may be asked for, and where the camera is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Cli
+
+from neuroanimator import Clip, Emulator, find_emulator, load_system, write_video
+from neuroanimator.animation.motion import random_motion
+from neuroanimator.errors import ArgumentError
+from neuroanimator.export.camera import FIELD, VIEWS, room_of, shots_of
+from neuroanimator.export.film import CAMERAS, Film, read_film
+from neuroanimator.export.video import graphics_backend
+
+
+def held(name: str, heights: np.ndarray, way: float = 1.0) -> Clip:
+    """Return a stiff body that goes along X at `way` [m/s], its middle at `heights` (F,) [m]."""
+    system = load_system(name)
+    states = np.repeat(system.rest[None], len(heights), axis=0)
+    times = np.arange(len(heights)) / 30
+    assert system.structure.cloud is not None
+    size = 3 * system.structure.cloud.count
+    states[:, 0:size:3] += way * times[:, None]
+    states[:, 2:size:3] += heights[:, None] - system.rest[2:size:3].mean()
+    return Clip(name, system.skeleton, times, states)
+
+
+def share_of_width(clip: Clip, film: Film) -> float:
+    """Return how much of the picture's width the body takes in the middle image."""
+    shots, boxes, frame = shots_of([clip], film), room_of([clip]), len(clip.times) // 2
+    azimuth, _, distance = shots.angles(frame)
+    extent = boxes.high[frame] - boxes.low[frame]
+    wide = abs(np.sin(np.radians(azimuth))) * extent[0] + abs(np.cos(np.radians(azimuth))) * extent[1]
+    return wide / (2 * distance * np.tan(np.radians(FIELD / 2)) * film.size[0] / film.size[1])
+
+
+@pytest.mark.parametrize(
+    ("size", "camera", "message"),
+    [
+        ("1281x720", "follow", "wanted even numbers of pixels between 32 and 4096.* came 1281x720"),
+        ("8000x4000", "follow", "came 8000x4000"),
+        ("0x720", "follow", "came 0x720"),
+        ("1280", "follow", "wanted width x height in pixels, such as 1280x720, came '1280'"),
+        ("1e3x720", "follow", "came '1e3x720'"),
+        ("-2x720", "follow", "came '-2x720'"),
+        ("9" * 5000 + "x720", "follow", "at most 4096 pixels a side"),
+        ("1280x720", "drone", "No camera called 'drone'. Cameras: follow, side, front, back, top, still"),
+    ],
+)
+def test_a_film_nobody_can_draw_is_refused_in_one_line(size: str, camera: str, message: str):
+    with pytest.raises(ArgumentError, match=message) as refusal:
+        read_film(size, camera)
+    assert len(str(refusal.value)) < 200
+    assert "\n" not in str(refusal.value)
+
+
+def test_the_command_line_refuses_a_film_before_any_work_is_done(cli: Cli, tmp_path: Path):
+    done = cli("animate", "fish", "--out", tmp_path / "a.mp4", "--camera", "drone")
+    assert done.returncode == 2
+    assert "Cameras: follow, side" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_camera_there_is_has_a_view():
+    assert {*VIEWS} == {*CAMERAS}
+
+
+@pytest.mark.parametrize("camera", [name for name in CAMERAS if name != "still"])
+@pytest.mark.parametrize("height", [-4.0, -1.0, -0.35])
+def test_a_dive_is_filmed_wholly_under_water(camera: str, height: float):
+    heights = height + 0.1 * np.sin(np.arange(90) / 5)
+    shots = shots_of([held("dolphin", heights)], Film(camera=camera), surface=0.0)
+    assert shots.place[:, 2].max() < 0
+
+
+@pytest.mark.parametrize("camera", list(CAMERAS))
+def test_a_leap_is_filmed_wholly_from_above_the_water(camera: str):
+    times = np.arange(120) / 30
+    heights = np.where(times < 1.5, -3.0 + 2 * times, 5.0 * (times - 1.5) - 4.9 * (times - 1.5) ** 2)
+    shots = shots_of([held("dolphin", heights)], Film(camera=camera), surface=0.0)
+    assert shots.place[:, 2].min() > 0
+    assert not shots.is_under_water
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (720, 1280), (640, 480)])
+@pytest.mark.parametrize("name", ["fish", "dolphin", "cube"])
+def test_a_body_that_goes_along_fills_a_third_of_the_width(name: str, size: tuple[int, int]):
+    way = 2 * float(np.ptp(load_system(name).rest[0:24:3]))
+    film = Film(size, "side")
+    assert 0.2 < share_of_width(held(name, np.ones(150), way), film) <= 0.361
+
+
+@pytest.mark.parametrize("name", ["truck", "lander"])
+def test_a_machine_is_no_dot_in_its_landscape(name: str):
+    system, times = load_system(name), np.arange(120) / 30
+    states = np.repeat(system.rest[None], 120, axis=0)
+    states[:, 0] += 5 * times
+    assert 0.25 < share_of_width(Clip(name, system.skeleton, times, states), Film()) < 0.4
+
+
+def test_the_camera_moves_smoothly_and_keeps_the_body_in_the_picture():
+    rng = np.random.default_rng(0)
+    clip = held("fish", 0.002 * rng.normal(size=150), 0.3)
+    shots = shots_of([clip], Film(camera="side"))
+    jerks = np.abs(np.diff(shots.lookat, n=2, axis=0))
+    assert jerks[30:-30].max() < 0.2 * np.abs(np.diff(room_of([clip]).centres, n=2, axis=0)).max()
+    assert np.abs(shots.lookat - room_of([clip]).centres).max() < 0.5 * shots.size
+
+
+def test_an_arm_that_stays_is_filmed_by_a_camera_that_stays():
+    system, times = load_system("pendulum"), np.arange(60) / 30
+    states = np.repeat(np.sin(times)[:, None], system.state.size, axis=1)
+    shots = shots_of([Clip("pendulum", system.skeleton, times, states)], Film())
+    assert np.ptp(shots.place, axis=0).max() == 0
+
+
+def test_clips_that_cannot_be_seen_together_are_refused(tmp_path: Path):
+    fish, cube = held("fish", np.ones(9)), held("cube", np.ones(9))
+    with pytest.raises(ArgumentError, match="wanted several of one system, came cube beside fish"):
+        write_video([fish, cube], tmp_path / "a.mp4")
+    slow = Clip("fish", fish.skeleton, fish.times * 2, fish.states)
+    with pytest.raises(ArgumentError, match="wanted one rate, came 15 beside 30"):
+        write_video([fish, slow], tmp_path / "a.mp4")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_surface_of_the_sea_casts_no_shadow_on_its_bed(tmp_path: Path):
+    if graphics_backend() is None:
+        pytest.skip("no OpenGL here")
+    import imageio_ffmpeg
+
+    film = tmp_path / "a.mp4"
+    write_video(held("dolphin", np.full(2, -1.6), 0.0), film, size=(160, 90), camera="top")
+    frames = imageio_ffmpeg.read_frames(str(film))
+    next(frames)
+    image = np.frombuffer(next(frames), np.uint8).reshape(90, 160, 3).astype(float).mean(axis=2)
+    corners = np.array([image[:12, :12], image[:12, -12:], image[-12:, :12], image[-12:, -12:]]).mean(axis=(1, 2))
+    assert np.ptp(corners) < 12
+
+
+def test_a_default_swim_stays_level_and_a_cube_is_thrown():
+    for name, low, high in (("dolphin", -2.2, -1.0), ("cube", 0.1, 0.9)):
+        emulator, system = Emulator.load(find_emulator(name)), load_system(name)
+        states = random_motion(emulator, 5.0, seed=0)
+        assert system.structure.cloud is not None
+        centres = states[:, : 3 * system.structure.cloud.count].reshape(len(states), -1, 3).mean(axis=1)
+        assert low < centres[:, 2].min()
+        assert centres[:, 2].max() < high
+        assert np.linalg.norm(centres[-1, :2] - centres[0, :2]) > 1.0
