@@ -60,6 +60,9 @@ MEANT = {
     'kind = "reach_place"\nplace = [1.0, 2.0]\naxes = "xy"\nwithin = 0.1\nat = 1.5': lambda truck: wishes.reach_place(
         truck, [1.0, 2.0], axes="xy", within=0.1, at=1.5
     ),
+    'kind = "reach_height"\nheight = 2.0\nwithin = 0.1\nat = 1.5': lambda truck: wishes.reach_height(
+        truck, 2.0, within=0.1, at=1.5
+    ),
     'kind = "keyframes"\nplaces = [[1, 2, 3], [2, 3, 4]]\ntimes = [1, 2]\nwithin = 1': lambda truck: wishes.keyframes(
         truck, [[1, 2, 3], [2, 3, 4]], [1.0, 2.0], within=1.0
     ),

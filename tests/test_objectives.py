@@ -14,7 +14,7 @@ import pytest
 from neuroanimator import Emulator, Objective, descend, load_system, stand_upright
 from neuroanimator.control.goals import reach_goal
 from neuroanimator.control.objective import Term, check_objective
-from neuroanimator.control.parameters import EachStep, Parameters, Periodic, Spline
+from neuroanimator.control.parameters import EachStep, Parameters, Periodic, Spline, Steered
 from neuroanimator.control.terms import END, ReachState
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.control.wishes import (
@@ -25,6 +25,7 @@ from neuroanimator.control.wishes import (
     keep_velocity,
     keyframes,
     reach_heading,
+    reach_height,
     reach_place,
     smoothness,
     stand_up,
@@ -93,6 +94,7 @@ MOVING: dict[str, Wish] = {
     "keep_velocity": lambda system, place, way: keep_velocity(system, way(DIRECTION), within=0.1, since=0.2),
     "keep_speed": lambda system, place, way: keep_speed(system, 0.7, within=0.1),
     "keep_heading": lambda system, place, way: keep_heading(system, way(DIRECTION), within=0.1),
+    "reach_height": lambda system, place, way: reach_height(system, 9 + float(place(PLACES[0])[2]), within=0.1, at=0.2),
     "reach_heading": lambda system, place, way: reach_heading(system, way(DIRECTION), within=0.1, at=0.2),
     "stand_up": lambda system, place, way: stand_up(system, within=0.1),
 }
@@ -113,7 +115,7 @@ def reach_other(system: System, turn: np.ndarray | None) -> ReachState:
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("kind", sorted(MOVING))
 def test_moving_and_turning_world_and_wish_together_changes_nothing(kind: str, body: str):
-    system, turn = a_system(body), UPRIGHT_TURN if kind == "stand_up" else TURN
+    system, turn = a_system(body), UPRIGHT_TURN if kind in ("stand_up", "reach_height") else TURN
     here = MOVING[kind](system, as_is, as_is)
     there = MOVING[kind](system, lambda place: turned(place, turn) + SHIFT, lambda way: turned(way, turn))
     motion = a_motion(system)
@@ -263,6 +265,7 @@ PARAMETERS: dict[str, Callable[[int], Parameters]] = {
     "each step": lambda steps: EachStep.of(steps, BOUNDS),
     "spline": lambda steps: Spline.of(steps, 7, BOUNDS),
     "periodic": lambda steps: Periodic.of(steps, DT, 0.6, BOUNDS),
+    "steered": lambda steps: Steered.of(steps, DT, 0.6, 5, BOUNDS),
 }
 
 
@@ -270,7 +273,7 @@ PARAMETERS: dict[str, Callable[[int], Parameters]] = {
 def test_guessing_from_controls_gives_these_controls(kind: str):
     parameters = PARAMETERS[kind](40)
     z = np.random.default_rng(0).normal(size=parameters.size)
-    if isinstance(parameters, Periodic):
+    if isinstance(parameters, Periodic | Steered):
         z[0] = 0.0  # its frequency is that of the first guess
     controls = np.asarray(parameters.controls(jnp.asarray(z)))
     found = parameters.guess(controls)
@@ -314,6 +317,17 @@ def test_a_periodic_pattern_is_a_gait_and_repeats():
     weak = z * 1e-2
     gait = periodic.gait(weak).controls(48, DT, BOUNDS)
     np.testing.assert_allclose(gait, periodic.controls(jnp.asarray(weak)), atol=1e-3)
+
+
+def test_all_of_a_body_is_up_only_when_its_lowest_mass_point_is():
+    fish = a_system("fish")
+    low = float(fish.rest[2 : 3 * 23 : 3].min())
+    there = Trajectory(jnp.asarray(fish.rest[None], jnp.float32), jnp.zeros((0, 12)), jnp.ones(12), DT)
+    reached, missed = (
+        np.asarray(reach_height(fish, low + shift, within=0.01).residuals(there)) for shift in (-1e-4, 0.015)
+    )
+    assert (reached == 0).all()
+    assert (missed > 0).sum() == (fish.rest[2 : 3 * 23 : 3] < low + 0.015).sum()
 
 
 def not_a_number(trajectory: Trajectory) -> jax.Array:

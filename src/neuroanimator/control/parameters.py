@@ -121,8 +121,12 @@ class Periodic(Parameters):
 
     def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
         offset, sine, cosine = z[1:].reshape(3, -1)
-        turns = 2 * jnp.pi * self._tempo(z[0]) / self.period * (jnp.arange(self.steps)[:, None] + 0.5) * self.dt
+        turns = self.turns(z[0])[:, None]
         return self.middle + jnp.tanh(offset + sine * jnp.sin(turns) + cosine * jnp.cos(turns)) * self.half
+
+    def turns(self, number: Float[Array, ""]) -> Float[Array, " T"]:
+        """Return where in its pattern each super step's middle is [rad], for the `number` its frequency comes from."""
+        return 2 * jnp.pi * self._tempo(number) / self.period * (jnp.arange(self.steps) + 0.5) * self.dt
 
     def _tempo(self, number: Float[Array, ""]) -> Float[Array, ""]:
         """Return times the first frequency: 1 for a number of zero."""
@@ -141,6 +145,44 @@ class Periodic(Parameters):
         heights = np.tanh(np.hypot(sine, cosine))
         period = float(self.period / self._tempo(jnp.asarray(z[0])))
         return Gait(period, tuple(map(float, heights)), tuple(map(float, -np.arctan2(cosine, sine))))
+
+
+class Steered(Parameters):
+    """A pattern as `Periodic`'s with offsets that change slowly, on splines: to swim, and to turn and leap meanwhile.
+
+    z holds the frequency, then per control sine and cosine of the wave, then the splines' knots (K, C).
+    """
+
+    middle: Float[Array, " C"]
+    half: Float[Array, " C"]
+    steps: int = eqx.field(static=True)
+    wave: Periodic
+    offsets: Spline
+
+    @classmethod
+    def of(cls, steps: int, dt: float, period: float, knots: int, bounds: Bounds) -> Steered:
+        """Return the parameters of patterns near `period` [s], steered by splines with so many knots."""
+        wave = Periodic.of(steps, dt, period, bounds)
+        return cls(wave.middle, wave.half, steps, wave, Spline.of(steps, knots, bounds))
+
+    @property
+    def size(self) -> int:
+        return 1 + 2 * len(self.middle) + self.offsets.size
+
+    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
+        sine, cosine = z[1 : 1 + 2 * len(self.middle)].reshape(2, -1)
+        turns = self.wave.turns(z[0])[:, None]
+        knots = z[1 + 2 * len(self.middle) :].reshape(self.offsets.basis.shape[1], -1)
+        offset = self.offsets.basis @ knots
+        return self.middle + jnp.tanh(offset + sine * jnp.sin(turns) + cosine * jnp.cos(turns)) * self.half
+
+    def guess(self, controls: np.ndarray | None) -> np.ndarray:
+        if controls is None:
+            return np.zeros(self.size)
+        turns = np.asarray(self.wave.turns(jnp.zeros(())))
+        columns = [np.sin(turns)[:, None], np.cos(turns)[:, None], np.asarray(self.offsets.basis, float)]
+        found = np.linalg.lstsq(np.concatenate(columns, axis=1), _raw(self, controls), rcond=None)[0]
+        return np.concatenate([[0.0], found.ravel()])
 
 
 def _bounds(bounds: Bounds) -> tuple[Array, Array]:

@@ -94,7 +94,7 @@ class _Scene:
         title = f"{prefix}root" if prefix and not is_ghost else f"{prefix}{clip.name} root"
         nodes.append({"name": self._own(title), "rotation": Y_UP, "extras": _extras(clip)})
         for i, bone in enumerate(bones):
-            node = {"name": self._own(prefix + bone.name)}
+            node: dict[str, Any] = {"name": self._own(prefix + bone.name)}
             node |= {"translation": places[0, i].tolist(), "rotation": turns[0, i][XYZW].tolist()}
             if bone.shapes and (has_scenery or clip.skeleton.is_moved(i)):
                 node["mesh"] = self._mesh_of(clip.skeleton, i, is_ghost)

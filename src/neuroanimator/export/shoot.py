@@ -97,8 +97,13 @@ def shoot(out: str, content: bytes) -> None:
     visual.global_.offwidth, visual.global_.offheight = width, height
     visual.quality.offsamples, visual.quality.shadowsize = SAMPLES, SHADOW_MAP
     writer = imageio_ffmpeg.write_frames(
-        out, film.size, fps=clips[0].rate, quality=None, macro_block_size=2, output_params=ENCODER
-    )  # pyright: ignore[reportArgumentType]
+        out,
+        film.size,
+        fps=clips[0].rate,  # pyright: ignore[reportArgumentType]
+        quality=None,  # pyright: ignore[reportArgumentType]
+        macro_block_size=2,
+        output_params=ENCODER,
+    )
     writer.send(None)
     with mujoco.Renderer(scene.model, height, width) as renderer:
         scene.prepare(renderer.scene)
