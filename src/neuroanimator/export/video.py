@@ -11,7 +11,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from threading import Timer
 
@@ -84,37 +83,28 @@ def _draw(content: bytes, temporary: Path, name: str, images: int, bar: Bar) -> 
 
 def _run_drawing(content: bytes, out: Path, backend: str, images: int, bar: Bar) -> tuple[int, str]:
     """Return the drawing process's exit code and its last complaint; it ends whenever this function does."""
-    with tempfile.TemporaryFile() as complaints:
-        command = [sys.executable, "-m", "neuroanimator.export.draw", str(out)]
-        environment = {**os.environ, "MUJOCO_GL": backend}
-        process = subprocess.Popen(
-            command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=complaints
-        )
-        alarm = Timer(LONGEST_DRAWING, process.kill)
-        alarm.daemon = True
-        alarm.start()
-        try:
-            _hand_over(process, content)
-            assert process.stdout is not None
-            for line in process.stdout:
-                _show(bar, line, images)
-            code = process.wait()
-        finally:
-            alarm.cancel()
-            process.kill()
-            process.wait()
+    command = [sys.executable, "-m", "neuroanimator.export.draw", str(out)]
+    environment = {**os.environ, "MUJOCO_GL": backend}
+    with tempfile.TemporaryFile() as given, tempfile.TemporaryFile() as complaints:
+        given.write(content)
+        given.seek(0)
+        with subprocess.Popen(
+            command, env=environment, stdin=given, stdout=subprocess.PIPE, stderr=complaints
+        ) as process:
+            alarm = Timer(LONGEST_DRAWING, process.kill)
+            alarm.daemon = True
+            alarm.start()
+            try:
+                assert process.stdout is not None
+                for line in process.stdout:
+                    _show(bar, line, images)
+                code = process.wait()
+            finally:
+                alarm.cancel()
+                process.kill()
         complaints.seek(0)
         lines = complaints.read().decode(errors="replace").strip().splitlines()
     return code, lines[-1] if lines else "no message"
-
-
-def _hand_over(process: subprocess.Popen[bytes], content: bytes) -> None:
-    """Give a process its input; one that has ended by then says why by its exit code."""
-    assert process.stdin is not None
-    with suppress(BrokenPipeError):
-        process.stdin.write(content)
-    with suppress(BrokenPipeError):
-        process.stdin.close()
 
 
 def _show(bar: Bar, line: bytes, images: int) -> None:
