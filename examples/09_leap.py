@@ -1,4 +1,4 @@
-"""A dolphin leaps clear of the water and dives back in nose first: found by its emulator, proved on the true springs."""
+"""A dolphin leaps clear of the water and dives in nose first: found by its emulator, proved on the true springs."""
 
 from pathlib import Path
 
@@ -7,6 +7,7 @@ import numpy as np
 import neuroanimator as na
 from neuroanimator.control.parameters import Steered
 from neuroanimator.control.pose import read_heights
+from neuroanimator.systems.layout import Bounds
 
 DEPTH, SECONDS = 5.0, 4.0  # [m] a run-up from so deep, [s]
 TOP, ENTRY = 3.4, 3.75  # [s] when it is highest, and when it dives in again
@@ -17,11 +18,14 @@ steps = round(SECONDS / emulator.dt)
 start = np.array(system.rest)
 start[2 : 3 * 23 : 3] -= DEPTH
 
+# What pulls left and right alike cannot twist it in flight: only muscles of the gait may pull.
+bounds = Bounds.symmetric(np.where(np.array(system.gait.amplitudes) == 0, 1e-3, 1.0))
+
 # A first guess: its gait, a third faster, and its back bent upward at first.
 gait = system.gait
 times = np.arange(steps) * emulator.dt
 bend = np.interp(times, [0.0, 0.8, 2.4, SECONDS], [0.0, 0.165, 0.0, -0.08])
-first = 0.8 * gait.controls(steps, emulator.dt, system.bounds, tempo=1.33) + bend[:, None] * np.sign(gait.amplitudes)
+first = 0.8 * gait.controls(steps, emulator.dt, bounds, tempo=1.33) + bend[:, None] * np.sign(gait.amplitudes)
 
 found = na.synthesise(
     emulator, system,
@@ -32,7 +36,7 @@ found = na.synthesise(
         na.reach_heading(system, [np.cos(STEEP), 0, -np.sin(STEEP)], within=0.23, at=ENTRY),
     ),
     start, steps=steps, refinements=0, corrections=8, first=first,
-    parameters=Steered.of(steps, emulator.dt, gait.period / 1.33, 7, system.bounds),
+    parameters=Steered.of(steps, emulator.dt, gait.period / 1.33, 7, bounds),
 )  # fmt: skip
 
 print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps")

@@ -124,7 +124,8 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
     distance = _distance(
         film, max(float(np.median(width)), NEAREST) / share, float(np.median(height)) / share_of_height
     )
-    elevation = np.radians(view.elevation if not is_under_water else view.elevation / 2)
+    shallower = 0.5 if is_under_water and film.camera != "top" else 1.0  # the nearer the surface, the flatter
+    elevation = np.radians(view.elevation * shallower)
     ahead = np.stack([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation)], axis=1)
     ahead = np.concatenate([ahead, np.full((frames, 1), np.sin(elevation))], axis=1)
     place = lookat - distance * ahead
