@@ -9,7 +9,7 @@ from neuroanimator.control.parameters import Steered
 from neuroanimator.control.pose import read_heights
 from neuroanimator.systems.layout import Bounds
 
-DEPTH, SECONDS = 5.0, 4.0  # [m] a run-up from so deep, [s]
+DEPTH, SECONDS, TEMPO = 5.4, 4.0, 1.5  # [m] a run-up from so deep, [s], times the gait's frequency
 TOP, ENTRY = 3.4, 3.75  # [s] when it is highest, and when it dives in again
 STEEP = np.radians(60)
 
@@ -21,22 +21,22 @@ start[2 : 3 * 23 : 3] -= DEPTH
 # What pulls left and right alike cannot twist it in flight: only muscles of the gait may pull.
 bounds = Bounds.symmetric(np.where(np.array(system.gait.amplitudes) == 0, 1e-3, 1.0))
 
-# A first guess: its gait, a third faster, and its back bent upward at first.
+# A first guess: its gait, but faster, and its back bent upward at first.
 gait = system.gait
 times = np.arange(steps) * emulator.dt
-bend = np.interp(times, [0.0, 0.8, 2.4, SECONDS], [0.0, 0.165, 0.0, -0.08])
-first = 0.8 * gait.controls(steps, emulator.dt, bounds, tempo=1.33) + bend[:, None] * np.sign(gait.amplitudes)
+bend = np.interp(times, [0.0, 0.8, 2.4, SECONDS], [0.0, 0.3, 0.0, -0.05])
+first = 0.8 * gait.controls(steps, emulator.dt, bounds, tempo=TEMPO) + bend[:, None] * np.sign(gait.amplitudes)
 
 found = na.synthesise(
     emulator, system,
     na.Objective.of(
         na.effort(0.003),
         na.smoothness(0.0003),
-        na.reach_height(system, 0.7, within=0.1, at=TOP),  # [m] all of it, tail included
-        na.reach_heading(system, [np.cos(STEEP), 0, -np.sin(STEEP)], within=0.23, at=ENTRY),
+        na.reach_height(system, 1.0, within=0.1, at=TOP),  # [m] all of it, tail included
+        na.reach_heading(system, [np.cos(STEEP), 0, -np.sin(STEEP)], within=0.26, at=ENTRY),
     ),
     start, steps=steps, refinements=0, corrections=8, first=first,
-    parameters=Steered.of(steps, emulator.dt, gait.period / 1.33, 7, bounds),
+    parameters=Steered.of(steps, emulator.dt, gait.period / TEMPO, 7, bounds),
 )  # fmt: skip
 
 print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps")
