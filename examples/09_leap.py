@@ -11,7 +11,7 @@ from neuroanimator.systems.layout import Bounds
 
 DEPTH, SECONDS, TEMPO = 5.4, 4.0, 1.5  # [m] a run-up from so deep, [s], times the gait's frequency
 TOP, ENTRY = 3.4, 3.75  # [s] when it is highest, and when it dives in again
-STEEP = np.radians(60)
+STEEP = np.radians(50)
 
 emulator, system = na.Emulator.load(na.find_emulator("dolphin-50")), na.load_system("dolphin")
 steps = round(SECONDS / emulator.dt)
@@ -24,7 +24,7 @@ bounds = Bounds.symmetric(np.where(np.array(system.gait.amplitudes) == 0, 1e-3, 
 # A first guess: its gait, but faster, and its back bent upward at first.
 gait = system.gait
 times = np.arange(steps) * emulator.dt
-bend = np.interp(times, [0.0, 0.8, 2.4, SECONDS], [0.0, 0.3, 0.0, -0.05])
+bend = np.interp(times, [0.0, 0.8, 2.4, SECONDS], [0.0, 0.32, 0.0, -0.09])
 first = 0.8 * gait.controls(steps, emulator.dt, bounds, tempo=TEMPO) + bend[:, None] * np.sign(gait.amplitudes)
 
 found = na.synthesise(
@@ -32,7 +32,7 @@ found = na.synthesise(
     na.Objective.of(
         na.effort(0.003),
         na.smoothness(0.0003),
-        na.reach_height(system, 1.0, within=0.1, at=TOP),  # [m] all of it, tail included
+        na.reach_height(system, 1.1, within=0.1, at=TOP),  # [m] all of it, tail included
         na.reach_heading(system, [np.cos(STEEP), 0, -np.sin(STEEP)], within=0.26, at=ENTRY),
     ),
     start, steps=steps, refinements=0, corrections=8, first=first,
