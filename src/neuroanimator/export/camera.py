@@ -21,6 +21,8 @@ SHARE_OF_MANY, SHARE_OF_MOTION = 0.6, 0.75
 """The same of several bodies, and of a whole motion before a camera that stands still."""
 STAYS = 1.8
 """A motion that takes no more than this many times the body's own room is filmed by a camera that stands still."""
+FORESHORTENED = 0.5
+"""A long body seen end on is framed as if it were so wide, over its length."""
 FOLLOWING = 0.8
 """[s] Over which the camera's way is smoothed."""
 LAG = 0.3
@@ -106,7 +108,7 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
     boxes = room_of(clips)
     view = VIEWS[film.camera]
     frames, rate = len(boxes.low), clips[0].rate
-    is_under_water = surface is not None and not _emerges(boxes, surface)
+    is_under_water = surface is not None and film.camera != "top" and not _emerges(boxes, surface)
     heading = np.repeat(_heading(clips[0])[:1], frames)
     if film.camera in ("front", "back"):
         heading = smoothed(np.unwrap(_heading(clips[0]))[:, None], round(rate * FOLLOWING))[:, 0]
@@ -117,14 +119,19 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
     share_of_height = SHARE_OF_HEIGHT
     lookat = camera_way(boxes.centres, round(rate * FOLLOWING), LAG * float(np.median(np.maximum(width, height))))
     if is_still:
-        width, height = _seen(boxes.whole, azimuth[:1])
+        boxes = boxes.whole
+        azimuth_of_all = azimuth[:1]
         share = share_of_height = SHARE_OF_MOTION
-        lookat = np.repeat(boxes.whole.centres, frames, axis=0)
-    size = max(float(np.median(width)), float(np.median(height)), NEAREST)
-    distance = _distance(
-        film, max(float(np.median(width)), NEAREST) / share, float(np.median(height)) / share_of_height
-    )
-    shallower = 0.5 if is_under_water and film.camera != "top" else 1.0  # the nearer the surface, the flatter
+        lookat = np.repeat(boxes.centres, frames, axis=0)
+    else:
+        azimuth_of_all = azimuth
+    width, height = _seen(boxes, azimuth_of_all)
+    depth, _ = _seen(boxes, azimuth_of_all + np.pi / 2)
+    size = max(float(np.median(np.maximum(width, depth))), float(np.median(height)), NEAREST)
+    wide = max(float(np.median(width)), FORESHORTENED * size)
+    nearer = float(np.median(height if film.camera == "top" else depth)) / 2
+    distance = nearer + _distance(film, wide / share, float(np.median(height)) / share_of_height)
+    shallower = 0.5 if is_under_water else 1.0  # the nearer the surface, the flatter
     elevation = np.radians(view.elevation * shallower)
     ahead = np.stack([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation)], axis=1)
     ahead = np.concatenate([ahead, np.full((frames, 1), np.sin(elevation))], axis=1)
