@@ -9,8 +9,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
 STAGES = [
-    "text", "errors", "parsing", "unfinished", "private_folder", "files", "terminal", "systems", "data", "emulator",
-    "codegen", "shipped", "training", "evaluation",
+    "text", "errors", "parsing", "unfinished", "private_folder", "files", "shipped", "program_cache", "terminal",
+    "systems", "data", "emulator", "codegen", "training", "evaluation",
     "animation", "control", "export", "gym", "propose", "new", "sweep", "bench",
     "control_plot", "control_bench", "demo", "cli",
 ]  # fmt: skip

@@ -20,6 +20,11 @@ def shipped_path(system: str, substeps: int = 50) -> Path:
     return Path(str(resources.files("neuroanimator"))) / "emulators" / f"{system}-{substeps}.emulator.safetensors"
 
 
+def is_name(reference: str) -> bool:
+    """Return whether `reference` may name something that ships: it has no folder and no suffix."""
+    return Path(reference).name == reference and not Path(reference).suffix
+
+
 def find_emulator(name: str) -> Path:
     """Return the file `name` is, or the shipped emulator it names: `pendulum` or `pendulum-100`."""
     path = Path(name)

@@ -9,6 +9,10 @@ from neuroanimator.cli.stop import STOP
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.text import open_streams, print_line
 
+# XLA logs an error of a thousand characters for each kept program on some processors, though it uses them all
+# (docs/decisions/0014-compiled-once-a-machine.md); what matters comes as a Python exception.
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+
 
 def main() -> None:
     """Run the command line; end with the exit code the error asks for and never with a traceback."""

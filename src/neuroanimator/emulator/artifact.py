@@ -18,6 +18,7 @@ from neuroanimator.emulator.networks import NETWORKS, WIDEST_LAYER, make_network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.program_cache import keep_programs
 from neuroanimator.systems.definition_text import check_carried
 from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
@@ -136,6 +137,7 @@ def describe(emulator: Emulator) -> dict[str, Any]:
 
 def load(path: Path) -> Emulator:
     """Return the emulator at `path`, every name, text, shape and number checked."""
+    keep_programs()
     tensors, metadata = read_tensors(path, "emulator")
     check_format(path, metadata.get("format"), FORMAT)
     try:

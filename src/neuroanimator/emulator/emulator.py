@@ -11,12 +11,14 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
+from neuroanimator.emulator.compiled import Step, call_compiled
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError, DivergedError
+from neuroanimator.shipped import find_emulator, is_name
 from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.rotation import Numbers
@@ -99,9 +101,15 @@ class Emulator(eqx.Module):
         """Time one super step covers [s]."""
         return self.identity.dt
 
-    def step(self, state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " S"]:
-        """Return the state `dt` seconds later. Differentiable, unchecked: for use inside jit."""
-        return self.decode(self.advance(self.encode(state), self.encode_control(control)))
+    @property
+    def step(self) -> Step:
+        """`step(state (S,), control (C,))` is the state (S,) `dt` seconds later: see `Step.__call__`.
+
+        A function that can be called from Python, where it is compiled at the first call, and given to `jax.jit`,
+        `jax.grad` and `jax.vmap`.
+        """
+        identity, kind = self.identity, self.normaliser.change_scale.dtype
+        return Step(step, self, identity.state, identity.control, kind)
 
     def advance(self, inner: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " I"]:
         """Return `step` in the numbers it is made in: those of `encode` and `encode_control`.
@@ -181,7 +189,7 @@ class Emulator(eqx.Module):
         state, controls = self._checked(state, controls)
         if not controls.shape[-2]:
             return state[..., None, :]
-        found = _rollout_batch(self, state, controls) if state.ndim == 2 else _rollout(self, state, controls)
+        found = call_compiled(rollout_batch if state.ndim == 2 else rollout, self, state, controls)
         if not may_diverge:
             self._check_finite(np.asarray(found))
         return found
@@ -231,10 +239,23 @@ class Emulator(eqx.Module):
 
     @classmethod
     def load(cls, path: str | Path) -> Emulator:
-        """Return the emulator in the file at `path`; BadFileError says what is wrong with it."""
+        """Return the emulator in the file at `path`, or the one that ships under the name `path`: "fish-50".
+
+        A name has no folder and no suffix. BadFileError says what is wrong with a file, and lists the names.
+        """
         from neuroanimator.emulator.artifact import load
 
-        return load(Path(path))
+        file = find_emulator(path) if isinstance(path, str) and is_name(path) else Path(path)
+        return load(file)
+
+    def __repr__(self) -> str:
+        identity = self.identity
+        kind = type(self.network).__name__.lower()
+        widths = "x".join(map(str, self.network.widths))
+        return (
+            f'Emulator("{identity.system}", {identity.substeps} substeps, dt {identity.dt:g} s, '
+            f"{identity.state.size} states, {identity.control.size} controls, {kind} {widths})"
+        )
 
     def _checked(self, state: ArrayLike, controls: ArrayLike) -> tuple[Array, Array]:
         state = self.identity.state.check(state, "state")
@@ -253,6 +274,12 @@ class Emulator(eqx.Module):
             )
         kind = self.normaliser.change_scale.dtype
         return jnp.asarray(state, kind), jnp.asarray(controls, kind)
+
+
+def step(emulator: Emulator, state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " S"]:
+    """Return the state one super step after `state`. For use inside jit, grad and vmap."""
+    inner = emulator.encode(state)
+    return emulator.decode(emulator.advance(inner, emulator.encode_control(control)))
 
 
 def rollout(emulator: Emulator, state: Float[Array, " S"], controls: Float[Array, "T C"]) -> Float[Array, "T+1 S"]:
@@ -277,5 +304,8 @@ def follow(
     return jax.lax.scan(advance, inner, controls, unroll=UNROLL)[1]
 
 
-_rollout = eqx.filter_jit(rollout)
-_rollout_batch = eqx.filter_jit(eqx.filter_vmap(rollout, in_axes=(None, 0, 0)))
+def rollout_batch(
+    emulator: Emulator, states: Float[Array, "B S"], controls: Float[Array, "B T C"]
+) -> Float[Array, "B T+1 S"]:
+    """Return the trajectories from `states`, starts included. For use inside jit and grad."""
+    return jax.vmap(lambda state, held: rollout(emulator, state, held))(states, controls)

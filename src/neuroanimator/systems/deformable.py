@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from neuroanimator.program_cache import keep_programs
 from neuroanimator.systems.body import Body
 from neuroanimator.systems.body_checks import check_mirror, check_steps
 from neuroanimator.systems.body_definition import (
@@ -43,6 +44,7 @@ class DeformableSystem(System):
 
     def __init__(self, definition: BodyDefinition, text: str = ""):
         """`text` is what the system can be made from again; empty for one that comes with the package."""
+        keep_programs()
         self.name, self.definition = definition.name, text
         self.body = _body(definition.model_dump_json())
         names = control_names(definition)

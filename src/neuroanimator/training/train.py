@@ -22,6 +22,7 @@ from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files import append_line, digest, locked, write_whole
 from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.program_cache import keep_programs
 from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.structure import Structure
 from neuroanimator.systems.system import System
@@ -72,6 +73,7 @@ def train(
 
     Checkpoints and `metrics.jsonl` lie in `run_folder(out)`; a run found there is continued.
     """
+    keep_programs()
     folder = run_folder(out)
     with locked(folder):
         run = _Run.prepare(data, config, folder, start_from)

@@ -1,0 +1,104 @@
+"""Functions of an emulator as Python calls them: compiled once for every structure, and cheap to call again.
+
+`equinox.filter_jit` takes a module apart at every call, which costs milliseconds for one with a skin or
+hundreds of named numbers. Here a module is taken apart once, and its arrays go straight to `jax.jit`.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.layout import Layout
+
+PROGRAMS = 256
+"""Functions of structures that are kept compiled; each takes some megabytes."""
+
+Leaves = tuple[Array, ...]
+
+_known: dict[int, tuple[weakref.ref[Any], Leaves, Any]] = {}
+"""By the address of a module that is alive: a reference to it, its arrays and its structure."""
+
+
+def call_compiled(function: Callable[..., Any], module: Any, *arrays: Any) -> Any:
+    """Return `function(module, *arrays)` by a program compiled once for the module's structure and the arrays' shapes.
+
+    Inside somebody else's `jax.jit`, `grad` or `vmap` it is part of their program.
+    """
+    leaves, structure = _taken_apart(module)
+    return _program(function, structure)(leaves, *arrays)
+
+
+def _taken_apart(module: Any) -> tuple[Leaves, Any]:
+    """Return the arrays of a module and its structure; remembered as long as the module lives."""
+    address = id(module)
+    known = _known.get(address)
+    if known is not None and known[0]() is module:
+        return known[1], known[2]
+    found, structure = jax.tree_util.tree_flatten(module)
+    leaves = tuple(found)
+    is_traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+    if not is_traced:
+        reference = weakref.ref(module, lambda _: _known.pop(address, None))
+        _known[address] = (reference, leaves, structure)
+    return leaves, structure
+
+
+@lru_cache(maxsize=PROGRAMS)
+def _program(function: Callable[..., Any], structure: Any) -> Callable[..., Any]:
+    """Return `function` of a module's arrays and of further arrays, compiled at the first call."""
+
+    def run(leaves: Leaves, *arrays: Any) -> Any:
+        module = jax.tree_util.tree_unflatten(structure, leaves)
+        return function(module, *arrays)
+
+    run.__name__ = getattr(function, "__name__", "run")
+    # Inlined: inside a user's own jit it leaves no call behind that others would have to understand.
+    return jax.jit(run, inline=True)
+
+
+class Step:
+    """A super step to call: from Python, and inside `jax.jit`, `jax.grad` and `jax.vmap`.
+
+    Unlike a bound method of a module it can be hashed, as `jax.jit` asks of what it compiles.
+    """
+
+    def __init__(self, function: Callable[..., Array], emulator: Any, state: Layout, control: Layout, kind: np.dtype):
+        """`function` (emulator, state, control) → the next state; `kind` is the type of the emulator's numbers."""
+        self._function = function
+        self._emulator = emulator
+        self._state, self._state_shape = state, (state.size,)
+        self._control, self._control_shape = control, (control.size,)
+        self._kind = kind
+        self.__name__ = "step"
+        self.__doc__ = type(self).__call__.__doc__
+
+    def __repr__(self) -> str:
+        return f"step(state {self._state_shape}, control {self._control_shape}) of {self._emulator!r}"
+
+    def __call__(self, state: Float[ArrayLike, " S"], control: Float[ArrayLike, " C"]) -> Float[Array, " S"]:
+        """Return the state (S,) one super step after `state` (S,) under `control` (C,). Differentiable.
+
+        Raises ArgumentError for wrong shapes, and for numbers that are not finite where they do not come from JAX.
+        """
+        state = self._checked(state, self._state, self._state_shape, "state")
+        control = self._checked(control, self._control, self._control_shape, "control")
+        return call_compiled(self._function, self._emulator, state, control)
+
+    def _checked(self, vector: ArrayLike, layout: Layout, shape: tuple[int, ...], label: str) -> Any:
+        if isinstance(vector, jax.Array) and vector.shape == shape:
+            return vector  # Looking at its numbers would wait for them, and a tracer has none.
+        if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:
+            raise ArgumentError(
+                f"{label}: wanted {shape[0]} numbers, came shape {np.shape(vector)}. "
+                "For many at once use jax.vmap(emulator.step), or rollout."
+            )
+        return layout.check(vector, label).astype(self._kind)

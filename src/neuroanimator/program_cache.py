@@ -1,0 +1,104 @@
+"""Programs JAX has compiled are kept on disk, so that only the first run on a machine waits for the compiler.
+
+The folder is the user's own, and of one processor and one version of JAX: what is in it is machine code
+(docs/decisions/0013-compiled-once-a-machine.md). `NEUROANIMATOR_CACHE=off` switches it off, and a folder
+of the user's own choice (`JAX_COMPILATION_CACHE_DIR`, `jax.config`) is never replaced.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import stat
+import warnings
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+SWITCH = "NEUROANIMATOR_CACHE"
+OFF = ("off", "0", "no", "false")
+
+MOST_PROGRAMS = 4000
+"""Kept on disk: about 100 MB. Beyond that the older half is removed."""
+
+COMPLAINTS = "Error (reading|writing) persistent compilation cache entry"
+"""How JAX's warnings begin where a kept program is damaged or the disk is full: it compiles instead."""
+
+
+@cache
+def keep_programs() -> Path | None:
+    """Keep what JAX compiles from now on, and return the folder; None where that is off, or left to the user.
+
+    Where no folder can be had (no home, a read-only disk) everything works as without.
+    """
+    import jax
+
+    if os.environ.get(SWITCH, "").lower() in OFF or jax.config.jax_compilation_cache_dir:
+        return None
+    folder = _own_folder(_machine())
+    if folder is None:
+        return None
+    _remove_older_half(folder)
+    warnings.filterwarnings("ignore", message=COMPLAINTS)
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    # Hundreds of small programs take longer to compile than to read.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    return folder
+
+
+def _own_folder(name: str) -> Path | None:
+    """Return the folder `name` in the user's cache, made if need be; None where nobody else could be kept out of it."""
+    try:
+        folder = _cache_home()
+        folder.mkdir(parents=True, exist_ok=True)
+        for part in ("neuroanimator", "programs", name):
+            folder = folder / part
+            folder.mkdir(mode=0o700, exist_ok=True)
+            if not _is_own(folder):
+                return None
+    except (OSError, RuntimeError):  # RuntimeError: there is no home
+        return None
+    return folder if os.access(folder, os.W_OK | os.X_OK) else None
+
+
+def _cache_home() -> Path:
+    """Return the user's folder for caches; RuntimeError where there is no home."""
+    chosen = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    # The standard says that a relative path is to be ignored.
+    return chosen if chosen.is_absolute() else Path.home() / ".cache"
+
+
+def _is_own(folder: Path) -> bool:
+    """Return whether `folder` is a real folder of this user's that nobody else can write to."""
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode):
+        return False
+    if os.name != "posix":
+        return True
+    is_shared = bool(found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+    return found.st_uid == os.getuid() and not is_shared
+
+
+def _machine() -> str:
+    """Return a name for what machine code depends on: the processor and its features, JAX and its compiler."""
+    facts = [platform.system(), platform.machine(), platform.processor(), version("jax"), version("jaxlib")]
+    about = Path("/proc/cpuinfo")
+    lines = about.read_text().splitlines() if about.exists() else []
+    for key in ("model name", "flags", "Features", "CPU part"):
+        facts += [line for line in lines if line.startswith(key)][:1]
+    return hashlib.sha256("\n".join(facts).encode()).hexdigest()[:16]
+
+
+def _remove_older_half(folder: Path) -> None:
+    """Remove the older half of the programs in `folder` if there are too many."""
+    try:
+        entries = list(folder.iterdir())
+        if len(entries) <= MOST_PROGRAMS:
+            return
+        entries.sort(key=lambda entry: entry.stat().st_mtime)
+        for entry in entries[: len(entries) // 2]:
+            entry.unlink(missing_ok=True)
+    except OSError:  # another process removes the same
+        return

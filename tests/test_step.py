@@ -1,0 +1,118 @@
+"""`Emulator.step` as the first thing anybody calls: from Python, and inside jit, grad and vmap."""
+
+from __future__ import annotations
+
+import gc
+import logging
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neuroanimator import Emulator, NeuroAnimatorError
+from neuroanimator.emulator import compiled
+from neuroanimator.emulator.emulator import step as plain_step
+
+SYSTEMS = ("fish", "lander", "pendulum", "truck")
+
+
+@pytest.fixture(scope="module")
+def emulators() -> dict[str, Emulator]:
+    return {name: Emulator.load(name) for name in SYSTEMS}
+
+
+def inputs(emulator: Emulator) -> tuple[np.ndarray, np.ndarray]:
+    bounds = emulator.identity.bounds
+    return np.array(emulator.identity.rest), bounds.middle + 0.3 * bounds.half
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_step_from_python_is_the_definition_and_the_same_inside_jit(emulators: dict[str, Emulator], name: str):
+    emulator = emulators[name]
+    state, control = inputs(emulator)
+    called = emulator.step(state, control)
+    defined = plain_step(emulator, jnp.asarray(state, jnp.float32), jnp.asarray(control, jnp.float32))
+    scale = np.abs(defined).max()
+    np.testing.assert_allclose(called, defined, rtol=1e-5, atol=1e-5 * scale)
+    np.testing.assert_allclose(jax.jit(emulator.step)(state, control), called, rtol=1e-6, atol=1e-6 * scale)
+    assert isinstance(called, jax.Array)
+    assert called.dtype == jnp.float32
+
+
+def test_steps_after_the_first_compile_nothing(emulators: dict[str, Emulator], caplog: pytest.LogCaptureFixture):
+    emulator = emulators["truck"]
+    state, control = inputs(emulator)
+    emulator.step(state, control)
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        for _ in range(5):
+            state = np.asarray(emulator.step(state, control))
+        assert not caplog.records
+        jax.jit(lambda x: x + 1)(state)
+        assert caplog.records  # the log does say when something is compiled
+
+
+def test_two_emulators_of_one_structure_share_a_program(caplog: pytest.LogCaptureFixture):
+    first, second = Emulator.load("pendulum-50"), Emulator.load("pendulum-50")
+    state, control = inputs(first)
+    expected = first.step(state, control)
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        np.testing.assert_array_equal(second.step(state, control), expected)
+    assert not caplog.records
+
+
+def test_the_gradient_of_a_step_equals_finite_differences(emulators: dict[str, Emulator]):
+    emulator = emulators["pendulum"]
+    state = jnp.array([0.3, -0.2, 0.1, 0.5, -0.4, 0.2])
+    control, weights = jnp.array([3.0, -2.0, 1.0]), jnp.arange(1.0, 7.0)
+    cost = lambda control: weights @ emulator.step(state, control)  # noqa: E731
+    slope = jax.grad(cost)(control)
+    shift = 0.3
+    differences = [(cost(control + shift * e) - cost(control - shift * e)) / (2 * shift) for e in jnp.eye(3)]
+    np.testing.assert_allclose(slope, differences, rtol=2e-2, atol=1e-3)
+
+
+def test_vmap_of_step_is_every_step(emulators: dict[str, Emulator]):
+    emulator = emulators["lander"]
+    state, control = inputs(emulator)
+    states = jnp.asarray(state + np.array([0.0, 0.5, 1.0])[:, None] * np.eye(13)[2], jnp.float32)
+    many = jax.vmap(emulator.step, (0, None))(states, jnp.asarray(control, jnp.float32))
+    one_by_one = [emulator.step(each, control) for each in states]
+    np.testing.assert_allclose(many, one_by_one, rtol=1e-4, atol=1e-5)
+
+
+def test_a_step_of_a_traced_emulator_has_a_gradient_with_respect_to_its_weights(emulators: dict[str, Emulator]):
+    emulator = emulators["pendulum"]
+    state, control = inputs(emulator)
+    slope = jax.grad(lambda emulator: jnp.sum(emulator.step(state, control) ** 2))(emulator)
+    assert float(jnp.abs(slope.normaliser.change_scale).max()) > 0
+
+
+@pytest.mark.parametrize(
+    ("state", "control", "message"),
+    [
+        (np.zeros(5), np.zeros(3), "state: wanted 6 numbers, came shape (5,)"),
+        (np.zeros((2, 6)), np.zeros((2, 3)), "jax.vmap(emulator.step)"),
+        (jnp.zeros(6), jnp.zeros(4), "control: wanted 3 numbers, came shape (4,)"),
+        (0.0, np.zeros(3), "state: wanted 6 numbers, came shape ()"),
+        ([0, 0, 0, 0, 0, np.nan], np.zeros(3), "velocity[2] rad/s is not finite"),
+    ],
+)
+def test_a_step_of_a_wrong_shape_says_what_was_wanted(emulators: dict[str, Emulator], state, control, message: str):
+    with pytest.raises(NeuroAnimatorError) as caught:
+        emulators["pendulum"].step(state, control)
+    assert message in str(caught.value)
+
+
+def test_a_wrong_shape_is_said_inside_jit_too(emulators: dict[str, Emulator]):
+    with pytest.raises(NeuroAnimatorError, match="wanted 6 numbers"):
+        jax.jit(emulators["pendulum"].step)(jnp.zeros(7), jnp.zeros(3))
+
+
+def test_an_emulator_that_is_gone_is_forgotten():
+    emulator = Emulator.load("pendulum-25")
+    emulator.step(*inputs(emulator))
+    known = len(compiled._known)
+    del emulator
+    gc.collect()
+    assert len(compiled._known) == known - 1
