@@ -46,6 +46,9 @@ if TYPE_CHECKING:
     from neuroanimator.training.config import training_config
     from neuroanimator.training.train import train
 
+__version__: str
+"""Of the installed package."""
+
 # Loaded on first use, so that `neuroanimator --help` does not wait for JAX and MuJoCo.
 _HOMES = {
     "Clip": "animation.clip",
@@ -108,7 +111,22 @@ __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
 ]  # fmt: skip
 
 
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])
+
+
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return _version()
     if name not in _HOMES:
         raise AttributeError(f"neuroanimator has no '{name}'")
     return getattr(import_module(f"neuroanimator.{_HOMES[name]}"), name)
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("neuroanimator")
+    except PackageNotFoundError:  # run from a source folder that is not installed
+        return "unknown"

@@ -19,6 +19,7 @@ from neuroanimator.systems.mujoco_skeleton import JOINT_NAMES
 from neuroanimator.systems.mujoco_structure import LOOKS, actuator_name, joint_name, sensor_name
 from neuroanimator.systems.proposed import GOOD_ENOUGH, WHOLE_TURN, proposed_substeps
 from neuroanimator.systems.system import Scheme
+from neuroanimator.terminal import phase, progress_bar
 
 TRIAL_RUNS, TRIAL_SECONDS = 16, 2.0
 TRIAL_SEED = 0
@@ -57,7 +58,8 @@ def propose(path: Path) -> Proposal:
         if unlimited
     }
     system = ModelSystem(check_definition(values, path.name), model)
-    values["sampling"]["speed"] = _usual_speeds(system, path)
+    with phase("simulating"):
+        values["sampling"]["speed"] = _usual_speeds(system, path)
     system = ModelSystem(check_definition(values, path.name), model)
     scheme, error, own = _teacher(system)
     values["physics"] |= {"truth_step": scheme.dt, "truth_integrator": scheme.integrator}
@@ -184,7 +186,8 @@ def _teacher(system: ModelSystem) -> tuple[Scheme, float, float]:
     """Return (the cheapest scheme good enough to teach, its error, the model's own error) by trial."""
     states, controls, dt = _trial(system)
     starts, held = states[:, :-1].reshape(-1, system.state.size), controls.reshape(-1, 1, system.control.size)
-    exact = system.simulate(starts, held, dt, scheme=system.fine)
+    with phase("simulating finely"):
+        exact = system.simulate(starts, held, dt, scheme=system.fine)
     frame = Frame.of(system.structure, dt)
     unit = np.maximum(frame.difference(starts, exact.states[:, 1]).std(axis=0), 1e-9)
 
@@ -197,7 +200,11 @@ def _teacher(system: ModelSystem) -> tuple[Scheme, float, float]:
     step, own = system.physics_dt, error(system.scheme)
     ways = [Scheme("rk4", step), system.scheme, Scheme("rk4", step / 2), Scheme("rk4", step / 5)]
     ways += [Scheme(system.scheme.integrator, step / parts) for parts in (2, 5)]
-    errors = [error(way) for way in ways]
+    errors = []
+    with progress_bar("physics steps tried", len(ways)) as bar:
+        for way in ways:
+            errors.append(error(way))
+            bar.advance_to(len(errors), f"{way.integrator} {way.dt * 1e3:.3g} ms")
     for way, found in zip(ways, errors, strict=True):
         if found <= GOOD_ENOUGH:
             return way, found, own

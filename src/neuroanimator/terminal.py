@@ -1,23 +1,30 @@
-"""What people see: progress bars on stderr, and only on a terminal; plain tables on stdout."""
+"""What people see: progress bars and phases on stderr, and only on a terminal; plain tables on stdout."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
+from threading import Timer
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    Task,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.text import Text
 
 from neuroanimator.text import print_line, printable
+
+SHOWN_AFTER = 0.3
+"""[s] A phase shorter than this is not shown: it would only flicker."""
 
 
 class Bar:
@@ -36,19 +43,130 @@ class Bar:
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Bar]:
     """Show a bar of `total` units with rate and time left while the block runs."""
-    if not sys.stderr.isatty():
-        yield Bar(None, title, total)
+    with _screen.shown() as progress:
+        yield Bar(progress, title, total)
+
+
+@contextmanager
+def phase(name: str) -> Iterator[None]:
+    """Say what is going on while the block runs, on a terminal and where a command line runs (`show_phases`).
+
+    How long each phase took is in `phase_seconds`; a phase within another counts for itself alone.
+    """
+    with _clock.running(name):
+        if not _screen.shows_phases:
+            yield
+            return
+        with _screen.shown() as progress, _spinning(progress, name):
+            yield
+
+
+def show_phases() -> None:
+    """Show phases from now on: what the command line does, and a library does not."""
+    _screen.shows_phases = True
+
+
+def phase_seconds() -> dict[str, float]:
+    """Return how long each phase took in this process [s], in the order they began."""
+    return dict(_clock.seconds)
+
+
+@contextmanager
+def _spinning(progress: Progress | None, name: str) -> Iterator[None]:
+    """Show `name` with a bar of unknown length, soon."""
+    if progress is None:
+        yield
         return
-    columns = (
+    task = progress.add_task(name, total=None, note="", visible=False)
+    timer = Timer(SHOWN_AFTER, lambda: progress.update(task, visible=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        progress.remove_task(task)
+
+
+class _Clock:
+    """Seconds spent in every phase, those of inner phases not counted twice."""
+
+    def __init__(self):
+        self.seconds: dict[str, float] = {}
+        self._within: list[float] = []
+        """Of every phase that is open, what its inner phases took."""
+
+    @contextmanager
+    def running(self, name: str) -> Iterator[None]:
+        """Count the time of the block for `name`."""
+        self.seconds.setdefault(name, 0.0)
+        self._within.append(0.0)
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            took = time.perf_counter() - began
+            self.seconds[name] += took - self._within.pop()
+            if self._within:
+                self._within[-1] += took
+
+
+class _Screen:
+    """The one live display of a process: bars and phases are lines of it."""
+
+    def __init__(self):
+        self.shows_phases = False
+        self._progress: Progress | None = None
+        self._users = 0
+
+    @contextmanager
+    def shown(self) -> Iterator[Progress | None]:
+        """Yield the display, which is there as long as somebody uses it; None where there is no terminal."""
+        if not sys.stderr.isatty():
+            yield None
+            return
+        if self._progress is None:
+            self._progress = _new_display()
+            self._progress.start()
+        self._users += 1
+        try:
+            yield self._progress
+        finally:
+            self._users -= 1
+            if self._users == 0:
+                self._progress.stop()
+                self._progress = None
+
+
+class _Count(MofNCompleteColumn):
+    """How many of how many; nothing for what has no number."""
+
+    def render(self, task: Task) -> Text:
+        return Text("") if task.total is None else super().render(task)
+
+
+class _Remaining(TimeRemainingColumn):
+    """Time left; nothing where nobody knows."""
+
+    def render(self, task: Task) -> Text:
+        return Text("") if task.total is None else super().render(task)
+
+
+def _new_display() -> Progress:
+    return Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
-        MofNCompleteColumn(),
+        _Count(),
         TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        _Remaining(),
         TextColumn("{task.fields[note]}", markup=False),
+        console=Console(stderr=True),
     )
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        yield Bar(progress, title, total)
+
+
+_clock = _Clock()
+_screen = _Screen()
 
 
 def print_rows(rows: Iterable[tuple[str, object]]) -> None:

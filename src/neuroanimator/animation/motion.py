@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.rotation import multiply, rotate
+from neuroanimator.systems.start import quaternion_entries, start_state
 
 LONGEST = 3600.0
 """[s] Longest random motion; an hour."""
@@ -25,25 +28,28 @@ GRAVITY = 9.81
 """[m/s²]"""
 
 
-def random_motion(emulator: Emulator, seconds: float, seed: int) -> np.ndarray:
-    """Return a trajectory (T+1, S) under random, never idle controls, from rest; free hinges start anywhere.
+def random_motion(emulator: Emulator, seconds: float, seed: int, start: np.ndarray | None = None) -> np.ndarray:
+    """Return a trajectory (T+1, S) under random, never idle controls, from `start` (S,).
 
-    With the seed 0 it is a motion to look at: what has a gait moves by it, a swimmer well under the surface, and a
-    soft body on the ground is thrown and left alone.
+    Without a start it begins at rest; free hinges start anywhere. With the seed 0 and no start it is a motion to look
+    at: what has a gait moves by it, a swimmer well under the surface, and a soft body on the ground is thrown and left
+    alone.
     """
     if not emulator.dt <= seconds <= LONGEST:
         raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")
     if seed < 0:
         raise ArgumentError(f"seed: wanted 0 or more, came {seed}.")
     rng, identity = np.random.default_rng(seed), emulator.identity
-    start = np.array(identity.rest)
-    positions = _free_hinges(emulator)
-    start[positions] = rng.uniform(-np.pi / 2, np.pi / 2, len(positions))
+    is_shown = seed == 0 and start is None
+    if start is None:
+        start = np.array(identity.rest)
+        positions = _free_hinges(emulator)
+        start[positions] = rng.uniform(-np.pi / 2, np.pi / 2, len(positions))
     steps = int(np.ceil(seconds / emulator.dt - 1e-9))
     if seed == 0 and identity.gait is not None:
-        start = _dived(emulator, start)
+        start = _dived(emulator, start) if is_shown else start
         controls = identity.gait.controls(steps, emulator.dt, identity.bounds)
-    elif seed == 0 and _is_soft_on_ground(emulator):
+    elif is_shown and _is_soft_on_ground(emulator):
         start = _thrown(emulator, start)
         controls = np.repeat(identity.bounds.middle[None], steps, axis=0)
     else:
@@ -116,8 +122,19 @@ def _about(axis: int, angle: float) -> np.ndarray:
     return quaternion
 
 
-def controlled_motion(emulator: Emulator, controls: np.ndarray) -> np.ndarray:
-    """Return the trajectory (T+1, S) from rest under `controls` (T, C); refuse controls out of bounds."""
+def named_start(emulator: Emulator, parts: Mapping[str, Sequence[float]]) -> np.ndarray:
+    """Return the state of rest (S,) with the numbers of each of `parts` in their places; see `start_state`."""
+    identity, modes = emulator.identity, emulator.modes
+    turns = quaternion_entries(emulator.frame.segments) if modes is None else ()
+    cloud = None if modes is None else modes.cloud
+    return start_state(identity.state, identity.rest, parts, turns=turns, cloud=cloud)
+
+
+def controlled_motion(emulator: Emulator, controls: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+    """Return the trajectory (T+1, S) from `start` (S,), or from rest, under `controls` (T, C).
+
+    Raises ArgumentError for controls out of bounds.
+    """
     identity = emulator.identity
     controls = identity.bounds.check(identity.control.check(controls, "control"), identity.control.names)
-    return np.asarray(emulator.rollout(np.array(identity.rest), controls), float)
+    return np.asarray(emulator.rollout(np.array(identity.rest) if start is None else start, controls), float)

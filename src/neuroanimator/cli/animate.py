@@ -15,12 +15,17 @@ SIZE = "{}x{}".format(*USUAL_SIZE)
 SIZE_HELP = "Width x height of a film [pixels]."
 CAMERA_HELP = "Of a film: " + "; ".join(f"{name} ({does})" for name, does in CAMERAS.items()) + "."
 
+START_HELP = "Part of the state to start with, such as root.place=3,-2,8; may be given several times."
+
 
 def run(
     emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
     out: Annotated[list[Path], typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times.")],
     seconds: Annotated[float, typer.Option(help="Length of a random motion [s].")] = 5.0,
-    controls: Annotated[Path | None, typer.Option(help="CSV of controls, as 'control' writes; from rest.")] = None,
+    controls: Annotated[
+        Path | None, typer.Option(help="CSV of controls, as 'control' writes; from rest, or --start.")
+    ] = None,
+    start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
     seed: Annotated[int, typer.Option(help="Seed of start and controls.")] = 0,
     rate: Annotated[float, typer.Option(help="Frames a second, such as 30 or 60.")] = 30.0,
     size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
@@ -29,19 +34,24 @@ def run(
 ) -> None:
     """Animate a random motion, or one found by 'control', without running the physics."""
     from neuroanimator.export.film import read_film
+    from neuroanimator.terminal import phase, print_rows
 
     film = read_film(size, camera)
-    from neuroanimator.animation.clip import make_clip
-    from neuroanimator.animation.motion import controlled_motion, random_motion
-    from neuroanimator.export.by_suffix import emulator_for, export_clip
-    from neuroanimator.export.table import read_table
-    from neuroanimator.terminal import print_rows
+    with phase("loading"):
+        from neuroanimator.animation.clip import make_clip
+        from neuroanimator.animation.motion import controlled_motion, named_start, random_motion
+        from neuroanimator.export.by_suffix import emulator_for, export_clip
+        from neuroanimator.export.table import read_table
+        from neuroanimator.systems.start import read_starts
 
-    model = emulator_for(out, emulator)
-    if controls:
-        states = controlled_motion(model, read_table(controls, model.identity.control)[1])
-    else:
-        states = random_motion(model, seconds, seed)
+        model = emulator_for(out, emulator)
+    with phase("emulating"):
+        begin = named_start(model, read_starts(start)) if start else None
+        if controls:
+            states = controlled_motion(model, read_table(controls, model.identity.control)[1], begin)
+        else:
+            states = random_motion(model, seconds, seed, begin)
     clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="emulator")
-    export_clip(clip, model, out, film)
+    with phase("drawing"):
+        export_clip(clip, model, out, film)
     print_rows([("frames", len(clip.times)), ("seconds", f"{clip.times[-1]:.2f}"), *(("file", path) for path in out)])

@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from neuroanimator.errors import ArgumentError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from neuroanimator.control.synthesise import Synthesis
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.systems.system import System
 
 EXAMPLE = "neuroanimator control pendulum --goal upright --seconds 1.5 --out swing-up.csv"
+MOST_PARTS_TOLD = 6
+"""Of a start, by name: more than these are a swimmer's mass points."""
+SHORTEST_PHASE_TOLD = 0.1
+"""[s]"""
 # Written out, as is the default of iterations: looking them up would load JAX before it is needed; a test compares.
+START_HELP = (
+    "Part of the state a goal is reached from, such as root.place=3,-2,8; may be given several times. "
+    "The goal's own start if not given."
+)
 METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
 
 
@@ -32,6 +43,7 @@ def run(
     seconds: Annotated[
         float | None, typer.Option(help="Length of a motion to a goal [s]; the goal's own if not given.")
     ] = None,
+    start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
     method: Annotated[str, typer.Option(help=METHOD_HELP)] = "gauss-newton",
     iterations: Annotated[
         int, typer.Option(help="Backward sweeps of a descent; up to five corrections take two more each.")
@@ -53,22 +65,29 @@ def run(
     ] = None,
 ) -> None:
     """Find a controller by gradient descent through the emulator, then replay it on the true physics."""
-    from neuroanimator.control.report import outcome_rows, warnings_of
-    from neuroanimator.control.watch import watching
-    from neuroanimator.data.transitions import read_transitions
-    from neuroanimator.export.by_suffix import emulator_for
-    from neuroanimator.systems import load_system
-    from neuroanimator.terminal import print_rows
+    from neuroanimator.terminal import phase, print_rows
     from neuroanimator.text import print_line
 
-    own = load_system(str(system)) if system else None
-    model = emulator_for([glb] if glb else [], emulator)
-    search = _search(model, own, goal, objective, seconds, effort_weight)
+    began = time.perf_counter()
+    with phase("loading"):
+        from neuroanimator.control.report import outcome_rows, warnings_of
+        from neuroanimator.control.watch import watching
+        from neuroanimator.data.transitions import read_transitions
+        from neuroanimator.export.by_suffix import emulator_for
+        from neuroanimator.systems import load_system
+
+        own = load_system(str(system)) if system else None
+        model = emulator_for([glb] if glb else [], emulator)
+        search = _search(model, own, goal, objective, seconds, effort_weight, start or [])
+        transitions = read_transitions(data) if data else None
+    if isinstance(search, str):
+        print_line(search)
+        return
     with watching(log, iterations) as on_iteration:
-        found = search(
+        found = search.find(
             method=method,
             iterations=iterations,
-            data=read_transitions(data) if data else None,
+            data=transitions,
             measures_trust=True,
             on_iteration=on_iteration,
             on_refine=lambda gap: print(f"gap {gap:.2f}: learning the physics around the motion ...", file=sys.stderr),
@@ -77,7 +96,15 @@ def run(
     for warning in warnings_of(found):
         print_line(f"neuroanimator: {warning}", to_stderr=True)
     _write(found, out, glb)
-    print_rows([*outcome_rows(found), *(("file", path) for path in (out, glb, log) if path)])
+    files = [("file", path) for path in (out, glb, log) if path]
+    print_rows([("start", search.start), *outcome_rows(found), *_time_rows(began), *files])
+
+
+class _Search(NamedTuple):
+    """What finds the controller, and where the motion starts, in words."""
+
+    find: Callable[..., Synthesis]
+    start: str
 
 
 def _search(
@@ -87,24 +114,69 @@ def _search(
     objective: Path | None,
     seconds: float | None,
     effort_weight: float | None,
-) -> Callable[..., Synthesis]:
-    """Return what finds the controller: for an objective file, or for a goal; `own` may have goals of its own."""
+    starts: list[str],
+) -> _Search | str:
+    """Return what finds the controller, for an objective file or for a goal; or what to say if nothing is to be found.
+
+    `own` is the emulator's system, perhaps with goals written after training.
+    """
     from neuroanimator.control.goals import usual_goal
     from neuroanimator.control.objective_file import read_objective, synthesise_wanted
-    from neuroanimator.control.synthesise import check_same_system, synthesise_goal
+    from neuroanimator.control.synthesise import check_same_system
     from neuroanimator.evaluation.accuracy import system_of
 
     system = own or system_of(emulator)
     check_same_system(emulator, system)
     if objective is None:
-        weight = 1.0 if effort_weight is None else effort_weight
-        name = goal or usual_goal(system)
-        return partial(synthesise_goal, emulator, name, seconds, effort_weight=weight, goals_from=system)
-    if (goal, seconds, effort_weight) != (None, None, None):
+        return _search_goal(emulator, system, goal or usual_goal(system), seconds, effort_weight, starts)
+    if (goal, seconds, effort_weight, starts) != (None, None, None, []):
         raise ArgumentError(
-            "objective: its file says all that --goal, --seconds and --effort-weight do. Leave these out."
+            "objective: its file says all that --goal, --seconds, --start and --effort-weight do. Leave these out."
         )
-    return partial(synthesise_wanted, emulator, read_objective(objective, system))
+    wanted = read_objective(objective, system)
+    return _Search(partial(synthesise_wanted, emulator, wanted), start_in_words(system, wanted.start))
+
+
+def _search_goal(
+    emulator: Emulator, system: System, goal: str, seconds: float | None, effort_weight: float | None, starts: list[str]
+) -> _Search | str:
+    from neuroanimator.control.goals import find_goal, goal_start
+    from neuroanimator.control.synthesise import synthesise_goal
+    from neuroanimator.systems.start import read_starts
+
+    verdict = find_goal(system, goal)[1]
+    start = system.start_at(read_starts(starts)) if starts else goal_start(system, goal)
+    words = start_in_words(system, start)
+    if verdict(start):
+        return (
+            f"Already there: {system.name} at its start ({words}) fulfils the goal '{goal}'. Nothing to find, nothing "
+            "written. Name another start, such as --start root.place=3,-2,8."
+        )
+    weight = 1.0 if effort_weight is None else effort_weight
+    find = partial(synthesise_goal, emulator, goal, seconds, start=start, effort_weight=weight, goals_from=system)
+    return _Search(find, words)
+
+
+def start_in_words(system: System, start: np.ndarray) -> str:
+    """Return which parts of `start` (S,) differ from rest, with their numbers and units."""
+    told = []
+    for part in system.state.slices:
+        numbers = start[system.state.index(part.name)]
+        if (numbers != system.rest[system.state.index(part.name)]).any():
+            told.append(f"{part.name} {', '.join(f'{number:.4g}' for number in numbers)} {part.unit}")
+    if len(told) > MOST_PARTS_TOLD:
+        return f"{len(told)} parts of the state other than at rest"
+    return "; ".join(told) or "at rest"
+
+
+def _time_rows(began: float) -> list[tuple[str, object]]:
+    """Return how long everything since `began` took, and the longest of its phases."""
+    from neuroanimator.terminal import phase_seconds
+
+    phases = sorted(phase_seconds().items(), key=lambda item: -item[1])
+    told = ", ".join(f"{name} {seconds:.1f}" for name, seconds in phases if seconds >= SHORTEST_PHASE_TOLD)
+    total = f"{time.perf_counter() - began:.1f} s"
+    return [("time in all", f"{total}: {told}" if told else total)]
 
 
 def _write(found: Synthesis, out: Path, glb: Path | None) -> None:
@@ -112,8 +184,10 @@ def _write(found: Synthesis, out: Path, glb: Path | None) -> None:
 
     from neuroanimator.export.proof import write_proof
     from neuroanimator.export.table import write_table
+    from neuroanimator.terminal import phase
 
     controls, emulator = found.descent.controls, found.emulator
     write_table(out, np.arange(len(controls)) * emulator.dt, controls, emulator.identity.control)
     if glb:
-        write_proof(emulator, found.outcome, glb)
+        with phase("drawing"):
+            write_proof(emulator, found.outcome, glb)

@@ -35,19 +35,21 @@ def run(
 def _evaluate(emulators: list[str], data: Path | None, system: Path | None, report: Path | None, json: bool) -> None:
     from json import dumps
 
-    from neuroanimator.data.transitions import read_transitions
-    from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.evaluation.evaluate import evaluate
-    from neuroanimator.evaluation.report import write_report
-    from neuroanimator.shipped import find_emulator
-    from neuroanimator.systems.own import trust_files
-    from neuroanimator.terminal import print_table, progress_bar
+    from neuroanimator.terminal import phase, print_table, progress_bar
     from neuroanimator.text import print_line
 
-    if system:
-        trust_files(system)
-    loaded = [Emulator.load(find_emulator(name)) for name in emulators]
-    transitions = read_transitions(data) if data else None
+    with phase("loading"):
+        from neuroanimator.data.transitions import read_transitions
+        from neuroanimator.emulator.emulator import Emulator
+        from neuroanimator.evaluation.evaluate import evaluate
+        from neuroanimator.evaluation.report import write_report
+        from neuroanimator.shipped import find_emulator
+        from neuroanimator.systems.own import trust_files
+
+        if system:
+            trust_files(system)
+        loaded = [Emulator.load(find_emulator(name)) for name in emulators]
+        transitions = read_transitions(data) if data else None
     found = []
     with progress_bar("emulators", len(loaded)) as bar:
         for emulator in loaded:

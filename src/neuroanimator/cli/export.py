@@ -21,13 +21,15 @@ def run(
 ) -> None:
     """Export a clip as GLB for Blender and the web, or as MP4 video."""
     from neuroanimator.export.film import read_film
+    from neuroanimator.terminal import phase, print_rows
 
     film = read_film(size, camera)
-    from neuroanimator.export.by_suffix import emulator_for, export_clip
-    from neuroanimator.export.table import read_clip
-    from neuroanimator.terminal import print_rows
+    with phase("loading"):
+        from neuroanimator.export.by_suffix import emulator_for, export_clip
+        from neuroanimator.export.table import read_clip
 
-    model = emulator_for(out, emulator)
-    motion = read_clip(clip, model)
-    export_clip(motion, model, out, film)
+        model = emulator_for(out, emulator)
+        motion = read_clip(clip, model)
+    with phase("drawing"):
+        export_clip(motion, model, out, film)
     print_rows([("frames", len(motion.times)), *(("file", path) for path in out)])

@@ -26,14 +26,16 @@ def run(
     ] = None,
 ) -> None:
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
-    from neuroanimator.data.diverged import PATTERN
-    from neuroanimator.data.transitions import dataset_config
-    from neuroanimator.systems.own import resolve, trust_files
-    from neuroanimator.terminal import print_rows
+    from neuroanimator.terminal import phase, print_rows
 
-    if system.endswith(".toml"):
-        trust_files(system)
-    name, definition, usual = resolve(system)
+    with phase("loading"):
+        from neuroanimator.data.diverged import PATTERN
+        from neuroanimator.data.transitions import dataset_config
+        from neuroanimator.systems.own import resolve, trust_files
+
+        if system.endswith(".toml"):
+            trust_files(system)
+        name, definition, usual = resolve(system)
     chosen = usual if substeps is None else substeps
     config = dataset_config(system=name, definition=definition, substeps=chosen, count=count, seed=seed)
     blow_ups = generate_with_bar(config, out, threads)

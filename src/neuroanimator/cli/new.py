@@ -22,10 +22,12 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
 ) -> None:
     """Check a model and write how an emulator should see it: a TOML file to read, edit and generate from."""
-    from neuroanimator.new import write_definition
-    from neuroanimator.terminal import print_rows
+    from neuroanimator.terminal import phase, print_rows
 
-    path, proposal = write_definition(model, out, force=force)
+    with phase("loading"):
+        from neuroanimator.new import write_definition
+    with phase("checking the model"):
+        path, proposal = write_definition(model, out, force=force)
     definition = proposal.definition
     print_rows(
         [

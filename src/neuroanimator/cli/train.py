@@ -27,14 +27,16 @@ def run(
 
     Killed and started again it goes on and ends with the same bytes.
     """
-    from neuroanimator.cli.generate import ensure_data
-    from neuroanimator.cli.numbers import whole_numbers
-    from neuroanimator.data.transitions import read_transitions
-    from neuroanimator.evaluation.evaluate import judge_training
-    from neuroanimator.systems.definition import read_toml
-    from neuroanimator.terminal import print_rows, progress_bar
-    from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
-    from neuroanimator.training.train import Report, run_folder, train
+    from neuroanimator.terminal import phase, print_rows, progress_bar
+
+    with phase("loading"):
+        from neuroanimator.cli.generate import ensure_data
+        from neuroanimator.cli.numbers import whole_numbers
+        from neuroanimator.data.transitions import read_transitions
+        from neuroanimator.evaluation.evaluate import judge_training
+        from neuroanimator.systems.definition import read_toml
+        from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
+        from neuroanimator.training.train import Report, run_folder, train
 
     named = {"network": network, "optimizer": optimizer, "learning_rate": learning_rate, "updates": updates}
     named |= {"batch": batch, "unroll": unroll, "seed": seed}

@@ -45,3 +45,6 @@ def options(
     ] = False,
 ) -> None:
     """Learn a physics model once, then animate and control it at a fraction of the cost."""
+    from neuroanimator.terminal import show_phases
+
+    show_phases()

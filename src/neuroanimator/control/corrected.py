@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.frame import Frame
 
@@ -25,7 +26,7 @@ def still_frame(emulator: Emulator) -> Frame:
 
 def no_defects(emulator: Emulator, steps: int) -> Float[Array, "T V"]:
     """Return zeros: the emulator as it is."""
-    return jnp.zeros((steps, len(emulator.normaliser.change_scale)))
+    return as_jax(np.zeros((steps, emulator.normaliser.change_scale.shape[0])))
 
 
 @eqx.filter_jit
@@ -63,4 +64,4 @@ def follow_corrected(
 
 def defects_of(emulator: Emulator, states: np.ndarray, controls: np.ndarray) -> Float[Array, "T V"]:
     """Return `find_defects` for NumPy arrays."""
-    return find_defects(emulator, jnp.asarray(states, jnp.float32), jnp.asarray(controls, jnp.float32))
+    return find_defects(emulator, as_jax(states), as_jax(controls))

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from neuroanimator.control.corrected import no_defects
 from neuroanimator.control.methods import METHODS, Method, Progress
@@ -19,9 +18,11 @@ from neuroanimator.control.parameters import EachStep, Parameters
 from neuroanimator.control.problem import Problem
 from neuroanimator.control.reachable import check_reachable
 from neuroanimator.data.sampling import sample_controls
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.layout import Bounds
+from neuroanimator.terminal import phase
 
 DEFAULT_METHOD = "gauss-newton"
 """The one that measures best: `benchmarks/control.py descents`."""
@@ -87,8 +88,9 @@ def descend(
         )
     start = emulator.identity.state.check(start, "state")
     parameters = parameters or EachStep.of(steps, bounds or emulator.identity.bounds)
-    check_objective(objective, emulator, start, steps)
-    check_reachable(objective, emulator, start, steps)
+    with phase("compiling"):
+        check_objective(objective, emulator, start, steps)
+        check_reachable(objective, emulator, start, steps)
     problem = pose_problem(emulator, objective, parameters, start, defects)
     guesses = first_guesses(emulator, parameters, first, starts, seed)
     return _descend(method, problem, guesses, iterations, on_iteration)
@@ -102,9 +104,9 @@ def pose_problem(
     defects: Array | None = None,
 ) -> Problem:
     """Return J over the numbers of `parameters`, from `start` (S,)."""
-    limit = jnp.asarray(emulator.identity.bounds.largest, jnp.float32)
+    limit = as_jax(emulator.identity.bounds.largest)
     defects = no_defects(emulator, parameters.steps) if defects is None else defects
-    return Problem(emulator, objective, parameters, jnp.asarray(start, jnp.float32), defects, limit)
+    return Problem(emulator, objective, parameters, as_jax(start), defects, limit)
 
 
 def first_guesses(
@@ -130,18 +132,22 @@ def _descend(
     on_iteration: Callable[[int, float], None] | None,
 ) -> Descent:
     method = METHODS[name]
-    progress = begin(method, jnp.asarray(guesses, jnp.float32))
-    jax.block_until_ready(advance(method, problem, progress, jnp.asarray(0)))  # compiles
-    began, history = time.perf_counter(), []
-    for limit in range(1, iterations + 1) if on_iteration else (iterations,):
-        progress = advance(method, problem, progress, jnp.asarray(limit))
-        history.append(np.asarray(progress.least))
-        if on_iteration:
-            on_iteration(limit, float(history[-1].min()))
-        if bool(progress.is_done.all()):
-            break
+    with phase("compiling"):
+        progress = begin(method, as_jax(guesses))
+        jax.block_until_ready(advance(method, problem, progress, np.int32(0)))
+        controls_of(problem.parameters, progress.best)
+    began = time.perf_counter()
+    history = []
+    with phase("descending"):
+        for limit in range(1, iterations + 1) if on_iteration else (iterations,):
+            progress = advance(method, problem, progress, np.int32(limit))
+            history.append(np.asarray(progress.least))
+            if on_iteration:
+                on_iteration(limit, float(history[-1].min()))
+            if np.asarray(progress.is_done).all():
+                break
     history.insert(0, np.asarray(progress.first))
-    candidates, costs = _controls(problem, progress.best), np.asarray(progress.least, float)
+    candidates, costs = controls_of(problem.parameters, progress.best), np.asarray(progress.least, float)
     seconds, order = time.perf_counter() - began, np.argsort(np.where(np.isfinite(costs), costs, np.inf))
     best = order[0]
     return Descent(
@@ -149,11 +155,11 @@ def _descend(
         controls=np.asarray(candidates, float)[best],
         cost=float(costs[best]),
         costs=tuple(float(row[best]) for row in history),
-        iterations=int(progress.sweeps[best]),
+        iterations=int(np.asarray(progress.sweeps)[best]),
         seconds=seconds,
         candidates=np.asarray(candidates, float)[order],
         candidate_costs=costs[order],
-        is_diverged=bool(progress.is_diverged[best]),
+        is_diverged=bool(np.asarray(progress.is_diverged)[best]),
     )
 
 
@@ -164,7 +170,7 @@ def begin(method: Method, guesses: Array) -> Progress:
 
 
 @eqx.filter_jit
-def advance(method: Method, problem: Problem, progress: Progress, limit: Array) -> Progress:
+def advance(method: Method, problem: Problem, progress: Progress, limit: Array | np.integer) -> Progress:
     """Return the progress of all starts once each is done or has taken `limit` backward sweeps."""
 
     def one(progress: Progress) -> Progress:
@@ -176,5 +182,6 @@ def advance(method: Method, problem: Problem, progress: Progress, limit: Array) 
 
 
 @eqx.filter_jit
-def _controls(problem: Problem, z: Array) -> Array:
-    return jax.vmap(problem.parameters.controls)(z)
+def controls_of(parameters: Parameters, z: Array | np.ndarray) -> Float[Array, "K T C"]:
+    """Return the controls each row of z (K, Z) stands for."""
+    return jax.vmap(parameters.controls)(z)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.control.objective import Objective
@@ -36,9 +35,10 @@ def stand_upright(effort_weight: float = 1.0, state_weight: float = 1.0, times: 
 
     J = μ_u/2 ∫|u|² dt + μ_s/2 |s_{M+1} - s_d|², the seminar paper's eq. 11.
     """
-    sums, zeros = jnp.tril(jnp.ones((3, 3))), jnp.zeros((3, 3))
-    compare = jnp.block([[sums / UPRIGHT_ANGLE, zeros], [zeros, sums / UPRIGHT_SPEED]])
-    goal = jnp.array([math.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
+    sums = np.tril(np.ones((3, 3)))
+    zeros = np.zeros((3, 3))
+    compare = np.block([[sums / UPRIGHT_ANGLE, zeros], [zeros, sums / UPRIGHT_SPEED]])
+    goal = np.array([math.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
     return Objective.of(effort(effort_weight), ReachState.of(Frame((), (), 0.0), goal, compare, state_weight, times))
 
 
@@ -89,6 +89,12 @@ def is_upright(state: np.ndarray) -> bool:
     lean = np.cumsum(state[:3]) - np.pi
     lean = (lean + np.pi) % (2 * np.pi) - np.pi
     return bool((np.abs(lean) < UPRIGHT_WITHIN).all() and (np.abs(np.cumsum(state[3:])) < STILL_WITHIN).all())
+
+
+def goal_start(system: System, name: str) -> np.ndarray:
+    """Return the state (S,) the goal called `name` is to be reached from, if nothing else is said."""
+    goal = system.goals.get(name)
+    return np.array(goal.start if goal and goal.start else system.rest, float)
 
 
 GOALS = {"upright": stand_upright}

@@ -7,20 +7,22 @@ from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
 
-from neuroanimator.control.descend import pose_problem
+from neuroanimator.control.descend import controls_of, pose_problem
 from neuroanimator.control.objective import Objective, cost_and_slopes
 from neuroanimator.control.parameters import Parameters
 from neuroanimator.control.physics import play
 from neuroanimator.control.problem import Problem
 from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.systems.layout import Bounds
 from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase
 
 WARN_BELOW = 0.5
 """Cosine: 60° between the two gradients; a step along one still wins half as much as along the other."""
@@ -38,9 +40,9 @@ class GradientTrust:
     cosine: float
     """Of the angle between both: 1 the same way, 0 at right angles or one of them zero."""
     emulator_gradient: np.ndarray
-    """(Z,) by back-propagation through the emulator."""
+    """(Z,) by back-propagation through the emulator; or (D,), its slopes along the directions asked for."""
     physics_gradient: np.ndarray
-    """(Z,) by central differences of the true physics."""
+    """The same by central differences of the true physics."""
 
     @classmethod
     def of(cls, emulator_gradient: np.ndarray, physics_gradient: np.ndarray) -> GradientTrust:
@@ -67,23 +69,35 @@ def gradient_trust(
     start: np.ndarray,
     controls: np.ndarray | None,
     defects: Array | None = None,
+    directions: int | None = None,
 ) -> GradientTrust:
     """Return how dJ/dz on the emulator compares with that on `system`, at the z of `controls` (T, C).
 
     The middle of the bounds for None. `defects` (T, V) are added to the emulator's super steps (see `corrected`).
     Ask where a descent begins: at the emulator's own optimum its gradient vanishes, and the angle says nothing.
-    Takes 2Z runs of the physics, in one batch.
+    Takes 2Z runs of the physics, in one batch; or two for each of so many random `directions`, in which alone both
+    gradients are then compared: the cosine is then right to about one over the root of their number.
 
     Raises NeuroAnimatorError where the physics blows up.
     """
     start, z = emulator.identity.state.check(start, "state"), parameters.guess(controls)
     problem = pose_problem(emulator, objective, parameters, start, defects)
-    emulated = emulated_gradient(problem, z)
-    physical = difference_gradient(
-        lambda starts, held: _played(system, starts, held, emulator.dt),
-        objective, parameters, emulator.identity.bounds, emulator.dt, start, z,
-    )  # fmt: skip
+    along = np.eye(len(z)) if directions is None else random_directions(len(z), directions)
+    with phase("checking the gradient"):
+        emulated = along @ emulated_gradient(problem, z)
+        physical = difference_gradient(
+            lambda starts, held: _played(system, starts, held, emulator.dt),
+            objective, parameters, emulator.identity.bounds, emulator.dt, start, z, along=along,
+        )  # fmt: skip
     return GradientTrust.of(emulated, physical)
+
+
+def random_directions(size: int, count: int) -> Float[np.ndarray, "D Z"]:
+    """Return `count` unit vectors of `size` numbers at right angles to each other; all `size` if there are no more."""
+    if count >= size:
+        return np.eye(size)
+    drawn = np.random.default_rng(0).normal(size=(size, count))
+    return np.linalg.qr(drawn)[0].T
 
 
 def difference_gradient(
@@ -95,19 +109,20 @@ def difference_gradient(
     start: np.ndarray,
     z: np.ndarray,
     step: float = DIFFERENCE_STEP,
-) -> Float[np.ndarray, " Z"]:
+    along: Float[np.ndarray, "D Z"] | None = None,
+) -> Float[np.ndarray, " D"]:
     """Return dJ/dz (Z,) by central differences of what `follow` does from `start` (S,), J in float64.
+
+    With unit vectors `along` (D, Z), the slopes in these directions.
 
     `bounds` are those effort is counted in, `dt` [s] the super step.
     """
-    shifts = step * np.eye(len(z))
-    starts = np.broadcast_to(start, (2 * len(z), len(start)))
+    shifts = step * (np.eye(len(z)) if along is None else along)
+    starts = np.broadcast_to(start, (2 * len(shifts), len(start)))
     with jax.enable_x64(True):
-        controls = np.asarray(jax.vmap(parameters.controls)(jnp.asarray(np.concatenate([z + shifts, z - shifts]))))
+        controls = np.asarray(controls_of(parameters, np.concatenate([z + shifts, z - shifts])))
         states = follow(starts, controls)
-        costs = np.asarray(
-            _costs(objective, jnp.asarray(states), jnp.asarray(controls), jnp.asarray(bounds.largest), dt)
-        )
+        costs = np.asarray(_costs(objective, states, controls, bounds.largest, dt))
     above, below = np.split(costs, 2)
     return (above - below) / (2 * step)
 
@@ -126,9 +141,18 @@ def emulated_gradient(problem: Problem, z: np.ndarray) -> Float[np.ndarray, " Z"
 
     In two programs, of which only the objective's own is compiled anew for other wishes.
     """
-    place, motion = jnp.asarray(z, jnp.float32), replace(problem, objective=Objective.of())
-    _, slopes = cost_and_slopes(problem.objective, _trajectory(motion, place))
+    place, motion = as_jax(z), replace(problem, objective=Objective.of())
+    _, slopes = cost_and_slopes(problem.objective, _emulated_motion(motion, place))
     return np.asarray(_pulled_back(motion, place, slopes), float)
+
+
+def _emulated_motion(problem: Problem, z: Array) -> Trajectory:
+    """Return the motion on the emulator; by the program everybody uses, unless it has defects."""
+    if np.asarray(problem.defects).any():
+        return _trajectory(problem, z)
+    controls = controls_of(problem.parameters, z[None])[0]
+    states = problem.emulator.rollout(problem.start, controls)
+    return Trajectory(states, controls, problem.limit, problem.emulator.dt)
 
 
 @eqx.filter_jit
@@ -148,5 +172,5 @@ def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Arr
 
 
 @eqx.filter_jit
-def _costs(objective: Objective, states: Array, controls: Array, limit: Array, dt: float) -> Array:
+def _costs(objective: Objective, states: ArrayLike, controls: ArrayLike, limit: ArrayLike, dt: float) -> Array:
     return jax.vmap(lambda motion, held: objective(Trajectory(motion, held, limit, dt)))(states, controls)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 
@@ -67,8 +68,8 @@ class Objective(eqx.Module):
 
 def objective_cost(objective: Objective, emulator: Emulator, states: np.ndarray, controls: np.ndarray) -> float:
     """Return J of `states` (T+1, S) under `controls` (T, C)."""
-    limit = jnp.asarray(emulator.identity.bounds.largest, jnp.float32)
-    motion = Trajectory(jnp.asarray(states, jnp.float32), jnp.asarray(controls, jnp.float32), limit, emulator.dt)
+    limit = as_jax(emulator.identity.bounds.largest)
+    motion = Trajectory(as_jax(states), as_jax(controls), limit, emulator.dt)
     return float(_cost(objective, motion))
 
 
@@ -135,6 +136,6 @@ def _check_function(function: Function, trajectory: Trajectory) -> None:
 def _resting(emulator: Emulator, start: np.ndarray, steps: int) -> Trajectory:
     """Return a motion that stays at its start: enough to try an objective on, and there without compiling."""
     bounds = emulator.identity.bounds
-    middle, limit = (jnp.asarray(part, jnp.float32) for part in (bounds.middle, bounds.largest))
-    states = jnp.broadcast_to(jnp.asarray(start, jnp.float32), (steps + 1, len(start)))
-    return Trajectory(states, jnp.broadcast_to(middle, (steps, len(middle))), limit, emulator.dt)
+    states = as_jax(np.broadcast_to(start, (steps + 1, len(start))))
+    controls = as_jax(np.broadcast_to(bounds.middle, (steps, len(bounds.middle))))
+    return Trajectory(states, controls, as_jax(bounds.largest), emulator.dt)

@@ -36,7 +36,6 @@ from neuroanimator.control.parameters import EachStep, Parameters, Periodic, Spl
 from neuroanimator.control.synthesise import LONGEST, Synthesis, synthesise
 from neuroanimator.control.terms import END, as_weight
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.frame import Frame
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.definition import Finite, GoalTable, Positive, Table, first_fault, read_toml
 from neuroanimator.systems.model_system import ModelSystem
@@ -118,7 +117,7 @@ def _wanted(table: ObjectiveTable, system: System) -> Wanted:
     return Wanted(
         system=system,
         objective=Objective.of(*terms),
-        start=_start(table.start, system),
+        start=system.start_at(table.start),
         seconds=table.seconds,
         starts=table.starts,
         vary=_vary(table, system),
@@ -145,21 +144,6 @@ def _vary(table: ObjectiveTable, system: System) -> Callable[[int, float], Param
     if period is None:
         raise ArgumentError(f"period: wanted one [s], for {system.name} has no gait to take it from.")
     return lambda steps, dt: Periodic.of(steps, dt, period, system.bounds)
-
-
-def _start(parts: dict[str, tuple[float, ...]], system: System) -> np.ndarray:
-    start = np.array(system.rest, float)
-    for name, values in parts.items():
-        where = system.state.index(name)
-        if len(values) != where.stop - where.start:
-            raise ArgumentError(f"start: '{name}' has {where.stop - where.start} numbers, came {len(values)}.")
-        start[where] = values
-    for turn, _ in Frame.of(system.structure, 0.0).turns:
-        length = np.linalg.norm(start[turn : turn + 4])
-        if not length > 0:
-            raise ArgumentError("start: a quaternion of zeros turns nowhere. Give 1, 0, 0, 0 for no turn.")
-        start[turn : turn + 4] /= length
-    return start
 
 
 def goal(system: System, name: str, *, at: float | None = None, weight: float = 1.0) -> Term:

@@ -15,6 +15,7 @@ from neuroanimator.control.objective import Term
 from neuroanimator.control.pose import read_pose
 from neuroanimator.control.terms import as_weight
 from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.layout import as_numbers
 from neuroanimator.systems.rotation import Numbers
@@ -79,7 +80,7 @@ def avoid(
             f"avoid: wanted zones, probes (P, 2) and margin above 0, came {len(zones)}, {points.shape}, {margin:g}."
         )
     read_pose(system.structure, system.rest)
-    numbers = (jnp.asarray(each, jnp.float32) for each in (zone_rows(zones), points, margin))
+    numbers = (as_jax(each) for each in (zone_rows(zones), points, margin))
     return Avoid(as_weight(weight), system.structure, *numbers)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.interpolate import BSpline
 
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds
@@ -80,7 +81,7 @@ class Spline(Parameters):
         places = np.concatenate([[0.0] * 3, np.linspace(0, 1, knots - 2), [1.0] * 3])
         times = (np.arange(steps) + 0.5) / steps
         basis = BSpline.design_matrix(times, places, 3).toarray()
-        return cls(*_bounds(bounds), steps, jnp.asarray(basis, jnp.float32))
+        return cls(*_bounds(bounds), steps, as_jax(basis))
 
     @property
     def size(self) -> int:
@@ -113,7 +114,7 @@ class Periodic(Parameters):
         """Return the parameters of patterns whose frequency is near that of `period` [s]."""
         if not 2 * dt < period < np.inf:
             raise ArgumentError(f"period: wanted more than two super steps of {dt:g} s, came {period:g} s.")
-        return cls(*_bounds(bounds), steps, jnp.asarray(period, jnp.float32), dt)
+        return cls(*_bounds(bounds), steps, as_jax(period), dt)
 
     @property
     def size(self) -> int:
@@ -192,7 +193,7 @@ def _bounds(bounds: Bounds) -> tuple[Array, Array]:
         raise ArgumentError(
             f"bounds: wanted finite ones with low below high, control {entry} has {low[entry]:g} and {high[entry]:g}."
         )
-    return jnp.asarray(bounds.middle, jnp.float32), jnp.asarray(bounds.half, jnp.float32)
+    return as_jax(bounds.middle), as_jax(bounds.half)
 
 
 def _raw(parameters: Parameters, controls: np.ndarray) -> np.ndarray:

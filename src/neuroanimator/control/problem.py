@@ -14,6 +14,7 @@ from neuroanimator.control.corrected import advance_corrected, follow_corrected
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import Parameters
 from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.emulator.compiled import call_compiled
 from neuroanimator.emulator.emulator import Emulator
 
 BACKWARD = 3
@@ -66,7 +67,12 @@ class Problem(eqx.Module):
 
     def _is_seen_in_few(self, of_states: Objective, z: Float[Array, " Z"]) -> bool:
         """Return whether states are looked at in so few numbers that pulling these back is the least work."""
-        count = jax.eval_shape(lambda z: of_states.residuals(self.trajectory(z)), z).shape[0]
+        motion = jax.ShapeDtypeStruct((self.parameters.steps + 1, len(self.start)), z.dtype)
+        held = jax.ShapeDtypeStruct((self.parameters.steps, len(self.limit)), z.dtype)
+        seen = lambda states, controls: of_states.residuals(  # noqa: E731
+            Trajectory(states, controls, self.limit, self.emulator.dt)
+        )
+        count = jax.eval_shape(seen, motion, held).shape[0]
         return BACKWARD * count < min(len(z), self._entries)
 
     def _look_back(self, of_states: Objective, z: Float[Array, " Z"]) -> tuple[Array, Array]:
@@ -131,7 +137,8 @@ class Problem(eqx.Module):
         return inner, controls, push
 
     def _follow(self, controls: Float[Array, "T C"]) -> Float[Array, "T+1 I"]:
-        return follow_corrected(self.emulator, self.emulator.encode(self.start), controls, self.defects)
+        # Traced once, however often a program follows the emulator.
+        return call_compiled(follow_corrected, self.emulator, self.emulator.encode(self.start), controls, self.defects)
 
     def _trajectory(self, inner: Float[Array, "T+1 I"], controls: Float[Array, "T C"]) -> Trajectory:
         states = jnp.concatenate([self.start[None], self.emulator.decode(inner[1:])])

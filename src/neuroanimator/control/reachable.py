@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.control.objective import Objective, Term
@@ -38,8 +37,8 @@ def fastest_speed(emulator: Emulator) -> float | None:
 
 
 def _check_state(term: ReachState, emulator: Emulator) -> None:
-    control = jnp.asarray(emulator.identity.bounds.middle, jnp.float32)
-    plain = np.asarray(emulator.plain_of(term.goal, control))
+    control = np.asarray(emulator.identity.bounds.middle, np.float32)
+    plain = np.asarray(emulator.plain_of(np.asarray(term.goal), control))
     room = ROOM * np.maximum(np.abs(emulator.domain.low), np.abs(emulator.domain.high))
     states = len(plain) - emulator.frame.control_size(len(control))
     if (np.abs(plain) > room)[:states].any():

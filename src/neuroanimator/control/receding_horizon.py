@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -19,6 +18,7 @@ from neuroanimator.control.objective import Objective, check_objective
 from neuroanimator.control.parameters import EachStep, Parameters
 from neuroanimator.control.physics import play
 from neuroanimator.control.problem import Problem
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.systems.layout import Bounds
@@ -116,12 +116,12 @@ def _compile(
     """Return the search, with all but the state, the guess and the objective's numbers bound as constants."""
     wishes, form = eqx.partition(objective, eqx.is_array)
     shape = jax.tree.structure(wishes)
-    limit, defects = jnp.asarray(emulator.identity.bounds.largest, jnp.float32), no_defects(emulator, parameters.steps)
+    limit, defects = as_jax(emulator.identity.bounds.largest), no_defects(emulator, parameters.steps)
 
     def search(state: Array, z: Array, numbers: tuple[Array, ...]) -> tuple[Array, Array, Array]:
         wanted = eqx.combine(jax.tree.unflatten(shape, numbers), form)
         problem = Problem(emulator, wanted, parameters, state, defects, limit)
-        found = advance(METHODS[method], problem, begin(METHODS[method], z[None]), jnp.asarray(iterations))
+        found = advance(METHODS[method], problem, begin(METHODS[method], z[None]), np.int32(iterations))
         motion = problem.trajectory(found.best[0])
         return motion.controls, motion.states, found.least[0]
 

@@ -12,6 +12,7 @@ from neuroanimator.control.physics import play
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,8 @@ class Motion(NamedTuple):
 
 def beside_emulated(emulator: Emulator, objective: Objective, motion: Motion) -> Replay:
     """Return the physics' `motion` with the emulator's under the same controls from the same start."""
-    emulated = np.asarray(emulator.rollout(motion.states[0], motion.controls))
+    with phase("emulating"):
+        emulated = np.asarray(emulator.rollout(motion.states[0], motion.controls))
     cost = objective_cost(objective, emulator, emulated, motion.controls)
     return Replay(emulated, motion.states, cost, motion.cost)
 
@@ -61,7 +63,8 @@ def ranked_on_physics(
 ) -> list[Motion]:
     """Return what the controls (K, T, C) do on the true physics, the least J first; those that blow up are left out."""
     starts = np.broadcast_to(start, (len(candidates), len(start)))
-    runs = play(system, starts, candidates, emulator.dt)
+    with phase("replaying"):
+        runs = play(system, starts, candidates, emulator.dt)
     if not runs.is_alive.any():
         raise NeuroAnimatorError(
             "The physics blew up under these controls. Raise effort_weight, or shorten the motion."

@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.control.corrected import defects_of
-from neuroanimator.control.descend import Descent, descend
-from neuroanimator.control.goals import find_goal
+from neuroanimator.control.descend import Descent, controls_of, descend
+from neuroanimator.control.goals import find_goal, goal_start
 from neuroanimator.control.gradient_trust import GradientTrust, gradient_trust
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import EachStep, Parameters
@@ -23,6 +22,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import system_of
 from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase
 
 LARGE_GAP, LARGE_SHARE = 0.5, 0.25
 """A gap of J above both this and this share of J is worth refining: half of what one end-state number off by its
@@ -35,6 +35,8 @@ LONGEST = 20.0
 """[s] Longest motion searched for."""
 REPLAYED = 4
 """Descents from different first guesses that are replayed: the emulator's best need not be the physics' best."""
+TRUST_DIRECTIONS = 64
+"""In which the gradient is compared with the physics': a lander's 240 would take longer than all else together."""
 SHARES = (1.0, 0.5, 0.2, 0.05)
 """Of the way to corrected controls, all tried on the physics: where it bends away, a shorter way is better."""
 
@@ -104,7 +106,8 @@ def synthesise(
         on_refine(found.outcome.gap)
         round_ += 1
         motion = found.outcome.physical, found.descent.controls
-        better, data, taken = refined(found.emulator, system, data, *motion, round_)
+        with phase("learning the physics around the motion"):
+            better, data, taken = refined(found.emulator, system, data, *motion, round_)
         made += taken
         again = {**options, "first": found.descent.controls}
         more = _descend_and_correct(better, *problem, again)
@@ -115,7 +118,8 @@ def synthesise(
         return best
     parameters = _parameters(emulator, steps, options)
     controls = sample_control_runs(np.random.default_rng(0), 1, steps, emulator.dt, system)[0]
-    return replace(best, trust=gradient_trust(emulator, system, objective, parameters, start, controls))
+    trust = gradient_trust(emulator, system, objective, parameters, start, controls, directions=TRUST_DIRECTIONS)
+    return replace(best, trust=trust)
 
 
 def _parameters(emulator: Emulator, steps: int, options: dict[str, Any]) -> Parameters:
@@ -181,7 +185,8 @@ def _descend_and_correct(
         for _ in range(corrections):
             if is_enough(motion.states):
                 break
-            defects = defects_of(emulator, motion.states, motion.controls)
+            with phase("correcting"):
+                defects = defects_of(emulator, motion.states, motion.controls)
             # As many starts as in the first descent, all the same: nothing needs to be compiled anew.
             corrected = {**again, "first": np.stack([motion.controls] * starts), "defects": defects}
             more = descend(emulator, objective, start, steps=steps, **corrected)
@@ -203,10 +208,10 @@ def _descend_and_correct(
 
 def between(parameters: Parameters, old: np.ndarray, new: np.ndarray) -> np.ndarray:
     """Return controls (K, T, C) on the way from `old` to `new`."""
-    first, last = parameters.guess(old), parameters.guess(new)
-    return np.stack(
-        [np.asarray(parameters.controls(jnp.asarray(first + share * (last - first))), float) for share in SHARES]
-    )
+    first = parameters.guess(old)
+    way = parameters.guess(new) - first
+    z = first + np.array(SHARES)[:, None] * way
+    return np.asarray(controls_of(parameters, z.astype(np.float32)), float)
 
 
 def check_same_system(emulator: Emulator, system: System) -> None:
@@ -224,14 +229,16 @@ def synthesise_goal(
     goal: str,
     seconds: float | None = None,
     *,
+    start: np.ndarray | None = None,
     effort_weight: float = 1.0,
     goals_from: System | None = None,
     **options: Any,
 ) -> Synthesis:
-    """Return the controller that reaches the named `goal` from rest in `seconds`; options as `synthesise`.
+    """Return the controller that reaches the named `goal` from `start` (S,) in `seconds`; options as `synthesise`.
 
-    `seconds` defaults to what the goal itself says is sensible. `goals_from` is the emulator's system with other
-    goals: they may be written after training.
+    `start` and `seconds` default to what the goal itself says is sensible; a start that is there already can be told
+    by `find_goal`'s verdict. `goals_from` is the emulator's system with other goals: they may be written after
+    training.
     """
     system = system_of(emulator)
     named = system if goals_from is None else goals_from
@@ -242,5 +249,6 @@ def synthesise_goal(
     seconds = usual if seconds is None else seconds
     if not emulator.dt <= seconds <= LONGEST:
         raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")
-    found = synthesise(emulator, system, objective, system.rest, steps=round(seconds / emulator.dt), **options)
+    begin = goal_start(system, goal) if start is None else start
+    found = synthesise(emulator, system, objective, begin, steps=round(seconds / emulator.dt), **options)
     return replace(found, is_reached=verdict(found.outcome.physical[-1]))

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.objective import Term
 from neuroanimator.control.pose import read_heights, read_pose
 from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.systems.structure import Structure
 
@@ -61,7 +62,7 @@ class ReachState(Term):
         cls, frame: Frame, goal: ArrayLike, compare: ArrayLike, weight: float, times: tuple[float, ...]
     ) -> ReachState:
         """Return the wish to be at `goal` (S,); `compare` (R, V) makes residuals of the difference."""
-        target, matrix = (jnp.asarray(each, jnp.float32) for each in (goal, compare))
+        target, matrix = (as_jax(each) for each in (goal, compare))
         return cls(as_weight(weight), frame, target, matrix, times)
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
@@ -201,7 +202,7 @@ class StayWithin(Term):
 
 def as_weight(weight: float) -> Array:
     """Return an array: another weight needs no other program."""
-    return jnp.asarray(weight, jnp.float32)
+    return as_jax(weight)
 
 
 def _from(times: tuple[float, ...], trajectory: Trajectory) -> Float[Array, "K S"]:

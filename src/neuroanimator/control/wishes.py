@@ -25,6 +25,7 @@ from neuroanimator.control.terms import (
     Travel,
     as_weight,
 )
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.layout import as_numbers
 from neuroanimator.systems.structure import Structure
@@ -90,7 +91,7 @@ def follow_path(
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if len(points) < 2 or not lengths[-1] > 0:
         raise ArgumentError(f"follow_path: wanted at least two different points, came {len(points)}.")
-    shares = jnp.asarray(lengths / lengths[-1], jnp.float32)
+    shares = as_jax(lengths / lengths[-1])
     return FollowPath(as_weight(weight), _posed(system), points, shares, _positive("within", within), which)
 
 
@@ -180,13 +181,13 @@ def _numbers(label: str, values: ArrayLike, size: int | None, *, rows: bool = Fa
     if not fits or not np.isfinite(array).all():
         wanted = f"{'rows of ' if rows else ''}{size or 'some'} finite number{'s' if size != 1 else ''}"
         raise ArgumentError(f"{label}: wanted {wanted}, came {array.tolist()}.")
-    return jnp.asarray(array, jnp.float32)
+    return as_jax(array)
 
 
 def _positive(label: str, value: float) -> Array:
     if not 0 < value < math.inf:
         raise ArgumentError(f"{label}: wanted a finite number above 0, came {value:g}.")
-    return jnp.asarray(value, jnp.float32)
+    return as_jax(value)
 
 
 def _time(label: str, seconds: float) -> float:

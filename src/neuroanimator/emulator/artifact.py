@@ -70,7 +70,7 @@ def with_tensors(tree: Any, tensors: dict[str, np.ndarray]) -> Any:
             raise ValueError(f"tensor '{name}' holds {tensors[name].dtype}; wanted {leaf.dtype}")
         if leaf.dtype.kind == "f" and (np.abs(tensors[name]) > np.finfo(np.float32).max).any():
             raise ValueError(f"tensor '{name}' holds a number that float32 has no room for")
-    arrays = [jax.numpy.asarray(tensors[name]) for name in names]
+    arrays = [jax.device_put(tensors[name]) for name in names]
     return jax.tree_util.tree_unflatten(structure, arrays)
 
 

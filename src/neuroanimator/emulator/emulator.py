@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.compiled import Step, call_compiled
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.frame import Frame
@@ -167,7 +168,7 @@ class Emulator(eqx.Module):
 
     def encode_motion(self, state: ArrayLike, controls: ArrayLike) -> tuple[Float[Array, " I"], Float[Array, "*T C"]]:
         """Return a start (S,) and the controls (..., C) from there on as `advance` takes them, in float32."""
-        return self.encode(jnp.asarray(state, jnp.float32)), self.encode_control(jnp.asarray(controls, jnp.float32))
+        return self.encode(as_jax(state)), self.encode_control(as_jax(controls))
 
     def seen(self, inner: Numbers, control: Numbers) -> Numbers:
         """Return (..., K) what the network sees besides sines and cosines, not yet normalised: no place, no heading."""
@@ -273,7 +274,7 @@ class Emulator(eqx.Module):
                 f"{LARGEST_NUMBER:g}. Start nearer to where you look."
             )
         kind = self.normaliser.change_scale.dtype
-        return jnp.asarray(state, kind), jnp.asarray(controls, kind)
+        return as_jax(state, kind), as_jax(controls, kind)
 
 
 def step(emulator: Emulator, state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " S"]:

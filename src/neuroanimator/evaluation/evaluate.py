@@ -28,6 +28,7 @@ from neuroanimator.evaluation.speed_deformable import JAX, NO_COMPILER
 from neuroanimator.evaluation.speed_python import PYTHON_FUNCTION
 from neuroanimator.evaluation.verdict import Verdict, judge
 from neuroanimator.systems.recorded_system import RecordedSystem
+from neuroanimator.terminal import phase
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import validation_mask
 
@@ -188,12 +189,17 @@ def evaluate(
     """
     effort = effort or THOROUGH
     is_recorded = isinstance(system_of(emulator), RecordedSystem)
-    test = recorded_runs(emulator, data) if is_recorded else held_out_runs(emulator, count=effort.runs, seed=seed)
+    with phase("simulating finely"):
+        test = recorded_runs(emulator, data) if is_recorded else held_out_runs(emulator, count=effort.runs, seed=seed)
     test = replace(test, most_transitions=effort.transitions)
     among = test.transitions[0] if is_recorded else None
-    errors = one_step_error(emulator, test)
-    found = np.asarray(emulator.rollout(test.states[:, 0], test.controls, may_diverge=True), float)
-    speed = None if is_recorded else measure_speed(emulator, test, float(root_mean_square(errors)), effort.repeats)
+    with phase("emulating"):
+        errors = one_step_error(emulator, test)
+        found = np.asarray(emulator.rollout(test.states[:, 0], test.controls, may_diverge=True), float)
+    with phase("timing"):
+        speed = None if is_recorded else measure_speed(emulator, test, float(root_mean_square(errors)), effort.repeats)
+    with phase("looking for blow-ups"):
+        blow_ups = count_blow_ups(emulator, effort.starts, effort.steps, among=among) if effort.starts else 0
     return Evaluation(
         system=emulator.identity.system,
         substeps=emulator.identity.substeps,
@@ -208,7 +214,7 @@ def evaluate(
         measured_speed=speed,
         emulator_seconds=speed.emulator_seconds if speed else measure_emulator(emulator),
         baselines=baselines(data, test),
-        blow_ups=count_blow_ups(emulator, effort.starts, effort.steps, among=among) if effort.starts else 0,
+        blow_ups=blow_ups,
         blow_up_starts=effort.starts,
         still=test.still,
     )

@@ -94,6 +94,8 @@ class GoalTable(Table):
     """A site of the model where a free root should be, at rest and turned as the site is."""
     reach: dict[str, tuple[Finite, ...]] = {}
     """Parts of the state and their wanted values."""
+    start: dict[str, tuple[Finite, ...]] = {}
+    """Parts of the state a motion to this goal starts with, if nothing else is said; others are as at rest."""
     within: dict[str, Positive] = {}
     """How far off each of these parts may be; 0.1 of its unit if not said."""
 

@@ -61,7 +61,7 @@ class DeformableSystem(System):
         self.sampling, self.warm_up = definition.sampling, definition.sampling.warm_up
         self.skeleton = body_skeleton(self.body, definition.skin)
         self.gait = gait_of(definition)
-        self.goals = goals_of(self.state, definition.goals)
+        self.goals = self.with_starts(goals_of(self.state, definition.goals), definition.goals)
 
     @property
     def muscles(self) -> int:

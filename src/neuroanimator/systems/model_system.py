@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import mujoco
@@ -51,7 +52,8 @@ class ModelSystem(MujocoSystem):
         self.sampling = definition.sampling
         self.warm_up = definition.sampling.warm_up
         self._check_sampling()
-        self.goals = {name: self.goal(name, table) for name, table in definition.goals.items()}
+        goals = {name: self.goal(name, table) for name, table in definition.goals.items()}
+        self.goals = self.with_starts(goals, definition.goals)
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         near = rng.random(count) < self.sampling.rest_share
@@ -60,6 +62,11 @@ class ModelSystem(MujocoSystem):
         for view in self.views:
             self._scatter(view, starts, spread, rng)
         return self.with_sensors(starts[:, : self.physical_size])
+
+    def start_at(self, parts: Mapping[str, Sequence[float]]) -> np.ndarray:
+        """Return the start `parts` name, with what the sensors say in it."""
+        start = super().start_at(parts)
+        return self.with_sensors(start[None, : self.physical_size])[0]
 
     def with_sensors(self, physical: np.ndarray) -> np.ndarray:
         """Return states (B, S) with what the sensors say in the physical states (B, P)."""

@@ -40,7 +40,7 @@ class PythonSystem(System):
         self.rest = numbers_of(definition.state, "rest")
         self.spread = numbers_of(definition.state, "spread")
         self.sampling = definition.sampling
-        self.goals = goals_of(self.state, definition.goals)
+        self.goals = self.with_starts(goals_of(self.state, definition.goals), definition.goals)
 
     @property
     def function(self) -> StepFunction:

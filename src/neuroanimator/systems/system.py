@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.definition import GoalTable
 from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.skeleton import Skeleton
+from neuroanimator.systems.start import quaternion_entries, start_state
 from neuroanimator.systems.structure import Structure
 
 TIME_RESOLUTION = 1e-9
@@ -60,6 +62,8 @@ class Goal:
     """How far off still counts as reached, per pair and in its unit (a quaternion's: of the angle [rad])."""
     seconds: float = 2.0
     """A sensible length of the motion [s]."""
+    start: tuple[float, ...] = ()
+    """A state (S,) to reach it from, if nothing else is said; empty for the state of rest."""
 
 
 class System(abc.ABC):
@@ -95,6 +99,23 @@ class System(abc.ABC):
     def physics_dt(self) -> float:
         """The step δt that `substeps` counts [s]."""
         return self.scheme.dt
+
+    def start_at(self, parts: Mapping[str, Sequence[float]]) -> np.ndarray:
+        """Return the state of rest (S,) with the numbers of each of `parts` in their places; see `start_state`."""
+        turns = quaternion_entries(self.structure.segments)
+        return start_state(self.state, self.rest, parts, turns=turns, cloud=self.structure.cloud)
+
+    def with_starts(self, goals: Mapping[str, Goal], tables: Mapping[str, GoalTable]) -> dict[str, Goal]:
+        """Return `goals` with the starts their tables name; ArgumentError says which of them is wrong."""
+        found = {}
+        for name, goal in goals.items():
+            parts = tables[name].start
+            try:
+                start = tuple(map(float, self.start_at(parts))) if parts else ()
+            except ArgumentError as error:
+                raise ArgumentError(f"goals.{name}: {error}") from error
+            found[name] = replace(goal, start=start)
+        return found
 
     def check_controls(self, controls: np.ndarray) -> np.ndarray:
         """Return `controls` (..., C) if finite and within bounds."""
