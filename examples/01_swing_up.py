@@ -6,13 +6,14 @@ import numpy as np
 
 import neuroanimator as na
 
-emulator = na.Emulator.load(na.find_emulator("pendulum-50"))
+emulator = na.Emulator.load("pendulum-50")  # ships with the package; or the file of one you trained
 system, goal, rest = na.load_system("pendulum"), na.stand_upright(), np.zeros(6)
 
-found = na.descend(emulator, goal, rest, steps=30)  # 1.5 s of torques, by gradients through the emulator
-proof = na.replay(emulator, system, goal, rest, found.controls)  # the same torques on MuJoCo
+# 1.5 s of torques, by gradients through the emulator; what their replay on MuJoCo shows corrects the emulator.
+found = na.synthesise(emulator, system, goal, rest, steps=30)
+proof = found.outcome
 
-print(f"{found.iterations} iterations, {found.seconds:.2f} s")
-print(f"J on emulator {proof.cost_emulator:.3f}, on MuJoCo {proof.cost_physics:.3f}")
+print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.corrections} corrections")
+print(f"J on MuJoCo {proof.cost_physics:.3f}; by the emulator alone, not corrected, {proof.cost_emulator:.3f}")
 print("upright on MuJoCo:", na.is_upright(proof.physical[-1]))
 na.write_proof(emulator, proof, Path("swing-up.glb"))

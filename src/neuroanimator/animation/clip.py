@@ -30,6 +30,9 @@ class Clip:
     source: str = ""
     """What made the motion, as exports say it: 'emulator' or 'physics'; empty if not known."""
 
+    def __repr__(self) -> str:
+        return f'Clip("{self.name}", {len(self.times)} frames, {self.times[-1]:.2f} s)'
+
     @property
     def rate(self) -> float:
         """Frames a second."""

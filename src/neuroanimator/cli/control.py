@@ -116,7 +116,7 @@ def _search(
     effort_weight: float | None,
     starts: list[str],
 ) -> _Search | str:
-    """Return what finds the controller, for an objective file or for a goal; or what to say if nothing is to be found.
+    """Return what finds the controller, for an objective file or a goal; or what to say if nothing is to find.
 
     `own` is the emulator's system, perhaps with goals written after training.
     """

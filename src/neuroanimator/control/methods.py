@@ -1,18 +1,23 @@
-"""Ways of descending: what one iteration of each does. All run compiled, and for many starts at once."""
+"""Ways of descending: what one iteration of each does. All run compiled, and for many starts at once.
+
+optax is imported where it is needed: Gauss-Newton does without, and starts sooner.
+"""
 
 from __future__ import annotations
 
 import abc
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optax
 from jaxtyping import Array, Float
 
 from neuroanimator.control.problem import Problem
+
+if TYPE_CHECKING:
+    import optax
 
 CONVERGED = 1e-2
 """Relative fall of J below which a descent ends."""
@@ -120,6 +125,8 @@ class FirstOrder(Method):
         return self.make().init(z)
 
     def iterate(self, problem: Problem, progress: Progress) -> Progress:
+        import optax
+
         descent = self.make()
         if self.settles:
             cost, slope = optax.value_and_grad_from_state(problem.cost)(progress.z, state=progress.memory)
@@ -150,21 +157,29 @@ class FirstOrder(Method):
 
 
 def _line_search_steps(memory: Any) -> Array:
+    import optax
+
     return jnp.maximum(optax.tree.get(memory, "info").num_linesearch_steps, 1)
 
 
 def _momentum() -> optax.GradientTransformationExtraArgs:
     """Descent with momentum: eq. 12, with the minus sign that descent needs."""
+    import optax
+
     return optax.with_extra_args_support(
         optax.chain(optax.normalize_by_update_norm(), optax.sgd(MOMENTUM_STEP, momentum=MOMENTUM))
     )
 
 
 def _adam() -> optax.GradientTransformationExtraArgs:
+    import optax
+
     return optax.with_extra_args_support(optax.adam(ADAM_STEP))
 
 
 def _lbfgs() -> optax.GradientTransformationExtraArgs:
+    import optax
+
     return optax.lbfgs(memory_size=MEMORY, linesearch=optax.scale_by_zoom_linesearch(LINE_SEARCH))
 
 

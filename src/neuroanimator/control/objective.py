@@ -47,6 +47,11 @@ class Objective(eqx.Module):
         terms = tuple(wish for wish in wishes if isinstance(wish, Term))
         return cls(terms, tuple(wish for wish in wishes if not isinstance(wish, Term)))
 
+    def __repr__(self) -> str:
+        named = [type(term).__name__ for term in self.terms]
+        named += [getattr(function, "__name__", type(function).__name__) for function in self.functions]
+        return f"Objective({', '.join(named)})"
+
     def apart(self) -> tuple[Objective, Objective]:
         """Return the terms that look at states, and those of controls alone; without functions."""
         of_states = tuple(term for term in self.terms if not term.of_controls)

@@ -8,7 +8,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.interpolate import BSpline
 
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
@@ -76,6 +75,8 @@ class Spline(Parameters):
     @classmethod
     def of(cls, steps: int, knots: int, bounds: Bounds) -> Spline:
         """Return the parameters of splines with so many knots over so many super steps."""
+        from scipy.interpolate import BSpline  # a quarter of a second that most descents need not wait for
+
         if not 4 <= knots <= steps:
             raise ArgumentError(f"knots: wanted between 4 and the {steps} super steps, came {knots}.")
         places = np.concatenate([[0.0] * 3, np.linspace(0, 1, knots - 2), [1.0] * 3])

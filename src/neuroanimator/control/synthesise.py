@@ -14,7 +14,6 @@ from neuroanimator.control.goals import find_goal, goal_start
 from neuroanimator.control.gradient_trust import GradientTrust, gradient_trust
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import EachStep, Parameters
-from neuroanimator.control.refine import refined
 from neuroanimator.control.replay import Replay, beside_emulated, ranked_on_physics
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.data.transitions import Transitions
@@ -107,6 +106,8 @@ def synthesise(
         round_ += 1
         motion = found.outcome.physical, found.descent.controls
         with phase("learning the physics around the motion"):
+            from neuroanimator.control.refine import refined  # training's modules, which most motions do without
+
             better, data, taken = refined(found.emulator, system, data, *motion, round_)
         made += taken
         again = {**options, "first": found.descent.controls}

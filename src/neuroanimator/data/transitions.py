@@ -167,6 +167,9 @@ class Transitions:
     held_out: tuple[np.ndarray, np.ndarray] | None = None
     """(states (B, T+1, S), controls (B, T, C)) kept for the test; of recordings only."""
 
+    def __repr__(self) -> str:
+        return f'Transitions("{self.config.system}", {len(self.states):,} windows, {self.config.substeps} substeps)'
+
     def where(self, mask: np.ndarray) -> Transitions:
         """Return the windows `mask` (N,) selects."""
         parts = self.states[mask], self.controls[mask], self.run[mask]

@@ -5,17 +5,19 @@ from __future__ import annotations
 import abc
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.definition import GoalTable
 from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.skeleton import Skeleton
 from neuroanimator.systems.start import quaternion_entries, start_state
 from neuroanimator.systems.structure import Structure
+
+if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulator does not need it
+    from neuroanimator.systems.definition import GoalTable
 
 TIME_RESOLUTION = 1e-9
 """Times closer than this are the same time [s]; two steps never differ by so little."""
@@ -94,6 +96,11 @@ class System(abc.ABC):
     goals: Mapping[str, Goal] = {}
     gait: Gait | None = None
     """How it moves along if nothing else is said; None if it has no such way."""
+
+    def __repr__(self) -> str:
+        kind, sizes = type(self).__name__, f"{self.state.size} states, {self.control.size} controls"
+        goals = f", goals {', '.join(self.goals)}" if self.goals else ""
+        return f'{kind}("{self.name}", {sizes}, step {self.physics_dt * 1e3:g} ms{goals})'
 
     @property
     def physics_dt(self) -> float:

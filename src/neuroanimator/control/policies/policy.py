@@ -68,6 +68,10 @@ class Policy(eqx.Module):
     """Of the commands it was trained on, in the order of `COMMAND`."""
     rhythm: Rhythm = eqx.field(static=True)
 
+    def __repr__(self) -> str:
+        identity = self.emulator.identity
+        return f'Policy("{identity.system}", dt {self.dt:g} s, {identity.control.size} controls)'
+
     @property
     def dt(self) -> float:
         """Time a control is held [s]."""

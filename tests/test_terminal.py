@@ -1,0 +1,85 @@
+"""What goes on is said on a terminal, and nowhere else; how long it took is counted once."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+import time
+
+from neuroanimator.terminal import phase, phase_seconds
+
+PHASES = """
+import time
+from neuroanimator import terminal
+terminal.show_phases()
+with terminal.phase("settling"):
+    time.sleep(0.8)
+    with terminal.progress_bar("rounds", 2) as bar, terminal.phase("compiling"):
+        time.sleep(0.8)
+        bar.advance_to(2)
+with terminal.phase("fleeting"):
+    pass
+print("done")
+"""
+
+
+def on_terminal(code: str) -> str:
+    """Return what a process writes to its stderr if that is a terminal."""
+    ours, theirs = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
+    process = subprocess.Popen([sys.executable, "-c", code], stderr=theirs, stdout=subprocess.PIPE, env=environment)
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            part = os.read(ours, 4096)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        shown += part
+    os.close(ours)
+    assert process.communicate()[0] == b"done\n"
+    return shown.decode()
+
+
+def test_a_terminal_shows_phases_and_bars_side_by_side():
+    shown = on_terminal(PHASES)
+    assert "settling" in shown
+    assert "compiling" in shown
+    assert "rounds" in shown
+    assert "fleeting" not in shown
+
+
+def test_nothing_is_shown_where_there_is_no_terminal_or_no_command_line():
+    piped = subprocess.run([sys.executable, "-c", PHASES], capture_output=True, text=True)
+    assert (piped.stderr, piped.stdout) == ("", "done\n")
+    quiet = on_terminal(
+        PHASES.replace("terminal.show_phases()", "")
+        .replace('terminal.progress_bar("rounds", 2) as bar, ', "")
+        .replace("bar.advance_to(2)", "")
+    )
+    assert quiet == ""
+
+
+def test_time_within_an_inner_phase_counts_for_it_alone():
+    with phase("outer"):
+        time.sleep(0.05)
+        with phase("inner"):
+            time.sleep(0.2)
+    spent = phase_seconds()
+    assert 0.2 <= spent["inner"] < 0.3
+    assert 0.05 <= spent["outer"] < 0.15
+
+
+def test_a_phase_that_fails_is_over():
+    try:
+        with phase("failing"):
+            raise ValueError
+    except ValueError:
+        pass
+    with phase("after"):
+        time.sleep(0.01)
+    assert phase_seconds()["failing"] < 0.01
