@@ -190,7 +190,7 @@ class Emulator(eqx.Module):
         state, controls = self._checked(state, controls)
         if not controls.shape[-2]:
             return state[..., None, :]
-        found = call_compiled(rollout_batch if state.ndim == 2 else rollout, self, state, controls)
+        found = call_compiled(_quick_rollouts if state.ndim == 2 else _quick_rollout, self, state, controls)
         if not may_diverge:
             self._check_finite(np.asarray(found))
         return found
@@ -283,14 +283,21 @@ def step(emulator: Emulator, state: Float[Array, " S"], control: Float[Array, " 
     return emulator.decode(emulator.advance(inner, emulator.encode_control(control)))
 
 
-def rollout(emulator: Emulator, state: Float[Array, " S"], controls: Float[Array, "T C"]) -> Float[Array, "T+1 S"]:
+def rollout(
+    emulator: Emulator, state: Float[Array, " S"], controls: Float[Array, "T C"], *, unroll: int = UNROLL
+) -> Float[Array, "T+1 S"]:
     """Return the trajectory from `state`, start included. For use inside jit, grad and vmap."""
-    inner = follow(emulator, emulator.encode(state), emulator.encode_control(controls))
+    inner = follow(emulator, emulator.encode(state), emulator.encode_control(controls), unroll=unroll)
     return jnp.concatenate([state[None], emulator.decode(inner)])
 
 
 def follow(
-    emulator: Emulator, inner: Float[Array, " I"], controls: Float[Array, "T C"], *, is_bounded: bool = True
+    emulator: Emulator,
+    inner: Float[Array, " I"],
+    controls: Float[Array, "T C"],
+    *,
+    is_bounded: bool = True,
+    unroll: int = UNROLL,
 ) -> Float[Array, "T I"]:
     """Return the trajectory after `inner`, all in the numbers in which the super step is made.
 
@@ -302,11 +309,14 @@ def follow(
         following = one(inner, control)
         return following, following
 
-    return jax.lax.scan(advance, inner, controls, unroll=UNROLL)[1]
+    return jax.lax.scan(advance, inner, controls, unroll=unroll)[1]
 
 
-def rollout_batch(
-    emulator: Emulator, states: Float[Array, "B S"], controls: Float[Array, "B T C"]
-) -> Float[Array, "B T+1 S"]:
-    """Return the trajectories from `states`, starts included. For use inside jit and grad."""
-    return jax.vmap(lambda state, held: rollout(emulator, state, held))(states, controls)
+def _quick_rollout(emulator: Emulator, state: Array, controls: Array) -> Array:
+    """Return `rollout`, not unrolled: a tenth slower, but compiled in a third of the time."""
+    return rollout(emulator, state, controls, unroll=1)
+
+
+def _quick_rollouts(emulator: Emulator, states: Array, controls: Array) -> Array:
+    """Return `_quick_rollout` from each of `states` (B, S) under `controls` (B, T, C)."""
+    return jax.vmap(lambda state, held: _quick_rollout(emulator, state, held))(states, controls)
