@@ -79,25 +79,27 @@ def run(
         own = load_system(str(system)) if system else None
         model = emulator_for([glb] if glb else [], emulator)
         search = _search(model, own, goal, objective, seconds, effort_weight, start or [])
-        transitions = read_transitions(data) if data else None
     if isinstance(search, str):
-        print_line(search)
-        return
+        return print_line(search)
     with watching(log, iterations) as on_iteration:
         found = search.find(
             method=method,
             iterations=iterations,
-            data=transitions,
+            data=read_transitions(data) if data else None,
             measures_trust=True,
             on_iteration=on_iteration,
-            on_refine=lambda gap: print(f"gap {gap:.2f}: learning the physics around the motion ...", file=sys.stderr),
+            on_refine=_say_gap,
             **({} if starts is None else {"starts": starts}),
         )
     for warning in warnings_of(found):
         print_line(f"neuroanimator: {warning}", to_stderr=True)
     _write(found, out, glb)
     files = [("file", path) for path in (out, glb, log) if path]
-    print_rows([("start", search.start), *outcome_rows(found), *_time_rows(began), *files])
+    return print_rows([("start", search.start), *outcome_rows(found), *_time_rows(began), *files])
+
+
+def _say_gap(gap: float) -> None:
+    print(f"gap {gap:.2f}: learning the physics around the motion ...", file=sys.stderr)
 
 
 class _Search(NamedTuple):
