@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
@@ -173,4 +174,4 @@ def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Arr
 
 @eqx.filter_jit
 def _costs(objective: Objective, states: ArrayLike, controls: ArrayLike, limit: ArrayLike, dt: float) -> Array:
-    return jax.vmap(lambda motion, held: objective(Trajectory(motion, held, limit, dt)))(states, controls)
+    return jax.vmap(lambda motion, held: objective(Trajectory(motion, held, jnp.asarray(limit), dt)))(states, controls)
