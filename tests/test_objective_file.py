@@ -191,7 +191,7 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         ('parameters = "spline"\nknots = 3', "knots: "),
         ('parameters = "periodic"', "period: wanted one"),
         ("starts = 0", "starts: "),
-        ("start = { wheel = [1] }", "no part called 'wheel'. Parts, how many numbers and their unit: root.place (3"),
+        (
             "start = { wheel = [1] }",
             "no part called 'wheel'. Parts, how many numbers and their unit: root.place (3, m)",
         ),
