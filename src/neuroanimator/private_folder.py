@@ -23,7 +23,7 @@ def private_folders(purpose: str) -> Iterator[Path]:
     next process. The second is temporary and goes with this process. Either may be missing: a home that cannot be
     written to, a disk that is full, a folder that somebody else could write to, or a link.
     """
-    kept = _kept_folder(purpose)
+    kept = kept_folder(purpose)
     if kept is not None:
         yield kept
     passing = _passing_folder()
@@ -31,13 +31,19 @@ def private_folders(purpose: str) -> Iterator[Path]:
         yield passing
 
 
-def _kept_folder(purpose: str) -> Path | None:
+def kept_folder(*purpose: str) -> Path | None:
+    """Return the folder for `purpose`, outermost name first, in the user's cache, made if need be.
+
+    None where nobody else could be kept out of it, or it cannot be written to.
+    """
     try:
         cache_home = _cache_home()
         cache_home.mkdir(parents=True, exist_ok=True)
         if not all(_is_safe_above(folder) for folder in (cache_home, *cache_home.parents)):
             return None
-        for folder in (cache_home / NAME, cache_home / NAME / purpose):
+        folder = cache_home
+        for part in (NAME, *purpose):
+            folder = folder / part
             folder.mkdir(mode=0o700, exist_ok=True)
             if not is_private(folder):
                 return None

@@ -1,7 +1,7 @@
 """Programs JAX has compiled are kept on disk, so that only the first run on a machine waits for the compiler.
 
 The folder is the user's own, and of one processor and one version of JAX: what is in it is machine code
-(docs/decisions/0013-compiled-once-a-machine.md). `NEUROANIMATOR_CACHE=off` switches it off, and a folder
+(docs/decisions/0014-compiled-once-a-machine.md). `NEUROANIMATOR_CACHE=off` switches it off, and a folder
 of the user's own choice (`JAX_COMPILATION_CACHE_DIR`, `jax.config`) is never replaced.
 """
 
@@ -10,11 +10,12 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-import stat
 import warnings
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+
+from neuroanimator.private_folder import kept_folder
 
 SWITCH = "NEUROANIMATOR_CACHE"
 OFF = ("off", "0", "no", "false")
@@ -36,7 +37,7 @@ def keep_programs() -> Path | None:
 
     if os.environ.get(SWITCH, "").lower() in OFF or jax.config.jax_compilation_cache_dir:
         return None
-    folder = _own_folder(_machine())
+    folder = kept_folder("programs", _machine())
     if folder is None:
         return None
     _remove_older_half(folder)
@@ -46,39 +47,6 @@ def keep_programs() -> Path | None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     return folder
-
-
-def _own_folder(name: str) -> Path | None:
-    """Return the folder `name` in the user's cache, made if need be; None where nobody else could be kept out of it."""
-    try:
-        folder = _cache_home()
-        folder.mkdir(parents=True, exist_ok=True)
-        for part in ("neuroanimator", "programs", name):
-            folder = folder / part
-            folder.mkdir(mode=0o700, exist_ok=True)
-            if not _is_own(folder):
-                return None
-    except (OSError, RuntimeError):  # RuntimeError: there is no home
-        return None
-    return folder if os.access(folder, os.W_OK | os.X_OK) else None
-
-
-def _cache_home() -> Path:
-    """Return the user's folder for caches; RuntimeError where there is no home."""
-    chosen = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    # The standard says that a relative path is to be ignored.
-    return chosen if chosen.is_absolute() else Path.home() / ".cache"
-
-
-def _is_own(folder: Path) -> bool:
-    """Return whether `folder` is a real folder of this user's that nobody else can write to."""
-    found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode):
-        return False
-    if os.name != "posix":
-        return True
-    is_shared = bool(found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
-    return found.st_uid == os.getuid() and not is_shared
 
 
 def _machine() -> str:
