@@ -13,13 +13,19 @@ target = na.read_pose(system.structure, system.rest).place + np.array([0.2, 0.12
 
 found = na.synthesise(
     emulator, system,
-    na.Objective.of(na.effort(0.1), na.smoothness(0.001), na.reach_place(system, target, within=0.04)),
+    na.Objective.of(
+        na.effort(0.1),
+        na.smoothness(0.001),
+        na.stay_upright(system),
+        na.reach_place(system, target, within=0.04),
+    ),
     system.rest, steps=steps, refinements=0,
     parameters=Periodic.of(steps, emulator.dt, system.gait.period, system.bounds),  # a wave along the body
     first=0.7 * system.gait.controls(steps, emulator.dt, system.bounds),
 )  # fmt: skip
 
 print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps")
-there = na.read_pose(system.structure, found.outcome.physical[-1]).place
-print(f"the true fish ends {100 * np.linalg.norm(there - target):.1f} cm from its target")
+end = na.read_pose(system.structure, found.outcome.physical[-1])
+off, roll = 100 * np.linalg.norm(end.place - target), np.degrees(abs(end.roll))
+print(f"the true fish ends {off:.1f} cm from its target, rolled by {roll:.0f}°")
 na.write_proof(emulator, found.outcome, Path("target.glb"))

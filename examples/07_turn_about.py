@@ -15,13 +15,19 @@ west = np.array([0.0, 1.0, 0.0])  # it points along x: to its left
 
 found = na.synthesise(
     emulator, system,
-    na.Objective.of(na.effort(0.1), na.smoothness(0.001), na.reach_heading(system, west, within=np.radians(3))),
+    na.Objective.of(
+        na.effort(0.1),
+        na.smoothness(0.001),
+        na.stay_upright(system),
+        na.reach_heading(system, west, within=np.radians(3)),
+    ),
     start, steps=steps, refinements=0,
     parameters=Spline.of(steps, 30, system.bounds),  # 30 values a muscle, smoothly joined
     first=0.7 * system.gait.controls(steps, emulator.dt, system.bounds),
 )  # fmt: skip
 
 print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps")
-forward = na.read_pose(system.structure, found.outcome.physical[-1]).forward
-print(f"the true dolphin ends {np.degrees(np.arccos(np.clip(forward @ west, -1, 1))):.1f}° off the wanted heading")
+end = na.read_pose(system.structure, found.outcome.physical[-1])
+off, roll = np.degrees(np.arccos(np.clip(end.forward @ west, -1, 1))), np.degrees(abs(end.roll))
+print(f"the true dolphin ends {off:.1f}° off the wanted heading, rolled by {roll:.0f}°")
 na.write_proof(emulator, found.outcome, Path("turn.glb"))

@@ -14,7 +14,9 @@ ahead = np.array([1.0, 0.0, 0.0])
 
 found = na.synthesise(
     emulator, system,
-    na.Objective.of(na.effort(0.1), na.smoothness(0.001), na.travel(system, ahead, 1.0, within=0.05)),
+    na.Objective.of(
+        na.effort(0.1), na.smoothness(0.001), na.stay_upright(system), na.travel(system, ahead, 0.5, within=0.1)
+    ),
     system.rest, steps=steps, refinements=0, method="adam",
     parameters=Periodic.of(steps, emulator.dt, system.gait.period, system.bounds),
     first=0.7 * gait,  # at full strength the muscles are at their bounds, where nothing has a slope
@@ -30,4 +32,6 @@ def way(states: np.ndarray) -> float:
 usual = way(system.simulate(system.rest[None], gait[None], emulator.dt).states[0])
 print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps")
 print(f"in 3 s the true fish comes {100 * way(found.outcome.physical):.0f} cm; by its gait {100 * usual:.0f} cm")
+roll = np.degrees(abs(na.read_pose(system.structure, found.outcome.physical[-1]).roll))
+print(f"it ends rolled by {roll:.0f}°")
 na.write_proof(emulator, found.outcome, Path("fast.glb"))

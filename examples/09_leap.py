@@ -32,6 +32,7 @@ found = na.synthesise(
     na.Objective.of(
         na.effort(0.003),
         na.smoothness(0.0003),
+        na.stay_upright(system, may_pitch=True),  # back up, however steep
         na.reach_height(system, 1.1, within=0.1, at=TOP),  # [m] all of it, tail included
         na.reach_heading(system, [np.cos(STEEP), 0, -np.sin(STEEP)], within=0.26, at=ENTRY),
     ),
@@ -44,7 +45,7 @@ lowest = read_heights(system.structure, found.outcome.physical).min(axis=1)  # o
 top = int(lowest.argmax())
 entry = min(top + int((lowest[top:] > 0).argmin()), steps)
 pose = na.read_pose(system.structure, found.outcome.physical)
-pitch = np.degrees(np.arcsin(pose.forward[entry, 2]))
+pitch, roll = np.degrees(np.arcsin(pose.forward[entry, 2])), np.degrees(abs(pose.roll[top]))
 print(f"the true dolphin leaps: its lowest point rises {lowest[top]:.2f} m over the water, its middle "
-      f"{pose.place[:, 2].max():.2f} m, and it dives in at {pitch:.0f} degrees")  # fmt: skip
+      f"{pose.place[:, 2].max():.2f} m, there rolled by {roll:.0f}°, and it dives in at {pitch:.0f}°")  # fmt: skip
 na.write_proof(emulator, found.outcome, Path("leap.glb"))

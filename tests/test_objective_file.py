@@ -80,6 +80,9 @@ MEANT = {
         truck, [0, 1, 0], within=0.1
     ),
     'kind = "stand_up"\nwithin = 0.1': lambda truck: wishes.stand_up(truck, within=0.1),
+    'kind = "stay_upright"\ntolerance = 0.01\nmay_pitch = true\nsince = 1': lambda truck: wishes.stay_upright(
+        truck, tolerance=0.01, may_pitch=True, since=1.0
+    ),
     'kind = "stay_within"\npart = "steer_fl"\nlow = -0.1\nhigh = 0.05\nwithin = 1': lambda truck: wishes.stay_within(
         truck, "steer_fl", -0.1, 0.05, within=1.0
     ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neuroanimator import Emulator, Objective, descend, load_system, stand_upright
+from neuroanimator import Emulator, Objective, descend, load_system, read_pose, stand_upright
 from neuroanimator.control.goals import reach_goal
 from neuroanimator.control.objective import Term, check_objective
 from neuroanimator.control.parameters import EachStep, Parameters, Periodic, Spline, Steered
@@ -29,6 +30,7 @@ from neuroanimator.control.wishes import (
     reach_place,
     smoothness,
     stand_up,
+    stay_upright,
     stay_within,
     travel,
 )
@@ -97,7 +99,11 @@ MOVING: dict[str, Wish] = {
     "reach_height": lambda system, place, way: reach_height(system, 9 + float(place(PLACES[0])[2]), within=0.1, at=0.2),
     "reach_heading": lambda system, place, way: reach_heading(system, way(DIRECTION), within=0.1, at=0.2),
     "stand_up": lambda system, place, way: stand_up(system, within=0.1),
+    "stay_upright": lambda system, place, way: stay_upright(system, tolerance=0.01),
+    "stay_unrolled": lambda system, place, way: stay_upright(system, tolerance=0.01, may_pitch=True),
 }
+ONLY_UP = ("stand_up", "stay_upright", "stay_unrolled")
+"""Wishes that look at the vertical alone."""
 
 
 def as_is(vector: np.ndarray) -> np.ndarray:
@@ -115,14 +121,14 @@ def reach_other(system: System, turn: np.ndarray | None) -> ReachState:
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("kind", sorted(MOVING))
 def test_moving_and_turning_world_and_wish_together_changes_nothing(kind: str, body: str):
-    system, turn = a_system(body), UPRIGHT_TURN if kind in ("stand_up", "reach_height") else TURN
+    system, turn = a_system(body), UPRIGHT_TURN if kind in (*ONLY_UP, "reach_height") else TURN
     here = MOVING[kind](system, as_is, as_is)
     there = MOVING[kind](system, lambda place: turned(place, turn) + SHIFT, lambda way: turned(way, turn))
     motion = a_motion(system)
     elsewhere = motion._replace(states=jnp.asarray(moved(system, motion.states, turn)))
     before, after = (np.asarray(term.residuals(way)) for term, way in ((here, motion), (there, elsewhere)))
     assert float(Objective.of(here)(elsewhere)) != pytest.approx(float(Objective.of(here)(motion)), rel=1e-3) or (
-        kind in ("keep_speed", "stand_up")  # the two that name no place and no heading
+        kind in ("keep_speed", *ONLY_UP)  # those that name no place and no heading
     )
     np.testing.assert_allclose(np.linalg.norm(after), np.linalg.norm(before), rtol=1e-4)
 
@@ -218,6 +224,62 @@ def test_sums_over_time_do_not_depend_on_the_super_step(body: str):
         coarse, fine = (float(Objective.of(wish)(steady(system, 0.6, 2.0, dt))) for dt in (DT, DT / 2))
         assert coarse > 0.1
         assert fine == pytest.approx(coarse, rel=0.08), type(wish).__name__  # a sum is an integral but for its ends
+
+
+def leaning(system: System, turn: np.ndarray, seconds: float = 2.0) -> Trajectory:
+    """Return the body at rest, turned by `turn` all the time."""
+    return still(system, moved(system, system.rest, turn), seconds)
+
+
+def still(system: System, state: np.ndarray, seconds: float) -> Trajectory:
+    """Return the motion that stays in `state` (S,)."""
+    steps = round(seconds / DT)
+    states = np.repeat(state[None], steps + 1, axis=0)
+    return Trajectory(jnp.asarray(states), jnp.zeros((steps, 1)), jnp.ones(1), DT)
+
+
+ROLLED, PITCHED = (np.array([np.cos(0.4), *axis]) for axis in ([np.sin(0.4), 0, 0], [0, np.sin(0.4), 0]))
+"""By 0.8 rad about a body's own X, or its Y."""
+BELLY_UP = np.array([0.0, 1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_leaning_beyond_the_tolerance_costs_as_long_as_it_lasts(body: str):
+    system, upright = a_system(body), np.array([1.0, 0, 0, 0])
+
+    def cost(turn: np.ndarray, **choices: Any) -> float:
+        wish = stay_upright(system, tolerance=0.3, within=0.1, **choices)
+        return float(Objective.of(wish)(leaning(system, turn)))
+
+    assert cost(upright) == 0
+    assert cost(ROLLED) == pytest.approx(5**2 / 2 * 2.0, rel=1e-3)
+    assert cost(PITCHED) == pytest.approx(5**2 / 2 * 2.0, rel=1e-3)
+    assert cost(BELLY_UP) == pytest.approx(((np.pi - 0.3) / 0.1) ** 2 / 2 * 2.0, rel=1e-3)
+    assert cost(ROLLED, since=1.0) == pytest.approx(5**2 / 2 * (1.0 + DT), rel=1e-3)
+    assert cost(PITCHED, may_pitch=True) == 0
+    assert cost(ROLLED, may_pitch=True) == pytest.approx(cost(ROLLED), rel=1e-3)
+    assert cost(multiply(PITCHED, ROLLED), may_pitch=True) == pytest.approx(cost(ROLLED), rel=1e-3)
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("turn", [np.array([1.0, 0, 0, 0]), BELLY_UP, ROLLED])
+def test_staying_upright_has_a_finite_slope_wherever_a_body_lies(turn: np.ndarray, body: str):
+    system = a_system(body)
+    motion = leaning(system, turn)
+    for may_pitch in (True, False):
+        objective = Objective.of(stay_upright(system, may_pitch=may_pitch))
+        slope = jax.grad(lambda states, objective=objective: objective(motion._replace(states=states)))(motion.states)
+        assert jnp.isfinite(slope).all()
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_roll_is_told_about_the_bodys_own_axis(body: str):
+    system = a_system(body)
+    roll = lambda turn: float(read_pose(system.structure, moved(system, system.rest, turn)).roll)  # noqa: E731
+    assert roll(ROLLED) == pytest.approx(0.8, abs=1e-6)
+    assert roll(multiply(UPRIGHT_TURN, multiply(PITCHED, ROLLED))) == pytest.approx(0.8, abs=1e-6)
+    assert roll(PITCHED) == pytest.approx(0, abs=1e-6)
+    assert abs(roll(BELLY_UP)) == pytest.approx(np.pi, abs=1e-6)
 
 
 def test_smoothness_is_the_same_for_a_ramp_in_finer_steps():
@@ -383,6 +445,8 @@ REFUSED_ARGUMENTS = {
     "keyframes: wanted 2 times of at least 0 s": lambda s: keyframes(s, PLACES, [-1.0, 1.0], within=1),
     "at least two different points": lambda s: follow_path(s, [[0, 0, 0], [0, 0, 0]], within=1),
     "within: wanted a finite number above 0, came 0": lambda s: stand_up(s, within=0),
+    "tolerance: wanted a finite number above 0, came -0.1": lambda s: stay_upright(s, tolerance=-0.1),
+    "since: wanted a time of at least 0 s, came -1": lambda s: stay_upright(s, since=-1.0),
     "distance: wanted a finite number above 0": lambda s: travel(s, [1, 0, 0], -1.0, within=1),
     "direction: wanted a direction, came zeros": lambda s: keep_heading(s, [0, 0, 0], within=1),
     "No part called 'elbow'. Parts: root.place": lambda s: stay_within(s, "elbow", 0, 1, within=1),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         reach_place,
         smoothness,
         stand_up,
+        stay_upright,
         stay_within,
         travel,
     )
@@ -87,6 +88,7 @@ _HOMES = {
     "smoothness": "control.wishes",
     "stand_up": "control.wishes",
     "stand_upright": "control.goals",
+    "stay_upright": "control.wishes",
     "stay_within": "control.wishes",
     "synthesise": "control.synthesise",
     "train": "training.train",
@@ -105,8 +107,8 @@ __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
     "load_system", "trust_files", "dataset_config", "generate", "read_transitions", "read_diverged",
     "training_config", "train", "find_emulator", "evaluate", "write_report",
     "effort", "smoothness", "reach_state", "reach_goal", "reach_place", "reach_height", "reach_heading", "keyframes",
-    "follow_path", "travel", "keep_velocity", "keep_speed", "keep_heading", "stand_up", "stand_upright", "stay_within",
-    "avoid", "descend", "replay", "synthesise", "read_pose", "is_upright", "is_reached",
+    "follow_path", "travel", "keep_velocity", "keep_speed", "keep_heading", "stand_up", "stand_upright", "stay_upright",
+    "stay_within", "avoid", "descend", "replay", "synthesise", "read_pose", "is_upright", "is_reached",
     "make_clip", "read_clip", "write_clip", "write_glb", "write_proof", "write_video",
 ]  # fmt: skip
 

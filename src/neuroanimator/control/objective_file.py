@@ -193,6 +193,7 @@ KINDS: dict[str, Callable[..., Term]] = {
     "reach_state": reach_state,
     "smoothness": wishes.smoothness,
     "stand_up": wishes.stand_up,
+    "stay_upright": wishes.stay_upright,
     "stay_within": wishes.stay_within,
     "travel": wishes.travel,
 }

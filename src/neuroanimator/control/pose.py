@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.rotation import Numbers, rotate
+from neuroanimator.systems.rotation import Numbers, cross, rotate
 from neuroanimator.systems.structure import Structure
 
 
@@ -22,6 +22,17 @@ class Pose(NamedTuple):
     """(..., 3) Unit vector along the body's X."""
     upward: Numbers
     """(..., 3) Unit vector along the body's Z."""
+
+    @property
+    def roll(self) -> Numbers:
+        """How far (...) [rad] the body is rolled over to its right about its own axis: 0 upright, ±π belly up.
+
+        Pitch and heading do not count. A body that points straight up or down has none to speak of.
+        """
+        xp = self.forward.__array_namespace__()
+        left = cross(self.upward, self.forward)
+        above = cross(self.forward, left)
+        return xp.atan2(left[..., 2], above[..., 2])
 
 
 def read_pose(structure: Structure, states: Numbers) -> Pose:

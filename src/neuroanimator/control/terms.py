@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective import Term
-from neuroanimator.control.pose import read_heights, read_pose
+from neuroanimator.control.pose import Pose, read_heights, read_pose
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.frame import Frame
@@ -183,6 +183,40 @@ class Point(Term):
         share = math.sqrt(trajectory.dt) if self.lasts else 1.0
         axis = getattr(read_pose(self.structure, rows), self.axis)
         return share * ((axis - self.direction) / self.within).ravel()
+
+
+class StayUpright(Term):
+    """Keep the body's up near the world's, from a given time on: ∫ of the angle beyond a tolerance."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    tolerance: Float[Array, ""]
+    """[rad] Leaning that costs nothing."""
+    within: Float[Array, ""]
+    """[rad]"""
+    may_pitch: bool = eqx.field(static=True)
+    """Whether only rolling counts, so that the body may dive and leap."""
+    times: tuple[float, ...] = eqx.field(static=True)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        pose = read_pose(self.structure, _from(self.times, trajectory))
+        beyond = jnp.maximum(lean(pose, may_pitch=self.may_pitch) - self.tolerance, 0)
+        return math.sqrt(trajectory.dt) * beyond / self.within
+
+
+def lean(pose: Pose, *, may_pitch: bool) -> Float[Array, " T"]:
+    """Return by how much [rad] bodies lean: 0 upright, π upside down; by rolling alone if they `may_pitch`."""
+    if may_pitch:
+        aside = jnp.cross(pose.upward, pose.forward)[..., 2] ** 2
+        above = pose.upward[..., 2] - pose.forward[..., 2] * jnp.sum(pose.upward * pose.forward, axis=-1)
+    else:
+        aside = jnp.sum(pose.upward[..., :2] ** 2, axis=-1)
+        above = pose.upward[..., 2]
+    return jnp.atan2(jnp.sqrt(aside + NEARLY_UPRIGHT**2), above)
+
+
+NEARLY_UPRIGHT = 1e-3
+"""[rad] Less counts as this much, so that an upright body has a finite slope."""
 
 
 class StayWithin(Term):

@@ -21,6 +21,7 @@ from neuroanimator.control.terms import (
     ReachHeight,
     ReachPlaces,
     Smoothness,
+    StayUpright,
     StayWithin,
     Travel,
     as_weight,
@@ -147,6 +148,26 @@ def stand_up(system: System, *, within: float, at: float | None = None, weight: 
     when = END if at is None else (_time("at", at),)
     up = jnp.array([0.0, 0.0, 1.0])
     return Point(as_weight(weight), _posed(system), up, _positive("within", within), "upward", False, when)
+
+
+def stay_upright(
+    system: System,
+    *,
+    tolerance: float = 0.2,
+    within: float = 0.15,
+    may_pitch: bool = False,
+    since: float = 0.0,
+    weight: float = 1.0,
+) -> StayUpright:
+    """Return the wish that the body's Z leans no more than `tolerance` [rad] from the vertical, `since` a time [s].
+
+    `within` [rad] beyond it, kept up for a second, count as an error of one. A body that `may_pitch`, to dive or to
+    leap, is kept from rolling over only.
+    """
+    return StayUpright(
+        as_weight(weight), _posed(system), _positive("tolerance", tolerance), _positive("within", within), may_pitch,
+        _since(since),
+    )  # fmt: skip
 
 
 def stay_within(

@@ -41,8 +41,7 @@ def command(course: Course, pose: Pose) -> Numbers:
     left, up = leftward(pose), upright(pose)
     ahead, aside, above = (_dot(course.direction, axis) for axis in (pose.forward, left, up))
     climb = xp.atan2(above, xp.sqrt(ahead**2 + aside**2 + NEARLY_NOTHING))
-    roll = xp.atan2(-left[..., 2], up[..., 2])
-    return xp.stack([course.speed, xp.atan2(aside, ahead), climb, roll], axis=-1)
+    return xp.stack([course.speed, xp.atan2(aside, ahead), climb, -pose.roll], axis=-1)
 
 
 def leftward(pose: Pose) -> Numbers:

@@ -11,7 +11,7 @@ from neuroanimator.control.objective import Objective
 from neuroanimator.control.physics import play
 from neuroanimator.control.pose import Pose, read_pose
 from neuroanimator.control.tasks.task import Task, Trial
-from neuroanimator.control.wishes import effort, reach_heading, reach_place, smoothness, travel
+from neuroanimator.control.wishes import effort, reach_heading, reach_place, smoothness, stay_upright, travel
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.system import System
@@ -27,7 +27,13 @@ LEAP_HEIGHT = 0.15
 FIRST_STRENGTH = 0.7
 """Of the gait, as a first guess: at full strength its muscles are at their bounds."""
 DEPTHS = (-3.0, -1.5)
-"""[m] Where dolphins start that are not to leap."""
+"""[m] Where bodies start that live under a surface."""
+ROLL_WITHIN = math.radians(30.0)
+"""[rad] Rolled over further, no motion counts as a success."""
+SWIMMING_UPRIGHT = 0.3
+"""Weight of staying upright where one pattern must do all the way: with 1, few fish come farther than by their gait."""
+LEVEL_WITHIN, UPRIGHT_WITHIN = 0.3, 0.9
+"""How much starts may point up or down, and how far their backs must point up: heights of unit vectors."""
 
 
 def swim(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
@@ -37,13 +43,14 @@ def swim(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
     gait = gait_controls(system, steps, dt)
     usual = way(system, pose, play(system, start[None], gait[None], dt).states[0])
     far = travel(system, pose.forward, 2 * max(usual, length), within=0.2 * length)
-    wishes = effort(0.1), smoothness(0.001), far
-    return Trial(
-        start,
-        Objective.of(*wishes),
-        lambda states: way(system, pose, states) > FASTER_THAN_GAIT * max(usual, 0.1 * length),
-        FIRST_STRENGTH * gait,
-    )
+    wishes = effort(0.1), smoothness(0.001), stay_upright(system, weight=SWIMMING_UPRIGHT), far
+
+    def is_far(states: np.ndarray) -> bool:
+        return way(system, pose, states) > FASTER_THAN_GAIT * max(usual, 0.1 * length) and ends_upright(
+            system, states, dt
+        )
+
+    return Trial(start, Objective.of(*wishes), is_far, FIRST_STRENGTH * gait)
 
 
 def turn(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
@@ -51,10 +58,12 @@ def turn(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
     start = swimming_start(system, rng)
     pose, angle = read_pose(system.structure, start), rng.uniform(30, 90) * rng.choice([-1, 1])
     heading = ahead(pose, math.radians(angle))
-    wishes = effort(0.1), smoothness(0.001), reach_heading(system, heading, within=HEADING_WITHIN / 3)
+    aim = reach_heading(system, heading, within=HEADING_WITHIN / 3)
+    wishes = effort(0.1), smoothness(0.001), stay_upright(system), aim
 
     def is_turned(states: np.ndarray) -> bool:
-        return bool(read_pose(system.structure, states[-1]).forward @ heading > math.cos(HEADING_WITHIN))
+        forward = read_pose(system.structure, states[-1]).forward
+        return bool(forward @ heading > math.cos(HEADING_WITHIN)) and ends_upright(system, states, dt)
 
     return Trial(start, Objective.of(*wishes), is_turned, FIRST_STRENGTH * gait_controls(system, steps, dt))
 
@@ -66,36 +75,63 @@ def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tr
     gait = gait_controls(system, steps, dt)
     far = rng.uniform(0.7, 1.0) * max(way(system, pose, play(system, start[None], gait[None], dt).states[0]), length)
     target = pose.place + far * ahead(pose, math.radians(rng.uniform(-60, 60)))
-    wishes = effort(0.1), smoothness(0.001), reach_place(system, target, within=TARGET_WITHIN * length / 3)
+    aim = reach_place(system, target, within=TARGET_WITHIN * length / 3)
+    wishes = effort(0.1), smoothness(0.001), stay_upright(system), aim
 
     def is_there(states: np.ndarray) -> bool:
         off = np.linalg.norm(read_pose(system.structure, states[-1]).place - target)
-        return bool(off < TARGET_WITHIN * length)
+        return bool(off < TARGET_WITHIN * length) and ends_upright(system, states, dt)
 
     return Trial(start, Objective.of(*wishes), is_there, FIRST_STRENGTH * gait)
 
 
 def leap(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
-    """Draw a dolphin under the surface; it shall fly at half time."""
+    """Draw a dolphin under the surface; it shall fly near the end, back up. It may pitch as it likes."""
     start, length = swimming_start(system, rng), body_length(system)
     high = reach_place(system, [LEAP_HEIGHT * length * 1.5], within=0.1 * length, axes="z", at=0.8 * steps * dt)
-    wishes = effort(0.1), smoothness(0.001), high
+    wishes = effort(0.1), smoothness(0.001), stay_upright(system, may_pitch=True), high
 
     def is_flying(states: np.ndarray) -> bool:
-        return bool(read_pose(system.structure, states).place[:, 2].max() > LEAP_HEIGHT * length)
+        pose = read_pose(system.structure, states)
+        top = int(np.argmax(pose.place[:, 2]))
+        return bool(pose.place[top, 2] > LEAP_HEIGHT * length and abs(pose.roll[top]) < ROLL_WITHIN)
 
     return Trial(start, Objective.of(*wishes), is_flying, FIRST_STRENGTH * gait_controls(system, steps, dt))
 
 
 def swimming_start(system: System, rng: np.random.Generator) -> np.ndarray:
-    """Return a state (S,) in the midst of random swimming; under the surface, if there is one."""
+    """Return a state (S,) in the midst of random swimming, nearly level; under the surface, if there is one.
+
+    What has neither weight nor up and down swims anyhow: it is turned upright as a whole, which changes nothing else.
+    """
+    assert isinstance(system, DeformableSystem)
+    water = system.body.water
+    has_surface = water is not None and water.surface is not None
     while True:
         start = sample_starts(system, rng, 1)[0]
-        pose = read_pose(system.structure, start)
         if not system.structure.weighs:
+            return turned_upright(system, start)
+        pose = read_pose(system.structure, start)
+        is_deep = DEPTHS[0] < pose.place[2] < DEPTHS[1] or not has_surface
+        if is_deep and abs(pose.forward[2]) < LEVEL_WITHIN and pose.upward[2] > UPRIGHT_WITHIN:
             return start
-        if DEPTHS[0] < pose.place[2] < DEPTHS[1] and abs(pose.forward[2]) < 0.3 and pose.upward[2] > 0.9:
-            return start
+
+
+def turned_upright(system: DeformableSystem, state: np.ndarray) -> np.ndarray:
+    """Return `state` (S,) turned about its centroid until it points along X in the world, its back up."""
+    pose = read_pose(system.structure, state)
+    left = np.cross(pose.upward, pose.forward)
+    left /= np.linalg.norm(left)
+    turn = np.stack([pose.forward, left, np.cross(pose.forward, left)])
+    places, speeds, contractions = system.unpack(state)
+    return system.pack((places - pose.place) @ turn.T + pose.place, speeds @ turn.T, contractions)
+
+
+def ends_upright(system: System, states: np.ndarray, dt: float) -> bool:
+    """Return whether `states` (T+1, S), `dt` [s] apart, are rolled by less than `ROLL_WITHIN` over the last period."""
+    assert system.gait is not None
+    last = math.ceil(system.gait.period / dt)
+    return bool(np.abs(read_pose(system.structure, states[-1 - last :]).roll).max() < ROLL_WITHIN)
 
 
 def body_length(system: System) -> float:
@@ -123,9 +159,10 @@ def ahead(pose: Pose, angle: float) -> np.ndarray:
 
 def tasks_of(system: str, ways: tuple[dict[str, Any], ...]) -> tuple[Task, ...]:
     """Return the tasks fish and dolphin share; `ways` say what is varied and how for each."""
-    turned = f"points within {math.degrees(HEADING_WITHIN):.0f}° of the heading at the end"
-    farther = f"comes {FASTER_THAN_GAIT} times as far as by its gait"
-    near = f"ends within {TARGET_WITHIN} body lengths of the target"
+    upright = f"rolled by less than {math.degrees(ROLL_WITHIN):.0f}° over the last period"
+    turned = f"points within {math.degrees(HEADING_WITHIN):.0f}° of the heading at the end, {upright}"
+    farther = f"comes {FASTER_THAN_GAIT} times as far as by its gait, {upright}"
+    near = f"ends within {TARGET_WITHIN} body lengths of the target, {upright}"
     return (
         Task(f"{system}-swim", system, 50, SECONDS, farther, swim, **ways[0]),
         Task(f"{system}-turn", system, 50, SECONDS, turned, turn, **ways[1]),
@@ -140,7 +177,8 @@ ANIMAL_TASKS = (
     *tasks_of("fish", ({"is_periodic": True, "method": "adam"}, {"knots": 16}, {"is_periodic": True})),
     *tasks_of("dolphin", ({"method": "adam"}, {"knots": 30}, {"is_periodic": True})),
     Task(
-        "dolphin-leap", "dolphin", 50, SECONDS, f"its centroid rises {LEAP_HEIGHT} body lengths out of the water",
+        "dolphin-leap", "dolphin", 50, SECONDS,
+        f"its centroid rises {LEAP_HEIGHT} body lengths out of the water, there rolled by less than 30°",
         leap, method="adam",
     ),
 )  # fmt: skip
