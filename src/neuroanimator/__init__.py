@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from neuroanimator.control.goals import is_reached, is_upright, reach_goal, reach_state, stand_upright
     from neuroanimator.control.objective import Objective, Term
     from neuroanimator.control.obstacles import avoid
+    from neuroanimator.control.policies.pilot import Pilot
+    from neuroanimator.control.policies.policy import Policy, load_policy
     from neuroanimator.control.pose import read_pose
     from neuroanimator.control.replay import replay
     from neuroanimator.control.synthesise import Synthesis, synthesise
@@ -57,6 +59,8 @@ _HOMES = {
     "Emulator": "emulator.emulator",
     "NeuroAnimatorError": "errors",
     "Objective": "control.objective",
+    "Pilot": "control.policies.pilot",
+    "Policy": "control.policies.policy",
     "Synthesis": "control.synthesise",
     "Term": "control.objective",
     "avoid": "control.obstacles",
@@ -73,6 +77,7 @@ _HOMES = {
     "keep_speed": "control.wishes",
     "keep_velocity": "control.wishes",
     "keyframes": "control.wishes",
+    "load_policy": "control.policies.policy",
     "load_system": "systems",
     "make_clip": "animation.clip",
     "reach_goal": "control.goals",
@@ -103,13 +108,13 @@ _HOMES = {
 }
 
 __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
-    "Clip", "Effort", "Emulator", "NeuroAnimatorError", "Objective", "Synthesis", "Term",
+    "Clip", "Effort", "Emulator", "NeuroAnimatorError", "Objective", "Pilot", "Policy", "Synthesis", "Term",
     "load_system", "trust_files", "dataset_config", "generate", "read_transitions", "read_diverged",
     "training_config", "train", "find_emulator", "evaluate", "write_report",
     "effort", "smoothness", "reach_state", "reach_goal", "reach_place", "reach_height", "reach_heading", "keyframes",
     "follow_path", "travel", "keep_velocity", "keep_speed", "keep_heading", "stand_up", "stand_upright", "stay_upright",
     "stay_within", "avoid", "descend", "replay", "synthesise", "read_pose", "is_upright", "is_reached",
-    "make_clip", "read_clip", "write_clip", "write_glb", "write_proof", "write_video",
+    "load_policy", "make_clip", "read_clip", "write_clip", "write_glb", "write_proof", "write_video",
 ]  # fmt: skip
 
 

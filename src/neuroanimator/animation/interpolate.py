@@ -40,12 +40,16 @@ def interpolate_hermite(
         found[:, turn : turn + 4] = _cubic(
             s[:, None], quaternions[index], quaternions[index + 1], slopes[index], slopes[index + 1]
         )
-    for position, rate in rates:
-        p0, p1 = states[index, position], states[index + 1, position]
-        v0, v1 = states[index, rate] * dt, states[index + 1, rate] * dt
-        found[:, position] = _cubic(s, p0, p1, v0, v1)
-        slope = 6 * (s**2 - s) * (p0 - p1) + (3 * s**2 - 4 * s + 1) * v0 + (3 * s**2 - 2 * s) * v1
-        found[:, rate] = slope / dt
+    if rates:
+        positions, velocities = np.array(rates).T
+        before, after = states[index], states[index + 1]
+        p0, p1 = before[:, positions], after[:, positions]
+        v0, v1 = before[:, velocities] * dt, after[:, velocities] * dt
+        found[:, positions] = _cubic(share, p0, p1, v0, v1)
+        slope = (
+            6 * (share**2 - share) * (p0 - p1) + (3 * share**2 - 4 * share + 1) * v0 + (3 * share**2 - 2 * share) * v1
+        )
+        found[:, velocities] = slope / dt
     return _unit(found, turns)
 
 

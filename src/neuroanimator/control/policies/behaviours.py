@@ -6,6 +6,7 @@ Urges are added up (Reynolds, Flocks, herds, and schools, SIGGRAPH 87).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -18,6 +19,21 @@ from neuroanimator.control.pose import Pose
 
 WANDERING = ((0.37, 1.0), (0.83, 0.5))
 """[rad/s] and height of the slow waves that make up a stroll."""
+
+
+GIVING_WAY = 0.1
+"""How far to the side two bodies that would meet exactly are taken to pass, over their spacing."""
+SLOWING = 0.7
+"""Share of its speed a body gives up for one it is about to touch."""
+STRAIGHT_ON = 0.1
+"""Of an urge of one: decides where to go when the urge itself is straight up or down."""
+SPACING = 2.0
+"""Body lengths within which a shoal's bodies mind each other; a fish turns within about two."""
+PUSHING, WALL = 6.0, 4.0
+"""How soon distance, and glass, come before anything else: at a sixth and a quarter of the way to a touch."""
+
+Behaviour = Callable[[Pose, Array], Course]
+"""(poses of B bodies, time [s]) → where each wants to go now."""
 
 
 class Tank(NamedTuple):
@@ -70,9 +86,82 @@ def school(pose: Pose, *, spacing: float, reach: float) -> Float[Array, "B 3"]:
     return along + toward + 2 * away
 
 
+def keep_apart(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array, "B 3"]:
+    """Return the urge away from others: none while nobody is nearer than `spacing` [m] within `ahead` [s], one at touch.
+
+    What counts is how near two bodies come if both go on as they do: a body that cannot turn at once must begin early.
+    Two that would meet exactly give way to the same side, each to its left.
+    """
+    gap, nearness = _meetings(pose, spacing, ahead)
+    away = gap + GIVING_WAY * spacing * leftward(pose)[:, None]
+    return jnp.sum(unit(away) * nearness[..., None], axis=1)
+
+
+def give_way(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array, " B"]:
+    """Return the share of its speed that each body should keep, for those in front of it: 1 if there are none."""
+    _, nearness = _meetings(pose, spacing, ahead)
+    toward = unit(pose.place[None] - pose.place[:, None])
+    in_front = jnp.maximum(jnp.sum(toward * pose.forward[:, None], axis=-1), 0)
+    return 1 - SLOWING * jnp.max(in_front * nearness, axis=1)
+
+
+def first(urgent: Float[Array, "B 3"], other: Float[Array, "B 3"]) -> Float[Array, "B 3"]:
+    """Return `urgent` before anything else: all of it where its length is one, `other` where it is none."""
+    length = jnp.sqrt(jnp.sum(urgent**2, axis=-1, keepdims=True) + jnp.finfo(urgent.dtype).tiny)
+    share = jnp.clip(length, 0, 1)
+    return share * urgent / length + (1 - share) * unit(other)
+
+
+def ease(
+    urge: Float[Array, "B 3"], pose: Pose, *, steepest: float = 0.35, sharpest: float = 0.8
+) -> Float[Array, "B 3"]:
+    """Return `urge` made easy to follow: no steeper than `steepest`, no more than `sharpest` [rad] off the heading.
+
+    A body asked to go back the way it came rolls on its side to do it; asked to turn for longer, it stays level.
+    Where the urge is straight up or down, the body goes on as it points.
+    """
+    onward = urge + STRAIGHT_ON * pose.forward
+    heading = jnp.arctan2(pose.forward[:, 1], pose.forward[:, 0])
+    turn = (jnp.arctan2(onward[:, 1], onward[:, 0]) - heading + jnp.pi) % (2 * jnp.pi) - jnp.pi
+    eased = heading + jnp.clip(turn, -sharpest, sharpest)
+    flat = jnp.sqrt(jnp.sum(onward[:, :2] ** 2, axis=-1) + jnp.finfo(urge.dtype).tiny)
+    climb = jnp.clip(urge[:, 2] / flat, -jnp.tan(steepest), jnp.tan(steepest))
+    return unit(jnp.stack([jnp.cos(eased), jnp.sin(eased), climb], axis=-1))
+
+
+def shoal(tank: Tank, *, length: float, speed: float, seed: int = 0) -> Behaviour:
+    """Return the behaviour of bodies `length` [m] long that stroll together through `tank` at `speed` [m/s].
+
+    Nobody runs into anybody, which comes before everything but the glass; nobody dives steeply.
+    """
+
+    def wish(pose: Pose, time: Array) -> Course:
+        company = wander(pose, time, seed=seed) + school(pose, spacing=1.5 * length, reach=3.0 * length)
+        apart = PUSHING * keep_apart(pose, SPACING * length)
+        inward = first(WALL * stay_inside(pose, tank, margin=1.5 * length), first(apart, company))
+        return follow(ease(inward, pose), speed * give_way(pose, SPACING * length))
+
+    return wish
+
+
 def follow(urge: Float[Array, "B 3"], speed: ArrayLike) -> Course:
     """Return the course along `urge` at `speed` (B,) or one for all [m/s]."""
     return Course(unit(urge), jnp.zeros_like(urge[:, 0]) + jnp.asarray(speed, urge.dtype))
+
+
+def _meetings(pose: Pose, spacing: float, ahead: float) -> tuple[Float[Array, "B B 3"], Float[Array, "B B"]]:
+    """Return from where (B, B, 3) [m] each body is at its nearest to each other, and how near that is: 1 at touch.
+
+    Meetings far in the future count less.
+    """
+    apart = pose.place[:, None] - pose.place[None]
+    drift = pose.velocity[:, None] - pose.velocity[None]
+    closing = -jnp.sum(apart * drift, axis=-1) / (jnp.sum(drift**2, axis=-1) + jnp.finfo(apart.dtype).eps)
+    when = jnp.clip(closing, 0, ahead)
+    gap = apart + when[..., None] * drift
+    distance = jnp.sqrt(jnp.sum(gap**2, axis=-1) + jnp.finfo(apart.dtype).tiny)
+    others = ~jnp.eye(len(pose.place), dtype=bool)
+    return gap, jnp.maximum(1 - distance / spacing, 0) / (1 + when / ahead) * others
 
 
 def _pushed(apart: Float[Array, "B K 3"], reach: float) -> Float[Array, "B K 3"]:

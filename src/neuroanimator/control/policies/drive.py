@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,14 +9,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.control.physics import play
+from neuroanimator.control.policies.behaviours import Behaviour
 from neuroanimator.control.policies.course import Course, command
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.pose import Pose
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import Runs, System
-
-Behaviour = Callable[[Pose, Array], Course]
-"""(poses of B bodies, time [s]) → where each wants to go now."""
 
 
 def decide(

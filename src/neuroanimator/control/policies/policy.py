@@ -21,6 +21,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.principal import mixing
+from neuroanimator.shipped import find_policy
 from neuroanimator.systems.layout import Bounds, Layout, Slice
 from neuroanimator.systems.rotation import Numbers
 from neuroanimator.systems.structure import Structure
@@ -109,10 +110,11 @@ class Policy(eqx.Module):
 
     @classmethod
     def load(cls, path: str | Path) -> Policy:
-        """Return the policy in the file at `path`; BadFileError says what is wrong with it."""
-        from neuroanimator.control.policies.policy_file import load_policy
+        """Return the policy in the file at `path`, or the shipped one of that name, such as `fish`.
 
-        return load_policy(Path(path))
+        BadFileError says what is wrong with the file, or which names there are.
+        """
+        return load_policy(path)
 
     def _wish(self, command: Float[Array, " 4"]) -> Float[Array, " 4"]:
         """Return the command within ±1."""
@@ -130,6 +132,16 @@ class Policy(eqx.Module):
             return jnp.concatenate([odd, clock, wish]), even
         odd_clock, even_clock = (clock, clock[:0]) if self.rhythm.is_odd else (clock[:0], clock)
         return jnp.concatenate([odd, odd_clock, wish[1::2]]), jnp.concatenate([even, even_clock, wish[::2]])
+
+
+def load_policy(name: str | Path) -> Policy:
+    """Return the policy in the file `name`, or the shipped one of the system called `name`, such as `fish`.
+
+    Raises BadFileError, which says what is wrong with the file, or which policies ship.
+    """
+    from neuroanimator.control.policies import policy_file
+
+    return policy_file.load_policy(find_policy(str(name)))
 
 
 def structure_of(emulator: Emulator) -> Structure:

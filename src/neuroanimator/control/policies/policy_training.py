@@ -40,6 +40,8 @@ CHECKED_SECONDS = 6.0
 """How long bodies swim for validation [s]."""
 GAIT_SECONDS = 6.0
 """After which a gait is under way [s]."""
+STEERABLE = 0.9
+"""Highest commanded speed over the gait's own at full strength: what steers must have strength to spare."""
 FRESH_SHARE, NEW_COURSE_SHARE = 0.2, 0.5
 """Shares of bodies that start anew, and that get another course, before every update; others go on."""
 
@@ -156,8 +158,8 @@ class _Run:
 
 
 def command_ranges(emulator: Emulator) -> Bounds:
-    """Return the range of each command: speeds up to that of the gait at full strength."""
-    speed = gait_speed(emulator)
+    """Return the range of each command: speeds up to nearly that of the gait at full strength."""
+    speed = STEERABLE * gait_speed(emulator)
     return Bounds((0.0, *(-WIDEST_TURN,) * 3), (speed, *(WIDEST_TURN,) * 3))
 
 

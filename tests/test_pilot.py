@@ -1,0 +1,150 @@
+"""A pilot moves on like its policy and emulator do, at any rate, and goes where it is told."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neuroanimator import NeuroAnimatorError, Pilot, Policy, load_policy, load_system, read_pose
+from neuroanimator.control.policies.course import Course
+from neuroanimator.control.policies.drive import decide
+from neuroanimator.control.policies.pilot import LEASH, PilotFrame
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    return load_policy("fish")
+
+
+@pytest.fixture
+def pilot(policy: Policy) -> Pilot:
+    return Pilot(policy)
+
+
+def steered(pilot: Pilot, rate: float, seconds: float, **wish: float) -> list[PilotFrame]:
+    frames = [pilot.reset()]
+    return frames + [pilot.step(dt=1 / rate, **wish) for _ in range(round(seconds * rate))]
+
+
+def test_in_super_steps_it_is_the_emulators_motion_under_the_policys_muscles(pilot: Pilot, policy: Policy):
+    emulator, speed = policy.emulator, 0.08
+    inner = jnp.asarray(emulator.encode(np.array(emulator.identity.rest)), jnp.float32)[None]
+    advance = eqx.filter_jit(lambda e, inner, u: e.advance(inner[0], e.encode_control(u[0]))[None])
+    choose = eqx.filter_jit(decide)
+    course, phase, states = Course(jnp.array([[1.0, 0, 0]]), jnp.array([speed])), jnp.zeros(1), []
+    for _ in range(15):
+        controls = choose(policy, inner, phase, course)
+        inner, phase = advance(emulator, inner, controls), phase + policy.tick
+        states.append(np.asarray(emulator.decode(np.asarray(inner[0]))))
+    frames = steered(pilot, 1 / policy.dt, 15 * policy.dt, speed=speed)
+    np.testing.assert_allclose([frame.state for frame in frames[1:]], states, atol=2e-3)
+    assert np.ptp([frame.pose.place[0] for frame in frames]) > 0.02
+
+
+@pytest.mark.parametrize("rate", [5.0, 24.0, 60.0, 240.0])
+def test_the_way_does_not_depend_on_the_rate_it_is_looked_at(rate: float, pilot: Pilot):
+    often = steered(pilot, 120.0, 2.0, speed=0.1, turn=0.5)
+    frames = steered(pilot, rate, 2.0, speed=0.1, turn=0.5)
+    assert frames[-1].time == pytest.approx(2.0)
+    np.testing.assert_allclose(frames[-1].state, often[-1].state, atol=1e-5)
+
+
+def test_nothing_jumps_between_frames(pilot: Pilot):
+    frames = steered(pilot, 240.0, 2.0, speed=0.1, turn=0.5)
+    places = np.array([frame.pose.place for frame in frames])
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() < 2 * pilot.top_speed / 240
+    pose = read_pose(load_system("fish").structure, frames[7].state)
+    np.testing.assert_allclose(frames[7].pose.forward, pose.forward)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_it_turns_to_the_side_it_is_told_and_then_holds_its_heading(side: int, pilot: Pilot):
+    speed = 0.6 * pilot.top_speed
+    for picture in range(240):
+        pilot.step(speed=speed, turn=side * 0.4 * (picture < 90), dt=1 / 30)
+    wanted = side * 0.4 * 3.0
+    headings = [math.atan2(*pilot.step(speed=speed, dt=1 / 30).pose.forward[1::-1]) for _ in range(36)]
+    assert np.mean(headings) == pytest.approx(wanted, abs=0.1)
+
+
+def test_what_it_cannot_follow_is_not_saved_up(pilot: Pilot):
+    pilot.step(speed=0.05, turn=40.0, dt=1.0)
+    heading = [math.atan2(*pilot.step(speed=0.05, dt=0.1).pose.forward[1::-1]) for _ in range(40)]
+    assert 0 < np.unwrap(heading)[-1] < 2 * LEASH
+
+
+def test_told_to_climb_it_rises_and_to_dive_it_sinks(pilot: Pilot):
+    ends = [steered(pilot, 10.0, 5.0, speed=0.1, climb=climb)[-1].pose.place[2] for climb in (-0.4, 0.0, 0.4)]
+    assert ends[0] + 0.03 < ends[1] < ends[2] - 0.03
+
+
+def test_reset_begins_again_to_the_same_frames(pilot: Pilot):
+    first, again = (steered(pilot, 30.0, 1.0, speed=0.1, turn=0.3) for _ in range(2))
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.state, other.state)
+    other_beat = pilot.reset(phase=1.0)
+    np.testing.assert_array_equal(other_beat.state, first[0].state)
+    assert not np.array_equal(pilot.step(speed=0.1, dt=0.1).state, first[3].state)
+
+
+def test_its_muscles_steer_the_true_physics(pilot: Pilot):
+    system = load_system("fish")
+    state, dt = np.array(system.rest), pilot.policy.dt
+    for _ in range(round(3.0 / dt)):
+        pilot.step(speed=0.08, dt=dt, state=state)
+        held = system.bounds.clip(pilot.controls)
+        state = system.simulate(state[None], held[None, None], dt).states[0, -1]
+    pose = read_pose(system.structure, state)
+    assert pose.place[0] - read_pose(system.structure, system.rest).place[0] > 0.1
+    assert math.degrees(math.atan2(abs(pose.forward[1]), pose.forward[0])) < 25
+
+
+def test_frames_make_a_clip_and_bones(pilot: Pilot):
+    frames = steered(pilot, 60.0, 0.5, speed=0.1)
+    clip = pilot.clip(frames)
+    assert clip.rate == pytest.approx(60.0)
+    assert (clip.name, clip.states.shape) == ("fish", (31, len(frames[0].state)))
+    places, turns = pilot.bones(frames[-1])
+    assert places.shape == (len(clip.skeleton.bones), 3)
+    np.testing.assert_allclose(np.linalg.norm(turns, axis=1), 1)
+
+
+@pytest.mark.parametrize(
+    ("wish", "message"),
+    [
+        ({"speed": math.nan}, "speed: wanted a finite number, came nan"),
+        ({"speed": "fast"}, "speed: wanted a finite number, came 'fast'"),
+        ({"speed": 0.1, "turn": math.inf}, "turn: wanted a finite number, came inf"),
+        ({"speed": 0.1, "climb": math.nan}, "climb: wanted a finite number"),
+        ({"speed": 0.1, "dt": 0.0}, "dt: wanted more than 0 s and at most 60 s, came 0"),
+        ({"speed": 0.1, "dt": 1000.0}, "dt: wanted more than 0 s and at most 60 s, came 1000"),
+        ({"speed": 0.1, "state": [1.0, 2.0]}, "state: wanted"),
+        ({"speed": 0.1, "state": np.zeros((2, 150))}, "state: wanted one of 150 numbers"),
+    ],
+)
+def test_a_wish_that_makes_no_sense_is_refused_and_changes_nothing(wish: dict[str, Any], message: str, pilot: Pilot):
+    pilot.reset()
+    with pytest.raises(NeuroAnimatorError, match=message):
+        pilot.step(**wish)
+    before, after = pilot.step(speed=0.1), Pilot(pilot.policy).step(speed=0.1)
+    np.testing.assert_array_equal(before.state, after.state)
+
+
+def test_frames_that_make_no_clip_are_refused(pilot: Pilot):
+    frames = steered(pilot, 60.0, 0.1, speed=0.1)
+    for wrong in (frames[:1], [frames[0], frames[1], frames[5]], [frames[1], frames[0]]):
+        with pytest.raises(NeuroAnimatorError, match="frames: wanted two or more, evenly spaced"):
+            pilot.clip(wrong)
+
+
+def test_a_policy_is_found_by_name_or_file_and_others_are_refused_by_name(tmp_path):
+    load_policy("fish").save(tmp_path / "mine.policy.safetensors")
+    assert Policy.load(tmp_path / "mine.policy.safetensors").dt == Policy.load("fish").dt
+    for load in (load_policy, Policy.load, Pilot):
+        with pytest.raises(NeuroAnimatorError, match="No policy file 'whale', .* Shipped: dolphin, fish"):
+            load("whale")
