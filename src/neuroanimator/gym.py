@@ -18,6 +18,7 @@ from neuroanimator.control.objective import Objective
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, ResourceError
+from neuroanimator.export.live import LiveView
 from neuroanimator.shipped import SHIPPED, find_emulator
 
 try:
@@ -37,6 +38,12 @@ NOISE = 0.1
 
 FAR = 1.0
 """An episode ends this many widths of the training range outside it: there the emulator only guesses."""
+
+TASK_NAMES = (
+    "pendulum-swing-up", "truck-park", "lander-land",
+    "fish-swim", "fish-turn", "fish-reach", "dolphin-swim", "dolphin-turn", "dolphin-reach", "dolphin-leap",
+)  # fmt: skip
+"""Of the environments with a goal; written down here, so that registering them imports no physics."""
 
 MUJOCO = Path(gymnasium.__file__).parent / "envs" / "mujoco"
 
@@ -67,6 +74,33 @@ class RunningCost(eqx.Module):
         return -self.dt * self.objective(Trajectory(jnp.stack([state, following]), control[None], self.limit, 1.0))
 
 
+class Camera:
+    """Pictures of an emulator's states; the drawing process starts with the first one."""
+
+    def __init__(self, emulator: Emulator):
+        self._identity = emulator.identity
+        self._view: LiveView | None = None
+
+    def picture(self, state: np.ndarray) -> np.ndarray:
+        """Return the picture (H, W, 3) of `state` (S,) in uint8."""
+        if self._view is None:
+            self._view = LiveView(self._identity)
+        return self._view.draw(state)
+
+    def close(self) -> None:
+        """End the drawing process, if there is one."""
+        if self._view is not None:
+            self._view.close()
+        self._view = None
+
+
+def checked_render_mode(mode: str | None) -> str | None:
+    """Return `mode` if pictures can be had that way; ArgumentError otherwise."""
+    if mode not in (None, "rgb_array"):
+        raise ArgumentError(f"No render mode called '{mode}'. Modes: rgb_array.")
+    return mode
+
+
 def _advance(
     emulator: Emulator,
     reward: Reward,
@@ -94,7 +128,7 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -104,6 +138,7 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         reward: Reward | None = None,
         seconds: float = SECONDS,
         noise: float = NOISE,
+        render_mode: str | None = None,
     ):
         """Make it from what an `EmulatorEnv` is made from."""
         if not isinstance(emulator, Emulator):
@@ -115,6 +150,9 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not emulator.dt <= seconds < np.inf:
             raise ArgumentError(f"seconds: wanted at least one super step of {emulator.dt:g} s, came {seconds:g}.")
         self.emulator, self.num_envs, self.noise = emulator, num_envs, noise
+        self.render_mode = checked_render_mode(render_mode)
+        self.metadata = {**self.metadata, "render_fps": round(1 / emulator.dt)}
+        self._camera = Camera(emulator)
         self.reward = reward or RunningCost.of(emulator, objective)
         self.steps = round(seconds / emulator.dt)
         bounds = emulator.identity.bounds
@@ -156,6 +194,16 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         info = {"covered": np.asarray(is_covered) & ~is_new, "_covered": ~is_new}
         return self._states.copy(), np.where(is_new, 0.0, rewards), terminated, truncated, info
 
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Return a picture (H, W, 3) of each row if `render_mode` is `rgb_array`; ResourceError without graphics."""
+        if self.render_mode is None:
+            return None
+        return tuple(self._camera.picture(state) for state in self._states)
+
+    def close_extras(self, **_: Any) -> None:
+        """End the drawing process."""
+        self._camera.close()
+
     def _place(self, states: np.ndarray) -> None:
         """Begin an episode in each row at `states` (S,) or (B, S)."""
         shape = self.observation_space.shape or ()
@@ -181,9 +229,11 @@ class EmulatorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     An episode starts near rest, or where `reset(options={"state": ...})` says. It is truncated after
     `seconds`, and terminated where the state is no number or far (`FAR`) outside what the emulator was
     trained on. `info["covered"]` says whether training covered the step. Actions are clipped to the bounds.
+    Observations have no bounds, since a free body may go anywhere: `emulator.identity.state` names each
+    number and its unit. The tasks of `gym_tasks` see the body from its own frame, within bounds.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (Gymnasium's own declaration)
 
     def __init__(
         self,
@@ -192,12 +242,15 @@ class EmulatorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         reward: Reward | None = None,
         seconds: float = SECONDS,
         noise: float = NOISE,
+        render_mode: str | None = None,
     ):
         """Make it from an emulator, its file, or a shipped one's name.
 
         The reward is the `RunningCost` of `objective`, or what `reward` returns.
         """
-        self._envs = EmulatorVectorEnv(emulator, 1, objective, reward, seconds, noise)
+        self._envs = EmulatorVectorEnv(emulator, 1, objective, reward, seconds, noise, render_mode)
+        self.render_mode = self._envs.render_mode
+        self.metadata = {**self.metadata, "render_fps": self._envs.metadata["render_fps"]}
         self.observation_space = self._envs.single_observation_space
         self.action_space = self._envs.single_action_space
 
@@ -215,6 +268,15 @@ class EmulatorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         states, rewards, terminated, truncated, info = self._envs.step(np.asarray(action)[None])
         is_covered = bool(info["covered"][0])
         return states[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), {"covered": is_covered}
+
+    def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return a picture (H, W, 3) in uint8 if `render_mode` is `rgb_array`; ResourceError if none can be drawn."""
+        pictures = self._envs.render()
+        return None if pictures is None else pictures[0]
+
+    def close(self) -> None:
+        """End the drawing process."""
+        self._envs.close()
 
 
 def start_near_rest(emulator: Emulator, noise: float, random: np.random.Generator) -> np.ndarray:
@@ -256,7 +318,7 @@ def _model_name(env_id: str) -> str | None:
 
 
 def register() -> None:
-    """Let `gymnasium.make("neuroanimator/pendulum-50-v0")` make the shipped emulators' environments."""
+    """Let `gymnasium.make` make environments of shipped emulators and of tasks: `neuroanimator/fish-reach-v0`."""
     names = {f"neuroanimator/{system}-{substeps}-v0": f"{system}-{substeps}" for system, substeps in SHIPPED}
     for env_id in names.keys() - gymnasium.registry.keys():
         gymnasium.register(
@@ -264,6 +326,14 @@ def register() -> None:
             entry_point="neuroanimator.gym:EmulatorEnv",
             vector_entry_point="neuroanimator.gym:EmulatorVectorEnv",
             kwargs={"emulator": names[env_id]},
+        )
+    tasks = {f"neuroanimator/{name}-v0": name for name in TASK_NAMES}
+    for env_id in tasks.keys() - gymnasium.registry.keys():
+        gymnasium.register(
+            env_id,
+            entry_point="neuroanimator.gym_tasks:TaskEnv",
+            vector_entry_point="neuroanimator.gym_tasks:TaskVectorEnv",
+            kwargs={"task": tasks[env_id]},
         )
 
 

@@ -87,7 +87,7 @@ def school(pose: Pose, *, spacing: float, reach: float) -> Float[Array, "B 3"]:
 
 
 def keep_apart(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array, "B 3"]:
-    """Return the urge away from others: none while nobody is nearer than `spacing` [m] within `ahead` [s], one at touch.
+    """Return the urge away from others: none while nobody comes nearer than `spacing` [m] in `ahead` [s], one at touch.
 
     What counts is how near two bodies come if both go on as they do: a body that cannot turn at once must begin early.
     Two that would meet exactly give way to the same side, each to its left.

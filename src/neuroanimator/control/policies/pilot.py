@@ -19,6 +19,7 @@ from neuroanimator.control.policies.policy import Policy, load_policy
 from neuroanimator.control.pose import Pose, read_pose
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.rotation import Numbers
 from neuroanimator.systems.structure import Structure
 
 LEASH = 1.2
@@ -193,9 +194,9 @@ UNEVEN = 1e-3
 
 @eqx.filter_jit
 def _leap(
-    policy: Policy, inner: Float[Array, " I"], phase: Float[Array, ""], course: Course
+    policy: Policy, inner: Numbers, phase: Numbers, course: Course
 ) -> tuple[Float[Array, " I"], Float[Array, " S"], Float[Array, " C"]]:
-    """Return where `inner` is a super step later, as few numbers and as a state, and the controls that led there."""
+    """Return where `inner` (I,) is a super step later, as few numbers and as a state, and the controls held."""
     emulator = policy.emulator
     controls = policy.control(inner, phase, command(course, policy.pose(inner)))
     following = emulator.advance(inner, emulator.encode_control(controls))

@@ -24,7 +24,7 @@ STEEPEST = 1.05
 class LossWeights:
     """What being amiss costs."""
 
-    speed: float = 3.0
+    speed: float = 1.5
     """Of the squared error, as a share of the highest speed."""
     heading: float = 5.0
     """Of the squared distance between unit vectors: 1 at 60 degrees off course, pitch counting like yaw. With a fifth

@@ -10,7 +10,7 @@ import numpy as np
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.physics import play
 from neuroanimator.control.pose import Pose, read_pose
-from neuroanimator.control.tasks.task import Task, Trial
+from neuroanimator.control.tasks.task import FREE, Aim, Task, Trial
 from neuroanimator.control.wishes import effort, reach_heading, reach_place, smoothness, stay_upright, travel
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.systems.deformable import DeformableSystem
@@ -50,7 +50,7 @@ def swim(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
             system, states, dt
         )
 
-    return Trial(start, Objective.of(*wishes), is_far, FIRST_STRENGTH * gait)
+    return Trial(start, Objective.of(*wishes), is_far, FIRST_STRENGTH * gait, Aim(direction=three(pose.forward)))
 
 
 def turn(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
@@ -65,7 +65,8 @@ def turn(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
         forward = read_pose(system.structure, states[-1]).forward
         return bool(forward @ heading > math.cos(HEADING_WITHIN)) and ends_upright(system, states, dt)
 
-    return Trial(start, Objective.of(*wishes), is_turned, FIRST_STRENGTH * gait_controls(system, steps, dt))
+    first = FIRST_STRENGTH * gait_controls(system, steps, dt)
+    return Trial(start, Objective.of(*wishes), is_turned, first, Aim(direction=three(heading)))
 
 
 def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
@@ -82,7 +83,7 @@ def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tr
         off = np.linalg.norm(read_pose(system.structure, states[-1]).place - target)
         return bool(off < TARGET_WITHIN * length) and ends_upright(system, states, dt)
 
-    return Trial(start, Objective.of(*wishes), is_there, FIRST_STRENGTH * gait)
+    return Trial(start, Objective.of(*wishes), is_there, FIRST_STRENGTH * gait, Aim(three(target)))
 
 
 def leap(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
@@ -96,7 +97,8 @@ def leap(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
         top = int(np.argmax(pose.place[:, 2]))
         return bool(pose.place[top, 2] > LEAP_HEIGHT * length and abs(pose.roll[top]) < ROLL_WITHIN)
 
-    return Trial(start, Objective.of(*wishes), is_flying, FIRST_STRENGTH * gait_controls(system, steps, dt))
+    first = FIRST_STRENGTH * gait_controls(system, steps, dt)
+    return Trial(start, Objective.of(*wishes), is_flying, first, Aim((FREE, FREE, LEAP_HEIGHT * length * 1.5)))
 
 
 def swimming_start(system: System, rng: np.random.Generator) -> np.ndarray:
@@ -132,6 +134,12 @@ def ends_upright(system: System, states: np.ndarray, dt: float) -> bool:
     assert system.gait is not None
     last = math.ceil(system.gait.period / dt)
     return bool(np.abs(read_pose(system.structure, states[-1 - last :]).roll).max() < ROLL_WITHIN)
+
+
+def three(vector: np.ndarray) -> tuple[float, float, float]:
+    """Return `vector` (3,) as plain numbers."""
+    x, y, z = (float(number) for number in vector)
+    return x, y, z
 
 
 def body_length(system: System) -> float:

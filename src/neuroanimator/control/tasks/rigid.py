@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from neuroanimator.control.goals import is_reached, is_upright, reach_goal, stand_upright
+from neuroanimator.control.goals import goal_state, is_reached, is_upright, reach_goal, stand_upright
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.obstacles import Zone, avoid, distances, footprint, zone_rows
 from neuroanimator.control.pose import Pose, read_pose
-from neuroanimator.control.tasks.task import Task, Trial
+from neuroanimator.control.tasks.task import FREE, Aim, Task, Trial
 from neuroanimator.control.wishes import effort, keep_velocity, reach_place, smoothness, stand_up
 from neuroanimator.systems.mujoco import MujocoSystem
 from neuroanimator.systems.rotation import facing
@@ -67,7 +67,16 @@ def park(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
     def is_parked(states: np.ndarray) -> bool:
         return is_reached(system, goal, states[-1]) and clearance(system, zones, states) > 0
 
-    return Trial(start, Objective.of(*wishes), is_parked)
+    bay = read_pose(system.structure, goal_state(system.rest, goal))
+    x, y, _ = bay.place
+    ahead_x, ahead_y, _ = bay.forward
+    return Trial(
+        start,
+        Objective.of(*wishes),
+        is_parked,
+        aim=Aim((float(x), float(y), FREE), (float(ahead_x), float(ahead_y), 0.0), is_in_a_fixed_world=True),
+        has_failed=lambda states: clearance(system, zones, states[-2:]) <= 0,
+    )
 
 
 def lot_zones(system: MujocoSystem) -> list[Zone]:
@@ -109,7 +118,19 @@ def land(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
         stand_up(system, within=0.05, at=end - 1.5),
         keep_velocity(system, [0.0, 0.0, -0.5], within=0.2, since=end - 1.5, weight=0.2),
     )
-    return Trial(start, Objective.of(*wishes), lambda states: is_soft_landing(system, states))
+    x, y, z = (float(number) for number in system.rest[:3])
+    return Trial(
+        start,
+        Objective.of(*wishes),
+        lambda states: is_soft_landing(system, states),
+        aim=Aim((x, y, z)),
+        has_failed=lambda states: has_touched(system, states) and not is_soft_landing(system, states),
+    )
+
+
+def has_touched(system: System, states: np.ndarray) -> bool:
+    """Return whether a foot has touched the ground in `states` (T, S)."""
+    return bool((lowest_foot(read_pose(system.structure, states)) <= 0.0).any())
 
 
 def is_soft_landing(system: System, states: np.ndarray) -> bool:

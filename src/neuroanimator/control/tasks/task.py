@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,6 +11,21 @@ import numpy as np
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import EachStep, Parameters, Periodic, Spline
 from neuroanimator.systems.system import System
+
+FREE = math.nan
+"""Stands in an aim's place for an axis along which anywhere will do."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """Where a trial's goal is, for what must see it: an objective can be asked for its cost only."""
+
+    place: tuple[float, float, float] = (FREE, FREE, FREE)
+    """[m] In the world."""
+    direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Unit vector in the world where the body shall point or go; zeros if it does not matter."""
+    is_in_a_fixed_world: bool = False
+    """Whether it also matters where in the world the body is, as among obstacles."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +39,9 @@ class Trial:
     """Whether the physics' states (T+1, S) have done it."""
     first: np.ndarray | None = None
     """(T, C) a first guess; the middle of the bounds if None."""
+    aim: Aim = Aim()
+    has_failed: Callable[[np.ndarray], bool] = lambda states: False
+    """Whether the states so far (K, S) are beyond repair: something was touched that must not be."""
 
 
 @dataclass(frozen=True)
