@@ -1,6 +1,6 @@
 """Make the policies that ship in the package, and measure them on the true physics.
 
-python benchmarks/train_policies.py                    both, ten minutes on 2 cores, and results/policies.csv
+python benchmarks/train_policies.py                    both, ten minutes on 2 cores, and results/policies*.csv
 python benchmarks/train_policies.py measure            the shipped ones, without training
 """
 
@@ -16,10 +16,12 @@ import numpy as np
 from neuroanimator import Emulator, find_emulator, load_system
 from neuroanimator.bench import write_csv
 from neuroanimator.control.physics import play
+from neuroanimator.control.policies.behaviours import Tank, shoal
 from neuroanimator.control.policies.course import Course, command, forward, leftward, unit, upright
 from neuroanimator.control.policies.drive import drive, live
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_training import train_policy
+from neuroanimator.control.tasks.animals import body_length
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.shipped import POLICIES, find_policy, shipped_policy
 from neuroanimator.systems.system import System
@@ -31,6 +33,15 @@ WIDEST, STEEPEST = 2.1, 0.8
 """[rad] Of the random turns to the left or right, and up or down."""
 LEAST_SPEED = 0.2
 """Of the random commands, as a share of the highest."""
+SHARES = (0.3, 0.5, 0.7, 0.9)
+"""Of the highest speed, commanded straight ahead."""
+STRAIGHT_SECONDS = 3.0
+"""After which a body told to swim straight ahead is looked at."""
+SCHOOL, SCHOOL_SECONDS, SCHOOLS = 12, 30.0, 3
+TANK_LENGTHS = (4.6, 4.6, 2.7)
+"""Half the extent of a school's tank, in body lengths."""
+TOO_NEAR = 0.5
+"""Body lengths between middles: two fish nearer than this touch."""
 
 
 def trial_courses(policy: Policy, starts: np.ndarray, rng: np.random.Generator) -> Course:
@@ -87,11 +98,90 @@ def measure_from(
     return [{**about, "driver": label, **errors(policy, states, course)} for label, states in found.items()]
 
 
+def measure_straight(name: str) -> list[dict[str, Any]]:
+    """Return a row per speed: how straight and level the true body swims from rest, told to swim straight ahead."""
+    policy, system = Policy.load(find_policy(name)), load_system(name)
+    starts = np.tile(system.rest, (len(SHARES), 1))
+    pose = policy.pose(policy.emulator.encode(starts))
+    speeds = policy.ranges.high[0] * np.array(SHARES)
+    course = forward(pose, jnp.asarray(speeds, jnp.float32))
+    runs, _ = drive(policy, system, starts, course, round(2 * STRAIGHT_SECONDS / policy.dt))
+    path = policy.pose(np.asarray(policy.emulator.encode(runs.states)))
+    period = round(policy.rhythm.period / policy.dt)
+    then = round(STRAIGHT_SECONDS / policy.dt)
+    pointing = unit(path.forward[:, then - period : then].mean(axis=1))
+    off = np.degrees(np.arccos(np.clip(np.sum(pointing * np.asarray(course.direction), axis=-1), -1, 1)))
+    speed = np.sum(path.velocity * path.forward, axis=-1)[:, -2 * period :].mean(axis=1)
+    pitch = np.degrees(np.arcsin(np.clip(path.forward[..., 2], -1, 1)))
+    return [
+        {
+            "system": name,
+            "speed_commanded_mps": float(speeds[row]),
+            "speed_mps": float(speed[row]),
+            "heading_off_after_3s_deg": float(off[row]),
+            "pitch_max_deg": float(np.abs(pitch[row]).max()),
+            "roll_max_deg": float(np.degrees(np.abs(path.roll[row]).max())),
+        }
+        for row in range(len(SHARES))
+    ]
+
+
+def measure_school(name: str) -> list[dict[str, Any]]:
+    """Return a row per school: how near bodies come to each other, and how level they keep."""
+    policy, system = Policy.load(find_policy(name)), load_system(name)
+    length = body_length(system)
+    half = length * np.array(TANK_LENGTHS)
+    tank = Tank(tuple(-half), tuple(half))
+    return [school_row(policy, system, tank, length, seed) for seed in range(SCHOOLS)]
+
+
+def school_row(policy: Policy, system: System, tank: Tank, length: float, seed: int) -> dict[str, Any]:
+    """Return the row of one school that lives on the emulator."""
+    speed = 0.9 * policy.ranges.high[0]
+    starts = spread_out(system, np.random.default_rng([seed, 3]), SCHOOL, tank, length)
+    steps = round(SCHOOL_SECONDS / policy.dt)
+    lives = live(policy, shoal(tank, length=length, speed=speed, seed=seed), starts, steps, seed=seed)
+    pose = policy.pose(np.asarray(policy.emulator.encode(np.asarray(lives, float))))
+    apart = np.linalg.norm(pose.place[:, None] - pose.place[None], axis=-1) / length
+    apart[np.arange(SCHOOL), np.arange(SCHOOL)] = np.inf
+    nearest = apart.min(axis=1)
+    pitch = np.degrees(np.abs(np.arcsin(np.clip(pose.forward[..., 2], -1, 1))))
+    roll = np.degrees(np.abs(pose.roll))
+    return {
+        "system": system.name,
+        "seed": seed,
+        "time_any_pair_too_near": float((nearest < TOO_NEAR).any(axis=0).mean()),
+        "nearest_lengths": float(nearest.min()),
+        "median_neighbour_lengths": float(np.median(nearest)),
+        "speed_mps": float(np.sum(pose.velocity * pose.forward, axis=-1).mean()),
+        "pitch_p99_deg": float(np.percentile(pitch, 99)),
+        "pitch_max_deg": float(pitch.max()),
+        "roll_p99_deg": float(np.percentile(roll, 99)),
+    }
+
+
+def spread_out(system: System, rng: np.random.Generator, count: int, tank: Tank, length: float) -> np.ndarray:
+    """Return `count` bodies (count, S) at rest about the tank's middle, no two nearer than a length and a half."""
+    half = np.array(tank.high) / 2
+    places: list[np.ndarray] = []
+    while len(places) < count:
+        place = rng.uniform(-half, half)
+        if all(np.linalg.norm(place - other) > 1.5 * length for other in places):
+            places.append(place)
+    starts = np.tile(system.rest, (count, 1))
+    points = len(system.structure.cloud.masses) if system.structure.cloud else 0
+    starts[:, : 3 * points] += np.tile(np.array(places), points)
+    return starts
+
+
 if __name__ == "__main__":
     for name in POLICIES if sys.argv[1:] != ["measure"] else ():
         out = WORKPLACE / shipped_policy(name).name
         train_policy(Emulator.load(find_emulator(name)), load_system(name), out, on_report=print)
         shipped_policy(name).write_bytes(out.read_bytes())
     rows = [each for name in POLICIES for each in measure(name)]
-    print_table(rows)
-    write_csv(Path("benchmarks/results/policies.csv"), rows)
+    straight = [each for name in POLICIES for each in measure_straight(name)]
+    schools = measure_school("fish")
+    for kind, table in (("policies", rows), ("policies_straight", straight), ("policies_school", schools)):
+        print_table(table)
+        write_csv(Path(f"benchmarks/results/{kind}.csv"), table)

@@ -11,8 +11,8 @@ SOURCE = ROOT / "src" / "neuroanimator"
 STAGES = [
     "text", "errors", "parsing", "unfinished", "private_folder", "files", "shipped", "program_cache", "terminal",
     "systems", "data", "emulator", "codegen", "training", "evaluation",
-    "animation", "control", "export", "gym", "propose", "new", "sweep", "bench",
-    "control_plot", "control_bench", "demo", "cli",
+    "animation", "control", "export", "gym_models", "gym_episodes", "gym", "gym_tasks", "propose", "new",
+    "sweep", "bench", "control_plot", "control_bench", "demo", "cli",
 ]  # fmt: skip
 
 

@@ -1,8 +1,7 @@
-"""An emulator as a Gymnasium environment, and the MJCF files of Gymnasium's own. Needs the extra `[gym]`."""
+"""An emulator as a Gymnasium environment. Needs the extra `[gym]`."""
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,8 @@ from neuroanimator.control.objective import Objective
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, ResourceError
-from neuroanimator.export.live import LiveView
+from neuroanimator.export.live import Camera, checked_render_mode
+from neuroanimator.gym_episodes import FAR
 from neuroanimator.shipped import SHIPPED, find_emulator
 
 try:
@@ -30,22 +30,19 @@ try:
 except ImportError:
     raise ResourceError("Gymnasium is missing. Install it with: pip install 'neuroanimator[gym]'") from None
 
+from neuroanimator.gym_models import mjcf_of as mjcf_of
+
 SECONDS = 10.0
 """[s] Length of an episode."""
 
 NOISE = 0.1
 """How far starts lie from rest, in standard deviations of the change in one super step: seen, but hardly."""
 
-FAR = 1.0
-"""An episode ends this many widths of the training range outside it: there the emulator only guesses."""
-
 TASK_NAMES = (
     "pendulum-swing-up", "truck-park", "lander-land",
     "fish-swim", "fish-turn", "fish-reach", "dolphin-swim", "dolphin-turn", "dolphin-reach", "dolphin-leap",
 )  # fmt: skip
 """Of the environments with a goal; written down here, so that registering them imports no physics."""
-
-MUJOCO = Path(gymnasium.__file__).parent / "envs" / "mujoco"
 
 Reward = Callable[[Array, Array, Array], Any]
 """(state (S,), control (C,), state one super step later (S,)) → a number. Written in jax.numpy: it is compiled."""
@@ -72,33 +69,6 @@ class RunningCost(eqx.Module):
         if self.objective is None:
             return -self.dt * jnp.sum((control / self.limit) ** 2) / 2
         return -self.dt * self.objective(Trajectory(jnp.stack([state, following]), control[None], self.limit, 1.0))
-
-
-class Camera:
-    """Pictures of an emulator's states; the drawing process starts with the first one."""
-
-    def __init__(self, emulator: Emulator):
-        self._identity = emulator.identity
-        self._view: LiveView | None = None
-
-    def picture(self, state: np.ndarray) -> np.ndarray:
-        """Return the picture (H, W, 3) of `state` (S,) in uint8."""
-        if self._view is None:
-            self._view = LiveView(self._identity)
-        return self._view.draw(state)
-
-    def close(self) -> None:
-        """End the drawing process, if there is one."""
-        if self._view is not None:
-            self._view.close()
-        self._view = None
-
-
-def checked_render_mode(mode: str | None) -> str | None:
-    """Return `mode` if pictures can be had that way; ArgumentError otherwise."""
-    if mode not in (None, "rgb_array"):
-        raise ArgumentError(f"No render mode called '{mode}'. Modes: rgb_array.")
-    return mode
 
 
 def _advance(
@@ -152,7 +122,7 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.emulator, self.num_envs, self.noise = emulator, num_envs, noise
         self.render_mode = checked_render_mode(render_mode)
         self.metadata = {**self.metadata, "render_fps": round(1 / emulator.dt)}
-        self._camera = Camera(emulator)
+        self._camera = Camera(emulator.identity)
         self.reward = reward or RunningCost.of(emulator, objective)
         self.steps = round(seconds / emulator.dt)
         bounds = emulator.identity.bounds
@@ -289,32 +259,6 @@ def start_near_rest(emulator: Emulator, noise: float, random: np.random.Generato
     changes = np.stack([np.zeros_like(unit), noise * unit * random.normal(size=unit.shape)])
     still, moved = emulator.decode(frame.apply(np.tile(emulator.encode(rest), (2, 1)), changes))
     return rest + (moved - still)
-
-
-def mjcf_of(env_id: str) -> Path:
-    """Return the MJCF file of Gymnasium's MuJoCo environment `env_id`, such as `Swimmer-v5`.
-
-    Raises ArgumentError for an id that is none of them.
-    """
-    name = _model_name(env_id)
-    if name is None:
-        valid = ", ".join(sorted(other for other in gymnasium.registry if _model_name(other)))
-        raise ArgumentError(f"No MuJoCo environment called '{env_id}'. Environments: {valid}.")
-    return MUJOCO / "assets" / name
-
-
-def _model_name(env_id: str) -> str | None:
-    """Return the default of the argument `xml_file` of the environment's class; None if there is none."""
-    spec = gymnasium.registry.get(env_id)
-    module = str(spec.entry_point).partition(":")[0] if spec else ""
-    source = MUJOCO / f"{module.removeprefix('gymnasium.envs.mujoco.')}.py"
-    # Read, not imported: these modules need an imaging library that nothing else here does.
-    tree = ast.parse(source.read_text(encoding="utf-8") if source.is_file() else "")
-    for signature in (node for node in ast.walk(tree) if isinstance(node, ast.arguments)):
-        for argument, default in zip(reversed(signature.args), reversed(signature.defaults), strict=False):
-            if argument.arg == "xml_file":
-                return ast.literal_eval(default)
-    return None
 
 
 def register() -> None:

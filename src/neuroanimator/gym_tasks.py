@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, final
 
-import equinox as eqx
 import gymnasium
 import jax
 import jax.numpy as jnp
@@ -13,20 +12,16 @@ from gymnasium.spaces import Box
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from jaxtyping import Array, Float
+from jaxtyping import Array
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective import Objective
-from neuroanimator.control.policies.course import leftward, unit
-from neuroanimator.control.policies.policy import structure_of
-from neuroanimator.control.pose import read_pose
 from neuroanimator.control.tasks.animals import ANIMAL_TASKS, body_length
 from neuroanimator.control.tasks.rigid import RIGID_TASKS
-from neuroanimator.control.tasks.task import Aim, Task, Trial
-from neuroanimator.control.trajectory import Trajectory
+from neuroanimator.control.tasks.task import Task, Trial
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.gym import FAR, Camera, checked_render_mode
+from neuroanimator.export.live import Camera, checked_render_mode
+from neuroanimator.gym_episodes import FARTHEST, Sight, observe, start_episodes, step_episodes
 from neuroanimator.shipped import find_emulator
 from neuroanimator.systems import load_system
 from neuroanimator.systems.deformable import DeformableSystem
@@ -35,43 +30,10 @@ TASKS = {task.name: task for task in (*RIGID_TASKS, *ANIMAL_TASKS)}
 
 TRIALS = 100
 """Starts and goals an episode is drawn from: the same ones `benchmarks/control.py` solves."""
-FARTHEST = 10.0
-"""Observations are kept within ± this: body and goal are of order one, and no episode goes far beyond training."""
 RIGID_SIZE = 10.0
 """[m] Distances to the goal are counted in this by what is not deformable: about as far as truck and lander go."""
 BONUS = 1.0
 """Added to the reward of the step that succeeds, and taken from the one that fails."""
-
-
-class Sight(eqx.Module):
-    """What is observed of an aim."""
-
-    place: Float[Array, " 3"]
-    matters: Float[Array, " 3"]
-    """1 for each axis along which the place matters, else 0."""
-    direction: Float[Array, " 3"]
-
-    @classmethod
-    def of(cls, aim: Aim) -> Sight:
-        """Return the aim as arrays."""
-        place = np.array(aim.place)
-        matters = np.isfinite(place)
-        kept = np.where(matters, place, 0.0)
-        return cls(*(jnp.asarray(part, jnp.float32) for part in (kept, matters, aim.direction)))
-
-
-class Episodes(eqx.Module):
-    """Episodes under way, each a row: what the compiled step needs and gives back."""
-
-    inner: Float[Array, "B I"]
-    states: Float[Array, "B T+1 S"]
-    """Those still to come are as the last one."""
-    controls: Float[Array, "B T C"]
-    """Those still to come are zero."""
-    cost: Float[Array, " B"]
-    """J if everything stayed as it is now."""
-    first_cost: Float[Array, " B"]
-    """J if everything had stayed as it began."""
 
 
 @final
@@ -99,7 +61,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._scale = body_length(self.system) if isinstance(self.system, DeformableSystem) else RIGID_SIZE
         self._drawn: dict[int, Trial] = {}
         self._random = [np_random()[0] for _ in range(num_envs)]
-        self._camera = Camera(self.emulator)
+        self._camera = Camera(self.emulator.identity)
         self._begin([0] * num_envs)
         bounds = self.emulator.identity.bounds
         low, high = np.array(bounds.low, np.float32), np.array(bounds.high, np.float32)
@@ -124,7 +86,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(self, actions: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Return (observations (B, O), rewards, terminated, truncated, info), each (B,), after `actions` (B, C)."""
         is_new = self._has_ended
-        episodes, rewards, is_covered, is_far = _step(
+        episodes, rewards, is_covered, is_far = step_episodes(
             self.emulator, self._objectives, self._episodes, jnp.asarray(self._steps), self._controls(actions)
         )
         self._steps = self._steps + 1
@@ -165,7 +127,9 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._objectives = _stacked([trial.objective for trial in self._trials])
         self._sights = _stacked([Sight.of(trial.aim) for trial in self._trials])
         starts = np.stack([trial.start for trial in self._trials])
-        self._episodes = _start(self.emulator, self._objectives, self._encoded(starts), _float(starts), self.steps)
+        self._episodes = start_episodes(
+            self.emulator, self._objectives, self._encoded(starts), _float(starts), self.steps
+        )
 
     def _restart(self, rows: np.ndarray) -> None:
         """Begin a new trial in each of `rows`, and let the others be."""
@@ -197,7 +161,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         left = jnp.asarray(1 - self._steps / self.steps, jnp.float32)
         sees_world = self._trials[0].aim.is_in_a_fixed_world
         inner = self._episodes.inner
-        return np.array(_observe(self.emulator, inner, self._sights, left, self._scale, sees_world), np.float32)
+        return np.array(observe(self.emulator, inner, self._sights, left, self._scale, sees_world), np.float32)
 
     def _controls(self, actions: ArrayLike) -> Array:
         """Return `actions` (B, C), brought within the bounds as a motor would."""
@@ -278,73 +242,3 @@ def _float(numbers: ArrayLike) -> Array:
 
 def _stacked(rows: list[Any]) -> Any:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
-
-
-def _cost(emulator: Emulator, objective: Objective, states: Array, controls: Array) -> Array:
-    limit = jnp.asarray(emulator.identity.bounds.largest, jnp.float32)
-    return objective(Trajectory(states, controls, limit, emulator.dt))
-
-
-@eqx.filter_jit
-def _start(emulator: Emulator, objectives: Objective, inner: Array, starts: Array, steps: int) -> Episodes:
-    """Return the episodes that begin at `starts` (B, S), for `steps` super steps."""
-    states = jnp.repeat(starts[:, None], steps + 1, axis=1)
-    controls = jnp.zeros((len(starts), steps, emulator.identity.control.size))
-    cost = eqx.filter_vmap(_cost, in_axes=(None, 0, 0, 0))(emulator, objectives, states, controls)
-    return Episodes(inner, states, controls, cost, cost)
-
-
-@eqx.filter_jit
-def _step(
-    emulator: Emulator, objectives: Objective, episodes: Episodes, number: Array, controls: Array
-) -> tuple[Episodes, Array, Array, Array]:
-    """Return the episodes one super step on, and (B,) rewards, whether training covered it, whether it is far away."""
-    return eqx.filter_vmap(_step_one, in_axes=(None, 0, 0, 0, 0))(emulator, objectives, episodes, number, controls)
-
-
-def _step_one(
-    emulator: Emulator, objective: Objective, episode: Episodes, number: Array, control: Array
-) -> tuple[Episodes, Array, Array, Array]:
-    """Return the same for one episode, at its super step of that `number`."""
-    held, domain = emulator.encode_control(control), emulator.domain
-    inner = emulator.advance(episode.inner, held)
-    state = emulator.decode(inner)
-    plain = emulator.seen(inner, held)
-    margin = FAR * (domain.high - domain.low)
-    is_near = jnp.all((plain >= domain.low - margin) & (plain <= domain.high + margin) & jnp.isfinite(plain))
-    is_to_come = jnp.arange(len(episode.states)) > number
-    states = jnp.where(is_to_come[:, None], state, episode.states)
-    controls = episode.controls.at[number].set(control)
-    cost = _cost(emulator, objective, states, controls)
-    reward = (episode.cost - cost) / episode.first_cost
-    following = Episodes(inner, states, controls, cost, episode.first_cost)
-    return following, reward, emulator.covers_encoded(episode.inner), ~(is_near & jnp.all(jnp.isfinite(state)))
-
-
-@eqx.filter_jit
-def _observe(
-    emulator: Emulator, inner: Array, sights: Sight, left: Array, scale: float, sees_world: bool
-) -> Float[Array, "B O"]:
-    """Return the observations; see `TaskEnv`."""
-
-    def one(inner: Array, sight: Sight, left: Array) -> Array:
-        relaxed = emulator.encode_control(jnp.asarray(emulator.identity.bounds.middle, inner.dtype))
-        plain = emulator.normaliser.forward(emulator.seen(inner, relaxed))
-        odd, even = emulator.features.streams(inner, plain)
-        seen = [odd, even, *_goal_seen(emulator, inner, sight, scale, sees_world), left[None]]
-        return jnp.clip(jnp.nan_to_num(jnp.concatenate(seen)), -FARTHEST, FARTHEST)
-
-    return eqx.filter_vmap(one)(inner, sights, left)
-
-
-def _goal_seen(emulator: Emulator, inner: Array, sight: Sight, scale: float, sees_world: bool) -> list[Array]:
-    """Return the goal's place, the wished direction and up, along the body's axes; nothing if it has none."""
-    structure = structure_of(emulator)
-    if not any(segment.kind == "position" for segment in structure.segments):
-        return []
-    pose = read_pose(structure, inner)
-    left = leftward(pose)
-    axes = jnp.stack([pose.forward, left, unit(jnp.cross(pose.forward, left))])
-    way = (sight.place - pose.place) * sight.matters / scale
-    seen = [axes @ way, axes @ sight.direction, axes[:, 2]]
-    return [*seen, pose.place / scale, pose.forward] if sees_world else seen

@@ -15,7 +15,7 @@ from typing import IO, final
 import numpy as np
 
 from neuroanimator.emulator.emulator import Identity
-from neuroanimator.errors import ResourceError
+from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.export.video import HOW_TO_GET_GL, graphics_backend
 from neuroanimator.files import canonical_json
 
@@ -76,6 +76,33 @@ class LiveView:
     def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:
         assert pipe is not None
         return pipe
+
+
+class Camera:
+    """Pictures of an emulator's states; the drawing process starts with the first one."""
+
+    def __init__(self, identity: Identity):
+        self._identity = identity
+        self._view: LiveView | None = None
+
+    def picture(self, state: np.ndarray) -> np.ndarray:
+        """Return the picture (H, W, 3) of `state` (S,) in uint8."""
+        if self._view is None:
+            self._view = LiveView(self._identity)
+        return self._view.draw(state)
+
+    def close(self) -> None:
+        """End the drawing process, if there is one."""
+        if self._view is not None:
+            self._view.close()
+        self._view = None
+
+
+def checked_render_mode(mode: str | None) -> str | None:
+    """Return `mode` if pictures can be had that way; ArgumentError otherwise."""
+    if mode not in (None, "rgb_array"):
+        raise ArgumentError(f"No render mode called '{mode}'. Modes: rgb_array.")
+    return mode
 
 
 def _header(identity: Identity, width: int, height: int) -> bytes:

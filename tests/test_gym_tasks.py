@@ -1,0 +1,195 @@
+"""The tasks as environments: what control wants is what is rewarded, seen from the body."""
+
+from __future__ import annotations
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from neuroanimator import NeuroAnimatorError, descend
+from neuroanimator.control.objective import objective_cost
+from neuroanimator.control.policies.pilot import Pilot
+from neuroanimator.export.video import graphics_backend
+from neuroanimator.gym import TASK_NAMES, EmulatorEnv
+from neuroanimator.gym_tasks import FARTHEST, TASKS, TRIALS, TaskEnv, TaskVectorEnv
+
+KINDS = ["pendulum-swing-up", "truck-park", "lander-land", "fish-reach"]
+"""Hinges, wheels among obstacles, a root that flies, a body with muscles."""
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def many(request: pytest.FixtureRequest) -> TaskVectorEnv:
+    return TaskVectorEnv(request.param, 3)
+
+
+def actions_of(env: TaskVectorEnv, count: int, share: float = 1.0) -> np.ndarray:
+    """Return random actions (count, B, C), up to that `share` of the range."""
+    space = env.single_action_space
+    middle, half = (space.high + space.low) / 2, (space.high - space.low) / 2
+    shape = (count, env.num_envs, *space.shape)
+    return (middle + share * half * np.random.default_rng(0).uniform(-1, 1, shape)).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", ["pendulum-swing-up", "fish-reach"])
+def test_gymnasium_accepts_the_task(name: str):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*For Box action spaces, we recommend")
+        check_env(gymnasium.make(f"neuroanimator/{name}-v0").unwrapped)
+
+
+def test_every_task_is_an_environment():
+    assert set(TASK_NAMES) == set(TASKS)
+    assert all(f"neuroanimator/{name}-v0" in gymnasium.registry for name in TASKS)
+
+
+def test_rewards_sum_to_what_was_taken_off_the_tasks_own_objective(many: TaskVectorEnv):
+    many.reset(options={"trial": 3})
+    trial, emulator = many._draw(3), many.emulator
+    taken = actions_of(many, many.steps, share=0.3)
+    taken[:] = taken[:, :1]
+    total, count = 0.0, 0
+    for action in taken:
+        _, rewards, terminated, truncated, _ = many.step(action)
+        total, count = total + rewards[0], count + 1
+        if terminated[0] or truncated[0]:
+            break
+    total -= 1.0 * (terminated[0] and trial.is_success(np.asarray(many._episodes.states[0, : count + 1], float)))
+    total += 1.0 * (terminated[0] and not trial.is_success(np.asarray(many._episodes.states[0, : count + 1], float)))
+    held = np.zeros((many.steps, taken.shape[-1]))
+    still = np.repeat(trial.start[None], many.steps + 1, axis=0)
+    first = objective_cost(trial.objective, emulator, still, held)
+    held[:count] = taken[:count, 0]
+    motion = np.asarray(emulator.rollout(trial.start, held[:count]))
+    states = np.concatenate([motion, np.repeat(motion[-1:], many.steps - count, axis=0)])
+    last = objective_cost(trial.objective, emulator, states, held)
+    assert total == pytest.approx(1 - last / first, rel=0.02, abs=0.02)
+
+
+def test_each_row_is_the_single_environment(many: TaskVectorEnv):
+    taken = actions_of(many, 4)
+    seen, info = many.reset(seed=5)
+    steps = [many.step(action) for action in taken]
+    alone = TaskEnv(many.task.name)
+    for row in (0, 2):
+        first, told = alone.reset(seed=5 + row)
+        np.testing.assert_allclose(first, seen[row], atol=1e-4)
+        assert told["trial"] == info["trial"][row]
+        for action, (states, rewards, terminated, truncated, _) in zip(taken, steps, strict=True):
+            state, reward, is_terminated, is_truncated, _ = alone.step(action[row])
+            np.testing.assert_allclose(states[row], state, atol=2e-3)
+            assert rewards[row] == pytest.approx(reward, abs=2e-3)
+            assert (terminated[row], truncated[row]) == (is_terminated, is_truncated)
+
+
+def test_observations_are_bounded_and_of_order_one(many: TaskVectorEnv):
+    seen, _ = many.reset(seed=0)
+    for action in actions_of(many, 10):
+        seen = many.step(action)[0]
+        assert many.observation_space.contains(seen)
+    assert 0.3 < np.abs(seen).max() < FARTHEST
+
+
+def test_time_is_up_when_the_task_says_and_a_row_starts_anew():
+    many = TaskVectorEnv("pendulum-swing-up", 2)
+    many.reset(seed=0)
+    still = np.zeros((2, 3), np.float32)
+    for number in range(many.steps):
+        _, _, terminated, truncated, _ = many.step(still)
+        assert not terminated.any()
+        assert truncated.all() == (number == many.steps - 1)
+    seen, rewards, terminated, truncated, info = many.step(still)
+    assert rewards.tolist() == [0, 0]
+    assert not truncated.any()
+    assert not info["_success"].any()
+    np.testing.assert_allclose(seen[:, -1], 1.0)
+    assert many.step(still)[4]["_success"].all()
+
+
+def test_the_target_is_seen_from_the_body():
+    env = TaskEnv("fish-reach")
+    inside = env._envs
+    for number in range(5):
+        seen, _ = env.reset(options={"trial": number})
+        trial, scale = inside._draw(number), inside._scale
+        pose = Pilot("fish").policy.pose(np.asarray(inside.emulator.encode(trial.start)))
+        way = np.array(trial.aim.place) - pose.place
+        place, direction, up = seen[-10:-7], seen[-7:-4], seen[-4:-1]
+        assert np.linalg.norm(place) == pytest.approx(np.linalg.norm(way) / scale, rel=1e-3)
+        assert place[0] == pytest.approx(way @ pose.forward / scale, abs=1e-3)
+        assert direction.tolist() == [0, 0, 0]
+        assert up[2] > 0.8
+        assert seen[-1] == 1.0
+
+
+def test_a_crash_ends_the_episode_as_a_failure():
+    env = TaskEnv("lander-land")
+    env.reset(options={"trial": 0})
+    is_terminated, total = False, []
+    while not is_terminated:
+        _, reward, is_terminated, is_truncated, info = env.step(env.action_space.low)
+        total.append(reward)
+        assert not is_truncated
+    assert not info["success"]
+    assert total[-1] < -0.5
+
+
+def test_what_a_descent_finds_earns_nearly_all_there_is_to_earn():
+    env = TaskEnv("pendulum-swing-up")
+    inside = env._envs
+    trial = inside._draw(1)
+    found = descend(inside.emulator, trial.objective, trial.start, steps=inside.steps, starts=16, method="gauss-newton")
+    env.reset(options={"trial": 1})
+    total = 0.0
+    for control in found.controls:
+        _, reward, is_terminated, is_truncated, _ = env.step(control.astype(np.float32))
+        total += reward
+        if is_terminated or is_truncated:
+            break
+    assert total > 0.9
+
+
+@pytest.mark.skipif(graphics_backend() is None, reason="no OpenGL to draw with")
+@pytest.mark.parametrize(
+    "make", [lambda: TaskEnv("fish-reach", "rgb_array"), lambda: EmulatorEnv("pendulum", render_mode="rgb_array")]
+)
+def test_pictures_show_what_moves(make):
+    env = make()
+    env.reset(seed=0)
+    before = env.render()
+    for _ in range(8):
+        env.step(env.action_space.high)
+    after = env.render()
+    assert before.shape == after.shape == (360, 480, 3)
+    assert before.dtype == np.uint8
+    assert before.std() > 5
+    assert np.abs(after.astype(int) - before).max() > 50
+    env.close()
+    env.close()
+
+
+def test_without_a_render_mode_there_is_no_picture():
+    env = TaskEnv("pendulum-swing-up")
+    env.reset(seed=0)
+    assert env.render() is None
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: TaskEnv("fish-fly"), "No task called 'fish-fly'. Tasks: pendulum-swing-up"),
+        (lambda: TaskVectorEnv("fish-reach", 0), "num_envs: wanted one or more"),
+        (lambda: TaskEnv("fish-reach", "human"), "No render mode called 'human'. Modes: rgb_array"),
+        (lambda: EmulatorEnv("pendulum", render_mode="human"), "No render mode called 'human'"),
+        (lambda: TaskEnv("pendulum-swing-up").reset(options={"state": 0}), "No reset option called 'state'"),
+        (lambda: TaskEnv("pendulum-swing-up").reset(options={"trial": TRIALS}), "trial: wanted numbers from 0 to 99"),
+        (lambda: TaskEnv("pendulum-swing-up").reset(options={"trial": "one"}), "trial: wanted numbers"),
+        (lambda: TaskEnv("pendulum-swing-up").step([np.nan] * 3), "not finite"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_line(make, message: str):
+    with pytest.raises(NeuroAnimatorError, match=message) as caught:
+        make()
+    assert "\n" not in str(caught.value)
