@@ -29,7 +29,7 @@ def actions_of(env: TaskVectorEnv, count: int, share: float = 1.0) -> np.ndarray
     """Return random actions (count, B, C), up to that `share` of the range."""
     space = env.single_action_space
     middle, half = (space.high + space.low) / 2, (space.high - space.low) / 2
-    shape = (count, env.num_envs, *space.shape)
+    shape = (count, env.num_envs, *space.high.shape)
     return (middle + share * half * np.random.default_rng(0).uniform(-1, 1, shape)).astype(np.float32)
 
 
@@ -50,7 +50,7 @@ def test_rewards_sum_to_what_was_taken_off_the_tasks_own_objective(many: TaskVec
     trial, emulator = many._draw(3), many.emulator
     taken = actions_of(many, many.steps, share=0.3)
     taken[:] = taken[:, :1]
-    total, count = 0.0, 0
+    total, count, terminated = 0.0, 0, np.zeros(3, bool)
     for action in taken:
         _, rewards, terminated, truncated, _ = many.step(action)
         total, count = total + rewards[0], count + 1
@@ -127,7 +127,7 @@ def test_the_target_is_seen_from_the_body():
 def test_a_crash_ends_the_episode_as_a_failure():
     env = TaskEnv("lander-land")
     env.reset(options={"trial": 0})
-    is_terminated, total = False, []
+    is_terminated, total, info = False, [], {}
     while not is_terminated:
         _, reward, is_terminated, is_truncated, info = env.step(env.action_space.low)
         total.append(reward)

@@ -20,7 +20,7 @@ from neuroanimator.systems.skeleton import Skeleton
 from neuroanimator.systems.skin_mesh import skin_mesh
 from neuroanimator.systems.system import System
 
-FOLLOWING = 0.15
+FOLLOWING = 0.5
 """Share of the way to the body that the camera goes from picture to picture: steady, and never far behind."""
 DISTANCE = 2.2
 """Of the camera, over the body's size."""
@@ -77,7 +77,7 @@ class BodyView:
         data.mocap_pos[:] = places[0]
         data.mocap_quat[:] = turns[0]
         middle = places[0].mean(axis=0)
-        is_near = self._looks_at is not None and np.linalg.norm(middle - self._looks_at) < self._size
+        is_near = self._looks_at is not None and np.linalg.norm(middle - self._looks_at) < self._size / 2
         # A body that is somewhere else altogether has begun anew: the camera goes there at once.
         self._looks_at = self._looks_at + FOLLOWING * (middle - self._looks_at) if is_near else middle
         camera = mujoco.MjvCamera()
