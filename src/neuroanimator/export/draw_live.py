@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from neuroanimator.export.live import HEADER_SIZE
-from neuroanimator.export.stage import _add_bone, _add_skin
+from neuroanimator.export.stage import add_bone, add_skin
 from neuroanimator.systems import load_system
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.mujoco import MujocoSystem
@@ -65,9 +65,9 @@ class BodyView:
         floor = 0.0 if has_ground else float(places[..., 2].min()) - DEPTH * self._size
         spec = mujoco.MjSpec.from_string(_scene(self._size, floor))
         for i, bone in enumerate(skeleton.bones):
-            _add_bone(spec, f"bone{i}", bone)
+            add_bone(spec, f"bone{i}", bone)
         if mesh is not None:
-            _add_skin(spec, skeleton, mesh)
+            add_skin(spec, "", skeleton, mesh)
         self.model = spec.compile()
         self._looks_at: np.ndarray | None = None
 

@@ -145,12 +145,12 @@ def _scene(shots: Shots, lowest: float, setting: Setting) -> str:
 def _add_body(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton) -> None:
     """Add a skeleton's bones and skin, their names after `prefix`."""
     for i, bone in enumerate(skeleton.bones):
-        _add_bone(spec, f"{prefix}bone{i}", bone)
+        add_bone(spec, f"{prefix}bone{i}", bone)
     if skeleton.skin is not None:
-        _add_skin(spec, prefix, skeleton, skin_mesh(skeleton))
+        add_skin(spec, prefix, skeleton, skin_mesh(skeleton))
 
 
-def _add_bone(spec: mujoco.MjSpec, name: str, bone: Bone) -> None:
+def add_bone(spec: mujoco.MjSpec, name: str, bone: Bone) -> None:
     body = spec.worldbody.add_body(name=name, mocap=True, pos=bone.offset, quat=bone.turn)
     for shape in bone.shapes:
         kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")
@@ -160,7 +160,7 @@ def _add_bone(spec: mujoco.MjSpec, name: str, bone: Bone) -> None:
         )
 
 
-def _add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, mesh: SkinMesh) -> None:
+def add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, mesh: SkinMesh) -> None:
     assert skeleton.skin is not None
     at = np.clip((np.arange(PALETTE) - MARGIN) / (PALETTE - 1 - 2 * MARGIN), 0, 1)
     texels = np.round(255 * np.repeat(colours_of(skeleton.skin, at)[None], 4, axis=0)).astype(np.uint8)
