@@ -151,6 +151,7 @@ def _add_body(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton) -> None:
 
 
 def add_bone(spec: mujoco.MjSpec, name: str, bone: Bone) -> None:
+    """Add a bone's shapes to the scene as a body that is moved from outside."""
     body = spec.worldbody.add_body(name=name, mocap=True, pos=bone.offset, quat=bone.turn)
     for shape in bone.shapes:
         kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")
@@ -161,6 +162,7 @@ def add_bone(spec: mujoco.MjSpec, name: str, bone: Bone) -> None:
 
 
 def add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, mesh: SkinMesh) -> None:
+    """Add a skin that follows the bones called `prefix` and their number; its colours are a texture."""
     assert skeleton.skin is not None
     at = np.clip((np.arange(PALETTE) - MARGIN) / (PALETTE - 1 - 2 * MARGIN), 0, 1)
     texels = np.round(255 * np.repeat(colours_of(skeleton.skin, at)[None], 4, axis=0)).astype(np.uint8)
