@@ -9,8 +9,8 @@ from neuroanimator.control.parameters import Steered
 from neuroanimator.control.pose import read_heights
 from neuroanimator.systems.layout import Bounds
 
-DEPTH, SECONDS, TEMPO = 5.4, 4.0, 1.5  # [m] a run-up from so deep, [s], times the gait's frequency
-TOP, ENTRY = 3.4, 3.75  # [s] when it is highest, and when it dives in again
+DEPTH, SECONDS, TEMPO = 4.2, 4.2, 1.5  # [m] a run-up from so far under its rest, [s], times the gait's frequency
+TOP, ENTRY = 3.3, 3.85  # [s] when it is highest, and when it dives in again
 STEEP = np.radians(50)
 
 emulator, system = na.Emulator.load(na.find_emulator("dolphin-50")), na.load_system("dolphin")
@@ -33,8 +33,8 @@ found = na.synthesise(
         na.effort(0.003),
         na.smoothness(0.0003),
         na.stay_upright(system, may_pitch=True),  # back up, however steep
-        na.reach_height(system, 1.1, within=0.1, at=TOP),  # [m] all of it, tail included
-        na.reach_heading(system, [np.cos(STEEP), 0, -np.sin(STEEP)], within=0.26, at=ENTRY),
+        na.reach_height(system, 0.8, within=0.1, at=TOP),  # [m] all of it, tail included
+        na.reach_heading(system, [np.cos(STEEP), 0, -np.sin(STEEP)], within=0.13, at=ENTRY),
     ),
     start, steps=steps, refinements=0, corrections=8, first=first,
     parameters=Steered.of(steps, emulator.dt, gait.period / TEMPO, 7, bounds),
