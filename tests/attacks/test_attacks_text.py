@@ -171,7 +171,11 @@ class Elements(HTMLParser):
         self.attributes.update(name for name, _ in attrs)
 
 
-@pytest.mark.parametrize("title", [title for title in HOSTILE_TEXTS if title != "half a surrogate pair"])
+NEVER_IN_A_TABLE = ("half a surrogate pair", "long")
+"""Texts no file can hold, or no line of a table: names have at most 80 letters."""
+
+
+@pytest.mark.parametrize("title", [title for title in HOSTILE_TEXTS if title not in NEVER_IN_A_TABLE])
 def test_a_table_can_be_read_back_and_no_head_is_a_formula(title: str, tmp_path: Path):
     layout = Layout((Slice(HOSTILE_TEXTS[title], 2, "m"), Slice("plain", 1, "1")))
     path, rows = tmp_path / "table.csv", np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])

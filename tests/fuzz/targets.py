@@ -22,6 +22,7 @@ from neuroanimator.files import read_tensors, write_tensors
 from neuroanimator.shipped import shipped_path
 from neuroanimator.systems import load_system
 from neuroanimator.systems.definition import check_definition, read_toml
+from neuroanimator.systems.definition_text import TABLES
 from neuroanimator.systems.layout import Layout, Slice
 from neuroanimator.systems.model_file import ModelFiles, compile_model
 from neuroanimator.systems.own import KINDS, from_text
@@ -57,7 +58,7 @@ def toml(content: bytes) -> None:
     name = values.get("kind", "mujoco")
     if isinstance(name, str) and name in KINDS:
         kind = KINDS[name]
-        kind.make(check_definition(values, "a.toml", kind.table), FILES, "")
+        kind.make(check_definition(values, "a.toml", TABLES[name]), FILES, "")
 
 
 def definition(content: bytes) -> None:
