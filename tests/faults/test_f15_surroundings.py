@@ -11,7 +11,6 @@ import pytest
 from processes import MAIN
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-LATIN = {**ASCII, "PYTHONIOENCODING": "latin-1"}
 NO_HOME = {"HOME": None, "XDG_CACHE_HOME": None}
 SHUT = {"HOME": "/proc/nothing", "XDG_CACHE_HOME": "/proc/nothing"}
 
@@ -21,14 +20,6 @@ def run_in(surroundings: dict[str, str | None], folder: Path, *arguments: str) -
     present = {key: value for key, value in environment.items() if value is not None}
     program = [sys.executable, "-c", MAIN, *arguments]
     return subprocess.run(program, cwd=folder, env=present, capture_output=True, timeout=300)
-
-
-@pytest.mark.parametrize("surroundings", [ASCII, LATIN], ids=["ascii", "latin-1"])
-def test_f15_info_replaces_what_the_locale_lacks(surroundings: dict[str, str | None], tmp_path: Path):
-    shown = run_in(surroundings, tmp_path, "info", "pendulum-50")
-    assert shown.returncode == 0, shown.stderr
-    assert b"torque[0] N" in shown.stdout
-    assert b"\xc2\xb7" not in shown.stdout
 
 
 def test_f15_files_are_utf_8_whatever_the_locale(tmp_path: Path):
