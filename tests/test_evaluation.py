@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -46,8 +47,16 @@ def test_no_rollout_of_the_shipped_emulator_blows_up(shipped: Emulator):
 def test_a_broken_emulator_is_found_to_blow_up(shipped: Emulator):
     import equinox as eqx
 
+    broken = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: jnp.nan * out)
+    assert count_blow_ups(broken, starts=20, steps=200) == 20
+
+
+def test_a_wild_emulator_is_kept_where_training_was(shipped: Emulator):
+    import equinox as eqx
+
     wild = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: 500 * out)
-    assert count_blow_ups(wild, starts=20, steps=200) > 0
+    assert count_blow_ups(wild, starts=20, steps=200) == 0
+    assert evaluate(wild, effort=Effort(runs=8, starts=10, steps=50)).verdict.is_useless
 
 
 def test_an_evaluation_is_complete_and_its_report_stands_alone(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from functools import cache
+from importlib import resources
 from pathlib import Path
 
 import equinox as eqx
@@ -20,7 +22,9 @@ from neuroanimator.emulator.hierarchy import Hierarchy, Part, check_parts
 from neuroanimator.emulator.modes import fit_modes
 from neuroanimator.emulator.principal import reflection
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.body_definition import BodyDefinition
 from neuroanimator.systems.cloud import flat_of, points_of, shown_by
+from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.own import resolve
 from neuroanimator.systems.rotation import rotate
 from neuroanimator.training.build import build_emulator
@@ -245,6 +249,9 @@ def test_the_tutorials_body_is_learnt(tmp_path: Path):
     assert errors[-1] < 0.25
 
 
-def test_the_dolphin_feels_gravity_and_the_fish_does_not():
+def test_what_is_righted_knows_up_and_what_only_hovers_in_water_does_not():
     assert load_system("dolphin").structure.weighs
-    assert not load_system("fish").structure.weighs
+    assert load_system("fish").structure.weighs
+    values = tomllib.loads((resources.files("neuroanimator.systems") / "assets" / "fish.toml").read_text("utf-8"))
+    values["water"]["righting"] = 0.0
+    assert not DeformableSystem(BodyDefinition.model_validate(values)).structure.weighs

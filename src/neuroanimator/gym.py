@@ -78,12 +78,16 @@ def _advance(
     inner: Float[Array, " I"],
     control: Float[Array, " C"],
 ) -> tuple:
-    """Return (next state, its inner numbers, reward, whether training covered the step, whether it ended far away)."""
-    held, domain = emulator.encode_control(control), emulator.domain
+    """Return (next state, its inner numbers, reward, whether training covered the step, whether it was far away).
+
+    A step is far away by where it begins, too: what it ends in is kept within the range of training.
+    """
+    held = emulator.encode_control(control)
     following = emulator.advance(inner, held)
-    after, plain = emulator.decode(following), emulator.seen(following, held)
-    margin = FAR * (domain.high - domain.low)
-    is_near = jnp.all((plain >= domain.low - margin) & (plain <= domain.high + margin) & jnp.isfinite(plain))
+    after = emulator.decode(following)
+    low, high = emulator.domain.widened(FAR, slice(None))
+    seen = jnp.stack([emulator.seen(inner, held), emulator.seen(following, held)])
+    is_near = jnp.all((seen >= low) & (seen <= high) & jnp.isfinite(seen))
     is_far = ~(is_near & jnp.all(jnp.isfinite(after)))
     return after, following, reward(state, control, after), emulator.covers_encoded(inner), is_far
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import subprocess
 from collections.abc import Iterator
 from contextlib import suppress
@@ -59,10 +58,9 @@ def test_f04_a_lock_holds_on_a_full_disk(small_disk: Path):
 
 def test_f04_a_limit_on_files_is_said(tmp_path: Path):
     limited = subprocess.run(
-        command(*ARGUMENTS, tmp_path / "data"),
+        ["prlimit", "--fsize=50000", *command(*ARGUMENTS, tmp_path / "data")],
         capture_output=True,
         text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000)),
     )
     assert limited.returncode == 4
     assert "shard-00000.safetensors: File too large" in limited.stderr

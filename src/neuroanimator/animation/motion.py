@@ -14,6 +14,10 @@ from neuroanimator.systems.start import quaternion_entries, start_state
 
 LONGEST = 3600.0
 """[s] Longest random motion; an hour."""
+FIRST_BEND, LARGEST_BEND = 0.02, 0.15
+"""Of the controls' range: by how much a swimmer bends its back to keep its depth, tried at first and at most."""
+SECANTS = 4
+"""Tries at that bend: a few centimetres after five seconds."""
 DIVE = 0.6
 """How deep under the water's surface a swimmer begins, over its length: there its tail stays wet."""
 TOSS = 2.0
@@ -47,8 +51,10 @@ def random_motion(emulator: Emulator, seconds: float, seed: int, start: np.ndarr
         start[positions] = rng.uniform(-np.pi / 2, np.pi / 2, len(positions))
     steps = int(np.ceil(seconds / emulator.dt - 1e-9))
     if seed == 0 and identity.gait is not None:
-        start = _dived(emulator, start) if is_shown else start
         controls = identity.gait.controls(steps, emulator.dt, identity.bounds)
+        if is_shown and _swims_under_a_surface(emulator):
+            start = _dived(emulator, start)
+            controls = _level_swim(emulator, start, controls)
     elif is_shown and _is_soft_on_ground(emulator):
         start = _thrown(emulator, start)
         controls = np.repeat(identity.bounds.middle[None], steps, axis=0)
@@ -66,10 +72,39 @@ def _free_hinges(emulator: Emulator) -> np.ndarray:
     return np.intersect1d(np.flatnonzero(angles), positions)
 
 
+def _swims_under_a_surface(emulator: Emulator) -> bool:
+    """Return whether this is a body of mass points in water with a surface."""
+    return emulator.modes is not None and emulator.frame.is_immersed and bool(emulator.frame.probes)
+
+
+def _level_swim(emulator: Emulator, start: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    """Return `controls` (T, C) of a gait with the back bent a little, such that the swim ends as deep as it begins.
+
+    The bend is what is added to the muscles in the sense of the gait, found by secants.
+    """
+    identity = emulator.identity
+    assert identity.gait is not None
+    sense = np.sign(identity.gait.amplitudes) * identity.bounds.half
+
+    def risen(bend: float) -> float:
+        states = np.array(emulator.rollout(start, identity.bounds.clip(controls + bend * sense)), float)
+        heights = [_points(emulator, state)[0][:, 2].mean() for state in (states[0], states[-1])]
+        return float(heights[1] - heights[0])
+
+    last, bend = 0.0, FIRST_BEND
+    rise_before = risen(last)
+    for _ in range(SECANTS):
+        rise = risen(bend)
+        if abs(rise - rise_before) < 1e-6:
+            break
+        slope = (rise - rise_before) / (bend - last)
+        last, rise_before = bend, rise
+        bend = float(np.clip(bend - rise / slope, -LARGEST_BEND, LARGEST_BEND))
+    return identity.bounds.clip(controls + bend * sense)
+
+
 def _dived(emulator: Emulator, start: np.ndarray) -> np.ndarray:
-    """Return `start` (S,) moved down under the water's surface if the body floats in one."""
-    if emulator.modes is None or not emulator.frame.weighs or _is_soft_on_ground(emulator):
-        return start
+    """Return `start` (S,) of a swimmer moved down under the water's surface."""
     places, _ = _points(emulator, start)
     length = float(np.ptp(places, axis=0).max())
     places[:, 2] += _level(emulator) - DIVE * length - places[:, 2].mean()
@@ -96,7 +131,7 @@ def _thrown(emulator: Emulator, start: np.ndarray) -> np.ndarray:
 
 def _is_soft_on_ground(emulator: Emulator) -> bool:
     """Return whether this is a body of mass points that at rest lies wholly above the level its heights count from."""
-    if emulator.modes is None or not emulator.frame.weighs:
+    if emulator.modes is None or not emulator.frame.weighs or emulator.frame.is_immersed:
         return False
     places, _ = _points(emulator, np.array(emulator.identity.rest))
     return float(places[:, 2].min()) > _level(emulator) - 0.05 * float(np.ptp(places[:, 2]))

@@ -23,6 +23,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.files import append_line, digest, locked, write_whole
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.program_cache import keep_programs
+from neuroanimator.systems.python_system import PythonSystem
 from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.structure import Structure
 from neuroanimator.systems.system import System
@@ -176,8 +177,12 @@ def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> 
 
 
 def keeps_still(system: System, emulator: Emulator) -> bool:
-    """Return whether the physics stays where it is at rest without control, measured over one super step."""
-    if isinstance(system, RecordedSystem):
+    """Return whether the physics stays where it is at rest without control, measured over one super step.
+
+    Of recordings and functions of a user's nobody asks: they may be there, or be allowed to run, or not, and what is
+    trained must not depend on that.
+    """
+    if isinstance(system, RecordedSystem | PythonSystem):
         return False
     rest = system.rest[None]
     idle = np.tile(system.bounds.idle, (1, 1, 1))
