@@ -19,7 +19,7 @@ import safetensors.numpy
 
 from neuroanimator.errors import BadFileError, ResourceError
 from neuroanimator.parsing.json_text import parse_json_object
-from neuroanimator.unfinished import finish, unfinished
+from neuroanimator.unfinished import replace_whole
 
 METADATA_KEY = "na"
 """The one metadata key; with two or more, safetensors' bytes differ from run to run."""
@@ -62,12 +62,7 @@ def write_whole(path: Path, content: bytes) -> None:
     Raises ResourceError, which says how many bytes were needed where the disk is full.
     """
     try:
-        with unfinished(path) as temporary:
-            with open(temporary, "xb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            finish(temporary, path)
+        replace_whole(path, content)
     except OSError as error:
         need = f" ({len(content):,} bytes needed)" if error.errno in FULL else ""
         raise ResourceError(f"Could not write {path}: {error.strerror}{need}.") from error

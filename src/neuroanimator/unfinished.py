@@ -51,6 +51,19 @@ def finish(temporary: Path, path: Path) -> None:
     sync_folder(path.parent)
 
 
+def replace_whole(path: Path, content: bytes) -> None:
+    """Write `content` so that a reader, or a kill at any moment, finds the old file or the new one.
+
+    Raises OSError as it comes.
+    """
+    with unfinished(path) as temporary:
+        with open(temporary, "xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        finish(temporary, path)
+
+
 def sync_folder(folder: Path) -> None:
     """Return when the names in `folder` are on the disk."""
     handle = os.open(folder, os.O_RDONLY)

@@ -25,7 +25,7 @@ from neuroanimator.codegen.build import (
 )
 from neuroanimator.private_folder import private_folders
 from neuroanimator.terminal import warn_once
-from neuroanimator.unfinished import finish, unfinished
+from neuroanimator.unfinished import replace_whole
 
 COMPILERS = ("cc", "gcc", "clang")
 
@@ -124,12 +124,7 @@ def _make(text: str, command: list[str], folder: Path, key: str) -> Path:
     remove_abandoned_builds(folder)
     content = build_library(text, command, FLAGS, folder)
     path = _path(folder, key, content)
-    with unfinished(path) as temporary:
-        with open(temporary, "xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        finish(temporary, path)
+    replace_whole(path, content)
     return path
 
 
