@@ -23,9 +23,9 @@ from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_training import train_policy
 from neuroanimator.control.tasks.animals import body_length
 from neuroanimator.data.sampling import sample_starts
-from neuroanimator.shipped import POLICIES, find_policy, shipped_policy
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
+from neuroanimator.zoo import POLICIES, find_policy, shipped_policy
 
 WORKPLACE = Path("out/policies")
 TRIALS, SECONDS = 100, 6.0

@@ -9,8 +9,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from neuroanimator.shipped import SHIPPED, shipped_path
 from neuroanimator.training.recipe import cook
+from neuroanimator.zoo import SHIPPED, shipped_path
 
 WORKPLACE = Path("out/shipped")
 

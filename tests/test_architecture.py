@@ -9,7 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
 STAGES = [
-    "text", "errors", "parsing", "unfinished", "private_folder", "files", "shipped", "program_cache", "terminal",
+    "text", "errors", "parsing", "storage", "terminal", "tables", "compiler", "zoo",
     "systems", "data", "emulator", "codegen", "training", "evaluation",
     "animation", "control", "export", "gym_models", "gym_episodes", "gym", "gym_tasks", "propose", "new",
     "sweep", "bench", "control_plot", "control_bench", "demo", "cli",
@@ -32,7 +32,7 @@ def test_a_stage_imports_only_stages_above_it():
 
 
 def test_everything_after_the_emulator_file_works_without_mujoco():
-    for stage in ("animation", "files", "shipped"):
+    for stage in ("animation", "parsing", "storage", "zoo"):
         for path in [*SOURCE.glob(f"{stage}.py"), *SOURCE.glob(f"{stage}/*.py")]:
             assert "import mujoco" not in path.read_text()
 

@@ -12,10 +12,10 @@ import pytest
 
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.bench import chosen_rows
-from neuroanimator.shipped import SHIPPED, shipped_path
 from neuroanimator.sweep import SweepRow, largest_within, sweep
 from neuroanimator.training.batches import draw_batches
 from neuroanimator.training.recipe import RECIPES
+from neuroanimator.zoo import SHIPPED, shipped_path
 
 
 def test_a_row_of_the_table_is_complete(cli, tmp_path: Path):

@@ -13,8 +13,8 @@ import pytest
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.body import largest_step
 from neuroanimator.systems.body_definition import MOST_NODES, MOST_SPRINGS, BodyDefinition, group_numbers
-from neuroanimator.systems.definition import check_definition
 from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.tables import check_table
 
 NODES = {
     "nose": [0.2, 0.0, 0.0, 0.1],
@@ -48,7 +48,7 @@ def make(change: Callable[[Any], object] = lambda jelly: None) -> DeformableSyst
     """Return the jelly after `change` has had its way with the definition."""
     jelly = copy.deepcopy(JELLY)
     change(jelly)
-    return DeformableSystem(check_definition(jelly, "jelly.toml", BodyDefinition))
+    return DeformableSystem(check_table(jelly, "jelly.toml", BodyDefinition))
 
 
 def put(value: Any, *path: Any) -> Callable[[Any], None]:
@@ -118,7 +118,7 @@ def test_the_body_itself_is_accepted_and_its_mirror_found():
     assert system.structure.mirror is not None
     assert system.structure.mirror.points == (0, 2, 1, 3, 4)
     assert system.structure.mirror.controls == (1, 0, 2)
-    definition = check_definition(JELLY, "jelly.toml", BodyDefinition)
+    definition = check_table(JELLY, "jelly.toml", BodyDefinition)
     assert group_numbers(definition) == {"front": (0, 1, 2), "back": (3, 4)}
 
 

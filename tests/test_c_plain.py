@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
-from neuroanimator.codegen.compiler import find_compiler
+from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.evaluation.c_plain import plain_player
 
 

@@ -8,8 +8,8 @@ import jax
 import numpy as np
 import pytest
 
-from neuroanimator.codegen import compiler
-from neuroanimator.codegen.compiler import find_compiler
+from neuroanimator.compiler import compiler
+from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.evaluation import c_source as source
 from neuroanimator.evaluation.c_source import fill_in
 from neuroanimator.evaluation.c_twin import INTEGRATORS, LANES, c_twin

@@ -14,7 +14,7 @@ from conftest import Cli
 from neuroanimator.cli import info
 from neuroanimator.cli.verbs import VERBS
 from neuroanimator.control.report import gap_in_words
-from neuroanimator.shipped import shipped_policy
+from neuroanimator.zoo import shipped_policy
 
 
 def test_help_needs_no_heavy_import():

@@ -12,11 +12,11 @@ import pytest
 
 from neuroanimator import Emulator, NeuroAnimatorError, find_emulator
 from neuroanimator.codegen import c_emulator as module
-from neuroanimator.codegen import compiler
 from neuroanimator.codegen.c_emulator import c_emulator, c_program
 from neuroanimator.codegen.c_function import HEAD, c_function
-from neuroanimator.codegen.compiler import compiled_library, find_compiler
 from neuroanimator.codegen.program import UnsupportedError, trace
+from neuroanimator.compiler import compiler
+from neuroanimator.compiler.compiler import compiled_library, find_compiler
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 WEIGHTS = np.random.default_rng(0).normal(size=(21, 37)).astype(np.float32)

@@ -21,7 +21,7 @@ from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import rollout
 from neuroanimator.emulator.features import Features, sine_cosine
 from neuroanimator.emulator.networks import make_network
-from neuroanimator.files import METADATA_KEY, _seal
+from neuroanimator.storage.files import METADATA_KEY, _seal
 from neuroanimator.training.build import build_emulator
 
 

@@ -11,7 +11,7 @@ import pytest
 import neuroanimator as na
 from neuroanimator.animation.clip import make_clip
 from neuroanimator.control.policies.policy_file import load_policy
-from neuroanimator.shipped import find_policy
+from neuroanimator.zoo import find_policy
 
 
 def test_completion_lists_the_public_names_and_loads_nothing():

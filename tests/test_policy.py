@@ -20,12 +20,12 @@ from neuroanimator.control.pose import Pose
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.emulator.principal import mixing, reflection
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files import read_tensors, write_tensors
-from neuroanimator.shipped import POLICIES, find_policy, shipped_policy
+from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems.cloud import flat_of, points_of, shown_by
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.layout import Bounds
 from neuroanimator.systems.rotation import facing
+from neuroanimator.zoo import POLICIES, find_policy, shipped_policy
 
 SECONDS = 6.0
 """As long as a fish needs to turn a third of a circle and to be back at its speed."""

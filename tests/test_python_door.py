@@ -24,8 +24,8 @@ from neuroanimator import (
 )
 from neuroanimator.evaluation.evaluate import Effort
 from neuroanimator.evaluation.speed_python import function_schemes
-from neuroanimator.files import canonical_json
 from neuroanimator.new import write_definition
+from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems.own import resolve, trust_files
 from neuroanimator.systems.python_system import PythonSystem
 

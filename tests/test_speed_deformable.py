@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neuroanimator.codegen import compiler
-from neuroanimator.codegen.compiler import find_compiler
+from neuroanimator.compiler import compiler
+from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.evaluation.accuracy import HeldOut, make_test, scheme_error
 from neuroanimator.evaluation.c_twin import INTEGRATORS
 from neuroanimator.evaluation.evaluate import Evaluation

@@ -43,11 +43,11 @@ if TYPE_CHECKING:
     from neuroanimator.export.proof import write_proof
     from neuroanimator.export.table import read_clip, write_clip
     from neuroanimator.export.video import write_video
-    from neuroanimator.shipped import find_emulator
     from neuroanimator.systems import load_system
     from neuroanimator.systems.own import trust_files
     from neuroanimator.training.config import training_config
     from neuroanimator.training.train import train
+    from neuroanimator.zoo import find_emulator
 
 __version__: str
 """Of the installed package."""
@@ -68,7 +68,7 @@ _HOMES = {
     "descend": "control.descend",
     "effort": "control.wishes",
     "evaluate": "evaluation.evaluate",
-    "find_emulator": "shipped",
+    "find_emulator": "zoo",
     "follow_path": "control.wishes",
     "generate": "data.generate",
     "is_reached": "control.goals",

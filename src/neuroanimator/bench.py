@@ -15,11 +15,11 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.evaluate import QUICK, THOROUGH
 from neuroanimator.evaluation.table import measure_row
 from neuroanimator.evaluation.work_precision import draw_work_precision
-from neuroanimator.files import write_whole
-from neuroanimator.shipped import SHIPPED, find_emulator
+from neuroanimator.storage.files import write_whole
 from neuroanimator.terminal import progress_bar
 from neuroanimator.training.recipe import RECIPES, cook
 from neuroanimator.training.train import time_chunk
+from neuroanimator.zoo import SHIPPED, find_emulator
 
 Wanted = list[tuple[str, int]]
 

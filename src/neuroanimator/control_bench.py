@@ -22,10 +22,10 @@ from neuroanimator.control.wishes import effort
 from neuroanimator.control_plot import Panel, draw_races
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.shipped import find_emulator
 from neuroanimator.systems import load_system
 from neuroanimator.systems.mujoco import MujocoSystem
 from neuroanimator.terminal import progress_bar
+from neuroanimator.zoo import find_emulator
 
 TASKS = {task.name: task for task in (*RIGID_TASKS, *ANIMAL_TASKS)}
 DERIVATIVE_FREE = ("annealing", "cma-es", "nelder-mead")

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from neuroanimator.control.rivals.race import Race
 from neuroanimator.control.synthesise import Synthesis
-from neuroanimator.files import write_whole
+from neuroanimator.storage.files import write_whole
 
 WIDTH, HEIGHT = 11.0, 1.9
 """[in] Of the picture, and of each task in it."""

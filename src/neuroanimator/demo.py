@@ -22,7 +22,7 @@ from neuroanimator.evaluation.report import write_report
 from neuroanimator.export.gltf import write_glb
 from neuroanimator.export.table import write_table
 from neuroanimator.export.video import write_video
-from neuroanimator.files import canonical_json, write_whole
+from neuroanimator.storage.files import canonical_json, write_whole
 from neuroanimator.terminal import print_rows, progress_bar
 from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
 from neuroanimator.training.train import train

@@ -19,7 +19,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.export.live import Camera, checked_render_mode
 from neuroanimator.gym_episodes import FAR
-from neuroanimator.shipped import SHIPPED, find_emulator
+from neuroanimator.zoo import SHIPPED, find_emulator
 
 try:
     import gymnasium

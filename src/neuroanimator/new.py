@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files import write_whole
 from neuroanimator.propose import Proposal, propose
+from neuroanimator.storage.files import write_whole
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.definition import Definition
 from neuroanimator.systems.given import trust_file

@@ -11,7 +11,7 @@ import numpy as np
 
 from neuroanimator.emulator.frame import Frame
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.systems.definition import Definition, PythonDefinition, RecordedDefinition, check_definition
+from neuroanimator.systems.definition import Definition, PythonDefinition, RecordedDefinition
 from neuroanimator.systems.model_file import compile_model, read_model_files
 from neuroanimator.systems.model_system import ModelSystem, control_range
 from neuroanimator.systems.mujoco import INTEGRATORS
@@ -19,6 +19,7 @@ from neuroanimator.systems.mujoco_skeleton import JOINT_NAMES
 from neuroanimator.systems.mujoco_structure import LOOKS, actuator_name, joint_name, sensor_name
 from neuroanimator.systems.proposed import GOOD_ENOUGH, WHOLE_TURN, proposed_substeps
 from neuroanimator.systems.system import Scheme
+from neuroanimator.tables import check_table
 from neuroanimator.terminal import phase, progress_bar
 
 TRIAL_RUNS, TRIAL_SECONDS = 16, 2.0
@@ -57,16 +58,16 @@ def propose(path: Path) -> Proposal:
         for name, unlimited in zip(values["control"], _unlimited(model), strict=True)
         if unlimited
     }
-    system = ModelSystem(check_definition(values, path.name), model)
+    system = ModelSystem(check_table(values, path.name, Definition), model)
     with phase("simulating"):
         values["sampling"]["speed"] = _usual_speeds(system, path)
-    system = ModelSystem(check_definition(values, path.name), model)
+    system = ModelSystem(check_table(values, path.name, Definition), model)
     scheme, error, own = _teacher(system)
     values["physics"] |= {"truth_step": scheme.dt, "truth_integrator": scheme.integrator}
     notes["physics.truth_step"] = (
         f"teaches with an error of {error:.2g} of a super step's change; the model's own: {own:.2g}"
     )
-    return Proposal(check_definition(values, path.name), notes, [part.name for part in system.state.slices])
+    return Proposal(check_table(values, path.name, Definition), notes, [part.name for part in system.state.slices])
 
 
 def _read_off(path: Path, model: mujoco.MjModel) -> dict[str, Any]:

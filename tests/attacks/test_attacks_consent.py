@@ -31,7 +31,7 @@ from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import DatasetConfig
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.evaluation.accuracy import system_of
-from neuroanimator.files import canonical_json
+from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems import carried_system, given
 from neuroanimator.systems.own import resolve, trust_files
 from neuroanimator.systems.recording import read_recording

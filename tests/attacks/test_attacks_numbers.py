@@ -19,7 +19,7 @@ from neuroanimator import Emulator, find_emulator
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.artifact import FAULTS, FORMAT, blank
 from neuroanimator.errors import BadFileError
-from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.storage.files import read_tensors, write_tensors
 
 HUGE, MANY = 1e300, 10**4000
 

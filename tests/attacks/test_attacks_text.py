@@ -23,13 +23,14 @@ from neuroanimator.emulator.artifact import describe
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.evaluate import Evaluation
 from neuroanimator.export.table import read_table, write_table
-from neuroanimator.files import canonical_json, read_tensors
-from neuroanimator.shipped import SHIPPED, shipped_path
-from neuroanimator.systems.definition import check_definition
+from neuroanimator.storage.files import canonical_json, read_tensors
+from neuroanimator.systems.definition import Definition
 from neuroanimator.systems.layout import Layout, Slice
 from neuroanimator.systems.model_file import ModelFiles, compile_model
 from neuroanimator.systems.model_system import ModelSystem
+from neuroanimator.tables import check_table
 from neuroanimator.terminal import print_rows, print_table, progress_bar
+from neuroanimator.zoo import SHIPPED, shipped_path
 
 FIELDS = {
     "system": lambda metadata, text: metadata.update(system=text),
@@ -241,7 +242,7 @@ def test_what_a_model_calls_its_parts_is_made_harmless():
     model = compile_model(ModelFiles("m.xml", (("m.xml", base64.b64encode(text.encode()).decode()),)))
     step = {"step": 0.002, "truth_step": 0.002, "fine_step": 0.0002}
     values = {"name": "m", "model": "m.xml", "physics": step, "sensors": ["_red__"]}
-    system = ModelSystem(check_definition(values, "m"), model)
+    system = ModelSystem(check_table(values, "m", Definition), model)
     assert Layout.from_json(system.state.to_json(), "state") == system.state
     assert Layout.from_json(system.control.to_json(), "control") == system.control
     assert [bone.name for bone in system.skeleton.bones] == ["_script_"]

@@ -14,7 +14,7 @@ import pytest
 from neuroanimator import NeuroAnimatorError, dataset_config, generate, read_diverged, read_transitions
 from neuroanimator.data.transitions import CONFIG_NAME
 from neuroanimator.errors import BadFileError
-from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.storage.files import read_tensors, write_tensors
 
 Tensors = dict[str, np.ndarray]
 

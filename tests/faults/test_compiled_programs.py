@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neuroanimator.codegen import build, compiler
-from neuroanimator.codegen.compiler import compiled_library, find_compiler
+from neuroanimator.compiler import build, compiler
+from neuroanimator.compiler.compiler import compiled_library, find_compiler
 from neuroanimator.control.physics import play
 from neuroanimator.systems import load_system
 from neuroanimator.terminal import warn_once
@@ -192,7 +192,7 @@ def test_arguments_of_the_compiler_are_heeded(home: Path, monkeypatch: pytest.Mo
 
 COMPILE = """
 import sys
-from neuroanimator.codegen import compiler
+from neuroanimator.compiler import compiler
 compiler.FLAGS = (("-O0",),)
 print(compiler.compiled_library("int it(void) { return 9; }").it())
 """

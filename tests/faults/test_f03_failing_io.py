@@ -17,7 +17,7 @@ from tally import Tally
 
 from neuroanimator import NeuroAnimatorError, dataset_config, generate
 from neuroanimator.errors import ResourceError
-from neuroanimator.files import append_line, write_whole
+from neuroanimator.storage.files import append_line, write_whole
 
 MOST_CALLS = 200
 

@@ -12,7 +12,7 @@ import pytest
 from processes import command, leftovers, run
 from tally import Tally
 
-from neuroanimator.files import locked
+from neuroanimator.storage.files import locked
 
 ARGUMENTS = ("generate", "pendulum", "--count", "6000", "--out")
 

@@ -14,7 +14,7 @@ import pytest
 from processes import leftovers, run, start, stopped_after
 from tally import Tally
 
-from neuroanimator.unfinished import is_running
+from neuroanimator.storage.unfinished import is_running
 
 LONGEST = 8.0
 """[s] An end may take on a busy machine: half a second until a compiled call is given up, the rest for the machine."""
@@ -102,7 +102,7 @@ def test_f17_what_swallows_ctrl_c_does_not_keep_it(program: str):
 
 IN_A_COMPILER = """
 from neuroanimator.cli import main
-from neuroanimator.codegen.compiler import compiled_library
+from neuroanimator.compiler.compiler import compiled_library
 main._run = lambda: compiled_library("int it(void) { return 0; }")
 main.main()
 """

@@ -11,8 +11,8 @@ from tally import Tally
 
 from neuroanimator import Emulator, find_emulator
 from neuroanimator.codegen.c_emulator import c_emulator
-from neuroanimator.codegen.compiler import find_compiler
-from neuroanimator.shipped import SHIPPED
+from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.zoo import SHIPPED
 
 BLOCK = 10_000
 MOST_GROWTH = 0.05

@@ -12,8 +12,8 @@ import pytest
 from tally import Tally
 
 from neuroanimator import NeuroAnimatorError, dataset_config, generate
-from neuroanimator.files import write_whole
-from neuroanimator.unfinished import LONGEST_WRITE, UNFINISHED, remove_stale, unfinished
+from neuroanimator.storage.files import write_whole
+from neuroanimator.storage.unfinished import LONGEST_WRITE, UNFINISHED, remove_stale, unfinished
 
 OWN = [
     "notes.tmp-1",
@@ -26,7 +26,7 @@ OWN = [
 DIES = """
 import os
 from pathlib import Path
-from neuroanimator.unfinished import unfinished
+from neuroanimator.storage.unfinished import unfinished
 with unfinished(Path("a.bin")) as path:
     path.write_bytes(b"half")
     os._exit(9)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import neuroanimator
-from neuroanimator.files import read_tensors, write_tensors
-from neuroanimator.shipped import shipped_path
+from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.zoo import shipped_path
 
 ASSETS = Path(str(neuroanimator.__file__)).parent / "systems" / "assets"
 CORPUS = Path(__file__).parent / "corpus"

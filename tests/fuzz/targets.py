@@ -18,10 +18,8 @@ from neuroanimator.data.transitions import DatasetConfig, claim_folder, read_con
 from neuroanimator.emulator.artifact import load
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.table import read_table
-from neuroanimator.files import read_tensors, write_tensors
-from neuroanimator.shipped import shipped_path
+from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems import load_system
-from neuroanimator.systems.definition import check_definition, read_toml
 from neuroanimator.systems.definition_text import TABLES
 from neuroanimator.systems.layout import Layout, Slice
 from neuroanimator.systems.model_file import ModelFiles, compile_model
@@ -30,6 +28,8 @@ from neuroanimator.systems.recording import cut_runs
 from neuroanimator.systems.recording_csv import read_csv
 from neuroanimator.systems.recording_npz import read_npz
 from neuroanimator.systems.system import System
+from neuroanimator.tables import check_table, read_toml
+from neuroanimator.zoo import shipped_path
 
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 
@@ -58,7 +58,7 @@ def toml(content: bytes) -> None:
     name = values.get("kind", "mujoco")
     if isinstance(name, str) and name in KINDS:
         kind = KINDS[name]
-        kind.make(check_definition(values, "a.toml", TABLES[name]), FILES, "")
+        kind.make(check_table(values, "a.toml", TABLES[name]), FILES, "")
 
 
 def definition(content: bytes) -> None:

@@ -43,8 +43,8 @@ def _evaluate(emulators: list[str], data: Path | None, system: Path | None, repo
         from neuroanimator.emulator.emulator import Emulator
         from neuroanimator.evaluation.evaluate import evaluate
         from neuroanimator.evaluation.report import write_report
-        from neuroanimator.shipped import find_emulator
         from neuroanimator.systems.own import trust_files
+        from neuroanimator.zoo import find_emulator
 
         if system:
             trust_files(system)

@@ -47,7 +47,7 @@ def _read(file: str) -> tuple[dict[str, Any], Rows]:
 
 def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
     from neuroanimator.emulator.artifact import load, read_metadata, tensors_of
-    from neuroanimator.shipped import find_emulator
+    from neuroanimator.zoo import find_emulator
 
     path = find_emulator(file)
     metadata, model = read_metadata(path), load(path)
@@ -69,8 +69,8 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
 def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
     from neuroanimator.control.policies.policy import COMMAND
     from neuroanimator.control.policies.policy_file import load_policy
-    from neuroanimator.files import read_tensors
-    from neuroanimator.shipped import find_policy
+    from neuroanimator.storage.files import read_tensors
+    from neuroanimator.zoo import find_policy
 
     path = find_policy(str(path))
     policy = load_policy(path)

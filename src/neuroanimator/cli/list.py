@@ -7,9 +7,9 @@ EXAMPLE = "neuroanimator list"
 
 def run() -> None:
     """List the systems and the ready-made emulators and policies."""
-    from neuroanimator.shipped import POLICIES, SHIPPED, shipped_path, shipped_policy
     from neuroanimator.systems import GOALS, SYSTEMS
     from neuroanimator.terminal import print_rows
+    from neuroanimator.zoo import POLICIES, SHIPPED, shipped_path, shipped_policy
 
     print("Systems")
     print_rows((f"  {name}", text) for name, text in SYSTEMS.items())

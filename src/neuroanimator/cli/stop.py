@@ -85,7 +85,7 @@ def _end_children() -> None:
 
 def _remove_leftovers() -> None:
     # Not imported for its own sake: if nobody has, there is nothing to remove.
-    module = sys.modules.get("neuroanimator.unfinished")
+    module = sys.modules.get("neuroanimator.storage.unfinished")
     remove = getattr(module, "remove_leftovers", None)
     if remove is not None:
         remove()

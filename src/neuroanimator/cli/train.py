@@ -34,7 +34,7 @@ def run(
         from neuroanimator.cli.numbers import whole_numbers
         from neuroanimator.data.transitions import read_transitions
         from neuroanimator.evaluation.evaluate import judge_training
-        from neuroanimator.systems.definition import read_toml
+        from neuroanimator.tables import read_toml
         from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
         from neuroanimator.training.train import Report, run_folder, train
 

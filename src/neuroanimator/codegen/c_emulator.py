@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.codegen.c_function import HEAD, c_function
-from neuroanimator.codegen.compiler import compiled_library, find_compiler
 from neuroanimator.codegen.program import UnsupportedError
+from neuroanimator.compiler.compiler import compiled_library, find_compiler
 from neuroanimator.emulator.emulator import Emulator, follow
 from neuroanimator.errors import NeuroAnimatorError
 

@@ -37,11 +37,12 @@ from neuroanimator.control.synthesise import LONGEST, Synthesis, synthesise
 from neuroanimator.control.terms import END, as_weight
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.systems.definition import Finite, GoalTable, Positive, Table, first_fault, read_toml
+from neuroanimator.parsing.names import SystemName
+from neuroanimator.systems.definition import GoalTable
 from neuroanimator.systems.model_system import ModelSystem
-from neuroanimator.systems.names import SystemName
 from neuroanimator.systems.parts import goals_of
 from neuroanimator.systems.system import Goal, System
+from neuroanimator.tables import Finite, Positive, Table, first_fault, read_toml
 
 USUAL_KNOTS = 12
 """Of a spline: enough for a few swings to and fro."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TextIO
 
 from neuroanimator.errors import ResourceError
-from neuroanimator.files import canonical_json
+from neuroanimator.storage.files import canonical_json
 from neuroanimator.terminal import progress_bar
 
 

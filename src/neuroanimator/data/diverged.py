@@ -13,7 +13,7 @@ import numpy as np
 from neuroanimator.data.shard_checks import Wanted, check_tensors
 from neuroanimator.data.transitions import RUN_STEPS, DatasetConfig, read_config
 from neuroanimator.errors import BadFileError
-from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems import load_system
 
 KIND = "diverged"

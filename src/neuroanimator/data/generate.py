@@ -15,11 +15,11 @@ from neuroanimator.data.recorded import cut_shard, write_held_out
 from neuroanimator.data.sampling import sample_control_runs, sample_starts, with_idle_runs
 from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files import locked, write_tensors
+from neuroanimator.storage.files import locked, write_tensors
+from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
-from neuroanimator.unfinished import remove_stale
 
 
 def generate(

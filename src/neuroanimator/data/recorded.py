@@ -19,7 +19,7 @@ from neuroanimator.data.transitions import (
     DatasetConfig,
     window_length,
 )
-from neuroanimator.files import write_tensors
+from neuroanimator.storage.files import write_tensors
 from neuroanimator.systems.recorded_system import RecordedSystem
 
 

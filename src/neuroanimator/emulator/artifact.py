@@ -17,13 +17,13 @@ from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.networks import NETWORKS, WIDEST_LAYER, make_network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files import read_tensors, write_tensors
-from neuroanimator.program_cache import keep_programs
+from neuroanimator.parsing.names import check_system_name
+from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers, whole
+from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.systems.definition_text import check_carried
 from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
-from neuroanimator.systems.names import check_system_name
-from neuroanimator.systems.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.systems.skeleton import HARDLY_OFF_UNIT, Skeleton
 from neuroanimator.systems.structure import segments_from_json, segments_to_json
 from neuroanimator.text import printable, quoted

@@ -19,11 +19,11 @@ from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError, DivergedError
-from neuroanimator.shipped import find_emulator, is_name
 from neuroanimator.systems.gait import Gait
 from neuroanimator.systems.layout import Bounds, Layout
 from neuroanimator.systems.rotation import Numbers
 from neuroanimator.systems.skeleton import Skeleton
+from neuroanimator.zoo import find_emulator, is_name
 
 UNROLL = 4
 """Super steps compiled into one loop body: 10 % faster than one; eight gain nothing more."""

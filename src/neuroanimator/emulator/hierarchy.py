@@ -19,9 +19,9 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from neuroanimator.emulator.features import reordered
 from neuroanimator.emulator.network import LinearGlu, Mirrored, Network
 from neuroanimator.errors import ArgumentError
+from neuroanimator.parsing.names import check_label
+from neuroanimator.parsing.numbers import entries, whole
 from neuroanimator.systems.layout import MOST_NUMBERS
-from neuroanimator.systems.names import check_label
-from neuroanimator.systems.numbers import entries, whole
 from neuroanimator.text import quoted
 
 Entries = tuple[int, ...]

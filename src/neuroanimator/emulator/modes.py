@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.emulator.principal import Basis, mixing, principal, reflection
+from neuroanimator.parsing.numbers import entries, listed, number, numbers, whole
 from neuroanimator.systems.cloud import Cloud, flat_of, points_of, seen_by, shown_by
 from neuroanimator.systems.layout import MOST_NUMBERS
-from neuroanimator.systems.numbers import entries, listed, number, numbers, whole
 from neuroanimator.systems.rotation import Numbers, cross
 from neuroanimator.systems.structure import LONGEST_RESPONSE, Mirror, Segment, Structure
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neuroanimator.codegen.compiler import compiled_library
+from neuroanimator.compiler.compiler import compiled_library
 from neuroanimator.systems.body import GRAVITY, Body
 
 PROGRAM = Path(__file__).with_name("mass_spring_plain.c")

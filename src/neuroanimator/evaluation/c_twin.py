@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuroanimator.codegen.compiler import compiled_library, find_compiler
+from neuroanimator.compiler.compiler import compiled_library, find_compiler
 from neuroanimator.evaluation.c_source import c_source
 from neuroanimator.systems.body import Body
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from neuroanimator.evaluation.evaluate import NO_OPPONENT, Evaluation
 from neuroanimator.evaluation.work_precision import EMULATOR, draw_work
-from neuroanimator.files import write_whole
+from neuroanimator.storage.files import write_whole
 from neuroanimator.text import printable
 
 SHOWN = 3

@@ -11,8 +11,8 @@ from neuroanimator.export.film import Film
 from neuroanimator.export.gltf import write_glb
 from neuroanimator.export.table import write_clip
 from neuroanimator.export.video import write_video
-from neuroanimator.shipped import find_emulator
 from neuroanimator.systems.skeleton import Skeleton
+from neuroanimator.zoo import find_emulator
 
 FORMATS = (".csv", ".glb", ".mp4")
 USUAL = Film()

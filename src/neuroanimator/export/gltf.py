@@ -21,7 +21,7 @@ from neuroanimator.export.glb import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer,
 from neuroanimator.export.material_gltf import colour_names, ghost_material, material, unique
 from neuroanimator.export.shapes import shape_mesh
 from neuroanimator.export.skin_gltf import skin_material, skin_object, skin_primitives
-from neuroanimator.files import write_whole
+from neuroanimator.storage.files import write_whole
 from neuroanimator.systems.skeleton import Bone, Skeleton
 
 Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]

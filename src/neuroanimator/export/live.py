@@ -17,7 +17,7 @@ import numpy as np
 from neuroanimator.emulator.emulator import Identity
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.export.video import HOW_TO_GET_GL, graphics_backend
-from neuroanimator.files import canonical_json
+from neuroanimator.storage.files import canonical_json
 
 HEADER_SIZE = 8
 """Bytes of the number that says how long the header is."""

@@ -19,8 +19,8 @@ from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.export.draw import NO_GRAPHICS
 from neuroanimator.export.film import USUAL_SIZE, checked_film
 from neuroanimator.export.reel import packed
+from neuroanimator.storage.unfinished import finish, unfinished
 from neuroanimator.terminal import Bar, progress_bar
-from neuroanimator.unfinished import finish, unfinished
 
 BACKENDS = ("egl", "osmesa")
 """Ways to draw without a screen, tried in this order."""

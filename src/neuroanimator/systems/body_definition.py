@@ -22,12 +22,13 @@ import numpy as np
 from pydantic import Field
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.parsing.names import PartName, SystemName
 from neuroanimator.systems.body import Body, Ground, Water
 from neuroanimator.systems.body_checks import check_faces, check_muscles, check_nodes, check_springs, listed
-from neuroanimator.systems.definition import Finite, GoalTable, Positive, Share, Step, Table
+from neuroanimator.systems.definition import GoalTable, Step
 from neuroanimator.systems.gait import Gait
-from neuroanimator.systems.names import PartName, SystemName
 from neuroanimator.systems.skin import SkinTable
+from neuroanimator.tables import Finite, Positive, Share, Table
 
 Integrator = Literal["symplectic", "semi-implicit", "rk4"]
 NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]

@@ -11,34 +11,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
-from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files import one_line, read_bounded
-from neuroanimator.parsing.toml_text import LARGEST_TOML, parse_toml
-from neuroanimator.systems.names import FileName, PartName, SystemName
-from neuroanimator.text import printable
+from neuroanimator.parsing.names import FileName, PartName, SystemName
+from neuroanimator.tables import Finite, Positive, Share, Table
 
 Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
 Look = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
-LONGEST_SHOWN = 80
-"""Characters of a key, or of what came, shown in an error."""
 SHORTEST_STEP = 1e-8
 """[s] Of physics: times closer than a tenth of it count as the same, see `system.TIME_RESOLUTION`."""
-Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 Step = Annotated[float, Field(ge=SHORTEST_STEP, le=0.1)]
 """Of physics [s]."""
-Share = Annotated[float, Field(ge=0, le=1)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
-class Table(BaseModel):
-    """A table of a definition: frozen, and a key it does not know is refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Physics(Table):
@@ -80,9 +65,9 @@ class Sampling(Table):
     """Least and largest height of a free root over its place at rest [m]."""
     tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
     """Standard deviation of a free root's tilt [rad]."""
-    position: dict[str, Annotated[float, Field(ge=0, le=1e4)]] = {}
+    position: dict[str, Annotated[float, Field(ge=0, le=1e4)]] = Field({})
     """Per hinge or slide: half the width of the uniform spread [rad or m]; a ball's standard deviation [rad]."""
-    speed: dict[str, tuple[Annotated[float, Field(ge=0, le=1e4)], ...]] = {}
+    speed: dict[str, tuple[Annotated[float, Field(ge=0, le=1e4)], ...]] = Field({})
     """Per joint: standard deviation of each of its speeds [rad/s or m/s]; a root's along its own axes."""
 
 
@@ -92,11 +77,11 @@ class GoalTable(Table):
     seconds: Annotated[float, Field(gt=0, le=60)] = 2.0
     site: str = ""
     """A site of the model where a free root should be, at rest and turned as the site is."""
-    reach: dict[str, tuple[Finite, ...]] = {}
+    reach: dict[str, tuple[Finite, ...]] = Field({})
     """Parts of the state and their wanted values."""
-    start: dict[str, tuple[Finite, ...]] = {}
+    start: dict[str, tuple[Finite, ...]] = Field({})
     """Parts of the state a motion to this goal starts with, if nothing else is said; others are as at rest."""
-    within: dict[str, Positive] = {}
+    within: dict[str, Positive] = Field({})
     """How far off each of these parts may be; 0.1 of its unit if not said."""
 
 
@@ -109,17 +94,17 @@ class Definition(Table):
     kind: Literal["mujoco"] = "mujoco"
     model: FileName
     physics: Physics
-    state: dict[str, Look] = {}
+    state: dict[str, Look] = Field({})
     """Per joint, how the network sees it."""
-    control: dict[str, tuple[Finite, Finite]] = {}
+    control: dict[str, tuple[Finite, Finite]] = Field({})
     """Per actuator, its least and largest value."""
     sensors: tuple[str, ...] = ()
     """Sensors that are emulated too."""
     frame: FrameTable = FrameTable()
-    groups: dict[PartName, tuple[str, ...]] = {}
+    groups: dict[PartName, tuple[str, ...]] = Field({})
     """Per limb or other part of the body its joints, no joint twice; of a hierarchy's networks."""
     sampling: Sampling = Sampling()
-    goals: dict[SystemName, GoalTable] = {}
+    goals: dict[SystemName, GoalTable] = Field({})
 
 
 class StatePart(Table):
@@ -175,7 +160,7 @@ class PythonDefinition(Table):
     state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
     control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
     sampling: StartSampling = StartSampling()
-    goals: dict[SystemName, GoalTable] = {}
+    goals: dict[SystemName, GoalTable] = Field({})
 
 
 class RecordedPhysics(Table):
@@ -195,27 +180,3 @@ class RecordedDefinition(Table):
     physics: RecordedPhysics
     state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
     control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
-
-
-def first_fault(error: ValidationError) -> str:
-    """Return pydantic's first complaint as one line naming the key."""
-    fault = error.errors()[0]
-    key = ".".join(str(part) for part in fault["loc"])
-    return f"{printable(key[:LONGEST_SHOWN])}: {fault['msg'].lower()}, came {str(fault['input'])[:LONGEST_SHOWN]!r}"
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Return what a TOML file holds, not yet checked."""
-    content = read_bounded(path, LARGEST_TOML)
-    try:
-        return parse_toml(content)
-    except ValueError as error:
-        raise BadFileError(f"{path} is not a readable TOML file: {one_line(error)}.") from error
-
-
-def check_definition(values: dict[str, Any], label: str, kind: type[BaseModel] = Definition) -> Any:
-    """Return the checked definition; ArgumentError names `label` and the key at fault."""
-    try:
-        return kind.model_validate(values)
-    except ValidationError as error:
-        raise ArgumentError(f"{label}: {first_fault(error)}.") from error

@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.parsing.names import check_file_name
+from neuroanimator.parsing.numbers import listed, whole
 from neuroanimator.systems.body_definition import BodyDefinition
-from neuroanimator.systems.definition import Definition, PythonDefinition, RecordedDefinition, check_definition
-from neuroanimator.systems.names import check_file_name
-from neuroanimator.systems.numbers import listed, whole
+from neuroanimator.systems.definition import Definition, PythonDefinition, RecordedDefinition
+from neuroanimator.tables import check_table
 from neuroanimator.text import quoted
 
 LARGEST_TEXT = 512 * 1024
@@ -67,7 +68,7 @@ def read_definition_text(text: str) -> Written:
     except (ValueError, KeyError, TypeError) as error:
         raise BadFileError(f"{DAMAGED}. Make the dataset or emulator again.") from error
     kind = kind_of(definition)
-    checked = check_definition(definition, "definition", TABLES[kind])
+    checked = check_table(definition, "definition", TABLES[kind])
     try:
         _check_files(kind, files)
     except (ValueError, KeyError, TypeError) as error:

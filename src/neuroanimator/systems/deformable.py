@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator.program_cache import keep_programs
+from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.systems.body import Body
 from neuroanimator.systems.body_checks import check_mirror, check_steps
 from neuroanimator.systems.body_definition import (

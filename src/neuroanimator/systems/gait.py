@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from neuroanimator.parsing.numbers import number, numbers
 from neuroanimator.systems.layout import Bounds
-from neuroanimator.systems.numbers import number, numbers
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1e6
 """[s] What a definition allows, and what a clock can be divided by."""

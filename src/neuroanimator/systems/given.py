@@ -12,7 +12,7 @@ import hashlib
 from pathlib import Path
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.files import read_bounded
+from neuroanimator.storage.files import read_bounded
 
 LARGEST_FILE = 512 * 2**20
 """Largest file taken [bytes]: recordings are read whole."""

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.names import check_label, refuse_twins
-from neuroanimator.systems.numbers import numbers, whole
+from neuroanimator.parsing.names import check_label, refuse_twins
+from neuroanimator.parsing.numbers import numbers, whole
 from neuroanimator.systems.units import STATE_UNITS
 from neuroanimator.text import quoted
 

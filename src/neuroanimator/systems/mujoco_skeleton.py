@@ -7,7 +7,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from neuroanimator.systems.names import model_name
+from neuroanimator.parsing.names import model_name
 from neuroanimator.systems.skeleton import Bone, Joint, Shape, Skeleton
 
 DRAWN_GROUPS = 3

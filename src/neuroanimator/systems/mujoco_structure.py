@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.parsing.names import model_name
 from neuroanimator.systems.definition import FrameTable
 from neuroanimator.systems.layout import Layout, Slice
 from neuroanimator.systems.mujoco_skeleton import JOINT_NAMES
-from neuroanimator.systems.names import model_name
 from neuroanimator.systems.structure import Segment, Structure
 from neuroanimator.text import quoted
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.files import canonical_json
+from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems.body_definition import BodyDefinition
-from neuroanimator.systems.definition import Definition, check_definition, read_toml
+from neuroanimator.systems.definition import Definition
 from neuroanimator.systems.definition_text import LARGEST_TEXT, TABLES, kind_of, read_definition_text
 from neuroanimator.systems.deformable import DeformableSystem
 from neuroanimator.systems.given import digest_of, trust_file
@@ -26,13 +26,14 @@ from neuroanimator.systems.python_system import PythonSystem
 from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.recording import read_recording
 from neuroanimator.systems.system import System
+from neuroanimator.tables import check_table, read_toml
 
 
 def packaged(name: str) -> System:
     """Return the system whose TOML, and MJCF if it has one, ship in the package under `name`."""
     with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
         values = read_toml(folder / f"{name}.toml")
-    definition = check_definition(values, f"{name}.toml", TABLES[kind_of(values)])
+    definition = check_table(values, f"{name}.toml", TABLES[kind_of(values)])
     if isinstance(definition, BodyDefinition):
         return DeformableSystem(definition)
     return ModelSystem(definition, load_model(definition.model))
@@ -127,7 +128,7 @@ def _read_definition(path: Path) -> tuple[Kind, Any]:
     """Return the kind of system a TOML file defines, and its checked definition."""
     values = read_toml(path)
     name = kind_of(values)
-    return KINDS[name], check_definition(values, path.name, TABLES[name])
+    return KINDS[name], check_table(values, path.name, TABLES[name])
 
 
 def _source(path: Path, kind: Kind, definition: Any) -> Path:

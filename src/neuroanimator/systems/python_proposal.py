@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.definition import PythonDefinition, check_definition
+from neuroanimator.systems.definition import PythonDefinition
 from neuroanimator.systems.given import digest_of
 from neuroanimator.systems.proposed import GOOD_ENOUGH, WHOLE_TURN, proposed_substeps
 from neuroanimator.systems.python_step import call_step, run_file
 from neuroanimator.systems.python_system import PythonSystem
 from neuroanimator.systems.system import Scheme
+from neuroanimator.tables import check_table
 
 FINE_PARTS = 10
 TEACHER_PARTS = (1, 2, 5, 10)
@@ -62,7 +63,7 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str]]:
 
 
 def _check(values: dict[str, Any], path: Path) -> PythonDefinition:
-    return check_definition(values, path.name, PythonDefinition)
+    return check_table(values, path.name, PythonDefinition)
 
 
 def _declared(path: Path, module: ModuleType) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from neuroanimator.parsing.numbers import LARGEST_NUMBER
 from neuroanimator.systems.definition import PythonDefinition
-from neuroanimator.systems.numbers import LARGEST_NUMBER
 from neuroanimator.systems.parts import goals_of, layout_of_control, layout_of_state, numbers_of, structure_of_parts
 from neuroanimator.systems.python_step import StepFunction, call_step, run_file
 from neuroanimator.systems.skeleton import Skeleton

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.definition import RecordedDefinition, check_definition
+from neuroanimator.systems.definition import RecordedDefinition
 from neuroanimator.systems.given import digest_of
 from neuroanimator.systems.proposed import proposed_substeps
 from neuroanimator.systems.recording import Recording, read_recording
 from neuroanimator.systems.units import rate_unit
+from neuroanimator.tables import check_table
 
 HALF_TURN = np.pi
 """[rad] An angle that covers more than this is seen by sine and cosine."""
@@ -36,7 +37,7 @@ def propose_recording(path: Path) -> tuple[RecordedDefinition, dict[str, str]]:
         "control": [_control_part(recording, entry, path) for entry in range(len(recording.control))],
     }
     notes = {"physics.step": f"the sampling interval [s]; {len(recording.states)} runs"}
-    return check_definition(values, path.name, RecordedDefinition), notes
+    return check_table(values, path.name, RecordedDefinition), notes
 
 
 def _state_part(recording: Recording, entry: int, rate: int | None) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.names import PART_PATTERN
+from neuroanimator.parsing.names import PART_PATTERN
 from neuroanimator.systems.units import known_unit
 from neuroanimator.text import quoted
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.files import one_line
 from neuroanimator.parsing.csv_text import csv_rows
+from neuroanimator.storage.files import one_line
 from neuroanimator.systems.recording_columns import (
     LARGEST_NUMBER,
     MOST_COLUMNS,

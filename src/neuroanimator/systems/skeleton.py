@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from neuroanimator.parsing.names import check_label
+from neuroanimator.parsing.numbers import number, numbers, whole
 from neuroanimator.systems.follow import Follow, follow_from_json, followed
-from neuroanimator.systems.names import check_label
-from neuroanimator.systems.numbers import number, numbers, whole
 from neuroanimator.systems.rotation import multiply, rotate
 from neuroanimator.systems.skin import Skin, skin_from_json, skin_to_json
 from neuroanimator.text import quoted

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+from neuroanimator.parsing.numbers import number, whole
 from neuroanimator.systems.cloud import Cloud
 from neuroanimator.systems.layout import MOST_NUMBERS
-from neuroanimator.systems.numbers import number, whole
 from neuroanimator.text import quoted
 
 Probe = tuple[float, float, float, float]

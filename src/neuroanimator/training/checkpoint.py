@@ -11,7 +11,7 @@ import optax
 from neuroanimator.emulator.artifact import tensors_of, with_tensors
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import BadFileError
-from neuroanimator.files import read_tensors, write_tensors
+from neuroanimator.storage.files import read_tensors, write_tensors
 
 NAME = "checkpoint.safetensors"
 

@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from neuroanimator.data.transitions import LONGEST_UNROLL
 from neuroanimator.emulator.networks import DEFAULT_WIDTHS, check_widths
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files import canonical_json
-from neuroanimator.systems.definition import first_fault
+from neuroanimator.storage.files import canonical_json
+from neuroanimator.tables import first_fault
 
 UPDATES_PER_CHUNK = 250
 """Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""

@@ -20,9 +20,10 @@ from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files import append_line, digest, locked, write_whole
 from neuroanimator.parsing.json_text import parse_json_object
-from neuroanimator.program_cache import keep_programs
+from neuroanimator.storage.files import append_line, digest, locked, write_whole
+from neuroanimator.storage.program_cache import keep_programs
+from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems.python_system import PythonSystem
 from neuroanimator.systems.recorded_system import RecordedSystem
 from neuroanimator.systems.structure import Structure
@@ -33,7 +34,6 @@ from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_c
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.loss import squared_error, unrolled_loss
 from neuroanimator.training.optimizer import make_optimizer
-from neuroanimator.unfinished import remove_stale
 
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""

@@ -21,10 +21,10 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.principal import mixing
-from neuroanimator.shipped import find_policy
 from neuroanimator.systems.layout import Bounds, Layout, Slice
 from neuroanimator.systems.rotation import Numbers
 from neuroanimator.systems.structure import Structure
+from neuroanimator.zoo import find_policy
 
 COMMAND = Layout((Slice("speed", 1, "m/s"), Slice("turn", 1, "rad"), Slice("climb", 1, "rad"), Slice("roll", 1, "rad")))
 """Forward speed; how far still to turn left, to pitch up and to roll over to the right, as seen from the body."""

@@ -20,9 +20,9 @@ from neuroanimator.emulator.artifact import (
 from neuroanimator.emulator.artifact import FORMAT as EMULATOR_FORMAT
 from neuroanimator.emulator.networks import WIDEST_LAYER
 from neuroanimator.errors import BadFileError
-from neuroanimator.files import digest, read_tensors, write_tensors
+from neuroanimator.parsing.numbers import listed, whole
+from neuroanimator.storage.files import digest, read_tensors, write_tensors
 from neuroanimator.systems.layout import Bounds
-from neuroanimator.systems.numbers import listed, whole
 
 FORMAT = 1
 """Raised whenever an older reader would misunderstand a file."""

@@ -24,11 +24,11 @@ from neuroanimator.emulator.artifact import tensors_of
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files import append_line, canonical_json, digest, locked
+from neuroanimator.storage.files import append_line, canonical_json, digest, locked
+from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems.layout import Bounds
 from neuroanimator.systems.system import System
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
-from neuroanimator.unfinished import remove_stale
 
 WIDEST_TURN = 1.5
 """[rad] Commands to turn further count as this: a quarter of a circle is turned as fast as the body can anyway."""

@@ -19,7 +19,7 @@ import safetensors.numpy
 
 from neuroanimator.errors import BadFileError, ResourceError
 from neuroanimator.parsing.json_text import parse_json_object
-from neuroanimator.unfinished import replace_whole
+from neuroanimator.storage.unfinished import replace_whole
 
 METADATA_KEY = "na"
 """The one metadata key; with two or more, safetensors' bytes differ from run to run."""

@@ -15,7 +15,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from neuroanimator.private_folder import kept_folder
+from neuroanimator.storage.private_folder import kept_folder
 
 SWITCH = "NEUROANIMATOR_CACHE"
 OFF = ("off", "0", "no", "false")

@@ -16,16 +16,16 @@ import shutil
 from functools import cache
 from pathlib import Path
 
-from neuroanimator.codegen.build import (
+from neuroanimator.compiler.build import (
     CompilerError,
     NoCompilerError,
     build_library,
     compiler_version,
     remove_abandoned_builds,
 )
-from neuroanimator.private_folder import private_folders
+from neuroanimator.storage.private_folder import private_folders
+from neuroanimator.storage.unfinished import replace_whole
 from neuroanimator.terminal import warn_once
-from neuroanimator.unfinished import replace_whole
 
 COMPILERS = ("cc", "gcc", "clang")
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from neuroanimator.unfinished import remove_at_exit
+from neuroanimator.storage.unfinished import remove_at_exit
 
 NAME = "neuroanimator"
 

@@ -1,0 +1,55 @@
+"""What every file in TOML is checked with: tables of known keys, numbers with limits, and errors that name the key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.parsing.toml_text import LARGEST_TOML, parse_toml
+from neuroanimator.storage.files import one_line, read_bounded
+from neuroanimator.text import printable
+
+LONGEST_SHOWN = 80
+"""Characters of a key, or of what came, shown in an error."""
+
+
+Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Table(BaseModel):
+    """A table of a definition: frozen, and a key it does not know is refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def first_fault(error: ValidationError) -> str:
+    """Return pydantic's first complaint as one line naming the key."""
+    fault = error.errors()[0]
+    key = ".".join(str(part) for part in fault["loc"])
+    return f"{printable(key[:LONGEST_SHOWN])}: {fault['msg'].lower()}, came {str(fault['input'])[:LONGEST_SHOWN]!r}"
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return what a TOML file holds, not yet checked."""
+    content = read_bounded(path, LARGEST_TOML)
+    try:
+        return parse_toml(content)
+    except ValueError as error:
+        raise BadFileError(f"{path} is not a readable TOML file: {one_line(error)}.") from error
+
+
+def check_table(values: dict[str, Any], label: str, table: type[BaseModel]) -> Any:
+    """Return the values as a checked `table`; ArgumentError names `label` and the key at fault."""
+    try:
+        return table.model_validate(values)
+    except ValidationError as error:
+        raise ArgumentError(f"{label}: {first_fault(error)}.") from error
