@@ -20,7 +20,7 @@ from neuroanimator.evaluation.blow_ups import count_blow_ups
 from neuroanimator.evaluation.long_run import measure_long_run
 from neuroanimator.evaluation.speed import TIMED_SUPER_STEPS, emulator_player, interleaved, one_core
 from neuroanimator.evaluation.swimming import compare_swims
-from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.training.config import training_config
 from neuroanimator.training.train import train
 

@@ -19,7 +19,6 @@ from deformable_emulators import accuracy_rows, deformable, hierarchy_rows, long
 
 from neuroanimator.bench import describe_machine, write_csv
 from neuroanimator.evaluation.accuracy import HeldOut, make_test
-from neuroanimator.evaluation.c_twin import INTEGRATORS, c_twin
 from neuroanimator.evaluation.speed import interleaved, one_core
 from neuroanimator.evaluation.speed_deformable import (
     BATCH_STEPS,
@@ -28,8 +27,9 @@ from neuroanimator.evaluation.speed_deformable import (
     random_bodies,
     twin_error,
 )
-from neuroanimator.systems.body import largest_step
-from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.systems.deformable.body import largest_step
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, c_twin
 from neuroanimator.systems.system import Scheme
 from neuroanimator.terminal import print_table
 

@@ -37,9 +37,9 @@ from neuroanimator.evaluation.speed import (
     physics_player,
 )
 from neuroanimator.gym import mjcf_of
-from neuroanimator.new import write_definition
-from neuroanimator.systems.mujoco import MujocoSystem
-from neuroanimator.systems.own import resolve
+from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.loading import resolve
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.terminal import print_table
 from neuroanimator.training.train import train
 

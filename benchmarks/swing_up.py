@@ -12,8 +12,8 @@ import numpy as np
 
 from neuroanimator import Emulator, descend, find_emulator, is_upright, load_system, replay, stand_upright
 from neuroanimator.bench import describe_machine, write_csv
-from neuroanimator.systems.layout import Bounds
-from neuroanimator.systems.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
+from neuroanimator.state.layout import Bounds
+from neuroanimator.systems.rigid.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
 from neuroanimator.terminal import print_table
 
 LIMITS = {"strong": MOTOR_TORQUE, "weak": WEAK_MOTOR_TORQUE}

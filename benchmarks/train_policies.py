@@ -15,7 +15,6 @@ import numpy as np
 
 from neuroanimator import Emulator, find_emulator, load_system
 from neuroanimator.bench import write_csv
-from neuroanimator.control.physics import play
 from neuroanimator.control.policies.behaviours import Tank, shoal
 from neuroanimator.control.policies.course import Course, command, forward, leftward, unit, upright
 from neuroanimator.control.policies.drive import drive, live
@@ -23,6 +22,7 @@ from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_training import train_policy
 from neuroanimator.control.tasks.animals import body_length
 from neuroanimator.data.sampling import sample_starts
+from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 from neuroanimator.zoo import POLICIES, find_policy, shipped_policy

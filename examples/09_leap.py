@@ -6,8 +6,8 @@ import numpy as np
 
 import neuroanimator as na
 from neuroanimator.control.parameters import Steered
-from neuroanimator.control.pose import read_heights
-from neuroanimator.systems.layout import Bounds
+from neuroanimator.state.layout import Bounds
+from neuroanimator.state.pose import read_heights
 
 DEPTH, SECONDS, TEMPO = 4.2, 4.2, 1.5  # [m] a run-up from so far under its rest, [s], times the gait's frequency
 TOP, ENTRY = 3.3, 3.85  # [s] when it is highest, and when it dives in again

@@ -9,7 +9,7 @@ import pytest
 from neuroanimator import load_policy, load_system
 from neuroanimator.control.policies.behaviours import Tank, ease, first, give_way, keep_apart, shoal
 from neuroanimator.control.policies.drive import live
-from neuroanimator.control.pose import Pose
+from neuroanimator.state.pose import Pose
 
 LENGTH = 0.26
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from neuroanimator.definitions.body import MOST_NODES, MOST_SPRINGS, BodyDefinition
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.body import largest_step
-from neuroanimator.systems.body_definition import MOST_NODES, MOST_SPRINGS, BodyDefinition, group_numbers
-from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.systems.deformable.body import largest_step
+from neuroanimator.systems.deformable.build import group_numbers
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.tables import check_table
 
 NODES = {

@@ -7,7 +7,7 @@ import pytest
 
 from neuroanimator import load_system
 from neuroanimator.compiler.compiler import find_compiler
-from neuroanimator.evaluation.c_plain import plain_player
+from neuroanimator.systems.deformable.native.reference_loop import plain_player
 
 
 @pytest.mark.parametrize("name", ["fish", "dolphin", "cube"])

@@ -10,13 +10,13 @@ import pytest
 
 from neuroanimator.compiler import compiler
 from neuroanimator.compiler.compiler import find_compiler
-from neuroanimator.evaluation import c_source as source
-from neuroanimator.evaluation.c_source import fill_in
-from neuroanimator.evaluation.c_twin import INTEGRATORS, LANES, c_twin
 from neuroanimator.systems import load_system
-from neuroanimator.systems.body import Body, Ground, Water
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.mass_spring import STEPPERS, Motion, trajectory
+from neuroanimator.systems.deformable.body import Body, Ground, Water
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.deformable.mass_spring import STEPPERS, Motion, trajectory
+from neuroanimator.systems.deformable.native import source as source
+from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, LANES, c_twin
+from neuroanimator.systems.deformable.native.source import fill_in
 
 STEPS = 100
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler: see the test of its absence")

@@ -31,7 +31,7 @@ from neuroanimator.control.synthesise import CORRECTING_ITERATIONS, synthesise_g
 from neuroanimator.control.wishes import effort, keep_speed, keyframes, reach_place, smoothness
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.demo import CORRECTIONS, SWEEPS
-from neuroanimator.systems.layout import Bounds
+from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.system import Goal
 
 REST = np.zeros(6)

@@ -20,7 +20,7 @@ from neuroanimator import (
 from neuroanimator.data.generate import make_shard, sample_picks
 from neuroanimator.data.sampling import sample_control_runs, sample_controls
 from neuroanimator.data.transitions import LARGEST_GAP, LONGEST_UNROLL, RUN_STEPS
-from neuroanimator.systems.layout import Bounds
+from neuroanimator.state.layout import Bounds
 
 
 def fingerprint(folder: Path) -> dict[str, str]:

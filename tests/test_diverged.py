@@ -11,7 +11,7 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import NeuroAnimatorError, dataset_config, generate, load_system, read_diverged, read_transitions
-from neuroanimator.systems.own import resolve
+from neuroanimator.systems.loading import resolve
 
 JELLY = """\
 name = "jelly"

@@ -22,10 +22,10 @@ from neuroanimator import (
 )
 from neuroanimator.animation.interpolate import continuous
 from neuroanimator.animation.motion import random_motion
+from neuroanimator.appearance.skeleton import SHAPE_KINDS, Shape
 from neuroanimator.export.shapes import shape_mesh
 from neuroanimator.export.video import graphics_backend
-from neuroanimator.systems.rotation import rotation_matrices
-from neuroanimator.systems.skeleton import SHAPE_KINDS, Shape
+from neuroanimator.state.rotation import rotation_matrices
 
 
 @pytest.fixture(scope="module")

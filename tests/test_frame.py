@@ -11,8 +11,8 @@ import pytest
 from neuroanimator import Emulator, dataset_config, load_system, training_config
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import sample_starts
-from neuroanimator.emulator.frame import Frame
-from neuroanimator.systems.rotation import (
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.rotation import (
     facing,
     heading_of,
     multiply,
@@ -22,7 +22,7 @@ from neuroanimator.systems.rotation import (
     turn_between,
     turned_by,
 )
-from neuroanimator.systems.structure import Segment
+from neuroanimator.state.structure import Segment
 from neuroanimator.systems.system import System
 from neuroanimator.training.build import build_emulator
 

@@ -12,7 +12,7 @@ from neuroanimator import Clip, load_system, write_glb
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.colour import linear_of
 from neuroanimator.export.material_gltf import GHOST_COLOUR, GHOST_OPACITY
-from neuroanimator.systems.rotation import rotation_matrices
+from neuroanimator.state.rotation import rotation_matrices
 
 
 def two_motions(name: str) -> tuple[Clip, Clip]:

@@ -10,8 +10,8 @@ import pytest
 from neuroanimator import Emulator, load_system, stand_upright
 from neuroanimator.control.gradient_trust import GradientTrust, difference_gradient, gradient_trust
 from neuroanimator.control.parameters import EachStep
-from neuroanimator.control.physics import play
 from neuroanimator.emulator.emulator import rollout
+from neuroanimator.systems.fastest import play
 
 STEPS = 10
 REST = np.zeros(6)

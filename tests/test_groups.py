@@ -12,8 +12,8 @@ from neuroanimator import Emulator, NeuroAnimatorError, load_system, training_co
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import Transitions, dataset_config
 from neuroanimator.emulator.hierarchy import Hierarchy, Part
-from neuroanimator.new import write_definition
-from neuroanimator.systems.own import resolve
+from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.loading import resolve
 from neuroanimator.training.build import build_emulator
 
 SWIMMER = """<mujoco><option timestep="0.005" integrator="RK4" gravity="0 0 0"/>

@@ -15,10 +15,10 @@ import pytest
 from jax import Array
 
 from neuroanimator import load_system
-from neuroanimator.emulator.frame import Frame
-from neuroanimator.systems.body import Body, Ground, Water, largest_step
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.mass_spring import (
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.systems.deformable.body import Body, Ground, Water, largest_step
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.deformable.mass_spring import (
     GRAVITY,
     STEPPERS,
     Motion,

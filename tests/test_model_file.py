@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.model_file import ModelFiles, compile_model, read_model_files
+from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model, read_model_files
 
 BODY = '<worldbody><body name="b"><joint name="j"/><geom size="1"/></body></worldbody>'
 INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'

@@ -17,16 +17,16 @@ import pytest
 from neuroanimator import Emulator, load_system, training_config
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import Transitions, dataset_config
-from neuroanimator.emulator.frame import Frame
+from neuroanimator.definitions.body import BodyDefinition
 from neuroanimator.emulator.hierarchy import Hierarchy, Part, check_parts
 from neuroanimator.emulator.modes import fit_modes
 from neuroanimator.emulator.principal import reflection
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.body_definition import BodyDefinition
-from neuroanimator.systems.cloud import flat_of, points_of, shown_by
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.own import resolve
-from neuroanimator.systems.rotation import rotate
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.reference_shape import flat_of, points_of, shown_by
+from neuroanimator.state.rotation import rotate
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.loading import resolve
 from neuroanimator.training.build import build_emulator
 from neuroanimator.training.train import train
 

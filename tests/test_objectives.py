@@ -34,10 +34,10 @@ from neuroanimator.control.wishes import (
     stay_within,
     travel,
 )
-from neuroanimator.emulator.frame import Frame
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.layout import Bounds
-from neuroanimator.systems.rotation import multiply, rotate
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.layout import Bounds
+from neuroanimator.state.rotation import multiply, rotate
 from neuroanimator.systems.system import System
 
 BODIES = ("fish", "truck")

@@ -12,9 +12,9 @@ import pytest
 from neuroanimator import Emulator, NeuroAnimatorError, dataset_config, evaluate, generate, load_system
 from neuroanimator.data.transitions import read_transitions
 from neuroanimator.evaluation.evaluate import Effort
-from neuroanimator.new import write_definition
-from neuroanimator.propose import propose
-from neuroanimator.systems.own import resolve
+from neuroanimator.scaffold.model import propose
+from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.loading import resolve
 
 CART = """<mujoco model="cart">
   <option timestep="0.01" integrator="RK4"/>

@@ -19,8 +19,8 @@ from neuroanimator import (
     training_config,
 )
 from neuroanimator.animation.motion import random_motion
-from neuroanimator.new import write_definition
-from neuroanimator.systems.own import resolve
+from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.loading import resolve
 
 TANK = """\
 import numpy as np

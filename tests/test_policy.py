@@ -16,15 +16,15 @@ from neuroanimator.control.policies.course import Course, command, dive, forward
 from neuroanimator.control.policies.drive import drive, live
 from neuroanimator.control.policies.policy import Policy, fresh_policy
 from neuroanimator.control.policies.policy_training import PolicyTraining, command_ranges, train_policy
-from neuroanimator.control.pose import Pose
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.emulator.principal import mixing, reflection
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.state.layout import Bounds
+from neuroanimator.state.pose import Pose
+from neuroanimator.state.reference_shape import flat_of, points_of, shown_by
+from neuroanimator.state.rotation import facing
 from neuroanimator.storage.files import read_tensors, write_tensors
-from neuroanimator.systems.cloud import flat_of, points_of, shown_by
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.layout import Bounds
-from neuroanimator.systems.rotation import facing
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.zoo import POLICIES, find_policy, shipped_policy
 
 SECONDS = 6.0

@@ -24,10 +24,10 @@ from neuroanimator import (
 )
 from neuroanimator.evaluation.evaluate import Effort
 from neuroanimator.evaluation.speed_python import function_schemes
-from neuroanimator.new import write_definition
+from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.storage.files import canonical_json
-from neuroanimator.systems.own import resolve, trust_files
-from neuroanimator.systems.python_system import PythonSystem
+from neuroanimator.systems.functions.function_system import PythonSystem
+from neuroanimator.systems.loading import resolve, trust_files
 
 FAST = Effort(runs=8, transitions=200, repeats=3, starts=20, steps=50)
 

@@ -9,7 +9,6 @@ from neuroanimator import Emulator, NeuroAnimatorError, is_upright, load_system,
 from neuroanimator.control.goals import reach_state
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.parameters import EachStep
-from neuroanimator.control.physics import play
 from neuroanimator.control.receding_horizon import (
     EmulatorPlant,
     PhysicsPlant,
@@ -18,7 +17,8 @@ from neuroanimator.control.receding_horizon import (
     drive,
     moved_on,
 )
-from neuroanimator.systems.layout import Bounds
+from neuroanimator.state.layout import Bounds
+from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import Goal
 
 STEPS, DT = 20, 0.05

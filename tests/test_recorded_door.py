@@ -25,9 +25,9 @@ from neuroanimator.data.stretches import cut_stretches
 from neuroanimator.data.transitions import window_length
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.evaluate import Effort
-from neuroanimator.new import write_definition
-from neuroanimator.systems.own import resolve
-from neuroanimator.systems.recorded_system import RecordedSystem
+from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.loading import resolve
+from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 
 HEADER = "run,time s,state.angle rad,state.speed rad/s,control.torque N·m"
 SUBSTEPS = 5

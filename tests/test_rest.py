@@ -9,7 +9,7 @@ import pytest
 from neuroanimator import Emulator, find_emulator, load_system
 from neuroanimator.data.sampling import sample_control_runs, with_idle_runs
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.layout import Bounds
+from neuroanimator.state.layout import Bounds
 
 SECONDS = 60.0
 STILL = 1e-3

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
-from neuroanimator.control.physics import play
-from neuroanimator.systems.body import Body, Ground, Water
-from neuroanimator.systems.cloud import shown_by
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.rotation import upward
+from neuroanimator.state.reference_shape import shown_by
+from neuroanimator.state.rotation import upward
+from neuroanimator.systems.deformable.body import Body, Ground, Water
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.fastest import play
 
 BODIES = ("dolphin", "fish")
 

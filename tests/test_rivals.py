@@ -13,7 +13,6 @@ from neuroanimator import Emulator, load_system, stand_upright
 from neuroanimator.control.goals import reach_state
 from neuroanimator.control.objective import Objective, objective_cost
 from neuroanimator.control.parameters import EachStep, Spline
-from neuroanimator.control.physics import play
 from neuroanimator.control.rivals.contest import BLOWN_UP, Pricing
 from neuroanimator.control.rivals.fast_physics import LANES, SimulatedPhysics, cheapest_scheme, fast_physics
 from neuroanimator.control.rivals.ilqr import linearised
@@ -21,6 +20,7 @@ from neuroanimator.control.rivals.race import RIVALS, Race, race
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.control.wishes import effort
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import Scheme, System
 
 DT = 0.05

@@ -13,16 +13,16 @@ import pytest
 from conftest import accessor, read_glb
 
 from neuroanimator import Clip, NeuroAnimatorError, load_system, write_glb
+from neuroanimator.appearance.loft import box_surface
+from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.appearance.skin import Box, Skin, Swimmer
+from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, posed, skin_mesh
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.camera import camera_way
 from neuroanimator.export.video import graphics_backend, write_video
-from neuroanimator.systems.body_skeleton import body_skeleton
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.rotation import rotate, rotation_matrices
-from neuroanimator.systems.skeleton import Skeleton
-from neuroanimator.systems.skin import Box, Skin, Swimmer
-from neuroanimator.systems.skin_mesh import SkinMesh, colours_of, posed, skin_mesh
-from neuroanimator.systems.surface import box_surface
+from neuroanimator.state.rotation import rotate, rotation_matrices
+from neuroanimator.systems.deformable.bones import body_skeleton
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 
 ANIMALS = ("fish", "dolphin")
 TURN = np.array([0.5, -0.5, 0.1, 0.7]) / np.linalg.norm([0.5, -0.5, 0.1, 0.7])

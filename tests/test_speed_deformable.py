@@ -10,7 +10,6 @@ import pytest
 from neuroanimator.compiler import compiler
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.evaluation.accuracy import HeldOut, make_test, scheme_error
-from neuroanimator.evaluation.c_twin import INTEGRATORS
 from neuroanimator.evaluation.evaluate import Evaluation
 from neuroanimator.evaluation.report import write_report
 from neuroanimator.evaluation.speed import Opponent, Speed
@@ -25,7 +24,8 @@ from neuroanimator.evaluation.speed_deformable import (
 )
 from neuroanimator.evaluation.work_precision import draw_work_precision
 from neuroanimator.systems import load_system
-from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.deformable.native.compiled import INTEGRATORS
 from neuroanimator.systems.system import Scheme
 
 has_compiler = find_compiler() is not None

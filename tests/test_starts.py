@@ -11,9 +11,9 @@ from conftest import Cli
 from neuroanimator import Emulator, find_emulator, load_system, read_pose
 from neuroanimator.animation.motion import named_start
 from neuroanimator.control.goals import find_goal, goal_start
+from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.definition import GoalTable
-from neuroanimator.systems.start import read_starts
+from neuroanimator.state.start import read_starts
 from neuroanimator.systems.system import Goal
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import NeuroAnimatorError, load_system
-from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import Scheme
 
 
@@ -83,7 +83,7 @@ def test_a_blow_up_is_detected_and_not_reset():
 
 
 def test_the_motors_can_hold_the_arm_level_and_weak_ones_cannot():
-    from neuroanimator.systems.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
+    from neuroanimator.systems.rigid.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
 
     system = pendulum()
     data = mujoco.MjData(system.model)

@@ -14,8 +14,8 @@ from neuroanimator.control.tasks.animals import (
     swimming_start,
     turned_upright,
 )
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.rotation import rotate
+from neuroanimator.state.rotation import rotate
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.system import System
 
 DT = 0.05

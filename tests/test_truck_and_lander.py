@@ -9,8 +9,8 @@ import pytest
 
 from neuroanimator import load_system
 from neuroanimator.control.goals import goal_state, is_reached
-from neuroanimator.emulator.frame import Frame
-from neuroanimator.systems.rotation import heading_of, upward
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.rotation import heading_of, upward
 from neuroanimator.systems.system import System
 from neuroanimator.training.batches import turned_windows
 

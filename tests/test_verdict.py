@@ -16,8 +16,8 @@ from neuroanimator.evaluation.accuracy import CONSTANT_VELOCITY, NO_CHANGE
 from neuroanimator.evaluation.evaluate import Effort, judge_training
 from neuroanimator.evaluation.report import write_report
 from neuroanimator.evaluation.verdict import judge
-from neuroanimator.new import write_definition
-from neuroanimator.systems.own import resolve
+from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.loading import resolve
 from neuroanimator.training.config import TrainingConfig
 
 FAST = Effort(runs=8, transitions=200, repeats=3, starts=20, steps=50)

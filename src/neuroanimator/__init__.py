@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from neuroanimator.control.obstacles import avoid
     from neuroanimator.control.policies.pilot import Pilot
     from neuroanimator.control.policies.policy import Policy, load_policy
-    from neuroanimator.control.pose import read_pose
     from neuroanimator.control.replay import replay
     from neuroanimator.control.synthesise import Synthesis, synthesise
     from neuroanimator.control.wishes import (
@@ -43,8 +42,9 @@ if TYPE_CHECKING:
     from neuroanimator.export.proof import write_proof
     from neuroanimator.export.table import read_clip, write_clip
     from neuroanimator.export.video import write_video
+    from neuroanimator.state.pose import read_pose
     from neuroanimator.systems import load_system
-    from neuroanimator.systems.own import trust_files
+    from neuroanimator.systems.loading import trust_files
     from neuroanimator.training.config import training_config
     from neuroanimator.training.train import train
     from neuroanimator.zoo import find_emulator
@@ -87,7 +87,7 @@ _HOMES = {
     "reach_state": "control.goals",
     "read_clip": "export.table",
     "read_diverged": "data.diverged",
-    "read_pose": "control.pose",
+    "read_pose": "state.pose",
     "read_transitions": "data.transitions",
     "replay": "control.replay",
     "smoothness": "control.wishes",
@@ -99,7 +99,7 @@ _HOMES = {
     "train": "training.train",
     "training_config": "training.config",
     "travel": "control.wishes",
-    "trust_files": "systems.own",
+    "trust_files": "systems.loading",
     "write_clip": "export.table",
     "write_glb": "export.gltf",
     "write_proof": "export.proof",

@@ -23,7 +23,7 @@ from neuroanimator.control_plot import Panel, draw_races
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems import load_system
-from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.terminal import progress_bar
 from neuroanimator.zoo import find_emulator
 

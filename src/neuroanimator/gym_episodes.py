@@ -10,10 +10,10 @@ from jaxtyping import Array, Float
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.policies.course import leftward, unit
 from neuroanimator.control.policies.policy import structure_of
-from neuroanimator.control.pose import read_pose
 from neuroanimator.control.tasks.task import Aim
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.state.pose import read_pose
 
 FARTHEST = 10.0
 """Observations are kept within ± this: body and goal are of order one, and no episode goes far beyond training."""

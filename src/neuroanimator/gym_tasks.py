@@ -23,7 +23,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.export.live import Camera, checked_render_mode
 from neuroanimator.gym_episodes import FARTHEST, Sight, observe, start_episodes, step_episodes
 from neuroanimator.systems import load_system
-from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.zoo import find_emulator
 
 TASKS = {task.name: task for task in (*RIGID_TASKS, *ANIMAL_TASKS)}

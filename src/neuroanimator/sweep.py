@@ -13,7 +13,7 @@ from neuroanimator.data.transitions import dataset_config, read_transitions
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, rollout_error, root_mean_square
 from neuroanimator.evaluation.speed import measure_emulator
-from neuroanimator.systems.own import resolve
+from neuroanimator.systems.loading import resolve
 from neuroanimator.training.config import training_config
 from neuroanimator.training.train import train
 

@@ -53,3 +53,11 @@ def check_table(values: dict[str, Any], label: str, table: type[BaseModel]) -> A
         return table.model_validate(values)
     except ValidationError as error:
         raise ArgumentError(f"{label}: {first_fault(error)}.") from error
+
+
+SHORTEST_STEP = 1e-8
+"""[s] Of physics: times closer than a tenth of it count as the same, see `system.TIME_RESOLUTION`."""
+
+
+Step = Annotated[float, Field(ge=SHORTEST_STEP, le=0.1)]
+"""Of physics [s]."""

@@ -32,9 +32,9 @@ from neuroanimator.data.transitions import DatasetConfig
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.evaluation.accuracy import system_of
 from neuroanimator.storage.files import canonical_json
-from neuroanimator.systems import carried_system, given
-from neuroanimator.systems.own import resolve, trust_files
-from neuroanimator.systems.recording import read_recording
+from neuroanimator.systems import carried_system
+from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.systems.recorded.recording import read_recording
 
 STEP = """
 STEP = 0.01
@@ -61,7 +61,7 @@ RECORDED = TOML.replace('"python"', '"recorded"').replace("trap.py", "trap.csv")
 @pytest.fixture
 def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder, also the current one, with a step file that leaves a mark, and its TOML file; nothing is trusted."""
-    monkeypatch.setattr(given, "_TRUSTED", {}, raising=False)
+    monkeypatch.setattr(trusted_files, "_TRUSTED", {}, raising=False)
     folder = tmp_path / "folder"
     (folder / "inner").mkdir(parents=True)
     (folder / "trap.py").write_text(BELL.format(mark=str(folder / "mark")) + STEP)
@@ -160,7 +160,7 @@ def test_what_changed_since_it_was_allowed_is_not_run(trap: Path):
 
 def test_a_lookup_allows_nothing(trap: Path):
     resolve("trap.toml")
-    assert given._TRUSTED == {}
+    assert trusted_files._TRUSTED == {}
 
 
 def test_a_definition_names_no_file_elsewhere(trap: Path):
@@ -188,7 +188,7 @@ def test_recordings_beside_a_strangers_emulator_are_not_opened(trap: Path):
         resolve("trap.toml")
     trust_files("trap.toml")
     text = resolve("trap.toml")[1]
-    given._TRUSTED.clear(), read_recording.cache_clear()  # as in another process
+    trusted_files._TRUSTED.clear(), read_recording.cache_clear()  # as in another process
     system = carried_system("trap", text)
     with pytest.raises(BadFileError, match="only if you say so"):
         dataset_config(system=system.name, definition=system.definition)
@@ -203,4 +203,4 @@ def test_a_toml_file_of_a_model_allows_nothing(trap: Path):
         'name = "trap"\nmodel = "trap.xml"\nphysics = { step = 0.002, truth_step = 0.002, fine_step = 0.0002 }\n'
     )
     trust_files("trap.toml")
-    assert given._TRUSTED == {}
+    assert trusted_files._TRUSTED == {}

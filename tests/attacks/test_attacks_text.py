@@ -19,15 +19,15 @@ from neuroanimator import Emulator, NeuroAnimatorError, find_emulator, read_clip
 from neuroanimator.animation.clip import Clip
 from neuroanimator.codegen.c_emulator import c_program
 from neuroanimator.control.policies.policy import Policy
+from neuroanimator.definitions.model import Definition
 from neuroanimator.emulator.artifact import describe
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.evaluate import Evaluation
 from neuroanimator.export.table import read_table, write_table
+from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.storage.files import canonical_json, read_tensors
-from neuroanimator.systems.definition import Definition
-from neuroanimator.systems.layout import Layout, Slice
-from neuroanimator.systems.model_file import ModelFiles, compile_model
-from neuroanimator.systems.model_system import ModelSystem
+from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model
+from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import print_rows, print_table, progress_bar
 from neuroanimator.zoo import SHIPPED, shipped_path

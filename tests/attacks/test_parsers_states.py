@@ -12,7 +12,7 @@ import pytest
 from neuroanimator import Emulator, load_system, reach_place
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.layout import Layout, Slice
+from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.systems.system import Scheme
 
 LAYOUT = Layout((Slice("angle", 2, "rad"), Slice("speed", 1, "rad/s")))

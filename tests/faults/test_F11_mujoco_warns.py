@@ -10,8 +10,8 @@ import numpy as np
 from conftest import Cli
 
 from neuroanimator import load_system
-from neuroanimator.systems.mujoco import MujocoSystem
-from neuroanimator.systems.mujoco_warnings import shortened, warning_line, warnings_counted, warnings_heard
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.rigid.warnings import shortened, warning_line, warnings_counted, warnings_heard
 
 STIFF = """\
 <mujoco model="stiff">

@@ -17,8 +17,8 @@ import pytest
 
 from neuroanimator.compiler import build, compiler
 from neuroanimator.compiler.compiler import compiled_library, find_compiler
-from neuroanimator.control.physics import play
 from neuroanimator.systems import load_system
+from neuroanimator.systems.fastest import play
 from neuroanimator.terminal import warn_once
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler: nothing is compiled")

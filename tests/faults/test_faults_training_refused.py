@@ -11,7 +11,7 @@ from neuroanimator import NeuroAnimatorError, load_system, train, training_confi
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.networks import WIDEST_LAYER, check_widths
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.layout import Layout, Slice
+from neuroanimator.state.layout import Layout, Slice
 
 
 def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(cli: Cli, tmp_path: Path):

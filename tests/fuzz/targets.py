@@ -15,18 +15,18 @@ import numpy as np
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.control.objective_file import read_objective
 from neuroanimator.data.transitions import DatasetConfig, claim_folder, read_config, read_transitions
+from neuroanimator.definitions.carried import TABLES
 from neuroanimator.emulator.artifact import load
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.table import read_table
+from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems import load_system
-from neuroanimator.systems.definition_text import TABLES
-from neuroanimator.systems.layout import Layout, Slice
-from neuroanimator.systems.model_file import ModelFiles, compile_model
-from neuroanimator.systems.own import KINDS, from_text
-from neuroanimator.systems.recording import cut_runs
-from neuroanimator.systems.recording_csv import read_csv
-from neuroanimator.systems.recording_npz import read_npz
+from neuroanimator.systems.loading import KINDS, from_text
+from neuroanimator.systems.recorded.csv_file import read_csv
+from neuroanimator.systems.recorded.npz_file import read_npz
+from neuroanimator.systems.recorded.recording import cut_runs
+from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model
 from neuroanimator.systems.system import System
 from neuroanimator.tables import check_table, read_toml
 from neuroanimator.zoo import shipped_path

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuroanimator.animation.interpolate import INTERPOLATIONS
+from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.skeleton import Skeleton
 
 FASTEST_RATE = 1000.0
 """Highest display rate accepted [1/s]; no display and no engine asks for more."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.rotation import multiply
+from neuroanimator.state.rotation import multiply
 
 Pairs = tuple[tuple[int, int], ...]
 

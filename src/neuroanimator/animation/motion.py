@@ -9,8 +9,8 @@ import numpy as np
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.rotation import multiply, rotate
-from neuroanimator.systems.start import quaternion_entries, start_state
+from neuroanimator.state.rotation import multiply, rotate
+from neuroanimator.state.start import quaternion_entries, start_state
 
 LONGEST = 3600.0
 """[s] Longest random motion; an hour."""

@@ -42,7 +42,7 @@ def run(
         from neuroanimator.animation.motion import controlled_motion, named_start, random_motion
         from neuroanimator.export.by_suffix import emulator_for, export_clip
         from neuroanimator.export.table import read_table
-        from neuroanimator.systems.start import read_starts
+        from neuroanimator.state.start import read_starts
 
         model = emulator_for(out, emulator)
     with phase("emulating"):

@@ -144,7 +144,7 @@ def _search_goal(
 ) -> _Search | str:
     from neuroanimator.control.goals import find_goal, goal_start
     from neuroanimator.control.synthesise import synthesise_goal
-    from neuroanimator.systems.start import read_starts
+    from neuroanimator.state.start import read_starts
 
     verdict = find_goal(system, goal)[1]
     start = system.start_at(read_starts(starts)) if starts else goal_start(system, goal)

@@ -43,7 +43,7 @@ def _evaluate(emulators: list[str], data: Path | None, system: Path | None, repo
         from neuroanimator.emulator.emulator import Emulator
         from neuroanimator.evaluation.evaluate import evaluate
         from neuroanimator.evaluation.report import write_report
-        from neuroanimator.systems.own import trust_files
+        from neuroanimator.systems.loading import trust_files
         from neuroanimator.zoo import find_emulator
 
         if system:
@@ -76,7 +76,7 @@ def _sweep(
     from neuroanimator.cli.numbers import whole_numbers
     from neuroanimator.errors import ArgumentError
     from neuroanimator.sweep import largest_within, sweep
-    from neuroanimator.systems.own import trust_files
+    from neuroanimator.systems.loading import trust_files
     from neuroanimator.terminal import print_table, progress_bar
 
     if len(systems) != 1:

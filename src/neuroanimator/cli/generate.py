@@ -31,7 +31,7 @@ def run(
     with phase("loading"):
         from neuroanimator.data.diverged import PATTERN
         from neuroanimator.data.transitions import dataset_config
-        from neuroanimator.systems.own import resolve, trust_files
+        from neuroanimator.systems.loading import resolve, trust_files
 
         if system.endswith(".toml"):
             trust_files(system)
@@ -72,7 +72,7 @@ def ensure_data(reference: str, emulator: Path) -> Path:
     from neuroanimator.data.transitions import dataset_config
     from neuroanimator.errors import BadFileError
     from neuroanimator.systems import SYSTEMS
-    from neuroanimator.systems.own import resolve, trust_files
+    from neuroanimator.systems.loading import resolve, trust_files
 
     if Path(reference).is_dir():
         return Path(reference)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from neuroanimator.systems.layout import Layout
+    from neuroanimator.state.layout import Layout
 
 EXAMPLE = "neuroanimator info pendulum-50"
 

@@ -50,7 +50,7 @@ def _run() -> None:
 
 def say_what_mujoco_warned_of() -> None:
     """Print one line on stderr if MuJoCo warned of anything; import nothing that was not needed so far."""
-    counted = sys.modules.get("neuroanimator.systems.mujoco_warnings")
+    counted = sys.modules.get("neuroanimator.systems.rigid.warnings")
     if counted is not None and (line := counted.warning_line()):
         print_line(f"neuroanimator: {line}", to_stderr=True)
 

@@ -25,7 +25,7 @@ def run(
     from neuroanimator.terminal import phase, print_rows
 
     with phase("loading"):
-        from neuroanimator.new import write_definition
+        from neuroanimator.scaffold.write_toml import write_definition
     with phase("checking the model"):
         path, proposal = write_definition(model, out, force=force)
     definition = proposal.definition

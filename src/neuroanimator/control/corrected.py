@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.frame import Frame
+from neuroanimator.state.body_frame import Frame
 
 
 def still_frame(emulator: Emulator) -> Frame:

@@ -22,7 +22,7 @@ from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.layout import Bounds
+from neuroanimator.state.layout import Bounds
 from neuroanimator.terminal import phase
 
 DEFAULT_METHOD = "gauss-newton"

@@ -10,9 +10,9 @@ import numpy as np
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.terms import END, ReachState
 from neuroanimator.control.wishes import effort
-from neuroanimator.emulator.frame import Frame
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.structure import Segment, Structure
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.structure import Segment, Structure
 from neuroanimator.systems.system import Goal, System
 
 Verdict = Callable[[np.ndarray], bool]

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.descend import controls_of, pose_problem
 from neuroanimator.control.objective import Objective, cost_and_slopes
 from neuroanimator.control.parameters import Parameters
-from neuroanimator.control.physics import play
 from neuroanimator.control.problem import Problem
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.systems.layout import Bounds
+from neuroanimator.state.layout import Bounds
+from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 

@@ -35,12 +35,12 @@ from neuroanimator.control.obstacles import avoid
 from neuroanimator.control.parameters import EachStep, Parameters, Periodic, Spline
 from neuroanimator.control.synthesise import LONGEST, Synthesis, synthesise
 from neuroanimator.control.terms import END, as_weight
+from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.names import SystemName
-from neuroanimator.systems.definition import GoalTable
-from neuroanimator.systems.model_system import ModelSystem
-from neuroanimator.systems.parts import goals_of
+from neuroanimator.systems.rigid.model_system import ModelSystem
+from neuroanimator.systems.state_parts import goals_of
 from neuroanimator.systems.system import Goal, System
 from neuroanimator.tables import Finite, Positive, Table, first_fault, read_toml
 

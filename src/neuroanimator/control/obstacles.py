@@ -12,14 +12,14 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective import Term
-from neuroanimator.control.pose import read_pose
 from neuroanimator.control.terms import as_weight
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.layout import as_numbers
-from neuroanimator.systems.rotation import Numbers
-from neuroanimator.systems.structure import Structure
+from neuroanimator.state.layout import as_numbers
+from neuroanimator.state.pose import read_pose
+from neuroanimator.state.rotation import Numbers
+from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import System
 
 

@@ -11,8 +11,8 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.gait import Gait
-from neuroanimator.systems.layout import Bounds
+from neuroanimator.state.gait import Gait
+from neuroanimator.state.layout import Bounds
 
 NEARLY_ALL = 0.999
 """Share of the bounds a first guess is brought within: z is infinite at the bounds."""

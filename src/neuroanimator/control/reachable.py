@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from neuroanimator.control.objective import Objective, Term
-from neuroanimator.control.pose import read_pose
 from neuroanimator.control.terms import KeepSpeed, KeepVelocity, ReachPlaces, ReachState
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.pose import read_pose
 
 ROOM = 1.2
 """Times the fastest speed in training that a goal may ask for: starts may be faster, and domains have soft ends."""

@@ -16,12 +16,12 @@ from neuroanimator.control.descend import DEFAULT_METHOD, advance, begin
 from neuroanimator.control.methods import METHODS
 from neuroanimator.control.objective import Objective, check_objective
 from neuroanimator.control.parameters import EachStep, Parameters
-from neuroanimator.control.physics import play
 from neuroanimator.control.problem import Problem
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
-from neuroanimator.systems.layout import Bounds
+from neuroanimator.state.layout import Bounds
+from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
 
 ITERATIONS = 2

@@ -12,7 +12,7 @@ from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import LONGEST_UNROLL, Transitions, dataset_config
 from neuroanimator.emulator.artifact import describe
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.frame import Frame
+from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
 from neuroanimator.training.config import training_config
 from neuroanimator.training.train import train

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from neuroanimator.control.objective import Objective, objective_cost
-from neuroanimator.control.physics import play
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 

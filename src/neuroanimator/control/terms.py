@@ -12,11 +12,11 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective import Term
-from neuroanimator.control.pose import Pose, read_heights, read_pose
 from neuroanimator.control.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
-from neuroanimator.emulator.frame import Frame
-from neuroanimator.systems.structure import Structure
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.pose import Pose, read_heights, read_pose
+from neuroanimator.state.structure import Structure
 
 END: tuple[float, ...] = ()
 """Times that stand for the end of the motion."""

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.pose import read_pose
 from neuroanimator.control.terms import (
     END,
     Effort,
@@ -28,8 +27,9 @@ from neuroanimator.control.terms import (
 )
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.layout import as_numbers
-from neuroanimator.systems.structure import Structure
+from neuroanimator.state.layout import as_numbers
+from neuroanimator.state.pose import read_pose
+from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import System
 
 

@@ -18,7 +18,7 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.storage.files import locked, write_tensors
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.recorded_system import RecordedSystem
+from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 
 

@@ -20,7 +20,7 @@ from neuroanimator.data.transitions import (
     window_length,
 )
 from neuroanimator.storage.files import write_tensors
-from neuroanimator.systems.recorded_system import RecordedSystem
+from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 
 
 def cut_shard(system: RecordedSystem, config: DatasetConfig, shard: int) -> dict[str, np.ndarray]:

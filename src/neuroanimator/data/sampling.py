@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from neuroanimator.systems.gait import Gait
-from neuroanimator.systems.layout import Bounds
+from neuroanimator.state.gait import Gait
+from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.system import System
 
 SMOOTH_SHARE, HELD_SHARE = 0.6, 0.25

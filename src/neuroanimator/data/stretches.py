@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.recorded_system import RecordedSystem
+from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 
 WANTED_STRETCHES = 40
 """Long runs are cut until there are about so many: training keeps whole stretches to validate on."""

@@ -19,13 +19,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from neuroanimator.data.shard_checks import Wanted, check_range, check_tensors, largest_size, refuse, whole_number
 from neuroanimator.data.stretches import cut_stretches
+from neuroanimator.definitions.carried import LARGEST_TEXT
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.parsing.names import SystemName
 from neuroanimator.storage.files import HEADER_LIMIT, canonical_json, one_line, read_bounded, read_tensors, write_whole
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.definition_text import LARGEST_TEXT
-from neuroanimator.systems.recorded_system import RecordedSystem
+from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 from neuroanimator.tables import first_fault
 

@@ -9,9 +9,10 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from neuroanimator.appearance.skeleton import HARDLY_OFF_UNIT, Skeleton
+from neuroanimator.definitions.carried import check_carried
 from neuroanimator.emulator.emulator import Domain, Emulator, Identity
 from neuroanimator.emulator.features import Features
-from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.hierarchy import parts_from_json, parts_to_json
 from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.networks import NETWORKS, WIDEST_LAYER, make_network
@@ -19,13 +20,12 @@ from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.names import check_system_name
 from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers, whole
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.gait import Gait
+from neuroanimator.state.layout import Bounds, Layout
+from neuroanimator.state.structure import segments_from_json, segments_to_json
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.storage.program_cache import keep_programs
-from neuroanimator.systems.definition_text import check_carried
-from neuroanimator.systems.gait import Gait
-from neuroanimator.systems.layout import Bounds, Layout
-from neuroanimator.systems.skeleton import HARDLY_OFF_UNIT, Skeleton
-from neuroanimator.systems.structure import segments_from_json, segments_to_json
 from neuroanimator.text import printable, quoted
 
 FORMAT = 4

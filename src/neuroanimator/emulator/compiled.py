@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.layout import Layout
+from neuroanimator.state.layout import Layout
 
 PROGRAMS = 256
 """Functions of structures that are kept compiled; each takes some megabytes."""

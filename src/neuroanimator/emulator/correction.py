@@ -15,9 +15,9 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.emulator import Emulator, follow
 from neuroanimator.emulator.modes import RIGID
-from neuroanimator.systems.body import Body, largest_step
-from neuroanimator.systems.cloud import flat_of, points_of
-from neuroanimator.systems.mass_spring import Motion, advance
+from neuroanimator.state.reference_shape import flat_of, points_of
+from neuroanimator.systems.deformable.body import Body, largest_step
+from neuroanimator.systems.deformable.mass_spring import Motion, advance
 
 Correction = Callable[[Float[Array, " I"]], Float[Array, " I"]]
 

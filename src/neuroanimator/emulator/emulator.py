@@ -11,18 +11,18 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
+from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.compiled import Step, call_compiled
 from neuroanimator.emulator.features import Features
-from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.errors import ArgumentError, DivergedError
-from neuroanimator.systems.gait import Gait
-from neuroanimator.systems.layout import Bounds, Layout
-from neuroanimator.systems.rotation import Numbers
-from neuroanimator.systems.skeleton import Skeleton
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.gait import Gait
+from neuroanimator.state.layout import Bounds, Layout
+from neuroanimator.state.rotation import Numbers
 from neuroanimator.zoo import find_emulator, is_name
 
 UNROLL = 4

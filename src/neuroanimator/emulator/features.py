@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.systems.rotation import Numbers
-from neuroanimator.systems.structure import Structure
+from neuroanimator.state.rotation import Numbers
+from neuroanimator.state.structure import Structure
 
 
 class Features(eqx.Module):

@@ -9,7 +9,7 @@ import numpy as np
 from neuroanimator.emulator.modes import Modes, modes_along, seen_in_frame
 from neuroanimator.emulator.principal import Basis, principal, reflection
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.structure import Structure
+from neuroanimator.state.structure import Structure
 
 
 class Owner(NamedTuple):

@@ -21,7 +21,7 @@ from neuroanimator.emulator.network import LinearGlu, Mirrored, Network
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import check_label
 from neuroanimator.parsing.numbers import entries, whole
-from neuroanimator.systems.layout import MOST_NUMBERS
+from neuroanimator.state.layout import MOST_NUMBERS
 from neuroanimator.text import quoted
 
 Entries = tuple[int, ...]

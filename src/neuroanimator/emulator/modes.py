@@ -16,10 +16,10 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.principal import Basis, mixing, principal, reflection
 from neuroanimator.parsing.numbers import entries, listed, number, numbers, whole
-from neuroanimator.systems.cloud import Cloud, flat_of, points_of, seen_by, shown_by
-from neuroanimator.systems.layout import MOST_NUMBERS
-from neuroanimator.systems.rotation import Numbers, cross
-from neuroanimator.systems.structure import LONGEST_RESPONSE, Mirror, Segment, Structure
+from neuroanimator.state.layout import MOST_NUMBERS
+from neuroanimator.state.reference_shape import Cloud, flat_of, points_of, seen_by, shown_by
+from neuroanimator.state.rotation import Numbers, cross
+from neuroanimator.state.structure import LONGEST_RESPONSE, Mirror, Segment, Structure
 
 RIGID = 13
 """Numbers of the frame: place, quaternion, velocity, spin."""

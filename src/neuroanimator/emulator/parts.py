@@ -7,13 +7,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from neuroanimator.emulator.features import Features
-from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.grouped_modes import GroupedModes
 from neuroanimator.emulator.hierarchy import Part
 from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.principal import mixing
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.structure import Group, Structure
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.structure import Group, Structure
 
 RIGID_CHANGES = 12
 """Numbers of a body's change that are its frame's: place, turn, velocity, spin."""

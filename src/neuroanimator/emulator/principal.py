@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neuroanimator.systems.structure import Mirror
+from neuroanimator.state.structure import Mirror
 
 LEFT_OUT = 0.04
 """Share of the variation (rms) that modes leave out if their number is not given: about a good emulator's error."""

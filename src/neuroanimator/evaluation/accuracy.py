@@ -12,9 +12,9 @@ import numpy as np
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.transitions import RUN_STEPS, Transitions
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.normaliser import SMALLEST_CHANGE
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import Runs, Scheme, System
 

@@ -11,8 +11,8 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import SMALLEST_CHANGE
 from neuroanimator.evaluation.accuracy import system_of
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 BLOCK = 500
 """Super steps rolled out at once."""

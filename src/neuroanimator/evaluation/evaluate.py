@@ -27,7 +27,7 @@ from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, mea
 from neuroanimator.evaluation.speed_deformable import JAX, NO_COMPILER
 from neuroanimator.evaluation.speed_python import PYTHON_FUNCTION
 from neuroanimator.evaluation.verdict import Verdict, judge
-from neuroanimator.systems.recorded_system import RecordedSystem
+from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.terminal import phase
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import validation_mask

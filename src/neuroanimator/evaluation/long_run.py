@@ -13,9 +13,9 @@ import numpy as np
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.correction import Correction, follow_corrected
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.systems.cloud import points_of
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.mass_spring import Motion, inner_energy, strains
+from neuroanimator.state.reference_shape import points_of
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.deformable.mass_spring import Motion, inner_energy, strains
 
 BLOCK = 500
 """Super steps rolled out at once."""

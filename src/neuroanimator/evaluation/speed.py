@@ -33,10 +33,10 @@ from neuroanimator.evaluation.speed_python import (
     function_player,
     function_schemes,
 )
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.mujoco import MujocoSystem
-from neuroanimator.systems.mujoco_warnings import warnings_counted
-from neuroanimator.systems.python_system import FUNCTION, PythonSystem
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.functions.function_system import FUNCTION, PythonSystem
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme
 
 PHYSICS_STEPS = 20_000

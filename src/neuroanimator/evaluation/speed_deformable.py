@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.evaluation.accuracy import HeldOut, runs_error, scheme_error
-from neuroanimator.evaluation.c_plain import plain_player
-from neuroanimator.evaluation.c_twin import INTEGRATORS, LANES, c_twin
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.mass_spring import Motion, advance
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.deformable.mass_spring import Motion, advance
+from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, LANES, c_twin
+from neuroanimator.systems.deformable.native.reference_loop import plain_player
 from neuroanimator.systems.system import Runs, Scheme
 
 C_TWIN, JAX = "C twin", "JAX"

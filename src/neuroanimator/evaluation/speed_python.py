@@ -8,8 +8,8 @@ import numpy as np
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.accuracy import HeldOut, scheme_error
-from neuroanimator.systems.python_step import call_step
-from neuroanimator.systems.python_system import FUNCTION, PythonSystem
+from neuroanimator.systems.functions.function_system import FUNCTION, PythonSystem
+from neuroanimator.systems.functions.step_file import call_step
 from neuroanimator.systems.system import Scheme
 
 PYTHON_FUNCTION = "Python function"

@@ -8,7 +8,7 @@ import numpy as np
 
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, roo
 from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, evaluate
 from neuroanimator.evaluation.speed import IN_C, IN_JAX, PHYSICS_STEPS, compiled, interleaved, one_core, program_in_c
 from neuroanimator.evaluation.speed_deformable import BATCH_STEPS, c_batch_players
-from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 from neuroanimator.training.recipe import RECIPES
 

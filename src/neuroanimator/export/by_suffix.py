@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from neuroanimator.animation.clip import Clip
+from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film import Film
 from neuroanimator.export.gltf import write_glb
 from neuroanimator.export.table import write_clip
 from neuroanimator.export.video import write_video
-from neuroanimator.systems.skeleton import Skeleton
 from neuroanimator.zoo import find_emulator
 
 FORMATS = (".csv", ".glb", ".mp4")

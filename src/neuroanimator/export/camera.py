@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from neuroanimator.animation.clip import Clip
+from neuroanimator.appearance.skeleton import Shape
+from neuroanimator.appearance.skin_mesh import skin_mesh
 from neuroanimator.export.film import Film
-from neuroanimator.systems.rotation import heading_of, rotate, rotation_matrices
-from neuroanimator.systems.skeleton import Shape
-from neuroanimator.systems.skin_mesh import skin_mesh
+from neuroanimator.state.rotation import heading_of, rotate, rotation_matrices
 
 FIELD = 40.0
 """[deg] Angle of view from top to bottom: that of a 50 mm lens."""

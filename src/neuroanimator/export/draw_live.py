@@ -11,13 +11,13 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
+from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.appearance.skin_mesh import skin_mesh
 from neuroanimator.export.live import HEADER_SIZE
 from neuroanimator.export.stage import add_bone, add_skin
 from neuroanimator.systems import load_system
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.mujoco import MujocoSystem
-from neuroanimator.systems.skeleton import Skeleton
-from neuroanimator.systems.skin_mesh import skin_mesh
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 
 FOLLOWING = 0.5

@@ -16,13 +16,13 @@ import numpy as np
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import continuous
+from neuroanimator.appearance.skeleton import Bone, Skeleton
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.glb import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, container
 from neuroanimator.export.material_gltf import colour_names, ghost_material, material, unique
 from neuroanimator.export.shapes import shape_mesh
 from neuroanimator.export.skin_gltf import skin_material, skin_object, skin_primitives
 from neuroanimator.storage.files import write_whole
-from neuroanimator.systems.skeleton import Bone, Skeleton
 
 Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 """xyzw: a quarter turn about x that takes Z up to Y up."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from neuroanimator.appearance.skeleton import Shape, Skeleton
 from neuroanimator.export.colour import linear_of
-from neuroanimator.systems.skeleton import Shape, Skeleton
 
 GHOST_COLOUR = (0.95, 0.1, 0.7)
 """sRGB: a magenta that no body has."""

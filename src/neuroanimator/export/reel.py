@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.animation.clip import Clip
+from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.export.film import Film, checked_film
-from neuroanimator.systems.skeleton import Skeleton
 
 
 def packed(clips: Sequence[Clip], film: Film) -> bytes:

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from neuroanimator.appearance.skeleton import Shape
 from neuroanimator.export.glb import float32
-from neuroanimator.systems.rotation import rotate
-from neuroanimator.systems.skeleton import Shape
+from neuroanimator.state.rotation import rotate
 
 AROUND, ALONG = 20, 12
 """Points around the axis and from pole to pole: smooth at arm's length, 240 points a capsule."""

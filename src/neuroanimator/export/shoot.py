@@ -16,8 +16,8 @@ from neuroanimator.export.film import Film
 from neuroanimator.export.reel import unpacked
 from neuroanimator.export.stage import Setting, Stage
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.deformable import DeformableSystem
-from neuroanimator.systems.mujoco import MujocoSystem
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 SAMPLES = 8
 """Points a pixel is sampled at; OpenGL gives as many as it has, software 4."""

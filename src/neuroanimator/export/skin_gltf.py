@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.appearance.skin import Box
+from neuroanimator.appearance.skin_mesh import BACK, EYE, FIN, colours_of, skin_mesh
 from neuroanimator.export.colour import linear_of
 from neuroanimator.export.glb import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, float32
 from neuroanimator.export.material_gltf import material
-from neuroanimator.systems.rotation import rotation_matrices
-from neuroanimator.systems.skeleton import Skeleton
-from neuroanimator.systems.skin import Box
-from neuroanimator.systems.skin_mesh import BACK, EYE, FIN, colours_of, skin_mesh
+from neuroanimator.state.rotation import rotation_matrices
 
 PARTS = ("body", "fin", "eye")
 """Of a swimmer, by shade; a box is all body."""

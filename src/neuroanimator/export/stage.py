@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from neuroanimator.animation.clip import Clip
+from neuroanimator.appearance.skeleton import Bone, Skeleton
+from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, skin_mesh
 from neuroanimator.export.camera import FIELD, Shots, room_of, shots_of
 from neuroanimator.export.film import Film
-from neuroanimator.systems.skeleton import Bone, Skeleton
-from neuroanimator.systems.skin_mesh import SkinMesh, colours_of, skin_mesh
 
 DEPTH = 0.45
 """Of the seabed under the deepest point of the motion, over the body's size."""

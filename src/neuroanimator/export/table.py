@@ -13,9 +13,9 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.csv_text import csv_rows
+from neuroanimator.state.layout import Layout
 from neuroanimator.storage.files import one_line, read_bounded, write_whole
-from neuroanimator.systems.layout import Layout
-from neuroanimator.systems.recording_columns import LARGEST_NUMBER
+from neuroanimator.systems.recorded.columns import LARGEST_NUMBER
 from neuroanimator.text import quoted, table_cell
 
 LARGEST_TABLE = 256 * 2**20

@@ -33,10 +33,10 @@ def load_system(name: str, definition: str = "") -> System:
     """
     if definition or not name.endswith(".toml"):
         return carried_system(name, definition)
-    from neuroanimator.systems import own
+    from neuroanimator.systems import loading
 
-    own.trust_files(name)
-    return own.from_text(own.resolve(name)[1])
+    loading.trust_files(name)
+    return loading.from_text(loading.resolve(name)[1])
 
 
 def carried_system(name: str, definition: str = "") -> System:
@@ -44,14 +44,15 @@ def carried_system(name: str, definition: str = "") -> System:
 
     Whatever the file says, no path is looked up, no code is run and no recording opened.
     """
-    from neuroanimator.systems import own, pendulum
+    from neuroanimator.systems import loading
+    from neuroanimator.systems.rigid import pendulum
 
     if definition:
-        system = own.from_text(definition)
+        system = loading.from_text(definition)
         if system.name != name:
             raise BadFileError(f"The definition is of the system {quoted(system.name)}, not of {quoted(name)}.")
         return system
     if name not in SYSTEMS:
         raise ArgumentError(f"No system called {quoted(name)}. Systems: {', '.join(sorted(SYSTEMS))}.")
     pendulums = {"pendulum": pendulum.active_pendulum, "pendulum-passive": pendulum.passive_pendulum}
-    return pendulums[name]() if name in pendulums else own.packaged(name)
+    return pendulums[name]() if name in pendulums else loading.packaged(name)

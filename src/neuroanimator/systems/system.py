@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.gait import Gait
-from neuroanimator.systems.layout import Bounds, Layout
-from neuroanimator.systems.skeleton import Skeleton
-from neuroanimator.systems.start import quaternion_entries, start_state
-from neuroanimator.systems.structure import Structure
+from neuroanimator.state.gait import Gait
+from neuroanimator.state.layout import Bounds, Layout
+from neuroanimator.state.start import quaternion_entries, start_state
+from neuroanimator.state.structure import Structure
 
 if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulator does not need it
-    from neuroanimator.systems.definition import GoalTable
+    from neuroanimator.definitions.goal import GoalTable
 
 TIME_RESOLUTION = 1e-9
 """Times closer than this are the same time [s]; two steps never differ by so little."""

@@ -9,9 +9,9 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.frame import Frame
-from neuroanimator.systems.rotation import conjugate, facing, multiply, rotate
-from neuroanimator.systems.structure import Structure
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.rotation import conjugate, facing, multiply, rotate
+from neuroanimator.state.structure import Structure
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 
 RARE = 0.1

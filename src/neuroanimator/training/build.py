@@ -12,7 +12,6 @@ import numpy as np
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import Domain, Emulator, Identity
 from neuroanimator.emulator.features import Features
-from neuroanimator.emulator.frame import Frame
 from neuroanimator.emulator.grouped_modes import GroupedModes, fit_grouped_modes
 from neuroanimator.emulator.hierarchy import Part
 from neuroanimator.emulator.modes import Modes, fit_modes
@@ -21,6 +20,7 @@ from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.normaliser import SMALLEST_CHANGE, Normaliser
 from neuroanimator.emulator.parts import parts_of_body, parts_of_joints
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
 from neuroanimator.training.config import TrainingConfig
 

@@ -10,7 +10,7 @@ from typing import Literal
 from neuroanimator.data.generate import generate
 from neuroanimator.data.transitions import DatasetConfig, dataset_config, read_transitions
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.systems.own import USUAL_SUBSTEPS
+from neuroanimator.systems.loading import USUAL_SUBSTEPS
 from neuroanimator.training.config import TrainingConfig, training_config
 from neuroanimator.training.train import Report, train
 from neuroanimator.zoo import shipped_path

@@ -21,12 +21,12 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.state.structure import Structure
 from neuroanimator.storage.files import append_line, digest, locked, write_whole
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.storage.unfinished import remove_stale
-from neuroanimator.systems.python_system import PythonSystem
-from neuroanimator.systems.recorded_system import RecordedSystem
-from neuroanimator.systems.structure import Structure
+from neuroanimator.systems.functions.function_system import PythonSystem
+from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 from neuroanimator.training.batches import draw_batches, folded, rare_rows
 from neuroanimator.training.build import build_emulator

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.policies.course import Course, leftward, unit, upright
-from neuroanimator.control.pose import Pose
+from neuroanimator.state.pose import Pose
 
 WANDERING = ((0.37, 1.0), (0.83, 0.5))
 """[rad/s] and height of the slow waves that make up a stroll."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from neuroanimator.control.pose import Pose
-from neuroanimator.systems.rotation import Numbers, cross
+from neuroanimator.state.pose import Pose
+from neuroanimator.state.rotation import Numbers, cross
 
 NEARLY_NOTHING = 1e-6
 """Added under roots and to lengths, so that slopes stay finite."""

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.control.physics import play
 from neuroanimator.control.policies.behaviours import Behaviour
 from neuroanimator.control.policies.course import Course, command
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import Runs, System
 
 

@@ -16,11 +16,11 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import interpolate_hermite
 from neuroanimator.control.policies.course import Course, command
 from neuroanimator.control.policies.policy import Policy, load_policy
-from neuroanimator.control.pose import Pose, read_pose
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.rotation import Numbers
-from neuroanimator.systems.structure import Structure
+from neuroanimator.state.pose import Pose, read_pose
+from neuroanimator.state.rotation import Numbers
+from neuroanimator.state.structure import Structure
 
 LEASH = 1.2
 """[rad] The wished heading never leads the body's by more: what it cannot follow is not saved up for later."""

@@ -16,14 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.control.pose import Pose, read_pose
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.principal import mixing
-from neuroanimator.systems.layout import Bounds, Layout, Slice
-from neuroanimator.systems.rotation import Numbers
-from neuroanimator.systems.structure import Structure
+from neuroanimator.state.layout import Bounds, Layout, Slice
+from neuroanimator.state.pose import Pose, read_pose
+from neuroanimator.state.rotation import Numbers
+from neuroanimator.state.structure import Structure
 from neuroanimator.zoo import find_policy
 
 COMMAND = Layout((Slice("speed", 1, "m/s"), Slice("turn", 1, "rad"), Slice("climb", 1, "rad"), Slice("roll", 1, "rad")))

@@ -21,8 +21,8 @@ from neuroanimator.emulator.artifact import FORMAT as EMULATOR_FORMAT
 from neuroanimator.emulator.networks import WIDEST_LAYER
 from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.numbers import listed, whole
+from neuroanimator.state.layout import Bounds
 from neuroanimator.storage.files import digest, read_tensors, write_tensors
-from neuroanimator.systems.layout import Bounds
 
 FORMAT = 1
 """Raised whenever an older reader would misunderstand a file."""

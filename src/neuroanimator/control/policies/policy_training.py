@@ -24,9 +24,9 @@ from neuroanimator.emulator.artifact import tensors_of
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.network import Network
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.layout import Bounds
 from neuroanimator.storage.files import append_line, canonical_json, digest, locked
 from neuroanimator.storage.unfinished import remove_stale
-from neuroanimator.systems.layout import Bounds
 from neuroanimator.systems.system import System
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
 

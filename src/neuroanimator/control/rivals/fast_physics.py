@@ -16,14 +16,14 @@ import numpy as np
 from jaxtyping import Array
 from mujoco import rollout
 
-from neuroanimator.control.physics import play
 from neuroanimator.data.sampling import sample_controls
-from neuroanimator.evaluation.c_twin import LANES, CTwin, c_twin
-from neuroanimator.systems.body import Body
-from neuroanimator.systems.deformable import WILDEST_STRAIN, DeformableSystem
-from neuroanimator.systems.mass_spring import strains
-from neuroanimator.systems.mujoco import MujocoSystem
-from neuroanimator.systems.mujoco_warnings import warnings_counted
+from neuroanimator.systems.deformable.body import Body
+from neuroanimator.systems.deformable.deformable_system import WILDEST_STRAIN, DeformableSystem
+from neuroanimator.systems.deformable.mass_spring import strains
+from neuroanimator.systems.deformable.native.compiled import LANES, CTwin, c_twin
+from neuroanimator.systems.fastest import play
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
 
 TRIED_STEPS = 10

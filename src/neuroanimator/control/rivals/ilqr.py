@@ -9,8 +9,8 @@ from neuroanimator.control.methods import DAMPINGS, FIRST_DAMPING, LEAST_DAMPING
 from neuroanimator.control.rivals.contest import Contest, Pricing
 from neuroanimator.control.rivals.fast_physics import MujocoPhysics, cores, threads
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.mujoco import MujocoSystem
-from neuroanimator.systems.mujoco_warnings import warnings_counted
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
 
 DIFFERENCE = 1e-5

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.control.objective import Objective
-from neuroanimator.control.physics import play
-from neuroanimator.control.pose import Pose, read_pose
 from neuroanimator.control.tasks.task import FREE, Aim, Task, Trial
 from neuroanimator.control.wishes import effort, reach_heading, reach_place, smoothness, stay_upright, travel
 from neuroanimator.data.sampling import sample_starts
-from neuroanimator.systems.deformable import DeformableSystem
+from neuroanimator.state.pose import Pose, read_pose
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
 
 FASTER_THAN_GAIT = 1.2

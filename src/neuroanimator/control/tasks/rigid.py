@@ -9,11 +9,11 @@ import numpy as np
 from neuroanimator.control.goals import goal_state, is_reached, is_upright, reach_goal, stand_upright
 from neuroanimator.control.objective import Objective
 from neuroanimator.control.obstacles import Zone, avoid, distances, footprint, zone_rows
-from neuroanimator.control.pose import Pose, read_pose
 from neuroanimator.control.tasks.task import FREE, Aim, Task, Trial
 from neuroanimator.control.wishes import effort, keep_velocity, reach_place, smoothness, stand_up
-from neuroanimator.systems.mujoco import MujocoSystem
-from neuroanimator.systems.rotation import facing
+from neuroanimator.state.pose import Pose, read_pose
+from neuroanimator.state.rotation import facing
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 
 HOLD_SECONDS = 0.5

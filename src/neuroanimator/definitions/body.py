@@ -1,0 +1,152 @@
+"""A deformable system written down: mass points, springs, muscles and faces by name.
+
+    name = "jelly"
+    kind = "mass-spring"
+
+    [nodes]
+    a = [0.0, 0.0, 0.1, 0.02]            # place [m] and mass [kg]
+
+    [springs.edges]
+    stiffness = 50.0                     # [N/m]
+    damping = 0.2                        # [N·s/m]
+    pairs = [["a", "b"], ["b", "c"]]
+
+`systems/assets/fish.toml` shows every table.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from neuroanimator.appearance.skin import SkinTable
+from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.parsing.names import PartName, SystemName
+from neuroanimator.tables import Finite, Positive, Share, Step, Table
+
+Integrator = Literal["symplectic", "semi-implicit", "rk4"]
+
+
+NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+
+
+Pair = tuple[PartName, PartName]
+
+
+MOST_NODES, MOST_SPRINGS = 300, 3000
+"""A definition may come from a stranger, and costs grow with these."""
+
+
+class BodyPhysics(Table):
+    """How the physics is stepped; see `System.scheme`, `truth` and `fine`."""
+
+    step: Step
+    integrator: Integrator = "symplectic"
+    truth_step: Step
+    truth_integrator: Integrator = "rk4"
+    fine_step: Step
+    fine_integrator: Integrator = "rk4"
+
+
+class SpringTable(Table):
+    """Springs of one kind."""
+
+    stiffness: Positive
+    damping: NotNegative
+    pairs: tuple[Pair, ...] = Field(min_length=1, max_length=MOST_SPRINGS)
+
+
+class MuscleTable(Table):
+    """Springs that shorten when told to; every control is one muscle from -1, longest, to 1, shortest."""
+
+    shorten: Annotated[float, Field(gt=0, lt=0.9)]
+    """Share of its length by which a muscle shortens or lengthens."""
+    response: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """[s] Time constant with which it follows its control."""
+    springs: dict[PartName, tuple[Pair, ...]] = Field(min_length=1, max_length=100)
+    """Per control, the springs it shortens."""
+
+
+class WaterTable(Table):
+    """See `body.Water`."""
+
+    push: NotNegative
+    drag: NotNegative = 0.0
+    buoyancy: Annotated[float, Field(ge=0, le=10)] = 1.0
+    surface: Finite | None = None
+    depth: Positive = 0.1
+    righting: NotNegative = 0.0
+
+
+class GroundTable(Table):
+    """See `body.Ground`."""
+
+    stiffness: Positive
+    damping: NotNegative = 0.0
+    friction: NotNegative = 0.5
+    slip: Positive = 0.05
+
+
+class GaitTable(Table):
+    """See `gait.Gait`."""
+
+    period: Positive
+    controls: dict[PartName, tuple[Finite, Finite]]
+    """Per control, amplitude and lag [rad]; others rest."""
+
+
+class BodySampling(Table):
+    """Random starts of training runs, around the state of rest."""
+
+    rest_share: Share = 0.2
+    """Share of starts at rest, where most motions begin."""
+    warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
+    """Starts are taken from this first stretch of random driving [s]."""
+    speed: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
+    """Standard deviation of the speeds along the body's own axes [m/s]."""
+    spin: NotNegative = 0.0
+    """Standard deviation of each angular velocity [rad/s]."""
+    tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
+    """Standard deviation of the tilt [rad], where weight is felt; without weight a body starts turned anyhow."""
+    height: tuple[Finite, Finite] = (0.0, 0.0)
+    """Least and largest height over its place at rest [m]."""
+    strain: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    """Standard deviation of a random stretch of the whole body along each of its axes."""
+
+
+class BodyDefinition(Table):
+    """A system whose physics is a mass-spring body's."""
+
+    name: SystemName
+    kind: Literal["mass-spring"]
+    substeps: int = Field(50, ge=1, le=1000)
+    physics: BodyPhysics
+    nodes: dict[PartName, tuple[Finite, Finite, Finite, Finite]] = Field(min_length=2)
+    """Place at rest [m] and mass [kg]; X forward, Z up."""
+    rest_height: Finite = 0.0
+    """[m] Added to the height of every node where the body is put at rest: a swimmer rests under the surface."""
+    springs: dict[PartName, SpringTable] = Field(min_length=1, max_length=50)
+    muscles: MuscleTable | None = None
+    pushes: dict[PartName, tuple[Finite, Finite, Finite]] = Field({})
+    """Per control, the force [N] on the whole body at control 1; for bodies without muscles."""
+    faces: tuple[Annotated[tuple[PartName, ...], Field(min_length=3, max_length=4)], ...] = ()
+    """Corners of the parts of the skin that push water, counterclockwise from outside."""
+    mirror: dict[PartName, PartName] = Field({})
+    """Per mass point or control on the left its partner on the right, if the body has such a mirror."""
+    groups: dict[PartName, tuple[PartName, ...]] = Field({})
+    """Segments of the body, each a list of mass points; every one belongs to exactly one."""
+    water: WaterTable | None = None
+    ground: GroundTable | None = None
+    probes: Annotated[tuple[tuple[Finite, Finite, Finite], ...], Field(max_length=32)] = ()
+    """Places [m] as in `nodes` whose height over ground or water's surface an emulator is shown."""
+    gait: GaitTable | None = None
+    skin: SkinTable | None = None
+    """What is drawn; without it, a ball at every mass point."""
+    sampling: BodySampling = BodySampling()
+    goals: dict[SystemName, GoalTable] = Field({})
+
+
+def control_names(definition: BodyDefinition) -> list[str]:
+    """Return the names of the controls in order."""
+    return list(definition.muscles.springs if definition.muscles else definition.pushes)

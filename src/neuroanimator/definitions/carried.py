@@ -1,0 +1,115 @@
+"""The JSON text a user's own system travels as, with its datasets and emulators: read and checked, nothing made of it.
+
+It comes out of files that strangers may have written, so it is held to the rules of a TOML file, and it can only
+*name* a step function or recordings. What it names is opened where the user allows it, see `given.py`.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, NamedTuple
+
+from neuroanimator.definitions.body import BodyDefinition
+from neuroanimator.definitions.function import PythonDefinition
+from neuroanimator.definitions.model import Definition
+from neuroanimator.definitions.recorded import RecordedDefinition
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.parsing.names import check_file_name
+from neuroanimator.parsing.numbers import listed, whole
+from neuroanimator.tables import check_table
+from neuroanimator.text import quoted
+
+LARGEST_TEXT = 512 * 1024
+"""Largest JSON text of a system [bytes]: an emulator file carries it in its header."""
+
+TABLES: dict[str, type[Any]] = {
+    "mujoco": Definition,
+    "mass-spring": BodyDefinition,
+    "python": PythonDefinition,
+    "recorded": RecordedDefinition,
+}
+"""What a definition of each kind may hold."""
+
+SHA256 = r"[0-9a-f]{64}"
+
+MOST_ROWS = 10**9
+"""Of one recorded run."""
+
+LONGEST_ORIGIN = 40
+"""Characters that say where in its file a recorded run begins."""
+
+DAMAGED = "The system's definition is damaged"
+
+
+class Written(NamedTuple):
+    """A definition and what travels with it."""
+
+    kind: str
+    definition: Any
+    """The checked table, one of `TABLES`."""
+    files: Any
+    """As JSON: a model's files; of a step function or recordings their name and sha256."""
+
+
+def kind_of(values: Any) -> str:
+    """Return the kind of system a table defines; ArgumentError lists the kinds."""
+    name = values.get("kind", "mujoco") if isinstance(values, dict) else values
+    if not isinstance(name, str) or name not in TABLES:
+        raise ArgumentError(f"kind: no kind of system called {quoted(name)}. Kinds: {', '.join(TABLES)}.")
+    return name
+
+
+def read_definition_text(text: str) -> Written:
+    """Return what `text` says; ArgumentError or BadFileError names what is wrong with it."""
+    if len(text) > LARGEST_TEXT:
+        raise BadFileError(f"{DAMAGED}: {len(text):,} characters; wanted at most {LARGEST_TEXT:,}.")
+    try:
+        values = parse_json_object(text, LARGEST_TEXT)
+        definition, files = values["definition"], values["files"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadFileError(f"{DAMAGED}. Make the dataset or emulator again.") from error
+    kind = kind_of(definition)
+    checked = check_table(definition, "definition", TABLES[kind])
+    try:
+        _check_files(kind, files)
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadFileError(f"{DAMAGED}: {error}. Make the dataset or emulator again.") from error
+    return Written(kind, checked, files)
+
+
+def _check_files(kind: str, files: Any) -> None:
+    if kind not in ("python", "recorded"):
+        return
+    check_file_name(files["name"])
+    if not isinstance(files["sha256"], str) or not re.fullmatch(SHA256, files["sha256"]):
+        raise ValueError(f"files.sha256: wanted 64 hex digits, came {quoted(files['sha256'])}")
+    if kind == "recorded":
+        listed(files["rows"], "files.rows", lambda count, what: whole(count, what, 1, MOST_ROWS))
+        listed(files["origins"], "files.origins", _check_origin)
+        if len(files["rows"]) != len(files["origins"]):
+            raise ValueError(f"files: {len(files['rows'])} runs, {len(files['origins'])} origins")
+
+
+def _check_origin(value: Any, what: str) -> str:
+    if not isinstance(value, str) or not value.isprintable() or len(value) > LONGEST_ORIGIN:
+        raise ValueError(f"{what}: wanted where a run begins, came {quoted(value)}")
+    return value
+
+
+def check_carried(system: str, text: str, substeps: int, dt: float) -> None:
+    """Refuse a definition that travels with an emulator of another system, or of another super step.
+
+    Raises ArgumentError, BadFileError or ValueError.
+    """
+    definition = read_definition_text(text).definition
+    if definition.name != system:
+        raise ValueError(f"definition: of the system '{definition.name}', not '{system}'")
+    if abs(substeps * definition.physics.step - dt) > DT_OFF * dt:
+        raise ValueError(
+            f"dt: {substeps} physics steps of {definition.physics.step:g} s make no super step of {dt:g} s"
+        )
+
+
+DT_OFF = 1e-6
+"""Share by which a super step may be off the whole number of physics steps it is."""

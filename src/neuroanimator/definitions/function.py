@@ -1,0 +1,43 @@
+"""A system whose physics is a Python function, written down."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.definitions.parts import ControlPart, StatePart
+from neuroanimator.parsing.names import FileName, SystemName
+from neuroanimator.tables import SHORTEST_STEP, Share, Table
+
+
+class FunctionPhysics(Table):
+    """The steps a Python function is called with [s]; see `System.scheme`, `truth` and `fine`."""
+
+    step: Annotated[float, Field(ge=SHORTEST_STEP, le=10)]
+    truth_step: Annotated[float, Field(ge=SHORTEST_STEP, le=10)]
+    fine_step: Annotated[float, Field(ge=SHORTEST_STEP, le=10)]
+
+
+class StartSampling(Table):
+    """Random starts of training runs, around the state of rest."""
+
+    rest_share: Share = 0.3
+    rest_spread: Share = 0.15
+
+
+class PythonDefinition(Table):
+    """A system whose physics is a Python function."""
+
+    name: SystemName
+    kind: Literal["python"]
+    file: FileName
+    batched: bool = False
+    """Whether the function also takes (S, B) states and (C, B) controls at once."""
+    substeps: int = Field(50, ge=1, le=1000)
+    physics: FunctionPhysics
+    state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
+    control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
+    sampling: StartSampling = StartSampling()
+    goals: dict[SystemName, GoalTable] = Field({})

@@ -1,0 +1,23 @@
+"""Goals a definition names."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from neuroanimator.tables import Finite, Positive, Table
+
+
+class GoalTable(Table):
+    """A state, or part of one, worth reaching."""
+
+    seconds: Annotated[float, Field(gt=0, le=60)] = 2.0
+    site: str = ""
+    """A site of the model where a free root should be, at rest and turned as the site is."""
+    reach: dict[str, tuple[Finite, ...]] = Field({})
+    """Parts of the state and their wanted values."""
+    start: dict[str, tuple[Finite, ...]] = Field({})
+    """Parts of the state a motion to this goal starts with, if nothing else is said; others are as at rest."""
+    within: dict[str, Positive] = Field({})
+    """How far off each of these parts may be; 0.1 of its unit if not said."""

@@ -1,0 +1,90 @@
+"""A system written down: a TOML file beside its model, checked key by key.
+
+    name = "hopper"
+    model = "hopper.xml"
+
+    [physics]
+    step = 0.002
+
+`neuroanimator new` writes such a file; every table but these may be left out.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.parsing.names import FileName, PartName, SystemName
+from neuroanimator.tables import Finite, Share, Step, Table
+
+Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
+Look = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
+
+
+class Physics(Table):
+    """How the physics is stepped; see `System.scheme`, `truth` and `fine`."""
+
+    step: Step
+    integrator: Integrator = "implicitfast"
+    truth_step: Step
+    truth_integrator: Integrator = "implicitfast"
+    fine_step: Step
+    fine_integrator: Integrator = "implicitfast"
+
+
+class FrameTable(Table):
+    """What of the root's place matters."""
+
+    ground: bool = False
+    """Whether its height matters."""
+    probes: tuple[tuple[Finite, Finite, Finite, Finite], ...] = ()
+    """Round parts of its body whose height over the ground matters: x, y, z, radius [m]."""
+    fold: Annotated[int, Field(ge=1, le=64)] = 1
+    """How many turns about its own Z axis make a whole one, each of which leaves the body as it was."""
+    fold_controls: tuple[tuple[str, str], ...] = ()
+    """Pairs of controls that turn with it, as X and Y do: torques about X and Y."""
+    planar: Annotated[tuple[str, ...], Field(max_length=3)] = ()
+    """Joints x, y and heading of a root that moves in a plane, where place and heading do not matter."""
+
+
+class Sampling(Table):
+    """Random starts of training runs, around the state of rest."""
+
+    rest_share: Share = 0.3
+    """Share of starts that are near rest, where most motions begin."""
+    rest_spread: Share = 0.15
+    """Spread of such a start, as a share of the others'."""
+    warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
+    """Starts are taken from this first stretch of random driving [s], so that contacts have settled in most."""
+    height: tuple[Finite, Finite] = (0.0, 0.0)
+    """Least and largest height of a free root over its place at rest [m]."""
+    tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
+    """Standard deviation of a free root's tilt [rad]."""
+    position: dict[str, Annotated[float, Field(ge=0, le=1e4)]] = Field({})
+    """Per hinge or slide: half the width of the uniform spread [rad or m]; a ball's standard deviation [rad]."""
+    speed: dict[str, tuple[Annotated[float, Field(ge=0, le=1e4)], ...]] = Field({})
+    """Per joint: standard deviation of each of its speeds [rad/s or m/s]; a root's along its own axes."""
+
+
+class Definition(Table):
+    """A system whose physics is a MuJoCo model."""
+
+    name: SystemName
+    substeps: int = Field(50, ge=1, le=1000)
+    """Physics steps n in a super step, if nothing else is asked for."""
+    kind: Literal["mujoco"] = "mujoco"
+    model: FileName
+    physics: Physics
+    state: dict[str, Look] = Field({})
+    """Per joint, how the network sees it."""
+    control: dict[str, tuple[Finite, Finite]] = Field({})
+    """Per actuator, its least and largest value."""
+    sensors: tuple[str, ...] = ()
+    """Sensors that are emulated too."""
+    frame: FrameTable = FrameTable()
+    groups: dict[PartName, tuple[str, ...]] = Field({})
+    """Per limb or other part of the body its joints, no joint twice; of a hierarchy's networks."""
+    sampling: Sampling = Sampling()
+    goals: dict[SystemName, GoalTable] = Field({})

@@ -1,0 +1,35 @@
+"""Named parts of a state or control, of systems without a model file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from neuroanimator.parsing.names import PartName
+from neuroanimator.tables import Finite, Table
+
+
+class StatePart(Table):
+    """One named part of the state of a system without a model file."""
+
+    name: PartName
+    unit: str
+    size: int = Field(1, ge=1, le=256)
+    look: Literal["plain", "sine", "cyclic"] = "plain"
+    """How the network sees it: as it is; by sine and cosine; or not at all, for it does not matter where it is."""
+    rate: str = ""
+    """The part that is its rate of change; empty if none is."""
+    rest: tuple[Finite, ...] = ()
+    """Its numbers at rest; zeros if not given."""
+    spread: tuple[Annotated[float, Field(ge=0, le=1e9)], ...] = ()
+    """Half the width of the random starts around rest."""
+
+
+class ControlPart(Table):
+    """One named part of the control, and how far it may go."""
+
+    name: PartName
+    unit: str
+    least: tuple[Finite, ...] = Field(min_length=1, max_length=256)
+    largest: tuple[Finite, ...] = Field(min_length=1, max_length=256)

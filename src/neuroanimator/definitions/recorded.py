@@ -1,0 +1,30 @@
+"""A system known from recordings alone, written down."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from neuroanimator.definitions.parts import ControlPart, StatePart
+from neuroanimator.parsing.names import FileName, SystemName
+from neuroanimator.tables import SHORTEST_STEP, Table
+
+
+class RecordedPhysics(Table):
+    """How often recordings were sampled."""
+
+    step: Annotated[float, Field(ge=SHORTEST_STEP, le=3600)]
+
+
+class RecordedDefinition(Table):
+    """A system known from recordings alone."""
+
+    name: SystemName
+    kind: Literal["recorded"]
+    file: FileName
+    substeps: int = Field(10, ge=1, le=1000)
+    """Samples n in a super step, if nothing else is asked for."""
+    physics: RecordedPhysics
+    state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
+    control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)

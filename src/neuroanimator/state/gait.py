@@ -1,0 +1,51 @@
+"""A periodic pattern of controls by which a system moves along: an animal's way to swim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from neuroanimator.parsing.numbers import number, numbers
+from neuroanimator.state.layout import Bounds
+
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1e6
+"""[s] What a definition allows, and what a clock can be divided by."""
+
+LARGEST_AMPLITUDE = 1e6
+"""Far beyond the full range, which is 1; the lags' limit [rad] too."""
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Controls middle + half width · amplitude · sin(2π t / period - lag)."""
+
+    period: float
+    """[s]"""
+    amplitudes: tuple[float, ...]
+    """(C,) of each control, 1 for its full range; negative ones move oppositely."""
+    lags: tuple[float, ...]
+    """(C,) [rad]"""
+
+    def controls(
+        self, steps: int, dt: float, bounds: Bounds, *, tempo: float = 1.0, strength: float = 1.0
+    ) -> np.ndarray:
+        """Return the pattern (steps, C), each entry held for `dt` [s]: `tempo` times as fast, `strength` as strong."""
+        middles = (np.arange(steps)[:, None] + 0.5) * dt
+        wave = np.sin(2 * np.pi * tempo / self.period * middles - np.array(self.lags))
+        return bounds.clip(bounds.middle + strength * np.array(self.amplitudes) * wave * bounds.half)
+
+    def to_json(self) -> list[Any]:
+        """Return plain lists."""
+        return [self.period, list(self.amplitudes), list(self.lags)]
+
+    @classmethod
+    def from_json(cls, row: Any, controls: int) -> Gait:
+        """Return the gait `to_json` wrote; ValueError unless it has that many `controls`."""
+        if not isinstance(row, list) or len(row) != 3:
+            raise ValueError("gait: wanted a period, amplitudes and lags")
+        period = number(row[0], "gait: period", SHORTEST_PERIOD, LONGEST_PERIOD)
+        amplitudes = numbers(row[1], "gait: amplitudes", controls, LARGEST_AMPLITUDE)
+        lags = numbers(row[2], "gait: lags", controls, LARGEST_AMPLITUDE)
+        return cls(period, amplitudes, lags)

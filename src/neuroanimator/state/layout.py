@@ -1,0 +1,193 @@
+"""Vectors with named slices and units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.parsing.names import check_label, refuse_twins
+from neuroanimator.parsing.numbers import numbers, whole
+from neuroanimator.state.units import STATE_UNITS
+from neuroanimator.text import quoted
+
+MOST_NUMBERS = 4096
+"""Longest vector read from a file: memory and time grow with it."""
+
+REAL_KINDS = "biuf"
+"""NumPy's letters for truth values, whole and real numbers."""
+
+BFLOAT16 = "bfloat16"
+"""JAX's short numbers, which NumPy does not count as real."""
+
+
+@dataclass(frozen=True)
+class Slice:
+    """`size` consecutive entries of a vector, all in `unit`."""
+
+    name: str
+    size: int
+    unit: str
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The named parts of a vector, in order."""
+
+    slices: tuple[Slice, ...]
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return sum(part.size for part in self.slices)
+
+    @property
+    def names(self) -> list[str]:
+        """One name per entry: `velocity[2] rad/s`."""
+        return [f"{part.name}[{i}] {part.unit}" for part in self.slices for i in range(part.size)]
+
+    def index(self, name: str) -> slice:
+        """Return where the part called `name` lies in the vector."""
+        start = 0
+        for part in self.slices:
+            if part.name == name:
+                return slice(start, start + part.size)
+            start += part.size
+        valid = ", ".join(part.name for part in self.slices)
+        raise ArgumentError(f"No part called '{name}'. Parts: {valid}.")
+
+    def check(self, vector: ArrayLike, label: str) -> np.ndarray:
+        """Return `vector` as float64 if its last axis fits and every number is finite.
+
+        Raises ArgumentError also for texts, complex numbers, objects and rows of unequal length.
+        """
+        array = self.check_shape(vector, label)
+        if not np.isfinite(array).all():
+            entry = int(np.argwhere(~np.isfinite(array))[0][-1])
+            raise ArgumentError(f"{label}: {self.names[entry]} is not finite. Give finite numbers only.")
+        return array
+
+    def check_shape(self, vector: ArrayLike, label: str) -> np.ndarray:
+        """Return `vector` as float64 if its last axis fits."""
+        array = as_numbers(vector, label)
+        if array.ndim == 0 or array.shape[-1] != self.size:
+            raise ArgumentError(
+                f"{label}: wanted {self.size} numbers ({', '.join(self.names)}), came shape {array.shape}."
+            )
+        return array
+
+    def to_json(self) -> list[list]:
+        """Return `[[name, size, unit], ...]`."""
+        return [[part.name, part.size, part.unit] for part in self.slices]
+
+    @classmethod
+    def from_json(cls, rows: Any, what: str) -> Layout:
+        """Return the layout of a state or control, `what`, that `to_json` wrote.
+
+        Raises ValueError for names, units and sizes no system has.
+        """
+        if not isinstance(rows, list) or not 1 <= len(rows) <= MOST_NUMBERS:
+            raise ValueError(f"{what}: wanted 1 to {MOST_NUMBERS} named parts")
+        layout = cls(tuple(_slice_from_json(row, what) for row in rows))
+        refuse_twins((part.name for part in layout.slices), what)
+        whole(layout.size, f"{what}: numbers in all", 1, MOST_NUMBERS)
+        return layout
+
+
+def _slice_from_json(row: Any, what: str) -> Slice:
+    if not isinstance(row, list) or len(row) != 3:
+        raise ValueError(f"{what}: wanted name, size and unit of every part, came {quoted(row)}")
+    name, size, unit = row
+    check_label(name, what)
+    if not isinstance(unit, str) or unit not in STATE_UNITS:
+        raise ValueError(f"{what}: '{name}' has the unknown unit {quoted(unit)}")
+    return Slice(name, whole(size, f"{what}: size of '{name}'", 1, MOST_NUMBERS), unit)
+
+
+def as_numbers(values: ArrayLike, label: str) -> np.ndarray:
+    """Return `values` as float64, whatever their shape; ArgumentError if they are no real numbers."""
+    try:
+        array = np.asarray(values)
+    except (ValueError, OverflowError) as error:
+        raise ArgumentError(f"{label}: wanted numbers in rows equally long, came {_what(values)}.") from error
+    if array.dtype.kind not in REAL_KINDS and array.dtype.name != BFLOAT16:
+        raise ArgumentError(f"{label}: wanted real numbers, came {_what(values)} of {array.dtype.name[:40]}.")
+    with np.errstate(over="ignore"):  # of long doubles: too large ones become infinite
+        return array.astype(np.float64, copy=False)
+
+
+def _what(values: object) -> str:
+    return f"a {type(values).__name__}"
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The least and the largest value of each entry of a control, in its own unit."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    @classmethod
+    def symmetric(cls, limit: ArrayLike) -> Bounds:
+        """Return the bounds ±`limit` (C,)."""
+        numbers = tuple(float(value) for value in np.asarray(limit))
+        return cls(tuple(-value for value in numbers), numbers)
+
+    @classmethod
+    def from_json(cls, sides: Any, size: int, what: str) -> Bounds:
+        """Return the bounds of `size` numbers, least and largest as two lists; ValueError names what is wrong."""
+        if not isinstance(sides, list) or len(sides) != 2:
+            raise ValueError(f"{what}: wanted the least and the largest values")
+        low = numbers(sides[0], what, size)
+        high = numbers(sides[1], what, size)
+        for least, largest in zip(low, high, strict=True):
+            if least > largest:
+                raise ValueError(f"{what}: wanted the least value below the largest, came {least:g} and {largest:g}")
+        return cls(low, high)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(C,) halfway between the bounds."""
+        return (np.array(self.high) + np.array(self.low)) / 2
+
+    @property
+    def half(self) -> np.ndarray:
+        """(C,) half the way from bound to bound."""
+        return (np.array(self.high) - np.array(self.low)) / 2
+
+    @property
+    def largest(self) -> np.ndarray:
+        """(C,) largest magnitude: what counts as full effort."""
+        return np.maximum(np.abs(self.high), np.abs(self.low))
+
+    @property
+    def idle(self) -> np.ndarray:
+        """(C,) no control at all, or as little as the bounds allow."""
+        return self.clip(np.zeros(len(self.low)))
+
+    def contain(self, controls: np.ndarray) -> bool:
+        """Return whether all `controls` (..., C) lie within the bounds, to within rounding."""
+        return not self._beyond(controls).any()
+
+    def _beyond(self, controls: np.ndarray) -> np.ndarray:
+        slack = 1e-6 * self.largest
+        return (controls < np.array(self.low) - slack) | (controls > np.array(self.high) + slack)
+
+    def clip(self, controls: np.ndarray) -> np.ndarray:
+        """Return `controls` (..., C) with every entry brought within the bounds."""
+        return np.clip(controls, self.low, self.high)
+
+    def check(self, controls: np.ndarray, names: list[str]) -> np.ndarray:
+        """Return `controls` (..., C); ArgumentError names an entry that is out of bounds."""
+        beyond = self._beyond(controls)
+        if beyond.any():
+            place = tuple(np.argwhere(beyond)[0])
+            entry = place[-1]
+            raise ArgumentError(
+                f"control: {names[entry]} out of bounds; wanted between {self.low[entry]:g} and {self.high[entry]:g}, "
+                f"came {controls[place]:g}."
+            )
+        return controls

@@ -1,0 +1,86 @@
+"""Where a body is and where it points, whatever its state is made of."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.state.rotation import Numbers, cross, rotate
+from neuroanimator.state.structure import Structure
+
+
+class Pose(NamedTuple):
+    """Of one body, or many, all in the world."""
+
+    place: Numbers
+    """(..., 3) [m] of the root, or of a deformable body's centroid."""
+    velocity: Numbers
+    """(..., 3) [m/s]"""
+    forward: Numbers
+    """(..., 3) Unit vector along the body's X."""
+    upward: Numbers
+    """(..., 3) Unit vector along the body's Z."""
+
+    @property
+    def roll(self) -> Numbers:
+        """How far (...) [rad] the body is rolled over to its right about its own axis: 0 upright, ±π belly up.
+
+        Pitch and heading do not count. A body that points straight up or down has none to speak of.
+        """
+        xp = self.forward.__array_namespace__()
+        left = cross(self.upward, self.forward)
+        above = cross(self.forward, left)
+        return xp.atan2(left[..., 2], above[..., 2])
+
+
+def read_pose(structure: Structure, states: Numbers) -> Pose:
+    """Return the poses of `states` (..., S).
+
+    A deformable body points along the first moment of its mass points about their centroid, weighted by
+    where each lies at rest along X (or Z): for a stiff symmetric body exactly its own axis, and smooth for all.
+
+    Raises ArgumentError for a system without a freely moving root or mass points.
+    """
+    kinds = [segment.kind for segment in structure.segments]
+    if structure.cloud is not None:
+        return _cloud_pose(structure, states)
+    if "position" in kinds and "quaternion" in kinds and "velocity" in kinds:
+        return _root_pose(structure, states)
+    raise ArgumentError(
+        "place, speed and heading: wanted a system with a free root or mass points, came one without. "
+        "Give the wanted state entries instead (reach_state)."
+    )
+
+
+def read_heights(structure: Structure, states: Numbers) -> Numbers:
+    """Return the heights (..., N) [m] of all mass points of `states` (..., S), or (..., 1) of a rigid body's root.
+
+    Raises ArgumentError as `read_pose` does.
+    """
+    if structure.cloud is None:
+        return read_pose(structure, states).place[..., 2:]
+    return states[..., 2 : 3 * structure.cloud.count : 3]
+
+
+def _root_pose(structure: Structure, states: Numbers) -> Pose:
+    xp, found, start = states.__array_namespace__(), {}, 0
+    for segment in structure.segments:
+        found.setdefault(segment.kind, states[..., start : start + segment.size])
+        start += segment.size
+    x, z = (xp.asarray(np.eye(3)[axis], dtype=states.dtype) for axis in (0, 2))
+    turn = found["quaternion"]
+    return Pose(found["position"], found["velocity"], rotate(turn, x), rotate(turn, z))
+
+
+def _cloud_pose(structure: Structure, states: Numbers) -> Pose:
+    xp, cloud = states.__array_namespace__(), structure.cloud
+    assert cloud is not None
+    size = 3 * cloud.count
+    places, speeds = (states[..., i * size : (i + 1) * size].reshape(*states.shape[:-1], -1, 3) for i in range(2))
+    centre = cloud.centroid(places)
+    moments = np.array(cloud.places) * np.array(cloud.masses)[:, None]
+    axes = (xp.asarray(moments[:, [0, 2]].T, dtype=states.dtype)) @ (places - centre[..., None, :])
+    axes = axes / xp.linalg.vector_norm(axes, axis=-1, keepdims=True)
+    return Pose(centre, cloud.centroid(speeds), axes[..., 0, :], axes[..., 1, :])

@@ -1,0 +1,105 @@
+"""Where a cloud of mass points is and how it is turned: the frame in which a deformable body's shape is seen.
+
+Written for NumPy and JAX alike; mass points are (..., N, 3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuroanimator.state.rotation import Numbers, cross, rotate, rotate_back
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Mass points at rest, and what each weighs."""
+
+    places: tuple[tuple[float, float, float], ...]
+    """(N, 3) at rest [m], from their centroid."""
+    masses: tuple[float, ...]
+    """(N,) shares of the whole mass."""
+
+    @classmethod
+    def of(cls, places: np.ndarray, masses: np.ndarray) -> Cloud:
+        """Return the cloud of `places` (N, 3) [m] and `masses` (N,) [kg]."""
+        shares = masses / masses.sum()
+        centred = places - shares @ places
+        return cls(tuple((float(x), float(y), float(z)) for x, y, z in centred), tuple(float(m) for m in shares))
+
+    @property
+    def count(self) -> int:
+        """How many mass points there are."""
+        return len(self.masses)
+
+    def centroid(self, points: Numbers) -> Numbers:
+        """Return the mass-weighted mean (..., 3) of `points` (..., N, 3): places or speeds."""
+        xp = points.__array_namespace__()
+        return xp.sum(xp.asarray(self.masses, dtype=points.dtype)[:, None] * points, axis=-2)
+
+    def own_frame(self, places: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+        """Return centroid (..., 3), `turn` (..., 4) and `places` (..., N, 3) seen from there, along axes so turned."""
+        centre = self.centroid(places)
+        centred = places - centre[..., None, :]
+        turn = self._closest_turn(centred)
+        return centre, turn, seen_by(turn, centred)
+
+    def turn(self, places: Numbers) -> Numbers:
+        """Return the unit quaternion (..., 4) that turns the cloud at rest closest to `places` (..., N, 3).
+
+        Closest in the mass-weighted squares: the frame that wobbles least with the shape (Eckart 1935), found as
+        the largest eigenvector of a 4 x 4 matrix (Horn 1987). Its first entry is not negative.
+        """
+        return self._closest_turn(places - self.centroid(places)[..., None, :])
+
+    def _closest_turn(self, centred: Numbers) -> Numbers:
+        xp = centred.__array_namespace__()
+        rest, shares = (xp.asarray(part, dtype=centred.dtype) for part in (self.places, self.masses))
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = _rows((rest * shares[:, None]).mT @ centred)
+        rows = [
+            [xx + yy + zz, yz - zy, zx - xz, xy - yx],
+            [yz - zy, xx - yy - zz, xy + yx, zx + xz],
+            [zx - xz, xy + yx, yy - xx - zz, yz + zy],
+            [xy - yx, zx + xz, yz + zy, zz - xx - yy],
+        ]
+        matrix = xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+        quaternion = xp.linalg.eigh(matrix)[1][..., -1]
+        return quaternion * xp.where(quaternion[..., :1] < 0, -1.0, 1.0)
+
+    def spin(self, seen: Numbers, speeds: Numbers) -> Numbers:
+        """Return the angular velocity (..., 3) [rad/s] that carries the cloud's angular momentum.
+
+        `seen` and `speeds` (..., N, 3) are places from the centroid and speeds, both along the body's axes.
+        """
+        xp = seen.__array_namespace__()
+        shares = xp.asarray(self.masses, dtype=seen.dtype)[:, None]
+        momentum = xp.sum(shares * cross(seen, speeds), axis=-2)
+        moments = (shares * seen).mT @ seen
+        trace = moments[..., 0, 0] + moments[..., 1, 1] + moments[..., 2, 2]
+        inertia = trace[..., None, None] * xp.eye(3, dtype=seen.dtype) - moments
+        return xp.linalg.solve(inertia, momentum[..., None])[..., 0]
+
+
+def _rows(matrix: Numbers) -> list[list[Numbers]]:
+    return [[matrix[..., i, j] for j in range(3)] for i in range(3)]
+
+
+def points_of(flat: Numbers) -> Numbers:
+    """Return the mass points (..., N, 3) that stand one after another in `flat` (..., 3N)."""
+    return flat.reshape(*flat.shape[:-1], -1, 3)
+
+
+def flat_of(points: Numbers) -> Numbers:
+    """Return mass points (..., N, 3) one after another: (..., 3N)."""
+    return points.reshape(*points.shape[:-2], -1)
+
+
+def seen_by(quaternion: Numbers, vectors: Numbers) -> Numbers:
+    """Return `vectors` (..., N, 3) along the axes of bodies turned by `quaternion` (..., 4)."""
+    return rotate_back(quaternion[..., None, :], vectors)
+
+
+def shown_by(quaternion: Numbers, vectors: Numbers) -> Numbers:
+    """Return `vectors` (..., N, 3), given along the bodies' axes, in the world."""
+    return rotate(quaternion[..., None, :], vectors)

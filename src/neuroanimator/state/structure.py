@@ -1,0 +1,135 @@
+"""What an emulator may exploit of a system, because it holds exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from neuroanimator.parsing.numbers import number, whole
+from neuroanimator.state.layout import MOST_NUMBERS
+from neuroanimator.state.reference_shape import Cloud
+from neuroanimator.text import quoted
+
+Probe = tuple[float, float, float, float]
+"""Centre [m] in the root's frame and radius [m] of a round part that may touch the ground."""
+
+Kind = Literal[
+    "plain", "position", "quaternion", "velocity", "planar position", "heading", "planar velocity",
+    "points", "point velocities", "follower",
+]  # fmt: skip
+
+LONGEST_RESPONSE = 10.0
+"""[s] What a definition allows of a muscle."""
+
+STATE_SIZES: dict[str, int] = {
+    "position": 3, "quaternion": 4, "velocity": 3, "planar position": 2, "heading": 1, "planar velocity": 2,
+}  # fmt: skip
+"""State entries of each kind of segment that may not have any number."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Consecutive state entries that change in one way.
+
+    `plain` numbers are added to. `position` and `velocity` are the root's, in the world; they change
+    along the root's own axes. A `quaternion` is turned, in its own frame; the first one of a state with
+    a `position` is the root's. `planar position`, `heading` and `planar velocity` are the same for a
+    root that moves in a plane. `points` and `point velocities` are places and speeds of many mass points, three
+    numbers each, seen along the axes of the cloud they make up. A `follower` tends to its control exponentially,
+    which is known exactly: nothing of its change is predicted.
+    """
+
+    kind: Kind
+    size: int
+    rate: int = -1
+    """State entry where its rate of change begins; -1 if none is known or used."""
+    response: float = 0.0
+    """[s] Time constant of a follower."""
+
+    @property
+    def change_size(self) -> int:
+        """Numbers that describe a change: a quaternion's four need three, a follower's none."""
+        return {"quaternion": 3, "follower": 0}.get(self.kind, self.size)
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """Left and right of a body: what becomes of each when Y is reversed."""
+
+    points: tuple[int, ...]
+    """Per mass point, its partner; itself on the middle plane."""
+    controls: tuple[int, ...]
+    """Per control, its partner."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """A part of a body, such as a segment or a limb, named by the user."""
+
+    name: str
+    entries: tuple[int, ...]
+    """Mass points of a deformable body; state entries of any other system."""
+    controls: tuple[int, ...]
+    """Controls that act on it."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """How a state may be looked at and changed.
+
+    `angles`: integer combinations of the state whose sine and cosine are all that matters of them.
+    `rates`: (i, j) where state entry j is the time derivative of entry i.
+    `plain`: state entries the network sees as they are.
+    `segments`: how the state changes, in order; empty for a state that is plain all through.
+    `probes`: round parts of the root's body, such as feet, whose height over the ground matters.
+    `fold`: how many turns of the root about its own Z axis make a whole one, each of which leaves it as it was;
+    `fold_controls`: pairs of controls that turn with it, as X and Y do.
+    `is_odd`: negating state and control negates the motion (mirror symmetry).
+    `cloud`: the mass points of a deformable body, which define its frame; `mirror`: its left and right.
+    `pushes`: (3, C) force [N] in the world per control, where controls are such forces; empty where they are not.
+    `groups`: parts of it that move much on their own.
+    `weighs`: whether the root feels gravity, so that up and down matter.
+    `is_immersed`: whether probes look for the surface of water instead of for the ground.
+    """
+
+    angles: tuple[tuple[int, ...], ...]
+    rates: tuple[tuple[int, int], ...]
+    plain: tuple[int, ...]
+    is_odd: bool = False
+    segments: tuple[Segment, ...] = ()
+    probes: tuple[Probe, ...] = ()
+    fold: int = 1
+    fold_controls: tuple[tuple[int, int], ...] = ()
+    cloud: Cloud | None = None
+    mirror: Mirror | None = None
+    weighs: bool = True
+    groups: tuple[Group, ...] = ()
+    pushes: tuple[tuple[float, ...], ...] = ()
+    is_immersed: bool = False
+
+
+def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
+    """Return the segments as plain lists."""
+    return [[segment.kind, segment.size, segment.rate, segment.response] for segment in segments]
+
+
+def segments_from_json(rows: Any) -> tuple[Segment, ...]:
+    """Return the segments `segments_to_json` wrote; ValueError if they cannot be."""
+    if not isinstance(rows, list):
+        raise ValueError("segments: wanted a list")
+    return tuple(_segment_from_json(row) for row in rows)
+
+
+def _segment_from_json(row: Any) -> Segment:
+    if not isinstance(row, list) or len(row) != 4:
+        raise ValueError(f"segment: wanted kind, size, rate and response, came {quoted(row)}")
+    kind, size, rate, response = row
+    whole(size, "segment: size", 1, MOST_NUMBERS)
+    if kind not in get_args(Kind) or STATE_SIZES.get(kind, size) != size:
+        raise ValueError(f"segment {quoted(kind)} of {size} entries is not known")
+    return Segment(
+        kind,
+        size,
+        whole(rate, "segment: rate", -1, MOST_NUMBERS),
+        number(response, "segment: response", 0, LONGEST_RESPONSE),
+    )

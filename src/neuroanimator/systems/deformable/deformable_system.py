@@ -1,0 +1,204 @@
+"""Deformable bodies: a System whose physics is a mass-spring body's."""
+
+from __future__ import annotations
+
+from functools import lru_cache, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from neuroanimator.definitions.body import BodyDefinition, control_names
+from neuroanimator.state.layout import Bounds, Layout, Slice
+from neuroanimator.state.reference_shape import Cloud, shown_by
+from neuroanimator.state.rotation import facing, multiply, turned_by
+from neuroanimator.state.structure import Group, Mirror, Probe, Segment, Structure
+from neuroanimator.storage.program_cache import keep_programs
+from neuroanimator.systems.deformable.body import Body
+from neuroanimator.systems.deformable.bones import body_skeleton
+from neuroanimator.systems.deformable.build import body_of, gait_of, group_numbers, mirror_of
+from neuroanimator.systems.deformable.checks import check_mirror, check_steps
+from neuroanimator.systems.deformable.mass_spring import Motion, strains, trajectory
+from neuroanimator.systems.state_parts import goals_of
+from neuroanimator.systems.system import Runs, Scheme, System
+
+ROWS = 256
+"""Bodies simulated side by side: results do not depend on how many are asked for at once."""
+
+BODIES, RUNNERS = 16, 64
+"""How many bodies, and compiled motions of theirs, are kept: compiling one takes longer than most runs."""
+
+WILDEST_STRAIN = 5.0
+"""A spring stretched to more than this many times its length belongs to a body that has blown up."""
+
+
+class DeformableSystem(System):
+    """A mass-spring body; its state is every mass point's place, then every speed, then muscle contractions."""
+
+    def __init__(self, definition: BodyDefinition, text: str = ""):
+        """`text` is what the system can be made from again; empty for one that comes with the package."""
+        keep_programs()
+        self.name, self.definition = definition.name, text
+        self.body = _body(definition.model_dump_json())
+        names = control_names(definition)
+        self.control = Layout(tuple(Slice(name, 1, "1") for name in names))
+        self.bounds = Bounds.symmetric(np.ones(len(names)))
+        self.state = _state_layout(self.body, names)
+        physics = definition.physics
+        self.scheme = Scheme(physics.integrator, physics.step)
+        self.truth = Scheme(physics.truth_integrator, physics.truth_step)
+        self.fine = Scheme(physics.fine_integrator, physics.fine_step)
+        self.structure = _structure(definition, self.body)
+        places = self.body.places + np.array([0.0, 0.0, self.body.rest_height])
+        self.rest = self.pack(places, np.zeros_like(places), np.zeros(self.muscles))
+        self.sampling, self.warm_up = definition.sampling, definition.sampling.warm_up
+        self.skeleton = body_skeleton(self.body, definition.skin)
+        self.gait = gait_of(definition)
+        self.goals = self.with_starts(goals_of(self.state, definition.goals), definition.goals)
+
+    @property
+    def muscles(self) -> int:
+        """How many muscle contractions belong to the state."""
+        return self.body.muscles.shape[1]
+
+    def pack(self, places: np.ndarray, speeds: np.ndarray, contractions: np.ndarray) -> np.ndarray:
+        """Return states (..., S) from places and speeds (..., N, 3) and contractions (..., M)."""
+        flat = (part.reshape(*part.shape[:-2], -1) for part in (places, speeds))
+        return np.concatenate([*flat, contractions], axis=-1)
+
+    def unpack(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return places and speeds (..., N, 3) and contractions (..., M) of states (..., S)."""
+        size = 3 * len(self.body.masses)
+        places, speeds = states[..., :size], states[..., size : 2 * size]
+        shape = (*states.shape[:-1], -1, 3)
+        return places.reshape(shape), speeds.reshape(shape), states[..., 2 * size :]
+
+    def simulate(
+        self,
+        starts: np.ndarray,
+        controls: np.ndarray,
+        dt: float,
+        *,
+        scheme: Scheme | None = None,
+        threads: int = 1,
+    ) -> Runs:
+        """Return the runs, in float64; `threads` is JAX's own affair."""
+        starts, controls = self.state.check(starts, "state"), self.check_controls(controls)
+        scheme = scheme or self.truth
+        run = _runner(self.body, scheme, scheme.steps(dt))
+        states = np.empty((len(starts), controls.shape[1] + 1, self.state.size))
+        states[:, 0] = starts
+        with jax.enable_x64(True):
+            for first in range(0, len(starts), ROWS):
+                rows = slice(first, first + ROWS)
+                states[rows, 1:] = self._run(run, starts[rows], controls[rows])
+        return Runs(states, self.is_sane(states))
+
+    def _run(self, run: Any, starts: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        """Return states (B, T, S): rows go last and come back first."""
+        last = lambda array, axis=0: jnp.asarray(np.moveaxis(array, axis, -1))  # noqa: E731
+        motion = Motion(*(last(part) for part in self.unpack(starts)))
+        found = run(motion, jnp.asarray(np.moveaxis(controls, 0, -1)))
+        return self.pack(*(np.moveaxis(np.asarray(part), -1, 0) for part in found))
+
+    def is_sane(self, states: np.ndarray) -> np.ndarray:
+        """Return (B,) False for each run (B, T+1, S) that is not finite or torn apart."""
+        with np.errstate(all="ignore"):
+            places = np.moveaxis(self.unpack(states)[0], (2, 3), (0, 1))
+            torn = np.abs(strains(self.body, places)).max(axis=(0, 2)) > WILDEST_STRAIN
+        return np.isfinite(states).all(axis=(1, 2)) & ~torn
+
+    def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        sampling, cloud = self.sampling, self.structure.cloud
+        assert cloud is not None
+        moving = (rng.random(count) >= sampling.rest_share)[:, None]
+        rest = np.array(cloud.places)
+        shape = rest * (1 + rng.normal(size=(count, 1, 3)) * sampling.strain * moving[:, None])
+        speeds = rng.normal(size=(count, 3)) * np.array(sampling.speed) * moving
+        spin = rng.normal(size=(count, 3)) * sampling.spin * moving
+        turn = self._turns(rng, count, moving)
+        centre = cloud.centroid(self.unpack(self.rest)[0]) + np.zeros((count, 3))
+        centre[:, 2] += rng.uniform(*sampling.height, count) * moving[:, 0]
+        flow = speeds[:, None] + np.cross(spin[:, None], shape)
+        contractions = rng.uniform(-1, 1, (count, self.muscles)) * moving * 0.3
+        return self.pack(centre[:, None] + shown_by(turn, shape), shown_by(turn, flow), contractions)
+
+    def _turns(self, rng: np.random.Generator, count: int, moving: np.ndarray) -> np.ndarray:
+        """Return quaternions (count, 4): any heading; any turn at all where there is no up and down."""
+        if not self.body.weighs:
+            anyhow = rng.normal(size=(count, 4))
+            return anyhow / np.linalg.norm(anyhow, axis=1, keepdims=True)
+        heading = facing(rng.uniform(-np.pi, np.pi, count))
+        return multiply(
+            heading, turned_by(facing(np.zeros(count)), rng.normal(size=(count, 3)) * self.sampling.tilt * moving)
+        )
+
+
+def _state_layout(body: Body, controls: list[str]) -> Layout:
+    places = [Slice(name, 3, "m") for name in body.names]
+    speeds = [Slice(f"{name}.speed", 3, "m/s") for name in body.names]
+    contractions = [Slice(f"{name}.contraction", 1, "1") for name in controls[: body.muscles.shape[1]]]
+    return Layout((*places, *speeds, *contractions))
+
+
+def _structure(definition: BodyDefinition, body: Body) -> Structure:
+    size, muscles = 3 * len(body.masses), body.muscles.shape[1]
+    segments = [Segment("points", size, rate=size), Segment("point velocities", size)]
+    if muscles:
+        segments.append(Segment("follower", muscles, response=body.response))
+    return Structure(
+        angles=(),
+        rates=tuple((i, size + i) for i in range(size)),
+        plain=(),
+        segments=tuple(segments),
+        cloud=Cloud.of(body.places, body.masses),
+        weighs=body.weighs,
+        is_immersed=body.water is not None and body.ground is None,
+        mirror=_mirror(definition, body),
+        probes=_probes(definition, body),
+        groups=_groups(definition, body),
+        pushes=tuple(tuple(float(force) for force in row) for row in body.pushes) if body.pushes.any() else (),
+    )
+
+
+def _groups(definition: BodyDefinition, body: Body) -> tuple[Group, ...]:
+    """Return the segments with the muscles that have an end in each."""
+    pulls = np.abs(body.muscles) > 0
+    found = []
+    for name, points in group_numbers(definition).items():
+        touched = np.isin(body.springs, points).any(axis=1)
+        found.append(Group(name, points, tuple(int(c) for c in np.flatnonzero(pulls[touched].any(axis=0)))))
+    return tuple(found)
+
+
+def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:
+    """Return the probes from the centroid; what is there as a radius is the height of the surface."""
+    centre = body.masses @ body.places / body.masses.sum()
+    level = (body.water and body.water.surface) or 0.0
+    return tuple(
+        (float(x), float(y), float(z), level) for x, y, z in np.array(definition.probes).reshape(-1, 3) - centre
+    )
+
+
+def _mirror(definition: BodyDefinition, body: Body) -> Mirror | None:
+    nodes, controls = (mirror_of(definition, kind) for kind in ("nodes", "controls"))
+    if nodes is None or controls is None:
+        return None
+    check_mirror(body, nodes, controls, control_names(definition))
+    return Mirror(tuple(int(i) for i in nodes), tuple(int(i) for i in controls))
+
+
+@lru_cache(maxsize=BODIES)
+def _body(text: str) -> Body:
+    """Return the checked body of the definition in JSON: always the same one, as what is compiled for it is kept."""
+    definition = BodyDefinition.model_validate_json(text)
+    body = body_of(definition)
+    check_steps(definition, body)
+    return body
+
+
+@lru_cache(maxsize=RUNNERS)
+def _runner(body: Body, scheme: Scheme, steps: int) -> Any:
+    """Return the compiled `trajectory` of `steps` physics steps per control."""
+    return jax.jit(partial(trajectory, body, scheme.integrator, scheme.dt, steps))

@@ -1,0 +1,385 @@
+/* The mass-spring loop of systems/deformable/mass_spring.py in plain C: the opponent of emulators of deformable bodies.
+
+   The text that c_twin.py puts before this one is the body: numbers as constants, springs and faces as lists
+   X(...) X(...), so that the compiler sees straight code. REAL is float or double. LANES bodies lie side by
+   side; one body alone is four numbers a mass point, so that three axes are one vector operation. */
+
+#include <math.h>
+#include <string.h>
+
+typedef REAL real;
+#if LANES == 1
+#define PARTS 1
+#define PART 4
+#else
+#define PARTS 3
+#define PART LANES
+#endif
+#define WIDE (PARTS * PART)
+#define AXIS (WIDE == 4 ? 1 : LANES) /* from one axis of a mass point to the next */
+#define ALIGNED __attribute__((aligned(64)))
+#define INLINE static inline __attribute__((always_inline))
+#define EACH_PART for (int part = 0; part < PARTS; part++)
+#define EACH_LANE _Pragma("GCC ivdep") _Pragma("GCC unroll 1") for (int l = 0; l < LANES; l++)
+#define STATE (6 * POINTS + MUSCLES)
+#define ROOM(count) ((count) ? (count) : 1)
+#define LONG(count) (LANES == 1 ? ((count) + 15) / 16 * 16 : (count)) /* whole vectors: no remainder loops */
+#define TOGETHER(count) (LANES == 1 ? LONG(count) : 1) /* one body: stage by stage; many: spring by spring, in cache */
+
+typedef real vector __attribute__((vector_size(PART * sizeof(real)), aligned(PART * sizeof(real)), may_alias));
+typedef struct {
+    real place[POINTS][WIDE] ALIGNED, speed[POINTS][WIDE] ALIGNED;
+    real pull[ROOM(MUSCLES)][LANES] ALIGNED, control[ROOM(CONTROLS)][LANES] ALIGNED;
+} Motion;
+typedef real Forces[POINTS][WIDE] ALIGNED;
+typedef real Springs[LONG(SPRINGS)][LANES] ALIGNED;
+
+#define AS_VECTOR(numbers) (((vector *)(numbers))[part])
+#define VECTOR(array, i) AS_VECTOR((array)[i])
+#if LANES == 1
+#define SPREAD(numbers) ((numbers)[0] - (vector){0})
+#else
+#define SPREAD(numbers) (*(const vector *)(numbers))
+#endif
+
+INLINE real larger(real a, real b) { return a > b ? a : b; }
+INLINE real within(real a) { return a < 0 ? 0 : a > 1 ? 1 : a; }
+
+INLINE void span(const Motion *m, int a, int b, real extent[WIDE], real parting[WIDE]) {
+    EACH_PART {
+        AS_VECTOR(extent) = VECTOR(m->place, b) - VECTOR(m->place, a);
+        AS_VECTOR(parting) = VECTOR(m->speed, b) - VECTOR(m->speed, a);
+    }
+}
+
+/* Effective stiffness of spring `s`: times its extent it is its force. */
+INLINE void stretch(int s, const real extent[WIDE], const real parting[WIDE], const real elastic[LANES], real found[LANES]) {
+    EACH_LANE {
+        const real *e = extent + l, *v = parting + l;
+        real square = e[0] * e[0] + e[AXIS] * e[AXIS] + e[2 * AXIS] * e[2 * AXIS] + (real)SMALLEST_SQUARE;
+        real along = e[0] * v[0] + e[AXIS] * v[AXIS] + e[2 * AXIS] * v[2 * AXIS];
+        real inverse = 1 / (real)sqrt(square);
+        found[l] = STIFFNESS[s] + inverse * (DAMPING[s] * along * inverse - elastic[l]);
+    }
+}
+
+INLINE void pull(int a, int b, const real stiffness[LANES], const real extent[WIDE], Forces force) {
+    EACH_PART {
+        vector toward = SPREAD(stiffness) * AS_VECTOR(extent);
+        VECTOR(force, a) += toward;
+        VECTOR(force, b) -= toward;
+    }
+}
+
+INLINE void add_springs(const Motion *m, Springs stiffness, Forces force) {
+    real extent[TOGETHER(SPRINGS)][WIDE] ALIGNED, parting[TOGETHER(SPRINGS)][WIDE] ALIGNED;
+    Springs elastic;
+    for (int s = 0; s < LONG(SPRINGS); s++) EACH_LANE elastic[s][l] = ELASTIC[s];
+#define X(spring, muscle, share) EACH_LANE elastic[spring][l] -= ELASTIC[spring] * (real)(share) * m->pull[muscle][l];
+    MUSCLE_LIST(X)
+#undef X
+#if LANES == 1
+#define X(spring, a, b) span(m, a, b, extent[spring], parting[spring]);
+    SPRING_LIST(X)
+#undef X
+    for (int s = 0; s < LONG(SPRINGS); s++) stretch(s, extent[s], parting[s], elastic[s], stiffness[s]);
+#define X(spring, a, b) pull(a, b, stiffness[spring], extent[spring], force);
+    SPRING_LIST(X)
+#undef X
+#else
+#define X(spring, a, b)                                                        \
+    span(m, a, b, *extent, *parting);                                          \
+    stretch(spring, *extent, *parting, elastic[spring], stiffness[spring]);    \
+    pull(a, b, stiffness[spring], *extent, force);
+    SPRING_LIST(X)
+#undef X
+#endif
+}
+
+/* How far every mass point is under water. */
+INLINE void soak(const Motion *m, real wet[POINTS][LANES]) {
+#ifdef SURFACE
+    for (int i = 0; i < POINTS; i++)
+        EACH_LANE wet[i][l] = within(((real)SURFACE - m->place[i][2 * AXIS + l]) * (real)(1 / DEPTH) + (real)0.5);
+#else
+    (void)m, (void)wet;
+#endif
+}
+
+#if FACES
+typedef struct {
+    real right[WIDE], up[WIDE], flow[WIDE], wet[PART];
+} Face;
+
+/* The diagonals of a face, and the sums over its corners of speed and wetness. */
+INLINE void look(const Motion *m, real wet[POINTS][LANES], int a, int b, int c, int d, int fourth, Face *face) {
+    EACH_PART {
+        AS_VECTOR(face->right) = VECTOR(m->place, c) - VECTOR(m->place, a);
+        AS_VECTOR(face->up) = VECTOR(m->place, d) - VECTOR(m->place, b);
+        AS_VECTOR(face->flow) =
+            VECTOR(m->speed, a) + VECTOR(m->speed, b) + VECTOR(m->speed, c) + VECTOR(m->speed, d) * (real)fourth;
+    }
+#ifdef SURFACE
+    EACH_LANE face->wet[l] = wet[a][l] + wet[b][l] + wet[c][l] + (real)fourth * wet[d][l];
+#else
+    (void)wet;
+#endif
+}
+
+/* A face that moves outward is pushed back: -push * area * max(0, normal . speed) * normal, shared by its corners. */
+INLINE void resist(int f, const Face *face, real back[WIDE]) {
+    EACH_LANE {
+        const real *r = face->right + l, *u = face->up + l, *v = face->flow + l;
+        real x = r[AXIS] * u[2 * AXIS] - r[2 * AXIS] * u[AXIS];
+        real y = r[2 * AXIS] * u[0] - r[0] * u[2 * AXIS];
+        real z = r[0] * u[AXIS] - r[AXIS] * u[0];
+        real square = x * x + y * y + z * z + (real)(4 * SMALLEST_SQUARE);
+        real outward = larger(x * v[0] + y * v[AXIS] + z * v[2 * AXIS], 0) / (real)sqrt(square) * PUSH[f];
+#ifdef SURFACE
+        outward *= face->wet[l] * SHARE[f];
+#endif
+        back[l] = outward * x;
+        back[AXIS + l] = outward * y;
+        back[2 * AXIS + l] = outward * z;
+    }
+}
+
+INLINE void push_back(int a, int b, int c, int d, int fourth, const real back[WIDE], Forces force) {
+    EACH_PART {
+        VECTOR(force, a) -= AS_VECTOR(back);
+        VECTOR(force, b) -= AS_VECTOR(back);
+        VECTOR(force, c) -= AS_VECTOR(back);
+        if (fourth) VECTOR(force, d) -= AS_VECTOR(back);
+    }
+}
+#endif
+
+INLINE void add_faces(const Motion *m, real wet[POINTS][LANES], Forces force) {
+#if FACES
+    Face faces[TOGETHER(FACES)] ALIGNED;
+    real back[TOGETHER(FACES)][WIDE] ALIGNED;
+#if LANES == 1
+    memset(back, 0, sizeof back);
+#define X(face, a, b, c, d, fourth) look(m, wet, a, b, c, d, fourth, &faces[face]);
+    FACE_LIST(X)
+#undef X
+    for (int f = 0; f < LONG(FACES); f++) resist(f, &faces[f], back[f]);
+#define X(face, a, b, c, d, fourth) push_back(a, b, c, d, fourth, back[face], force);
+    FACE_LIST(X)
+#undef X
+#else
+#define X(face, a, b, c, d, fourth)               \
+    look(m, wet, a, b, c, d, fourth, faces);      \
+    resist(face, faces, *back);                   \
+    push_back(a, b, c, d, fourth, *back, force);
+    FACE_LIST(X)
+#undef X
+#endif
+#else
+    (void)m, (void)wet, (void)force;
+#endif
+}
+
+/* Drag, weight, ground and pushes, mass point by mass point. */
+INLINE void add_point_forces(const Motion *m, real wet[POINTS][LANES], Forces force) {
+    (void)m, (void)wet, (void)force;
+    for (int i = 0; i < POINTS; i++)
+        EACH_LANE {
+            const real *x = m->place[i] + l, *v = m->speed[i] + l;
+            real *f = force[i] + l;
+            (void)x, (void)v, (void)f;
+#ifdef DRAG
+#ifdef SURFACE
+            real drag = (real)DRAG * MASS[i] * wet[i][l];
+#else
+            real drag = (real)DRAG * MASS[i];
+#endif
+            for (int axis = 0; axis < 3; axis++) f[axis * AXIS] -= drag * v[axis * AXIS];
+#endif
+#ifdef WEIGHT
+#ifdef SURFACE
+            f[2 * AXIS] += MASS[i] * (real)WEIGHT * (LIFT[i] * wet[i][l] - 1);
+#else
+            f[2 * AXIS] += MASS[i] * (real)WEIGHT * (LIFT[i] - 1);
+#endif
+#endif
+#ifdef GROUND_STIFFNESS
+            real rise = larger(1 - (real)GROUND_DAMPING * v[2 * AXIS], 0);
+            real upward = (real)GROUND_STIFFNESS * larger(-x[2 * AXIS], 0) * rise;
+            real slide = (real)GROUND_FRICTION * upward /
+                         (real)sqrt(v[0] * v[0] + v[AXIS] * v[AXIS] + (real)(GROUND_SLIP * GROUND_SLIP));
+            f[0] -= slide * v[0];
+            f[AXIS] -= slide * v[AXIS];
+            f[2 * AXIS] += upward;
+#endif
+#define X(axis, number, newtons) f[(axis) * AXIS] += MASS[i] * (real)(newtons) * m->control[number][l];
+            PUSH_LIST(X)
+#undef X
+        }
+}
+
+INLINE void find_forces(const Motion *m, Forces force, Springs stiffness) {
+    real wet[POINTS][LANES] ALIGNED;
+    memset(force, 0, sizeof(Forces));
+    soak(m, wet);
+    add_springs(m, stiffness, force);
+    add_faces(m, wet, force);
+    add_point_forces(m, wet, force);
+}
+
+/* Contractions tend to their controls: `kept` of the way is left. */
+INLINE void contract(const Motion *from, real kept, Motion *to) {
+    for (int i = 0; i < MUSCLES; i++)
+        EACH_LANE to->pull[i][l] = from->control[i][l] + (from->pull[i][l] - from->control[i][l]) * kept;
+}
+
+static double kept_after(double seconds) { return RESPONSE > 0 ? exp(-seconds / (RESPONSE > 0 ? RESPONSE : 1)) : 0; }
+
+static void run_symplectic(Motion *m, long steps, double dt) {
+    const real h = (real)dt, kept = (real)kept_after(dt);
+    for (long step = 0; step < steps; step++) {
+        Forces force;
+        Springs stiffness;
+        find_forces(m, force, stiffness);
+        for (int i = 0; i < POINTS; i++)
+            EACH_PART {
+                VECTOR(m->speed, i) += VECTOR(force, i) * (h * LIGHTNESS[i]);
+                VECTOR(m->place, i) += VECTOR(m->speed, i) * h;
+            }
+        contract(m, kept, m);
+    }
+}
+
+/* Factor the matrix into L D L' (Cholesky's without roots) and solve for three axes; only what fills is touched. */
+INLINE void solve(real matrix[ENTRIES][LANES], Forces right) {
+    real inverse[POINTS][LANES] ALIGNED, factor[ENTRIES][LANES] ALIGNED;
+#define PIVOT(k, kk) EACH_LANE inverse[k][l] = 1 / matrix[kk][l];
+#define COLUMN(i, k, ik)                                          \
+    EACH_LANE factor[ik][l] = matrix[ik][l] * inverse[k][l];      \
+    EACH_PART VECTOR(right, i) -= SPREAD(factor[ik]) * VECTOR(right, k);
+#define UPDATE(ij, ik, jk) EACH_LANE matrix[ij][l] -= factor[ik][l] * matrix[jk][l];
+#define SCALE(k) EACH_PART VECTOR(right, k) *= SPREAD(inverse[k]);
+#define BACK(i, k, ik) EACH_PART VECTOR(right, k) -= SPREAD(factor[ik]) * VECTOR(right, i);
+    ELIMINATE
+}
+
+static void run_semi_implicit(Motion *m, long steps, double dt) {
+    const real h = (real)dt, kept = (real)kept_after(dt), rate = (real)(1 / dt);
+    for (long step = 0; step < steps; step++) {
+        Forces force;
+        Springs stiffness;
+        real matrix[ENTRIES][LANES] ALIGNED;
+        find_forces(m, force, stiffness);
+        memset(matrix, 0, sizeof matrix);
+        for (int s = 0; s < SPRINGS; s++) EACH_LANE stiffness[s][l] = h * larger(stiffness[s][l], 0);
+#define X(point, at) EACH_LANE matrix[at][l] = rate * MASS[point];
+        DIAGONAL_LIST(X)
+#undef X
+#define X(spring, aa, bb, ab)                  \
+    EACH_LANE {                                \
+        matrix[aa][l] += stiffness[spring][l]; \
+        matrix[bb][l] += stiffness[spring][l]; \
+        matrix[ab][l] -= stiffness[spring][l]; \
+    }
+        MATRIX_LIST(X)
+#undef X
+        for (int i = 0; i < POINTS; i++) EACH_PART VECTOR(force, i) += VECTOR(m->speed, i) * (rate * MASS[i]);
+        solve(matrix, force);
+        for (int i = 0; i < POINTS; i++)
+            EACH_PART {
+                VECTOR(m->speed, i) = VECTOR(force, i);
+                VECTOR(m->place, i) += VECTOR(force, i) * h;
+            }
+        contract(m, kept, m);
+    }
+}
+
+/* One of the four slopes: `force` where the slope before, `h` long, leads; slopes are summed by `weight`. */
+static void add_slope(const Motion *m, Motion *at, real h, real weight, Forces force, Forces places, Forces speeds) {
+    Springs stiffness;
+    for (int i = 0; i < POINTS; i++)
+        EACH_PART {
+            vector ahead = VECTOR(m->speed, i) + VECTOR(force, i) * (h * LIGHTNESS[i]);
+            VECTOR(at->place, i) = VECTOR(m->place, i) + VECTOR(at->speed, i) * h;
+            VECTOR(at->speed, i) = ahead;
+        }
+    find_forces(at, force, stiffness);
+    for (int i = 0; i < POINTS; i++)
+        EACH_PART {
+            VECTOR(places, i) += VECTOR(at->speed, i) * weight;
+            VECTOR(speeds, i) += VECTOR(force, i) * (weight * LIGHTNESS[i]);
+        }
+}
+
+static void run_rk4(Motion *m, long steps, double dt) {
+    const real h = (real)dt, half = (real)kept_after(dt / 2), kept = (real)kept_after(dt);
+    for (long step = 0; step < steps; step++) {
+        Forces force, places, speeds;
+        Motion at = *m;
+        memset(force, 0, sizeof force);
+        memset(places, 0, sizeof places);
+        memset(speeds, 0, sizeof speeds);
+        add_slope(m, &at, 0, h / 6, force, places, speeds);
+        contract(m, half, &at);
+        add_slope(m, &at, h / 2, h / 3, force, places, speeds);
+        add_slope(m, &at, h / 2, h / 3, force, places, speeds);
+        contract(m, kept, &at);
+        add_slope(m, &at, h, h / 6, force, places, speeds);
+        for (int i = 0; i < POINTS; i++)
+            EACH_PART {
+                VECTOR(m->place, i) += VECTOR(places, i);
+                VECTOR(m->speed, i) += VECTOR(speeds, i);
+            }
+        contract(m, kept, m);
+    }
+}
+
+/* A state is every place, every speed, every contraction, each LANES times. */
+static void read_state(const real *state, Motion *m) {
+    memset(m, 0, sizeof *m);
+    for (int i = 0; i < POINTS; i++)
+        for (int axis = 0; axis < 3; axis++)
+            EACH_LANE {
+                m->place[i][axis * AXIS + l] = state[(3 * i + axis) * LANES + l];
+                m->speed[i][axis * AXIS + l] = state[(3 * (POINTS + i) + axis) * LANES + l];
+            }
+    for (int i = 0; i < MUSCLES; i++) EACH_LANE m->pull[i][l] = state[(6 * POINTS + i) * LANES + l];
+}
+
+static void write_state(const Motion *m, real *state) {
+    for (int i = 0; i < POINTS; i++)
+        for (int axis = 0; axis < 3; axis++)
+            EACH_LANE {
+                state[(3 * i + axis) * LANES + l] = m->place[i][axis * AXIS + l];
+                state[(3 * (POINTS + i) + axis) * LANES + l] = m->speed[i][axis * AXIS + l];
+            }
+    for (int i = 0; i < MUSCLES; i++) EACH_LANE state[(6 * POINTS + i) * LANES + l] = m->pull[i][l];
+}
+
+static void run(int integrator, Motion *m, long steps, double dt) {
+    (integrator == 0 ? run_symplectic : integrator == 1 ? run_semi_implicit : run_rk4)(m, steps, dt);
+}
+
+static void hold(Motion *m, const real *controls) { memcpy(m->control, controls, CONTROLS * LANES * sizeof(real)); }
+
+/* Write the states after each of `count` controls, each held for `steps` steps of `dt`. */
+void play(int integrator, long count, long steps, double dt, const real *start, const real *controls, real *states) {
+    Motion m ALIGNED;
+    read_state(start, &m);
+    for (long t = 0; t < count; t++) {
+        hold(&m, controls + t * CONTROLS * LANES);
+        run(integrator, &m, steps, dt);
+        write_state(&m, states + t * STATE * LANES);
+    }
+}
+
+/* Write the states `steps` steps of `dt` after each of `count` starts, each under its own held controls. */
+void advance(int integrator, long count, long steps, double dt, const real *starts, const real *controls, real *ends) {
+    for (long t = 0; t < count; t++) {
+        Motion m ALIGNED;
+        read_state(starts + t * STATE * LANES, &m);
+        hold(&m, controls + t * CONTROLS * LANES);
+        run(integrator, &m, steps, dt);
+        write_state(&m, ends + t * STATE * LANES);
+    }
+}

@@ -1,0 +1,82 @@
+"""The user's own `step(state, control, dt)`: run, called, and its errors told in one line.
+
+A step file is all of this; what comes after CONTROL may be left out:
+
+    import numpy as np
+
+    STEP = 0.01                                       # [s] one physics step
+    STATE = {"angle": "rad", "speed": "rad/s"}        # name: unit, or name: (unit, size)
+    CONTROL = {"torque": ("N·m", -2.0, 2.0)}          # name: (unit, least, largest); lists for several
+    ANGLES = ["angle"]                                # parts that may turn all the way round
+    RATES = {"angle": "speed"}                        # the part that is another's rate of change
+    REST = {"angle": 0.0}                             # the state of rest; zeros if left out
+    SPREAD = {"angle": 3.14, "speed": 4.0}            # random starts are rest ± spread
+    BATCHED = True                                    # step takes (S, B) and (C, B) arrays too: much faster
+    ODE = True                                        # step integrates an equation: finer dt are its reference
+
+    def step(state, control, dt):
+        speed = state[1] + dt * (control[0] - 9.81 * np.sin(state[0]))
+        return np.array([state[0] + dt * speed, speed])
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable
+from functools import lru_cache
+from types import ModuleType
+
+import numpy as np
+
+from neuroanimator.errors import BadFileError
+from neuroanimator.systems.trusted_files import trusted_file
+from neuroanimator.text import printable
+
+StepFunction = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+
+
+@lru_cache(maxsize=16)
+def run_file(digest: str, name: str) -> ModuleType:
+    """Return the module in the given file with this sha256: this runs it.
+
+    Only a file the user allowed is ever run; see `own.trust_files`.
+    """
+    source = trusted_file(
+        digest,
+        f"It was made from {printable(name)}, Python code that is run only if you say so: give the TOML file beside "
+        "it, --system PATH, or in Python trust_files(PATH). If you did, the code has changed since: generate and "
+        "train again.",
+    )
+    module = ModuleType(f"neuroanimator_step_{digest[:16]}")
+    module.__file__ = name
+    sys.modules[module.__name__] = module  # dataclasses look their module up there
+    try:
+        exec(compile(source, name, "exec"), module.__dict__)
+    except SyntaxError as error:
+        raise BadFileError(f"{name}, line {error.lineno}: {error.msg}.") from error
+    except (Exception, SystemExit) as error:
+        raise fault(error, name) from error
+    if not callable(getattr(module, "step", None)):
+        raise BadFileError(f"{name}: wanted a function `def step(state, control, dt): return next_state`. Add one.")
+    return module
+
+
+def call_step(function: StepFunction, name: str, state: np.ndarray, control: np.ndarray, dt: float) -> np.ndarray:
+    """Return the user's next state, of the shape of `state`; whatever it raises becomes one line."""
+    try:
+        with np.errstate(all="ignore"):
+            following = np.asarray(function(state.copy(), control.copy(), dt), float)
+    except (Exception, SystemExit) as error:
+        raise fault(error, name) from error
+    if following.shape != state.shape:
+        raise BadFileError(f"{name}: step returned shape {following.shape}; wanted {state.shape}, like the state.")
+    return following
+
+
+def fault(error: BaseException, name: str) -> BadFileError:
+    """Return one line saying where in the user's file `error` came up."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == name]
+    place = f"{name}, line {lines[-1]}" if lines else name
+    text = " ".join(str(error).split())[:200]
+    return BadFileError(f"{place}: {type(error).__name__}: {text}. Correct the function; states come as float arrays.")

@@ -1,0 +1,142 @@
+"""Systems from definitions: the packaged ones, and anybody's own by their TOML file.
+
+What makes up a user's system travels as one JSON text with its datasets and emulators, so that
+they can be measured, refined and replayed. A model travels whole. A step function and recordings
+travel by name and sha256 only: they are used where the user allows it with `trust_files`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from neuroanimator.definitions.body import BodyDefinition
+from neuroanimator.definitions.carried import LARGEST_TEXT, TABLES, kind_of, read_definition_text
+from neuroanimator.definitions.model import Definition
+from neuroanimator.errors import BadFileError
+from neuroanimator.storage.files import canonical_json
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.functions.function_system import PythonSystem
+from neuroanimator.systems.recorded.recorded_system import RecordedSystem
+from neuroanimator.systems.recorded.recording import read_recording
+from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model, read_model_files
+from neuroanimator.systems.rigid.model_system import ModelSystem
+from neuroanimator.systems.rigid.mujoco_system import load_model
+from neuroanimator.systems.system import System
+from neuroanimator.systems.trusted_files import digest_of, trust_file
+from neuroanimator.tables import check_table, read_toml
+
+
+def packaged(name: str) -> System:
+    """Return the system whose TOML, and MJCF if it has one, ship in the package under `name`."""
+    with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
+        values = read_toml(folder / f"{name}.toml")
+    definition = check_table(values, f"{name}.toml", TABLES[kind_of(values)])
+    if isinstance(definition, BodyDefinition):
+        return DeformableSystem(definition)
+    return ModelSystem(definition, load_model(definition.model))
+
+
+class Kind(NamedTuple):
+    """One way to bring a system."""
+
+    source: str
+    """Key that names the file beside the TOML; empty if there is none."""
+    needs_trust: bool
+    """Whether that file is run or opened again later, where the user must have allowed it."""
+    pack: Callable[[Path], Any]
+    """What of that file travels along, as JSON."""
+    make: Callable[[Any, Any, str], System]
+    """From (definition, what travelled along, text) to the system."""
+
+
+def _pack_model(path: Path) -> Any:
+    return read_model_files(path).to_json()
+
+
+def _make_model(definition: Definition, files: Any, text: str) -> System:
+    return ModelSystem(definition, compile_model(ModelFiles.from_json(files)), text)
+
+
+def _pack_function(path: Path) -> dict[str, Any]:
+    return {"name": path.name, "sha256": digest_of(path)}
+
+
+def _pack_recording(path: Path) -> dict[str, Any]:
+    digest = digest_of(path)
+    runs = read_recording(digest, path.name)
+    rows = [len(states) for states in runs.states]
+    return {"name": path.name, "sha256": digest, "rows": rows, "origins": list(runs.origins)}
+
+
+def _pack_nothing(path: Path) -> None:
+    """A body is all in its definition."""
+
+
+def _make_body(definition: BodyDefinition, files: None, text: str) -> System:
+    return DeformableSystem(definition, text)
+
+
+KINDS = {
+    "mujoco": Kind("model", False, _pack_model, _make_model),
+    "mass-spring": Kind("", False, _pack_nothing, _make_body),
+    "python": Kind("file", True, _pack_function, PythonSystem),
+    "recorded": Kind("file", True, _pack_recording, RecordedSystem),
+}
+"""By the names in `definition_text.TABLES`."""
+
+
+USUAL_SUBSTEPS = 50
+
+
+def trust_files(toml: str | Path) -> None:
+    """Allow this process to run the step function, or to open the recordings, that a TOML file names beside it.
+
+    This is the one act by which Python code of a user's is run: call it only for a file whose code you would run.
+    The command line calls it for the TOML files named there, `load_system` for the one it is given; no dataset,
+    emulator or policy can. A TOML file of another kind allows nothing.
+    """
+    path = Path(toml)
+    kind, definition = _read_definition(path)
+    if kind.needs_trust:
+        trust_file(_source(path, kind, definition))
+
+
+def resolve(reference: str) -> tuple[str, str, int]:
+    """Return (name, definition text, usual substeps) of what a user calls a system: its name, or its TOML file.
+
+    Runs nothing and allows nothing: see `trust_files`, which recordings need before.
+    """
+    if not reference.endswith(".toml"):
+        return reference, "", USUAL_SUBSTEPS
+    path = Path(reference)
+    kind, definition = _read_definition(path)
+    files = kind.pack(_source(path, kind, definition))
+    text = canonical_json({"definition": definition.model_dump(mode="json"), "files": files})
+    if len(text) > LARGEST_TEXT:
+        raise BadFileError(
+            f"{path.name}: the model with its meshes takes {len(text):,} bytes; wanted at most {LARGEST_TEXT:,}. "
+            "Use simpler meshes, or primitive shapes."
+        )
+    from_text(text)
+    return definition.name, text, definition.substeps
+
+
+def _read_definition(path: Path) -> tuple[Kind, Any]:
+    """Return the kind of system a TOML file defines, and its checked definition."""
+    values = read_toml(path)
+    name = kind_of(values)
+    return KINDS[name], check_table(values, path.name, TABLES[name])
+
+
+def _source(path: Path, kind: Kind, definition: Any) -> Path:
+    """Return the file beside a TOML file that it names, or its folder if it names none."""
+    return path.parent / (getattr(definition, kind.source) if kind.source else "")
+
+
+def from_text(text: str) -> System:
+    """Return the system `resolve` wrote down. It is checked like any stranger's, and no code of its runs."""
+    written = read_definition_text(text)
+    return KINDS[written.kind].make(written.definition, written.files, text)

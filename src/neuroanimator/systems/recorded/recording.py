@@ -1,0 +1,104 @@
+"""Recorded runs: samples of state and control at a constant interval, from a CSV or an NPZ file.
+
+A CSV begins with a header of names and units; `run` may be left out, a new run then starts where
+time goes back:
+
+    run,time s,state.angle rad,state.speed rad/s,control.torque N·m
+    1,0.00,0.1,0.0,0.5
+
+An NPZ holds the same as arrays: time (N,) [s], states (N, S), controls (N, C), state_names and
+control_names such as "angle rad", and perhaps run (N,). The control in a row acts until the next one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from neuroanimator.errors import BadFileError
+from neuroanimator.systems.recorded.columns import Samples
+from neuroanimator.systems.recorded.csv_file import read_csv
+from neuroanimator.systems.recorded.npz_file import read_npz
+from neuroanimator.systems.trusted_files import trusted_file
+from neuroanimator.tables import SHORTEST_STEP
+from neuroanimator.text import printable
+
+READERS: dict[str, Callable[[bytes, str], Samples]] = {".csv": read_csv, ".npz": read_npz}
+
+INTERVAL_TOLERANCE = 1e-3
+"""Share by which the sampling interval may vary; clocks are better than that."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """All runs of one file."""
+
+    file: str
+    state: tuple[tuple[str, str], ...]
+    """(name, unit) of each state entry."""
+    control: tuple[tuple[str, str], ...]
+    step: float
+    """Sampling interval [s]."""
+    states: tuple[np.ndarray, ...]
+    """Per run (N, S)."""
+    controls: tuple[np.ndarray, ...]
+    """Per run (N, C): row k acts from sample k to sample k+1."""
+    origins: tuple[str, ...]
+    """Where in the file each run begins."""
+
+
+@lru_cache(maxsize=4)
+def read_recording(digest: str, name: str) -> Recording:
+    """Return what the given file with this sha256 holds; BadFileError names the line and the fix."""
+    content = trusted_file(
+        digest,
+        f"It was made from {printable(name)}, recordings that are opened only if you say so: give the TOML file beside "
+        "them, --system PATH, or in Python trust_files(PATH). If you did, they have changed since.",
+    )
+    suffix = Path(name).suffix
+    if suffix not in READERS:
+        raise BadFileError(f"{name[:60]}: recordings end in {', '.join(READERS)}.")
+    return cut_runs(READERS[suffix](content, name), name)
+
+
+def cut_runs(samples: Samples, name: str) -> Recording:
+    """Return the samples run by run: a new one starts where the run's label changes or time goes back."""
+    if len(samples.time) < 2:
+        raise BadFileError(f"{name}: {len(samples.time)} rows; wanted some hundred. Record longer.")
+    gaps = np.diff(samples.time)
+    begins = np.flatnonzero((samples.run[1:] != samples.run[:-1]) | (gaps < 0)) + 1
+    inside = np.ones(len(gaps), bool)
+    inside[begins - 1] = False
+    if not inside.any():
+        raise BadFileError(f"{name}: every run has one row only. Sort the rows by run, then by time.")
+    step = _interval(samples, name, gaps, inside)
+    first = [0, *begins.tolist()]
+    return Recording(
+        name,
+        samples.state,
+        samples.control,
+        step,
+        tuple(np.split(samples.states, begins)),
+        tuple(np.split(samples.controls, begins)),
+        tuple(samples.place(row) for row in first),
+    )
+
+
+def _interval(samples: Samples, name: str, gaps: np.ndarray, inside: np.ndarray) -> float:
+    usual = float(np.median(gaps[inside]))
+    wrong = np.flatnonzero(inside & (np.abs(gaps - usual) > INTERVAL_TOLERANCE * usual))
+    if usual <= 0 or len(wrong):
+        row = int(wrong[0]) if len(wrong) else 0
+        raise BadFileError(
+            f"{name}, {samples.place(row + 1)}, time: {gaps[row]:.6g} s after the row before, elsewhere {usual:.6g} s. "
+            "Resample to a constant interval, or begin a new run there (column run)."
+        )
+    if usual < SHORTEST_STEP:
+        raise BadFileError(
+            f"{name}: sampled every {usual:g} s; wanted at least {SHORTEST_STEP:g} s. Give the time in seconds."
+        )
+    return float(f"{gaps[inside].mean():.6g}")

@@ -1,0 +1,224 @@
+"""From a MuJoCo model's joints to layouts and structure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from neuroanimator.definitions.model import FrameTable
+from neuroanimator.errors import ArgumentError
+from neuroanimator.parsing.names import model_name
+from neuroanimator.state.layout import Layout, Slice
+from neuroanimator.state.structure import Segment, Structure
+from neuroanimator.systems.rigid.bones import JOINT_NAMES
+from neuroanimator.text import quoted
+
+LOOKS = {
+    "hinge": ("sine", "plain", "cyclic", "planar"),
+    "slide": ("plain", "cyclic", "planar"),
+    "ball": ("ball",),
+    "free": ("free",),
+}
+"""Ways each kind of joint may be seen, the proposed one first."""
+
+
+@dataclass(frozen=True)
+class JointView:
+    """One joint and how it is seen."""
+
+    index: int
+    """Its number in the model."""
+    name: str
+    kind: str
+    look: str
+    place: int
+    """State entry where its position begins."""
+    rate: int
+    """State entry where its speed begins."""
+
+
+def joint_name(model: mujoco.MjModel, joint: int) -> str:
+    """Return what a joint is called; `joint_3` if the model does not say."""
+    return model_name(model.joint(joint).name, f"joint_{joint}")
+
+
+def actuator_name(model: mujoco.MjModel, actuator: int) -> str:
+    """Return what an actuator is called; `actuator_3` if the model does not say."""
+    return model_name(model.actuator(actuator).name, f"actuator_{actuator}")
+
+
+def sensor_name(model: mujoco.MjModel, sensor: int) -> str:
+    """Return what a sensor is called; empty if the model does not say, for then it cannot be asked for."""
+    return model_name(model.sensor(sensor).name, "")
+
+
+def sensor_numbers(model: mujoco.MjModel, names: tuple[str, ...]) -> list[int]:
+    """Return the numbers in the model of the sensors called `names`; ArgumentError lists those there are."""
+    known = [sensor_name(model, i) for i in range(model.nsensor)]
+    for name in names:
+        if name not in known:
+            listed = ", ".join(filter(None, known)) or "none"
+            raise ArgumentError(f"sensors: no sensor called {quoted(name)}. Sensors: {listed}.")
+    return [known.index(name) for name in names]
+
+
+def joint_views(model: mujoco.MjModel, looks: dict[str, str], planar: tuple[str, ...] = ()) -> list[JointView]:
+    """Return the joints in the model's order; `looks` names how each is seen, its kind's first way if not there."""
+    views = []
+    for joint in range(model.njnt):
+        kind = JOINT_NAMES[int(model.jnt_type[joint])]
+        name = joint_name(model, joint)
+        look = "planar" if name in planar else looks.get(name) or LOOKS[kind][0]
+        if look not in LOOKS[kind] or (look == "planar") != (name in planar):
+            valid = ", ".join(way for way in LOOKS[kind] if way != "planar")
+            raise ArgumentError(f"state.{name}: a {kind} joint cannot be '{look}'. Ways: {valid}.")
+        rate = model.nq + int(model.jnt_dofadr[joint])
+        views.append(JointView(joint, name, kind, look, int(model.jnt_qposadr[joint]), rate))
+    _check(views, looks, planar)
+    return views
+
+
+def _check(views: list[JointView], looks: dict[str, str], planar: tuple[str, ...]) -> None:
+    names = [view.name for view in views]
+    for name in [*looks, *planar]:
+        if name not in names:
+            raise ArgumentError(f"No joint called '{name}'. Joints: {', '.join(names)}.")
+    if any(view.kind == "free" for view in views[1:]):
+        raise ArgumentError(
+            "A free joint must be the model's first joint, and the only free one. Fix the other bodies in place."
+        )
+    if planar and (len(planar) != 3 or names[names.index(planar[0]) + 1] != planar[1] or views[0].kind == "free"):
+        raise ArgumentError("frame.planar: wanted three joints x, y, heading, of which x and y follow each other.")
+
+
+def state_layout(model: mujoco.MjModel, views: list[JointView], sensors: tuple[str, ...] = ()) -> Layout:
+    """Return the named parts of (qpos, qvel, act, sensors)."""
+    places = [part for view in views for part in _place_slices(view)]
+    rates = [part for view in views for part in _rate_slices(view)]
+    activation = [Slice("activation", model.na, "1")] if model.na else []
+    places_of = zip(sensors, sensor_numbers(model, sensors), strict=True)
+    sensed = [Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1") for name, number in places_of]
+    parts = [*places, *rates, *activation, *sensed]
+    names = [part.name for part in parts]
+    for name in names:
+        if names.count(name) > 1:
+            raise ArgumentError(f"Two parts of the state would be called '{name}'. Rename one of the joints.")
+    return Layout(tuple(parts))
+
+
+def _place_slices(view: JointView) -> list[Slice]:
+    return {
+        "free": [Slice(f"{view.name}.place", 3, "m"), Slice(f"{view.name}.turn", 4, "quaternion")],
+        "ball": [Slice(f"{view.name}.turn", 4, "quaternion")],
+        "slide": [Slice(view.name, 1, "m")],
+        "hinge": [Slice(view.name, 1, "rad")],
+    }[view.kind]
+
+
+def _rate_slices(view: JointView) -> list[Slice]:
+    return {
+        "free": [Slice(f"{view.name}.velocity", 3, "m/s"), Slice(f"{view.name}.spin", 3, "rad/s")],
+        "ball": [Slice(f"{view.name}.spin", 3, "rad/s")],
+        "slide": [Slice(f"{view.name}.speed", 1, "m/s")],
+        "hinge": [Slice(f"{view.name}.speed", 1, "rad/s")],
+    }[view.kind]
+
+
+def structure_of(
+    model: mujoco.MjModel, views: list[JointView], frame: FrameTable, control: Layout, size: int
+) -> Structure:
+    """Return what an emulator of `model` with states of `size` entries may exploit."""
+    if frame.fold > 1 and [view.kind for view in views] != ["free"]:
+        raise ArgumentError("frame.fold: only a body whose one joint is free may have such a symmetry.")
+    rates = [(v.place + i, v.rate + i) for v in views for i in range({"free": 3, "ball": 0}.get(v.kind, 1))]
+    return Structure(
+        angles=tuple(_angle_rows(model, views, size)),
+        rates=tuple(rates),
+        plain=tuple(_plain(model, views, frame.ground)),
+        segments=_segments(views, frame.planar, size),
+        probes=frame.probes,
+        fold=frame.fold,
+        fold_controls=tuple((control.index(x).start, control.index(y).start) for x, y in frame.fold_controls),
+    )
+
+
+def _plain(model: mujoco.MjModel, views: list[JointView], ground: bool) -> list[int]:
+    """Return the state entries seen as they are; a free root's velocity is seen along its own axes instead."""
+    entries = [view.place for view in views if view.look == "plain"]
+    entries += [views[0].place + 2] if views[0].kind == "free" and ground else []
+    for view in views:
+        if view.kind == "slide" and view.look == "planar":
+            continue
+        sizes = {"free": range(3, 6), "ball": range(3)}
+        entries += [view.rate + i for i in sizes.get(view.kind, range(1))]
+    return entries + [model.nq + model.nv + i for i in range(model.na)]
+
+
+def _angle_rows(model: mujoco.MjModel, views: list[JointView], size: int) -> list[tuple[int, ...]]:
+    """Return each sine hinge's angle, and its sum with those of parallel hinges above it: gravity sees the sum."""
+    hinges = {v.index: v for v in views if v.look == "sine"}
+    rows: list[tuple[int, ...]] = []
+    for view in hinges.values():
+        alone = np.zeros(size, int)
+        alone[view.place] = 1
+        chain = alone.copy()
+        for above in _parallel_above(model, view, hinges):
+            chain[above.place] = 1
+        rows += [tuple(int(x) for x in row) for row in (alone, chain)]
+    return list(dict.fromkeys(rows))
+
+
+def _parallel_above(model: mujoco.MjModel, view: JointView, hinges: dict[int, JointView]) -> list[JointView]:
+    found, axis = [], model.jnt_axis[view.index]
+    body = int(model.body_parentid[model.jnt_bodyid[view.index]])
+    while body:
+        for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+            above = hinges.get(joint)
+            if above and np.allclose(model.jnt_axis[joint], axis):
+                found.append(above)
+        body = int(model.body_parentid[body])
+    return found
+
+
+def _segments(views: list[JointView], planar: tuple[str, ...], size: int) -> tuple[Segment, ...]:
+    """Return how the state changes, in order; empty if it is plain all through."""
+    if not planar and all(view.kind in ("hinge", "slide") for view in views):
+        return ()
+    parts = [segment for view in views for segment in _place_segments(view, planar)]
+    parts += [segment for view in views for segment in _rate_segments(view, planar)]
+    rest = size - sum(part.size for part in parts)  # activations and sensors
+    return tuple(_merged([*parts, Segment("plain", rest)]))
+
+
+def _place_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+    if view.kind == "free":
+        return [Segment("position", 3, view.rate), Segment("quaternion", 4, view.rate + 3)]
+    if view.kind == "ball":
+        return [Segment("quaternion", 4, view.rate)]
+    if view.name in planar:
+        kinds = {0: [Segment("planar position", 2, view.rate)], 1: [], 2: [Segment("heading", 1, view.rate)]}
+        return kinds[planar.index(view.name)]
+    return [Segment("plain", 1)]
+
+
+def _rate_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+    if view.kind == "free":
+        return [Segment("velocity", 3), Segment("plain", 3)]
+    if view.kind == "ball":
+        return [Segment("plain", 3)]
+    if view.name in planar:
+        return {0: [Segment("planar velocity", 2)], 1: [], 2: [Segment("plain", 1)]}[planar.index(view.name)]
+    return [Segment("plain", 1)]
+
+
+def _merged(parts: list[Segment]) -> list[Segment]:
+    """Return `parts` with neighbouring plain segments joined: fewer pieces, fewer copies at every step."""
+    joined: list[Segment] = []
+    for part in parts:
+        if joined and part.kind == joined[-1].kind == "plain":
+            joined[-1] = Segment("plain", joined[-1].size + part.size)
+        elif part.size:
+            joined.append(part)
+    return joined

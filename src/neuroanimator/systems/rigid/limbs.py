@@ -1,0 +1,67 @@
+"""Groups of a MuJoCo model's joints, such as limbs, each of which a hierarchy gives a network of its own."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.state.structure import Group
+from neuroanimator.systems.deformable.checks import listed
+from neuroanimator.systems.rigid.joints import JointView
+
+POSE_SEED, POSE_SPREAD = 0, 0.1
+"""Muscles are looked at a little away from the reference pose [rad or m], where none pulls through a joint's axis."""
+
+ENTRIES = {"free": (7, 6), "ball": (4, 3)}
+"""State entries of a joint's place and of its rate; of any other kind one and one."""
+
+
+def groups_of(model: mujoco.MjModel, views: list[JointView], groups: dict[str, tuple[str, ...]]) -> tuple[Group, ...]:
+    """Return what each group of joints has of the state and which controls act on it.
+
+    Raises ArgumentError for a group without joints, an unknown or repeated joint, and for the root's.
+    """
+    if not groups:
+        return ()
+    _check(views, groups)
+    acting = _acting(model)
+    return tuple(_group(model, name, [v for v in views if v.name in joints], acting) for name, joints in groups.items())
+
+
+def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
+    kept = [view.name for view in views if view.kind == "free" or view.look == "planar"]
+    names = [view.name for view in views if view.name not in kept]
+    seen: dict[str, str] = {}
+    for group, joints in groups.items():
+        if not joints:
+            raise ArgumentError(f"groups.{group}: wanted one or more joints, came none. Joints: {listed(names)}.")
+        for joint in joints:
+            if joint in kept:
+                raise ArgumentError(f"groups.{group}: '{joint}' is the root's; it belongs to no group. Leave it out.")
+            if joint not in names:
+                raise ArgumentError(f"groups.{group}: no joint called '{joint}'. Joints: {listed(names)}.")
+            if joint in seen:
+                raise ArgumentError(f"groups.{group}: joint '{joint}' is in '{seen[joint]}' already. Leave it in one.")
+            seen[joint] = group
+
+
+def _group(model: mujoco.MjModel, name: str, views: list[JointView], acting: np.ndarray) -> Group:
+    entries: list[int] = []
+    dofs: list[int] = []
+    for view in views:
+        places, rates = ENTRIES.get(view.kind, (1, 1))
+        entries += [*range(view.place, view.place + places), *range(view.rate, view.rate + rates)]
+        dofs += range(view.rate - model.nq, view.rate - model.nq + rates)
+    controls = [int(actuator) for actuator in np.flatnonzero(acting[:, dofs].any(axis=1))]
+    return Group(name, tuple(sorted(entries)), tuple(controls))
+
+
+def _acting(model: mujoco.MjModel) -> np.ndarray:
+    """Return (actuators, degrees of freedom) which drives which, directly or through a tendon or a site."""
+    data, rng = mujoco.MjData(model), np.random.default_rng(POSE_SEED)
+    mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), POSE_SPREAD)
+    mujoco.mj_forward(model, data)
+    moments = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+    return moments != 0

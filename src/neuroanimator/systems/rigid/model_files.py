@@ -1,0 +1,153 @@
+"""Models from strangers, MJCF or URDF: read from one folder only, checked, and compiled from memory."""
+
+from __future__ import annotations
+
+import base64
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from neuroanimator.errors import BadFileError
+from neuroanimator.systems.rigid.model_safety import check_cells, check_elements, check_model
+from neuroanimator.systems.rigid.model_xml import (
+    FILE_LIMIT,
+    Element,
+    Source,
+    attach_files,
+    expand,
+    parse,
+    refuse,
+)
+
+URDF_PARTS = {"link", "joint", "material", "mujoco"}
+"""What MuJoCo reads of a URDF; the rest, such as <gazebo>, is dropped."""
+
+LONGEST_NAME, LONGEST_SHOWN = 255, 40
+"""Most characters of a file's name, and of a wrong one shown in an error."""
+
+
+@dataclass(frozen=True)
+class ModelFiles:
+    """A model with every file it needs, as (path relative to its folder, base64 of the bytes), sorted by path."""
+
+    main: str
+    files: tuple[tuple[str, str], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what `from_json` reads."""
+        return {"main": self.main, "files": dict(self.files)}
+
+    @classmethod
+    def from_json(cls, value: Any) -> ModelFiles:
+        """Return the files `value` holds; raises BadFileError if it is not what `to_json` returns."""
+        files = value.get("files") if isinstance(value, dict) else None
+        if not isinstance(files, dict) or not all(
+            isinstance(text, str) for text in (value.get("main"), *files.values())
+        ):
+            raise BadFileError("The model's files are not {main, files}. Read them again with read_model_files.")
+        for name in (value["main"], *files):
+            if not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
+                raise BadFileError(f"The model's files: {name[:LONGEST_SHOWN]!r} is no file name. Rename the file.")
+        return cls(value["main"], tuple(sorted(files.items())))
+
+
+def read_model_files(path: Path) -> ModelFiles:
+    """Return the model at `path` with every file it refers to, all from its folder; compiles nothing.
+
+    Raises BadFileError naming the file and the fault: a path or link out of the folder, a missing file,
+    a document type, an unsupported element, or anything beyond the limits in `model_xml` and `model_limits`.
+    """
+    try:
+        folder = path.parent.resolve()
+        source = Source(lambda name: _read(folder, name))
+        _assemble(path.name, source)
+    except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a circle of links
+        raise BadFileError(f"{path.name}: could not read it: {error}. Check the file.") from error
+    files = {name: base64.b64encode(content).decode() for name, content in source.taken.items()}
+    return ModelFiles(path.name, tuple(sorted(files.items())))
+
+
+def _read(folder: Path, name: str) -> bytes | None:
+    place = (folder / name).resolve()
+    if not place.is_relative_to(folder):
+        refuse(name, "", "a link that leaves the model's folder. Put the file itself there")
+    if not place.is_file():
+        return None
+    with open(place, "rb") as file:
+        return file.read(FILE_LIMIT + 1)
+
+
+def compile_model(files: ModelFiles) -> mujoco.MjModel:
+    """Return the model compiled from memory, with MuJoCo's silent resets of NaN states off.
+
+    Raises BadFileError naming the file and the fault: all that `read_model_files` refuses, what MuJoCo
+    refuses, no joints, a time step outside (0, 0.1] s, an infinite number or NaN in the compiled model,
+    or more bodies, freedoms or memory than supported.
+    """
+    stored = dict(files.files)
+    source = Source(lambda name: base64.b64decode(stored[name], validate=True) if name in stored else None)
+    try:
+        root, assets = _assemble(files.main, source)
+        with _quiet():
+            model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), assets)
+    except (ValueError, RuntimeError, mujoco.FatalError, MemoryError) as error:
+        # MuJoCo's line numbers count in the text without includes, so they would mislead.
+        message = re.sub(r",? ?\(?line =? ?\d+\)?", "", " ".join(str(error).split()))
+        raise BadFileError(f"{files.main}: {message[:300]}. Correct the model.") from error
+    check_model(files.main, model)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    return model
+
+
+def _assemble(main: str, source: Source) -> tuple[Element, dict[str, bytes]]:
+    """Return (one checked XML tree without includes, its assets by the names the tree gives them)."""
+    content = source.take(main)
+    if content is None:
+        refuse(main, "", "no such file. Check the path")
+    root = parse(source, main, content)
+    expand(source, root, (main,), {main})
+    settings = _take_settings(root)
+    if root.tag == "robot":
+        _trim_urdf(root, settings)
+    check_elements(root)
+    assets = attach_files(source, root, settings)
+    check_cells(root, assets)
+    return root, assets
+
+
+def _take_settings(root: Element) -> dict[str, str]:
+    """Return what the <compiler> elements set; what they say of paths is removed, as `attach_files` follows it."""
+    settings: dict[str, str] = {}
+    for compiler in root.iter("compiler"):
+        settings |= compiler.attrib
+        for name in ("assetdir", "meshdir", "texturedir", "strippath"):
+            compiler.attrib.pop(name, None)
+    return settings
+
+
+def _trim_urdf(root: Element, settings: dict[str, str]) -> None:
+    """Remove what MuJoCo does not read of a URDF, so that it needs no files for it."""
+    root[:] = [child for child in root if child.tag in URDF_PARTS]
+    for texture in root.iter("texture"):
+        texture.attrib.clear()
+    if settings.get("discardvisual", "true") == "true":
+        for visual in root.iter("visual"):
+            visual[:] = [child for child in visual if child.tag != "geometry"]
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep MuJoCo's warnings off the console and out of a MUJOCO_LOG.TXT in the current folder."""
+    before, quiet = mujoco.MjLogConfig.get(), mujoco.MjLogConfig.get()
+    quiet.logto_file = quiet.logto_console = False
+    mujoco.MjLogConfig.set(quiet)
+    try:
+        yield
+    finally:
+        mujoco.MjLogConfig.set(before)

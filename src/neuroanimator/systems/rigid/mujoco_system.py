@@ -1,0 +1,112 @@
+"""Rigid bodies: a System whose physics is MuJoCo's."""
+
+from __future__ import annotations
+
+from importlib import resources
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from neuroanimator.systems.rigid.warnings import warnings_counted
+from neuroanimator.systems.system import Runs, Scheme, System
+
+INTEGRATORS = {
+    "euler": mujoco.mjtIntegrator.mjINT_EULER,
+    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "rk4": mujoco.mjtIntegrator.mjINT_RK4,
+}
+
+BLOW_UP_SPEED = 1e3
+"""A joint faster than this has left physics [rad/s or m/s]: a hundred times what starts and motors give."""
+
+STEPS_IN_MEMORY = 2_000_000
+"""Physics steps kept at once while simulating; bounds memory to about 150 MB."""
+
+
+def load_model(file_name: str) -> mujoco.MjModel:
+    """Return the model of an MJCF file shipped in the package."""
+    with resources.as_file(resources.files("neuroanimator.systems") / "assets") as folder:
+        return mujoco.MjModel.from_xml_path(str(folder / file_name))
+
+
+class MujocoSystem(System):
+    """A MuJoCo model whose state is (qpos, qvel, act, sensors), driven by motors or by forces on its bodies.
+
+    Sensors are what MuJoCo reports at the last physics step. They are emulated like the rest, but nothing
+    follows from them.
+
+    Subclasses set the fields of `System`, `model`, and `pushes`: per control a (body, axis) pair
+    naming the world-frame force it is [N]; empty where the controls are the model's own actuators.
+    """
+
+    model: mujoco.MjModel
+    pushes: tuple[tuple[str, int], ...] = ()
+    sensors: tuple[int, ...] = ()
+    """Entries of MuJoCo's sensor data that belong to the state."""
+
+    @property
+    def physical_size(self) -> int:
+        """State entries that physics goes on from: all but the sensors."""
+        return self.model.nq + self.model.nv + self.model.na
+
+    def model_with(self, scheme: Scheme) -> mujoco.MjModel:
+        """Return a copy of the model that steps by `scheme`."""
+        model = self.model.__copy__()
+        model.opt.timestep = scheme.dt
+        model.opt.integrator = INTEGRATORS[scheme.integrator]
+        return model
+
+    def simulate(
+        self,
+        starts: np.ndarray,
+        controls: np.ndarray,
+        dt: float,
+        *,
+        scheme: Scheme | None = None,
+        threads: int = 1,
+    ) -> Runs:
+        starts = self.state.check(starts, "state")
+        controls = self.check_controls(controls)
+        scheme = scheme or self.truth
+        substeps = scheme.steps(dt)
+        model = self.model_with(scheme)
+        workers = [mujoco.MjData(model) for _ in range(threads)]
+        runs = np.empty((len(starts), controls.shape[1] + 1, self.state.size))
+        runs[:, 0] = starts
+        batch = max(1, STEPS_IN_MEMORY // (substeps * max(1, controls.shape[1])))
+        for first in range(0, len(starts), batch):
+            rows = slice(first, first + batch)
+            runs[rows, 1:] = self._rollout(model, workers, starts[rows], controls[rows], substeps)
+        return Runs(runs, self.is_sane(runs))
+
+    def is_sane(self, runs: np.ndarray) -> np.ndarray:
+        """Return (B,) False for each run (B, T+1, S) that is not finite or impossibly fast."""
+        speeds = np.abs(runs[..., self.model.nq : self.model.nq + self.model.nv])
+        return np.asarray(np.isfinite(runs).all(axis=(1, 2)) & (speeds < BLOW_UP_SPEED).all(axis=(1, 2)))
+
+    def put(self, data: mujoco.MjData, state: np.ndarray) -> None:
+        """Make `state` (S,) the state of `data`."""
+        mujoco.mj_resetData(self.model, data)
+        parts = np.split(state[: self.physical_size], [self.model.nq, self.model.nq + self.model.nv])
+        data.qpos[:], data.qvel[:], data.act[:] = parts
+
+    def _rollout(self, model, workers, starts, controls, substeps) -> np.ndarray:
+        physical = starts[:, : self.physical_size]
+        initial = np.concatenate([np.zeros((len(starts), 1)), physical], axis=1)  # MuJoCo's state leads with time
+        kind, signal = self.drive(controls)
+        signal = np.repeat(signal, substeps, axis=1)
+        with warnings_counted:
+            found = rollout.rollout(model, workers, initial, signal, control_spec=int(kind))
+        states, sensed = (np.asarray(part)[:, substeps - 1 :: substeps] for part in found)
+        return np.concatenate([states[..., 1:], sensed[..., list(self.sensors)]], axis=-1)
+
+    def drive(self, controls: np.ndarray) -> tuple[mujoco.mjtState, np.ndarray]:
+        """Return which part of MuJoCo's input the controls are, and their values there."""
+        if not self.pushes:
+            return mujoco.mjtState.mjSTATE_CTRL, controls
+        wrenches = np.zeros((*controls.shape[:2], self.model.nbody, 6))
+        for entry, (body, axis) in enumerate(self.pushes):
+            wrenches[:, :, self.model.body(body).id, axis] = controls[..., entry]
+        return mujoco.mjtState.mjSTATE_XFRC_APPLIED, wrenches.reshape(*controls.shape[:2], -1)

@@ -1,0 +1,84 @@
+"""The planar three-link pendulum of the 1998 paper, passive and with motors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from neuroanimator.state.layout import Bounds, Layout, Slice
+from neuroanimator.state.structure import Structure
+from neuroanimator.systems.rigid.bones import skeleton_of
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem, load_model
+from neuroanimator.systems.system import Scheme
+
+STATE = Layout((Slice("angle", 3, "rad"), Slice("velocity", 3, "rad/s")))
+
+MOTOR_TORQUE = (30.0, 14.0, 4.0)
+"""[N·m] About 1.4 times what holding the arm out level needs (22.1, 9.8, 2.5): it can lift itself, slowly."""
+
+WEAK_MOTOR_TORQUE = (10.0, 5.0, 1.5)
+"""[N·m] About half of what holding the arm level needs: these must pump like a child on a swing."""
+
+MOTOR_DAMPING = (1.5, 0.75, 0.2)
+"""[N·m·s/rad] Friction and back-EMF: the torque limit over it is a motor's no-load speed, 20 rad/s."""
+
+BEARING_DAMPING = (0.15, 0.075, 0.02)
+"""[N·m·s/rad] Bearings alone, a tenth of the above: the passive arm swings for many seconds."""
+
+PUSH_FORCE = (10.0, 10.0, 10.0)
+"""[N] Horizontal, at the middle of each link: each about a link's own weight, a firm shove."""
+
+START_SPEED = (2.0, 3.0, 4.0)
+"""[rad/s] Standard deviation of the joints' speeds at random starts; free fall reaches two to three times it."""
+
+REST_SHARE = 0.3
+"""Share of random starts that are near hanging and nearly at rest, where most motions begin."""
+
+REST_SPREAD = 0.15
+"""Angles [rad] and speeds of such a start, as a share of the random ones."""
+
+# Angles of the links against gravity and against each other: gravity sees the first, inertia the second.
+ANGLES = (
+    (1, 0, 0, 0, 0, 0),
+    (1, 1, 0, 0, 0, 0),
+    (1, 1, 1, 0, 0, 0),
+    (0, 1, 0, 0, 0, 0),
+    (0, 0, 1, 0, 0, 0),
+    (0, 1, 1, 0, 0, 0),
+)
+
+
+class Pendulum(MujocoSystem):
+    """Three hinges: angles [rad] relative to the link above, zero when hanging, and their speeds."""
+
+    state = STATE
+    scheme = Scheme("euler", 0.001)
+    truth = Scheme("rk4", 0.005)
+    fine = Scheme("rk4", 0.0001)
+    rest = np.zeros(6)
+    structure = Structure(ANGLES, rates=((0, 3), (1, 4), (2, 5)), plain=(3, 4, 5), is_odd=True)
+
+    def __init__(self, name: str, control: Layout, limit: tuple[float, ...], damping: tuple[float, ...]):
+        self.name = name
+        self.control = control
+        self.bounds = Bounds.symmetric(limit)
+        self.model = load_model(f"{name}.xml")
+        self.model.dof_damping[:] = damping
+        self.skeleton = skeleton_of(self.model)
+        if control.slices[0].unit == "N":
+            self.pushes = (("upper", 0), ("middle", 0), ("lower", 0))
+
+    def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        angles = rng.uniform(-np.pi, np.pi, (count, 3))
+        speeds = rng.normal(size=(count, 3)) * START_SPEED
+        spread = np.where(rng.random(count) < REST_SHARE, REST_SPREAD, 1.0)
+        return np.concatenate([angles, speeds], axis=1) * spread[:, None]
+
+
+def active_pendulum() -> Pendulum:
+    """Return the arm with a torque motor at each joint."""
+    return Pendulum("pendulum", Layout((Slice("torque", 3, "N·m"),)), MOTOR_TORQUE, MOTOR_DAMPING)
+
+
+def passive_pendulum() -> Pendulum:
+    """Return the arm without motors, pushed sideways at each link: s, f → s'."""
+    return Pendulum("pendulum-passive", Layout((Slice("push", 3, "N"),)), PUSH_FORCE, BEARING_DAMPING)
