@@ -20,7 +20,7 @@ import numpy as np
 
 import neuroanimator as na
 from neuroanimator.animation.motion import random_motion
-from neuroanimator.export.film import read_film
+from neuroanimator.export.film.options import read_film
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin", "cube")
 SECONDS = 5.0

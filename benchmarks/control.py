@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import Emulator, descend, find_emulator, load_system
-from neuroanimator.bench import describe_machine, write_csv
-from neuroanimator.control.methods import METHODS
-from neuroanimator.control.replay import replay
-from neuroanimator.control.tasks.solve import Solver
-from neuroanimator.control_bench import QUICK, TASKS, THOROUGH, quartiles, run_control_bench
+from neuroanimator.bench.run_control import QUICK, TASKS, THOROUGH, quartiles, run_control_bench
+from neuroanimator.bench.run_table import describe_machine, write_csv
+from neuroanimator.control.descent.methods import METHODS
+from neuroanimator.control.synthesis.replay import replay
+from neuroanimator.tasks.solver import Solver
 from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]

@@ -12,14 +12,14 @@ import jax
 import numpy as np
 
 from neuroanimator import Emulator, find_emulator, load_system
+from neuroanimator.bench.long_run import measure_long_run
+from neuroanimator.bench.spring_relaxation import relaxed
+from neuroanimator.bench.swims import compare_swims
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import Transitions, dataset_config
-from neuroanimator.emulator.correction import relaxed
 from neuroanimator.evaluation.accuracy import HeldOut, held_out_runs, one_step_error, root_mean_square
-from neuroanimator.evaluation.blow_ups import count_blow_ups
-from neuroanimator.evaluation.long_run import measure_long_run
 from neuroanimator.evaluation.speed import TIMED_SUPER_STEPS, emulator_player, interleaved, one_core
-from neuroanimator.evaluation.swimming import compare_swims
+from neuroanimator.evaluation.stability import count_blow_ups
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.training.config import training_config
 from neuroanimator.training.train import train

@@ -17,7 +17,7 @@ import jax
 import numpy as np
 
 from neuroanimator import training_config
-from neuroanimator.bench import describe_machine, write_csv
+from neuroanimator.bench.run_table import describe_machine, write_csv
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import Transitions, dataset_config
 from neuroanimator.emulator.emulator import Emulator

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import Emulator, descend, find_emulator, is_upright, load_system, replay, stand_upright
-from neuroanimator.bench import describe_machine, write_csv
+from neuroanimator.bench.run_table import describe_machine, write_csv
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.rigid.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
 from neuroanimator.terminal import print_table

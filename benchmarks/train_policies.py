@@ -14,16 +14,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator import Emulator, find_emulator, load_system
-from neuroanimator.bench import write_csv
+from neuroanimator.bench.run_table import write_csv
 from neuroanimator.control.policies.behaviours import Tank, shoal
-from neuroanimator.control.policies.course import Course, command, forward, leftward, unit, upright
-from neuroanimator.control.policies.drive import drive, live
+from neuroanimator.control.policies.closed_loop import drive, live
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_training import train_policy
-from neuroanimator.control.tasks.animals import body_length
+from neuroanimator.control.policies.steering import Course, command, forward, leftward, unit, upright
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
+from neuroanimator.tasks.swimmers import body_length
 from neuroanimator.terminal import print_table
 from neuroanimator.zoo import POLICIES, find_policy, shipped_policy
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from neuroanimator.training.recipe import cook
+from neuroanimator.training.recipes import cook
 from neuroanimator.zoo import SHIPPED, shipped_path
 
 WORKPLACE = Path("out/shipped")

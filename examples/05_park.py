@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 import neuroanimator as na
-from neuroanimator.control.parameters import Spline
-from neuroanimator.control.tasks.rigid import TRUCK_MARGIN, TRUCK_PROBES, clearance, lot_zones
+from neuroanimator.control.descent.parametrisation import Spline
+from neuroanimator.tasks.rigid import TRUCK_MARGIN, TRUCK_PROBES, clearance, lot_zones
 
 emulator = na.Emulator.load(na.find_emulator("truck-100"))
 system = na.load_system("truck")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import neuroanimator as na
-from neuroanimator.control.parameters import Spline
+from neuroanimator.control.descent.parametrisation import Spline
 
 emulator, system = na.Emulator.load(na.find_emulator("dolphin-50")), na.load_system("dolphin")
 steps = round(3.0 / emulator.dt)

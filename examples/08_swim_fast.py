@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import neuroanimator as na
-from neuroanimator.control.parameters import Periodic
+from neuroanimator.control.descent.parametrisation import Periodic
 
 emulator, system = na.Emulator.load(na.find_emulator("fish-50")), na.load_system("fish")
 steps = round(3.0 / emulator.dt)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import neuroanimator as na
-from neuroanimator.control.parameters import Steered
+from neuroanimator.control.descent.parametrisation import Steered
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import read_heights
 

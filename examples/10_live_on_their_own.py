@@ -6,7 +6,7 @@ import numpy as np
 
 import neuroanimator as na
 from neuroanimator.control.policies.behaviours import Tank, shoal
-from neuroanimator.control.policies.drive import live
+from neuroanimator.control.policies.closed_loop import live
 
 policy = na.load_policy("fish")  # speed and direction to twelve muscles, learnt through the emulator
 system = na.load_system("fish")

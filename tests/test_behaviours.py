@@ -8,7 +8,7 @@ import pytest
 
 from neuroanimator import load_policy, load_system
 from neuroanimator.control.policies.behaviours import Tank, ease, first, give_way, keep_apart, shoal
-from neuroanimator.control.policies.drive import live
+from neuroanimator.control.policies.closed_loop import live
 from neuroanimator.state.pose import Pose
 
 LENGTH = 0.26

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from neuroanimator import NeuroAnimatorError
-from neuroanimator.bench import chosen_rows
-from neuroanimator.sweep import SweepRow, largest_within, sweep
+from neuroanimator.bench.run_table import chosen_rows
+from neuroanimator.evaluation.sweep import SweepRow, largest_within, sweep
 from neuroanimator.training.batches import draw_batches
-from neuroanimator.training.recipe import RECIPES
+from neuroanimator.training.recipes import RECIPES
 from neuroanimator.zoo import SHIPPED, shipped_path
 
 

@@ -13,7 +13,7 @@ from conftest import Cli
 
 from neuroanimator.cli import info
 from neuroanimator.cli.verbs import VERBS
-from neuroanimator.control.report import gap_in_words
+from neuroanimator.control.synthesis.summary import gap_in_words
 from neuroanimator.zoo import shipped_policy
 
 

@@ -20,15 +20,15 @@ from neuroanimator import (
     stand_upright,
     synthesise,
 )
-from neuroanimator.control.corrected import defects_of
-from neuroanimator.control.descend import pose_problem
-from neuroanimator.control.goals import reach_goal
-from neuroanimator.control.methods import METHODS
-from neuroanimator.control.objective import objective_cost
-from neuroanimator.control.parameters import EachStep
-from neuroanimator.control.refine import transitions_near
-from neuroanimator.control.synthesise import CORRECTING_ITERATIONS, synthesise_goal
-from neuroanimator.control.wishes import effort, keep_speed, keyframes, reach_place, smoothness
+from neuroanimator.control.descent.defects import defects_of
+from neuroanimator.control.descent.descend import pose_problem
+from neuroanimator.control.descent.methods import METHODS
+from neuroanimator.control.descent.parametrisation import EachStep
+from neuroanimator.control.objective.costs import effort, keep_speed, keyframes, reach_place, smoothness
+from neuroanimator.control.objective.goals import reach_goal
+from neuroanimator.control.objective.objective import objective_cost
+from neuroanimator.control.synthesis.finetune import transitions_near
+from neuroanimator.control.synthesis.synthesise import CORRECTING_ITERATIONS, synthesise_goal
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.demo import CORRECTIONS, SWEEPS
 from neuroanimator.state.layout import Bounds

@@ -14,15 +14,15 @@ import pytest
 import safetensors.numpy
 
 from neuroanimator import Emulator, NeuroAnimatorError, find_emulator, stand_upright, training_config
-from neuroanimator.control.corrected import no_defects
-from neuroanimator.control.parameters import EachStep
-from neuroanimator.control.problem import Problem
+from neuroanimator.control.descent.defects import no_defects
+from neuroanimator.control.descent.parametrisation import EachStep
+from neuroanimator.control.descent.problem import Problem
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.emulator import rollout
 from neuroanimator.emulator.features import Features, sine_cosine
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.storage.files import METADATA_KEY, _seal
-from neuroanimator.training.build import build_emulator
+from neuroanimator.training.initialise import build_emulator
 
 
 @pytest.fixture(params=["gated", "classic"])

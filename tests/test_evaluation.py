@@ -17,9 +17,9 @@ from neuroanimator.evaluation.accuracy import (
     one_step_error,
     scheme_error,
 )
-from neuroanimator.evaluation.blow_ups import count_blow_ups
 from neuroanimator.evaluation.evaluate import Effort
 from neuroanimator.evaluation.speed import OPPONENT_INTEGRATORS
+from neuroanimator.evaluation.stability import count_blow_ups
 from neuroanimator.systems.system import Scheme
 
 

@@ -23,8 +23,8 @@ from neuroanimator import (
 from neuroanimator.animation.interpolate import continuous
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.appearance.skeleton import SHAPE_KINDS, Shape
-from neuroanimator.export.shapes import shape_mesh
-from neuroanimator.export.video import graphics_backend
+from neuroanimator.export.film.video import graphics_backend
+from neuroanimator.export.gltf.shapes import shape_mesh
 from neuroanimator.state.rotation import rotation_matrices
 
 

@@ -13,9 +13,9 @@ from conftest import Cli
 from neuroanimator import Clip, Emulator, find_emulator, load_system, write_video
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.camera import FIELD, VIEWS, room_of, shots_of
-from neuroanimator.export.film import CAMERAS, Film, read_film
-from neuroanimator.export.video import graphics_backend
+from neuroanimator.export.film.camera import FIELD, VIEWS, room_of, shots_of
+from neuroanimator.export.film.options import CAMERAS, Film, read_film
+from neuroanimator.export.film.video import graphics_backend
 
 
 def held(name: str, heights: np.ndarray, way: float = 1.0) -> Clip:

@@ -24,7 +24,7 @@ from neuroanimator.state.rotation import (
 )
 from neuroanimator.state.structure import Segment
 from neuroanimator.systems.system import System
-from neuroanimator.training.build import build_emulator
+from neuroanimator.training.initialise import build_emulator
 
 PLANAR = (
     Segment("planar position", 2, 4),

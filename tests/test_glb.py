@@ -10,7 +10,7 @@ from conftest import accessor, read_glb
 
 from neuroanimator import Clip, load_system, write_glb
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.colour import linear_of, screen_of
+from neuroanimator.export.gltf.colour import linear_of, screen_of
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin", "cube")
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, load_system, stand_upright
-from neuroanimator.control.gradient_trust import GradientTrust, difference_gradient, gradient_trust
-from neuroanimator.control.parameters import EachStep
+from neuroanimator.control.descent.gradient_check import GradientTrust, difference_gradient, gradient_trust
+from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.emulator.emulator import rollout
 from neuroanimator.systems.fastest import play
 

@@ -11,10 +11,10 @@ import pytest
 from neuroanimator import Emulator, NeuroAnimatorError, load_system, training_config
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import Transitions, dataset_config
-from neuroanimator.emulator.hierarchy import Hierarchy, Part
+from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
-from neuroanimator.training.build import build_emulator
+from neuroanimator.training.initialise import build_emulator
 
 SWIMMER = """<mujoco><option timestep="0.005" integrator="RK4" gravity="0 0 0"/>
   <default><geom contype="0" conaffinity="0"/><joint damping="0.2" armature="0.05"/></default>

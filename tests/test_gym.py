@@ -15,7 +15,8 @@ from gymnasium.utils.env_checker import check_env
 
 import neuroanimator.gym
 from neuroanimator import Emulator, NeuroAnimatorError, find_emulator, stand_upright
-from neuroanimator.gym import EmulatorEnv, EmulatorVectorEnv, RunningCost, mjcf_of, start_near_rest
+from neuroanimator.gym import EmulatorEnv, EmulatorVectorEnv, RunningCost, mjcf_of
+from neuroanimator.gym.envs import start_near_rest
 
 ADVICE = "(A Box observation space m..imum value is|For Box action spaces, we recommend)"
 """check_env's advice for learners, which SI units and a body that may go anywhere cannot follow."""

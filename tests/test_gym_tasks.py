@@ -10,11 +10,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from neuroanimator import NeuroAnimatorError, descend
-from neuroanimator.control.objective import objective_cost
+from neuroanimator.control.objective.objective import objective_cost
 from neuroanimator.control.policies.pilot import Pilot
-from neuroanimator.export.video import graphics_backend
+from neuroanimator.export.film.video import graphics_backend
 from neuroanimator.gym import TASK_NAMES, EmulatorEnv
-from neuroanimator.gym_tasks import FARTHEST, TASKS, TRIALS, TaskEnv, TaskVectorEnv
+from neuroanimator.gym.task_envs import FARTHEST, TASKS, TRIALS, TaskEnv, TaskVectorEnv
 
 KINDS = ["pendulum-swing-up", "truck-park", "lander-land", "fish-reach"]
 """Hinges, wheels among obstacles, a root that flies, a body with muscles."""

@@ -18,16 +18,16 @@ from neuroanimator import Emulator, load_system, training_config
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import Transitions, dataset_config
 from neuroanimator.definitions.body import BodyDefinition
-from neuroanimator.emulator.hierarchy import Hierarchy, Part, check_parts
-from neuroanimator.emulator.modes import fit_modes
-from neuroanimator.emulator.principal import reflection
+from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part, check_parts
+from neuroanimator.emulator.pca import reflection
+from neuroanimator.emulator.shape_modes import fit_modes
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.reference_shape import flat_of, points_of, shown_by
 from neuroanimator.state.rotation import rotate
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.loading import resolve
-from neuroanimator.training.build import build_emulator
+from neuroanimator.training.initialise import build_emulator
 from neuroanimator.training.train import train
 
 FLAT = {"widths": (16, 8), "place_modes": 12, "speed_modes": 14}

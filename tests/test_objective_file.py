@@ -14,16 +14,16 @@ from conftest import Cli, read_glb
 
 from neuroanimator import Emulator, Objective, load_system, stand_upright
 from neuroanimator.cli.control import METHOD_HELP, run
-from neuroanimator.control import wishes
-from neuroanimator.control.descend import DEFAULT_ITERATIONS
-from neuroanimator.control.goals import reach_goal, usual_goal
-from neuroanimator.control.methods import METHODS
-from neuroanimator.control.objective_file import KINDS, Wanted, read_objective
-from neuroanimator.control.obstacles import Zone, avoid
-from neuroanimator.control.parameters import EachStep, Periodic, Spline
-from neuroanimator.control.synthesise import synthesise_goal
-from neuroanimator.control.trajectory import Trajectory
-from neuroanimator.control.watch import watching
+from neuroanimator.control.descent.descend import DEFAULT_ITERATIONS
+from neuroanimator.control.descent.methods import METHODS
+from neuroanimator.control.descent.parametrisation import EachStep, Periodic, Spline
+from neuroanimator.control.objective import costs
+from neuroanimator.control.objective.goals import reach_goal, usual_goal
+from neuroanimator.control.objective.obstacles import Zone, avoid
+from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.control.synthesis.objective_file import KINDS, Wanted, read_objective
+from neuroanimator.control.synthesis.progress import watching
+from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.system import Goal, System
 
@@ -52,38 +52,38 @@ def a_motion(system: System, steps: int = 8, dt: float = 0.25) -> Trajectory:
 
 
 MEANT = {
-    'kind = "effort"\nweight = 0.5': lambda truck: wishes.effort(0.5),
-    'kind = "smoothness"': lambda truck: wishes.smoothness(),
-    'kind = "travel"\ndirection = [1, 0, 0]\ndistance = 2\nwithin = 0.26': lambda truck: wishes.travel(
+    'kind = "effort"\nweight = 0.5': lambda truck: costs.effort(0.5),
+    'kind = "smoothness"': lambda truck: costs.smoothness(),
+    'kind = "travel"\ndirection = [1, 0, 0]\ndistance = 2\nwithin = 0.26': lambda truck: costs.travel(
         truck, [1, 0, 0], 2.0, within=0.26
     ),
-    'kind = "reach_place"\nplace = [1.0, 2.0]\naxes = "xy"\nwithin = 0.1\nat = 1.5': lambda truck: wishes.reach_place(
+    'kind = "reach_place"\nplace = [1.0, 2.0]\naxes = "xy"\nwithin = 0.1\nat = 1.5': lambda truck: costs.reach_place(
         truck, [1.0, 2.0], axes="xy", within=0.1, at=1.5
     ),
-    'kind = "reach_height"\nheight = 2.0\nwithin = 0.1\nat = 1.5': lambda truck: wishes.reach_height(
+    'kind = "reach_height"\nheight = 2.0\nwithin = 0.1\nat = 1.5': lambda truck: costs.reach_height(
         truck, 2.0, within=0.1, at=1.5
     ),
-    'kind = "keyframes"\nplaces = [[1, 2, 3], [2, 3, 4]]\ntimes = [1, 2]\nwithin = 1': lambda truck: wishes.keyframes(
+    'kind = "keyframes"\nplaces = [[1, 2, 3], [2, 3, 4]]\ntimes = [1, 2]\nwithin = 1': lambda truck: costs.keyframes(
         truck, [[1, 2, 3], [2, 3, 4]], [1.0, 2.0], within=1.0
     ),
-    'kind = "follow_path"\npoints = [[0, 0], [1, 1]]\naxes = "xy"\nwithin = 1': lambda truck: wishes.follow_path(
+    'kind = "follow_path"\npoints = [[0, 0], [1, 1]]\naxes = "xy"\nwithin = 1': lambda truck: costs.follow_path(
         truck, [[0, 0], [1, 1]], axes="xy", within=1.0
     ),
-    'kind = "keep_velocity"\nvelocity = [1, 0, 0]\nwithin = 1\nsince = 1': lambda truck: wishes.keep_velocity(
+    'kind = "keep_velocity"\nvelocity = [1, 0, 0]\nwithin = 1\nsince = 1': lambda truck: costs.keep_velocity(
         truck, [1, 0, 0], within=1.0, since=1.0
     ),
-    'kind = "keep_speed"\nspeed = 3\nwithin = 1': lambda truck: wishes.keep_speed(truck, 3.0, within=1.0),
-    'kind = "keep_heading"\ndirection = [0, 1, 0]\nwithin = 0.1': lambda truck: wishes.keep_heading(
+    'kind = "keep_speed"\nspeed = 3\nwithin = 1': lambda truck: costs.keep_speed(truck, 3.0, within=1.0),
+    'kind = "keep_heading"\ndirection = [0, 1, 0]\nwithin = 0.1': lambda truck: costs.keep_heading(
         truck, [0, 1, 0], within=0.1
     ),
-    'kind = "reach_heading"\ndirection = [0, 1, 0]\nwithin = 0.1': lambda truck: wishes.reach_heading(
+    'kind = "reach_heading"\ndirection = [0, 1, 0]\nwithin = 0.1': lambda truck: costs.reach_heading(
         truck, [0, 1, 0], within=0.1
     ),
-    'kind = "stand_up"\nwithin = 0.1': lambda truck: wishes.stand_up(truck, within=0.1),
-    'kind = "stay_upright"\ntolerance = 0.01\nmay_pitch = true\nsince = 1': lambda truck: wishes.stay_upright(
+    'kind = "stand_up"\nwithin = 0.1': lambda truck: costs.stand_up(truck, within=0.1),
+    'kind = "stay_upright"\ntolerance = 0.01\nmay_pitch = true\nsince = 1': lambda truck: costs.stay_upright(
         truck, tolerance=0.01, may_pitch=True, since=1.0
     ),
-    'kind = "stay_within"\npart = "steer_fl"\nlow = -0.1\nhigh = 0.05\nwithin = 1': lambda truck: wishes.stay_within(
+    'kind = "stay_within"\npart = "steer_fl"\nlow = -0.1\nhigh = 0.05\nwithin = 1': lambda truck: costs.stay_within(
         truck, "steer_fl", -0.1, 0.05, within=1.0
     ),
     'kind = "avoid"\nzones = [{ place = [0.2, 0], radius = 0.5 }]\nmargin = 1': lambda truck: avoid(
@@ -110,7 +110,7 @@ def test_a_wish_in_a_file_is_the_wish_in_python(text: str, tmp_path: Path):
 def test_every_kind_is_tried_and_every_wish_has_a_kind():
     assert {text.split('"')[1] for text in MEANT} == {*KINDS}
     makers = {
-        name for name, each in vars(wishes).items() if inspect.isfunction(each) and each.__module__ == wishes.__name__
+        name for name, each in vars(costs).items() if inspect.isfunction(each) and each.__module__ == costs.__name__
     }
     assert {name for name in makers if name[0] != "_"} <= {*KINDS}
 

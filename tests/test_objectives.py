@@ -13,12 +13,8 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, Objective, descend, load_system, read_pose, stand_upright
-from neuroanimator.control.goals import reach_goal
-from neuroanimator.control.objective import Term, check_objective
-from neuroanimator.control.parameters import EachStep, Parameters, Periodic, Spline, Steered
-from neuroanimator.control.terms import END, ReachState
-from neuroanimator.control.trajectory import Trajectory
-from neuroanimator.control.wishes import (
+from neuroanimator.control.descent.parametrisation import EachStep, Parameters, Periodic, Spline, Steered
+from neuroanimator.control.objective.costs import (
     effort,
     follow_path,
     keep_heading,
@@ -34,6 +30,10 @@ from neuroanimator.control.wishes import (
     stay_within,
     travel,
 )
+from neuroanimator.control.objective.goals import reach_goal
+from neuroanimator.control.objective.objective import Term, check_objective
+from neuroanimator.control.objective.terms import END, ReachState
+from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.layout import Bounds

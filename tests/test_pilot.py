@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from neuroanimator import NeuroAnimatorError, Pilot, Policy, load_policy, load_system, read_pose
-from neuroanimator.control.policies.course import Course
-from neuroanimator.control.policies.drive import decide
+from neuroanimator.control.policies.closed_loop import decide
 from neuroanimator.control.policies.pilot import LEASH, PilotFrame
+from neuroanimator.control.policies.steering import Course
 
 
 @pytest.fixture(scope="module")

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from neuroanimator import Emulator, find_emulator, load_system
 from neuroanimator.control.policies.behaviours import Tank, avoid, follow, pursue, school, stay_inside, wander
-from neuroanimator.control.policies.course import Course, command, dive, forward, leftward, turn, unit
-from neuroanimator.control.policies.drive import drive, live
+from neuroanimator.control.policies.closed_loop import drive, live
 from neuroanimator.control.policies.policy import Policy, fresh_policy
 from neuroanimator.control.policies.policy_training import PolicyTraining, command_ranges, train_policy
+from neuroanimator.control.policies.steering import Course, command, dive, forward, leftward, turn, unit
 from neuroanimator.data.sampling import sample_starts
-from neuroanimator.emulator.principal import mixing, reflection
+from neuroanimator.emulator.pca import mixing, reflection
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import Pose

@@ -23,7 +23,7 @@ from neuroanimator import (
     write_report,
 )
 from neuroanimator.evaluation.evaluate import Effort
-from neuroanimator.evaluation.speed_python import function_schemes
+from neuroanimator.evaluation.speed_function import function_schemes
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems.functions.function_system import PythonSystem

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, NeuroAnimatorError, is_upright, load_system, stand_upright
-from neuroanimator.control.goals import reach_state
-from neuroanimator.control.objective import Objective
-from neuroanimator.control.parameters import EachStep
-from neuroanimator.control.receding_horizon import (
+from neuroanimator.control.descent.parametrisation import EachStep
+from neuroanimator.control.objective.goals import reach_state
+from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.synthesis.receding_horizon import (
     EmulatorPlant,
     PhysicsPlant,
     Planner,

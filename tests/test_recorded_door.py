@@ -21,7 +21,7 @@ from neuroanimator import (
     training_config,
     write_report,
 )
-from neuroanimator.data.stretches import cut_stretches
+from neuroanimator.data.recorded_splits import cut_stretches
 from neuroanimator.data.transitions import window_length
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.evaluate import Effort

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, load_system, stand_upright
-from neuroanimator.control.goals import reach_state
-from neuroanimator.control.objective import Objective, objective_cost
-from neuroanimator.control.parameters import EachStep, Spline
-from neuroanimator.control.rivals.contest import BLOWN_UP, Pricing
-from neuroanimator.control.rivals.fast_physics import LANES, SimulatedPhysics, cheapest_scheme, fast_physics
-from neuroanimator.control.rivals.ilqr import linearised
-from neuroanimator.control.rivals.race import RIVALS, Race, race
-from neuroanimator.control.trajectory import Trajectory
-from neuroanimator.control.wishes import effort
+from neuroanimator.bench.baselines.budgeted_cost import BLOWN_UP, Pricing
+from neuroanimator.bench.baselines.fast_physics import LANES, SimulatedPhysics, cheapest_scheme, fast_physics
+from neuroanimator.bench.baselines.ilqr import linearised
+from neuroanimator.bench.baselines.race import RIVALS, Race, race
+from neuroanimator.control.descent.parametrisation import EachStep, Spline
+from neuroanimator.control.objective.costs import effort
+from neuroanimator.control.objective.goals import reach_state
+from neuroanimator.control.objective.objective import Objective, objective_cost
+from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import Scheme, System

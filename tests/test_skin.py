@@ -18,8 +18,8 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin import Box, Skin, Swimmer
 from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, posed, skin_mesh
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.camera import camera_way
-from neuroanimator.export.video import graphics_backend, write_video
+from neuroanimator.export.film.camera import camera_way
+from neuroanimator.export.film.video import graphics_backend, write_video
 from neuroanimator.state.rotation import rotate, rotation_matrices
 from neuroanimator.systems.deformable.bones import body_skeleton
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem

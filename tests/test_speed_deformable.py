@@ -13,7 +13,7 @@ from neuroanimator.evaluation.accuracy import HeldOut, make_test, scheme_error
 from neuroanimator.evaluation.evaluate import Evaluation
 from neuroanimator.evaluation.report import write_report
 from neuroanimator.evaluation.speed import Opponent, Speed
-from neuroanimator.evaluation.speed_deformable import (
+from neuroanimator.evaluation.speed_mass_spring import (
     C_TWIN,
     JAX,
     PLAIN,

@@ -10,7 +10,7 @@ from conftest import Cli
 
 from neuroanimator import Emulator, find_emulator, load_system, read_pose
 from neuroanimator.animation.motion import named_start
-from neuroanimator.control.goals import find_goal, goal_start
+from neuroanimator.control.objective.goals import find_goal, goal_start
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.start import read_starts

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system, read_pose
-from neuroanimator.control.tasks.animals import (
+from neuroanimator.state.rotation import rotate
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.system import System
+from neuroanimator.tasks.swimmers import (
     ANIMAL_TASKS,
     LEVEL_WITHIN,
     UPRIGHT_WITHIN,
@@ -14,9 +17,6 @@ from neuroanimator.control.tasks.animals import (
     swimming_start,
     turned_upright,
 )
-from neuroanimator.state.rotation import rotate
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.system import System
 
 DT = 0.05
 

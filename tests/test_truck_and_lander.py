@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
-from neuroanimator.control.goals import goal_state, is_reached
+from neuroanimator.control.objective.goals import goal_state, is_reached
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.rotation import heading_of, upward
 from neuroanimator.systems.system import System

@@ -7,15 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from neuroanimator.animation.clip import Clip, make_clip
-    from neuroanimator.control.descend import descend
-    from neuroanimator.control.goals import is_reached, is_upright, reach_goal, reach_state, stand_upright
-    from neuroanimator.control.objective import Objective, Term
-    from neuroanimator.control.obstacles import avoid
-    from neuroanimator.control.policies.pilot import Pilot
-    from neuroanimator.control.policies.policy import Policy, load_policy
-    from neuroanimator.control.replay import replay
-    from neuroanimator.control.synthesise import Synthesis, synthesise
-    from neuroanimator.control.wishes import (
+    from neuroanimator.control.descent.descend import descend
+    from neuroanimator.control.objective.costs import (
         effort,
         follow_path,
         keep_heading,
@@ -31,17 +24,24 @@ if TYPE_CHECKING:
         stay_within,
         travel,
     )
-    from neuroanimator.data.diverged import read_diverged
+    from neuroanimator.control.objective.goals import is_reached, is_upright, reach_goal, reach_state, stand_upright
+    from neuroanimator.control.objective.objective import Objective, Term
+    from neuroanimator.control.objective.obstacles import avoid
+    from neuroanimator.control.policies.pilot import Pilot
+    from neuroanimator.control.policies.policy import Policy, load_policy
+    from neuroanimator.control.synthesis.replay import replay
+    from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
+    from neuroanimator.data.diverged_runs import read_diverged
     from neuroanimator.data.generate import generate
     from neuroanimator.data.transitions import dataset_config, read_transitions
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.errors import NeuroAnimatorError
     from neuroanimator.evaluation.evaluate import Effort, evaluate
     from neuroanimator.evaluation.report import write_report
-    from neuroanimator.export.gltf import write_glb
-    from neuroanimator.export.proof import write_proof
-    from neuroanimator.export.table import read_clip, write_clip
-    from neuroanimator.export.video import write_video
+    from neuroanimator.export.comparison import write_proof
+    from neuroanimator.export.csv_file import read_clip, write_clip
+    from neuroanimator.export.film.video import write_video
+    from neuroanimator.export.gltf.scene import write_glb
     from neuroanimator.state.pose import read_pose
     from neuroanimator.systems import load_system
     from neuroanimator.systems.loading import trust_files
@@ -58,53 +58,53 @@ _HOMES = {
     "Effort": "evaluation.evaluate",
     "Emulator": "emulator.emulator",
     "NeuroAnimatorError": "errors",
-    "Objective": "control.objective",
+    "Objective": "control.objective.objective",
     "Pilot": "control.policies.pilot",
     "Policy": "control.policies.policy",
-    "Synthesis": "control.synthesise",
-    "Term": "control.objective",
-    "avoid": "control.obstacles",
+    "Synthesis": "control.synthesis.synthesise",
+    "Term": "control.objective.objective",
+    "avoid": "control.objective.obstacles",
     "dataset_config": "data.transitions",
-    "descend": "control.descend",
-    "effort": "control.wishes",
+    "descend": "control.descent.descend",
+    "effort": "control.objective.costs",
     "evaluate": "evaluation.evaluate",
     "find_emulator": "zoo",
-    "follow_path": "control.wishes",
+    "follow_path": "control.objective.costs",
     "generate": "data.generate",
-    "is_reached": "control.goals",
-    "is_upright": "control.goals",
-    "keep_heading": "control.wishes",
-    "keep_speed": "control.wishes",
-    "keep_velocity": "control.wishes",
-    "keyframes": "control.wishes",
+    "is_reached": "control.objective.goals",
+    "is_upright": "control.objective.goals",
+    "keep_heading": "control.objective.costs",
+    "keep_speed": "control.objective.costs",
+    "keep_velocity": "control.objective.costs",
+    "keyframes": "control.objective.costs",
     "load_policy": "control.policies.policy",
     "load_system": "systems",
     "make_clip": "animation.clip",
-    "reach_goal": "control.goals",
-    "reach_heading": "control.wishes",
-    "reach_height": "control.wishes",
-    "reach_place": "control.wishes",
-    "reach_state": "control.goals",
-    "read_clip": "export.table",
-    "read_diverged": "data.diverged",
+    "reach_goal": "control.objective.goals",
+    "reach_heading": "control.objective.costs",
+    "reach_height": "control.objective.costs",
+    "reach_place": "control.objective.costs",
+    "reach_state": "control.objective.goals",
+    "read_clip": "export.csv_file",
+    "read_diverged": "data.diverged_runs",
     "read_pose": "state.pose",
     "read_transitions": "data.transitions",
-    "replay": "control.replay",
-    "smoothness": "control.wishes",
-    "stand_up": "control.wishes",
-    "stand_upright": "control.goals",
-    "stay_upright": "control.wishes",
-    "stay_within": "control.wishes",
-    "synthesise": "control.synthesise",
+    "replay": "control.synthesis.replay",
+    "smoothness": "control.objective.costs",
+    "stand_up": "control.objective.costs",
+    "stand_upright": "control.objective.goals",
+    "stay_upright": "control.objective.costs",
+    "stay_within": "control.objective.costs",
+    "synthesise": "control.synthesis.synthesise",
     "train": "training.train",
     "training_config": "training.config",
-    "travel": "control.wishes",
+    "travel": "control.objective.costs",
     "trust_files": "systems.loading",
-    "write_clip": "export.table",
-    "write_glb": "export.gltf",
-    "write_proof": "export.proof",
+    "write_clip": "export.csv_file",
+    "write_glb": "export.gltf.scene",
+    "write_proof": "export.comparison",
     "write_report": "evaluation.report",
-    "write_video": "export.video",
+    "write_video": "export.film.video",
 }
 
 __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)

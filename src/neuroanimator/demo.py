@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.animation.clip import make_clip
-from neuroanimator.control.goals import is_upright
-from neuroanimator.control.report import outcome_rows
-from neuroanimator.control.synthesise import Synthesis, synthesise_goal
+from neuroanimator.control.objective.goals import is_upright
+from neuroanimator.control.synthesis.summary import outcome_rows
+from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise_goal
 from neuroanimator.data.generate import generate
 from neuroanimator.data.transitions import Transitions, dataset_config, read_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.evaluate import Evaluation, evaluate
 from neuroanimator.evaluation.report import write_report
-from neuroanimator.export.gltf import write_glb
-from neuroanimator.export.table import write_table
-from neuroanimator.export.video import write_video
+from neuroanimator.export.csv_file import write_table
+from neuroanimator.export.film.video import write_video
+from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.storage.files import canonical_json, write_whole
 from neuroanimator.terminal import print_rows, progress_bar
 from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config

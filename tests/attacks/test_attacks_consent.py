@@ -26,13 +26,13 @@ from neuroanimator import (
     read_transitions,
 )
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.synthesise import synthesise_goal
+from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import DatasetConfig
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.evaluation.accuracy import system_of
 from neuroanimator.storage.files import canonical_json
-from neuroanimator.systems import carried_system
+from neuroanimator.systems import carried_system, trusted_files
 from neuroanimator.systems.loading import resolve, trust_files
 from neuroanimator.systems.recorded.recording import read_recording
 

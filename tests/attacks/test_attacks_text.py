@@ -23,7 +23,7 @@ from neuroanimator.definitions.model import Definition
 from neuroanimator.emulator.artifact import describe
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.evaluate import Evaluation
-from neuroanimator.export.table import read_table, write_table
+from neuroanimator.export.csv_file import read_table, write_table
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.storage.files import canonical_json, read_tensors
 from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model

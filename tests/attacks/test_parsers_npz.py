@@ -13,7 +13,7 @@ import pytest
 from fuzz.measure import Refusal, check_refusal, refusals
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.export.table import read_table
+from neuroanimator.export.csv_file import read_table
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.systems.recorded.npz_file import read_npz
 

@@ -24,7 +24,7 @@ READ_BACK = """
 import numpy as np
 from pathlib import Path
 from neuroanimator import load_system
-from neuroanimator.export.table import read_table, write_table
+from neuroanimator.export.csv_file import read_table, write_table
 system = load_system("door.toml")
 write_table(Path("table.csv"), np.array([0.0]), np.ones((1, 1)), system.control)
 assert read_table(Path("table.csv"), system.control)[1] == 1

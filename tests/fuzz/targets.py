@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.cli.numbers import whole_numbers
-from neuroanimator.control.objective_file import read_objective
+from neuroanimator.control.synthesis.objective_file import read_objective
 from neuroanimator.data.transitions import DatasetConfig, claim_folder, read_config, read_transitions
 from neuroanimator.definitions.carried import TABLES
 from neuroanimator.emulator.artifact import load
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.export.table import read_table
+from neuroanimator.export.csv_file import read_table
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems import load_system

@@ -20,7 +20,7 @@ from neuroanimator.control.policies.policy_file import save_policy
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.artifact import save
 from neuroanimator.state.layout import Bounds
-from neuroanimator.training.build import build_emulator
+from neuroanimator.training.initialise import build_emulator
 
 FOLDER = Path(__file__).parent
 EMULATOR = FOLDER / "pendulum.emulator.safetensors"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from neuroanimator.export.film import CAMERAS, USUAL_SIZE
+from neuroanimator.export.film.options import CAMERAS, USUAL_SIZE
 
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
@@ -33,15 +33,15 @@ def run(
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
 ) -> None:
     """Animate a random motion, or one found by 'control', without running the physics."""
-    from neuroanimator.export.film import read_film
+    from neuroanimator.export.film.options import read_film
     from neuroanimator.terminal import phase, print_rows
 
     film = read_film(size, camera)
     with phase("loading"):
         from neuroanimator.animation.clip import make_clip
         from neuroanimator.animation.motion import controlled_motion, named_start, random_motion
-        from neuroanimator.export.by_suffix import emulator_for, export_clip
-        from neuroanimator.export.table import read_table
+        from neuroanimator.export.csv_file import read_table
+        from neuroanimator.export.formats import emulator_for, export_clip
         from neuroanimator.state.start import read_starts
 
         model = emulator_for(out, emulator)

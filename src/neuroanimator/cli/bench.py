@@ -30,7 +30,7 @@ def run(
     """Measure accuracy and speed of every system, print the table, write CSV and a work-precision plot."""
     from json import dumps
 
-    from neuroanimator.bench import chosen_rows, run_table
+    from neuroanimator.bench.run_table import chosen_rows, run_table
     from neuroanimator.errors import ArgumentError
     from neuroanimator.terminal import print_rows, print_table
 
@@ -54,7 +54,7 @@ def run(
 def _run_control(tasks: str | None, quick: bool, json: bool, out: Path) -> None:
     from json import dumps
 
-    from neuroanimator.control_bench import QUICK, THOROUGH, chosen_tasks, run_control_bench
+    from neuroanimator.bench.run_control import QUICK, THOROUGH, chosen_tasks, run_control_bench
     from neuroanimator.terminal import print_rows, print_table
 
     rows, files = run_control_bench(chosen_tasks(tasks), out, QUICK if quick else THOROUGH)

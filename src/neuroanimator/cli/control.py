@@ -16,7 +16,7 @@ from neuroanimator.errors import ArgumentError
 if TYPE_CHECKING:
     import numpy as np
 
-    from neuroanimator.control.synthesise import Synthesis
+    from neuroanimator.control.synthesis.synthesise import Synthesis
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.systems.system import System
 
@@ -70,10 +70,10 @@ def run(
 
     began = time.perf_counter()
     with phase("loading"):
-        from neuroanimator.control.report import outcome_rows, warnings_of
-        from neuroanimator.control.watch import watching
+        from neuroanimator.control.synthesis.progress import watching
+        from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
         from neuroanimator.data.transitions import read_transitions
-        from neuroanimator.export.by_suffix import emulator_for
+        from neuroanimator.export.formats import emulator_for
         from neuroanimator.systems import load_system
 
         own = load_system(str(system)) if system else None
@@ -122,9 +122,9 @@ def _search(
 
     `own` is the emulator's system, perhaps with goals written after training.
     """
-    from neuroanimator.control.goals import usual_goal
-    from neuroanimator.control.objective_file import read_objective, synthesise_wanted
-    from neuroanimator.control.synthesise import check_same_system
+    from neuroanimator.control.objective.goals import usual_goal
+    from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_wanted
+    from neuroanimator.control.synthesis.synthesise import check_same_system
     from neuroanimator.evaluation.accuracy import system_of
 
     system = own or system_of(emulator)
@@ -142,8 +142,8 @@ def _search(
 def _search_goal(
     emulator: Emulator, system: System, goal: str, seconds: float | None, effort_weight: float | None, starts: list[str]
 ) -> _Search | str:
-    from neuroanimator.control.goals import find_goal, goal_start
-    from neuroanimator.control.synthesise import synthesise_goal
+    from neuroanimator.control.objective.goals import find_goal, goal_start
+    from neuroanimator.control.synthesis.synthesise import synthesise_goal
     from neuroanimator.state.start import read_starts
 
     verdict = find_goal(system, goal)[1]
@@ -184,8 +184,8 @@ def _time_rows(began: float) -> list[tuple[str, object]]:
 def _write(found: Synthesis, out: Path, glb: Path | None) -> None:
     import numpy as np
 
-    from neuroanimator.export.proof import write_proof
-    from neuroanimator.export.table import write_table
+    from neuroanimator.export.comparison import write_proof
+    from neuroanimator.export.csv_file import write_table
     from neuroanimator.terminal import phase
 
     controls, emulator = found.descent.controls, found.emulator

@@ -13,7 +13,7 @@ def run() -> None:
 
     import jax
 
-    from neuroanimator.export.video import HOW_TO_GET_GL, graphics_backend
+    from neuroanimator.export.film.video import HOW_TO_GET_GL, graphics_backend
     from neuroanimator.terminal import print_rows
 
     backend = graphics_backend()

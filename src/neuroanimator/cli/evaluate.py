@@ -75,7 +75,7 @@ def _sweep(
 
     from neuroanimator.cli.numbers import whole_numbers
     from neuroanimator.errors import ArgumentError
-    from neuroanimator.sweep import largest_within, sweep
+    from neuroanimator.evaluation.sweep import largest_within, sweep
     from neuroanimator.systems.loading import trust_files
     from neuroanimator.terminal import print_table, progress_bar
 

@@ -20,13 +20,13 @@ def run(
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
 ) -> None:
     """Export a clip as GLB for Blender and the web, or as MP4 video."""
-    from neuroanimator.export.film import read_film
+    from neuroanimator.export.film.options import read_film
     from neuroanimator.terminal import phase, print_rows
 
     film = read_film(size, camera)
     with phase("loading"):
-        from neuroanimator.export.by_suffix import emulator_for, export_clip
-        from neuroanimator.export.table import read_clip
+        from neuroanimator.export.csv_file import read_clip
+        from neuroanimator.export.formats import emulator_for, export_clip
 
         model = emulator_for(out, emulator)
         motion = read_clip(clip, model)

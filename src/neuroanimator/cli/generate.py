@@ -29,7 +29,7 @@ def run(
     from neuroanimator.terminal import phase, print_rows
 
     with phase("loading"):
-        from neuroanimator.data.diverged import PATTERN
+        from neuroanimator.data.diverged_runs import PATTERN
         from neuroanimator.data.transitions import dataset_config
         from neuroanimator.systems.loading import resolve, trust_files
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from neuroanimator.data import transitions
-from neuroanimator.data.diverged import has_diverged, write_diverged
-from neuroanimator.data.recorded import cut_shard, write_held_out
+from neuroanimator.data.diverged_runs import has_diverged, write_diverged
+from neuroanimator.data.recorded_windows import cut_shard, write_held_out
 from neuroanimator.data.sampling import sample_control_runs, sample_starts, with_idle_runs
 from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
 from neuroanimator.errors import ArgumentError, BadFileError

@@ -17,8 +17,8 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from neuroanimator.data.recorded_splits import cut_stretches
 from neuroanimator.data.shard_checks import Wanted, check_range, check_tensors, largest_size, refuse, whole_number
-from neuroanimator.data.stretches import cut_stretches
 from neuroanimator.definitions.carried import LARGEST_TEXT
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.json_text import parse_json_object

@@ -13,10 +13,10 @@ from neuroanimator.appearance.skeleton import HARDLY_OFF_UNIT, Skeleton
 from neuroanimator.definitions.carried import check_carried
 from neuroanimator.emulator.emulator import Domain, Emulator, Identity
 from neuroanimator.emulator.features import Features
-from neuroanimator.emulator.hierarchy import parts_from_json, parts_to_json
-from neuroanimator.emulator.modes import Modes
 from neuroanimator.emulator.networks import NETWORKS, WIDEST_LAYER, make_network
+from neuroanimator.emulator.networks.hierarchy import parts_from_json, parts_to_json
 from neuroanimator.emulator.normaliser import Normaliser
+from neuroanimator.emulator.shape_modes import Modes
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.names import check_system_name
 from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers, whole

@@ -15,9 +15,9 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.compiled import Step, call_compiled
 from neuroanimator.emulator.features import Features
-from neuroanimator.emulator.modes import Modes
-from neuroanimator.emulator.network import Network
+from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
+from neuroanimator.emulator.shape_modes import Modes
 from neuroanimator.errors import ArgumentError, DivergedError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.gait import Gait

@@ -22,10 +22,10 @@ from neuroanimator.evaluation.accuracy import (
     root_mean_square,
     system_of,
 )
-from neuroanimator.evaluation.blow_ups import count_blow_ups
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
-from neuroanimator.evaluation.speed_deformable import JAX, NO_COMPILER
-from neuroanimator.evaluation.speed_python import PYTHON_FUNCTION
+from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
+from neuroanimator.evaluation.speed_mass_spring import JAX, NO_COMPILER
+from neuroanimator.evaluation.stability import count_blow_ups
 from neuroanimator.evaluation.verdict import Verdict, judge
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.terminal import phase

@@ -25,14 +25,14 @@ from neuroanimator.codegen.c_emulator import CEmulator, c_emulator
 from neuroanimator.emulator.emulator import UNROLL, Emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.evaluation.accuracy import HeldOut, scheme_error
-from neuroanimator.evaluation.speed_deformable import PLAIN, deformable_players, deformable_schemes, twin_error
-from neuroanimator.evaluation.speed_python import (
+from neuroanimator.evaluation.speed_function import (
     FUNCTION_STEPS,
     PYTHON_FUNCTION,
     function_error,
     function_player,
     function_schemes,
 )
+from neuroanimator.evaluation.speed_mass_spring import PLAIN, deformable_players, deformable_schemes, twin_error
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.functions.function_system import FUNCTION, PythonSystem
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem

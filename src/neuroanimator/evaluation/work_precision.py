@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from neuroanimator.evaluation.evaluate import Evaluation
-from neuroanimator.evaluation.speed_python import PYTHON_FUNCTION
+from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
 
 EMULATOR = "#e8892b"
 COLOURS = {"euler": "#2b5a94", "implicitfast": "#4fa3a0", "implicit": "#8a94a0", "rk4": "#7a4f9a"}

@@ -9,7 +9,7 @@ import jax
 import optax
 
 from neuroanimator.emulator.artifact import tensors_of, with_tensors
-from neuroanimator.emulator.network import Network
+from neuroanimator.emulator.networks.network import Network
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_tensors, write_tensors
 

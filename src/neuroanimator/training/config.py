@@ -33,7 +33,7 @@ class TrainingConfig(BaseModel):
     rare_share: float = Field(0.0, ge=0, lt=1)
     """Share of each batch drawn among the tenth of all windows with the most unusual changes, such as touchdowns."""
     place_modes: int = Field(0, ge=0, le=256)
-    """Shapes a deformable body is made of, and ways its parts move; 0: as many as matter. See `emulator/modes.py`."""
+    """Shapes a deformable body is made of, and ways its parts move; 0: as many as matter. See `shape_modes`."""
     speed_modes: int = Field(0, ge=0, le=256)
     local_modes: int = Field(4, ge=1, le=64)
     """The same per segment, besides where it is; of hierarchies."""

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from neuroanimator.data.transitions import Transitions
 from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.network import Network
+from neuroanimator.emulator.networks.network import Network
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.state.structure import Structure
@@ -29,9 +29,9 @@ from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 from neuroanimator.training.batches import draw_batches, folded, rare_rows
-from neuroanimator.training.build import build_emulator
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
+from neuroanimator.training.initialise import build_emulator
 from neuroanimator.training.loss import squared_error, unrolled_loss
 from neuroanimator.training.optimizer import make_optimizer
 

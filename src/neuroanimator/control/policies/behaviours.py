@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.policies.course import Course, leftward, unit, upright
+from neuroanimator.control.policies.steering import Course, leftward, unit, upright
 from neuroanimator.state.pose import Pose
 
 WANDERING = ((0.37, 1.0), (0.83, 0.5))

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import interpolate_hermite
-from neuroanimator.control.policies.course import Course, command
 from neuroanimator.control.policies.policy import Policy, load_policy
+from neuroanimator.control.policies.steering import Course, command
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.pose import Pose, read_pose

@@ -17,9 +17,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.network import Network
 from neuroanimator.emulator.networks import make_network
-from neuroanimator.emulator.principal import mixing
+from neuroanimator.emulator.networks.network import Network
+from neuroanimator.emulator.pca import mixing
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.state.rotation import Numbers

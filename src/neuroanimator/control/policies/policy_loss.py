@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from neuroanimator.control.policies.course import Course, leftward, unit, upright
-from neuroanimator.control.policies.drive import decide
+from neuroanimator.control.policies.closed_loop import decide
 from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.steering import Course, leftward, unit, upright
 from neuroanimator.emulator.emulator import Emulator
 
 NEARLY_AHEAD = 0.2

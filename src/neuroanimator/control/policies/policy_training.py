@@ -22,7 +22,7 @@ from neuroanimator.control.policies.policy_loss import LossWeights, Swimmers, be
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.emulator.artifact import tensors_of
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.network import Network
+from neuroanimator.emulator.networks.network import Network
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds
 from neuroanimator.storage.files import append_line, canonical_json, digest, locked

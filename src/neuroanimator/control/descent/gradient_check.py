@@ -1,0 +1,177 @@
+"""Whether the emulator's gradient of J points where the physics' does: what every descent relies on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from neuroanimator.control.descent.descend import controls_of, pose_problem
+from neuroanimator.control.descent.parametrisation import Parameters
+from neuroanimator.control.descent.problem import Problem
+from neuroanimator.control.objective.objective import Objective, cost_and_slopes
+from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.state.layout import Bounds
+from neuroanimator.systems.fastest import play
+from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase
+
+WARN_BELOW = 0.5
+"""Cosine: 60° between the two gradients; a step along one still wins half as much as along the other."""
+DIFFERENCE_STEP = 1e-5
+"""Of z, whose numbers are of order one: a tenth of it changes no gradient by a millionth, even with contacts."""
+
+Follow = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""(starts (B, S), controls (B, T, C)) → states (B, T+1, S) in float64."""
+
+
+@dataclass(frozen=True)
+class GradientTrust:
+    """How far the emulator's dJ/dz can be trusted."""
+
+    cosine: float
+    """Of the angle between both: 1 the same way, 0 at right angles or one of them zero."""
+    emulator_gradient: np.ndarray
+    """(Z,) by back-propagation through the emulator; or (D,), its slopes along the directions asked for."""
+    physics_gradient: np.ndarray
+    """The same by central differences of the true physics."""
+
+    @classmethod
+    def of(cls, emulator_gradient: np.ndarray, physics_gradient: np.ndarray) -> GradientTrust:
+        """Return the trust that two gradients (Z,) of the same J deserve."""
+        lengths = np.linalg.norm(emulator_gradient) * np.linalg.norm(physics_gradient)
+        cosine = float(emulator_gradient @ physics_gradient / lengths) if lengths else 0.0
+        return cls(cosine, emulator_gradient, physics_gradient)
+
+    def warning(self) -> str:
+        """Return one line for the user where the emulator misleads; empty where it does not."""
+        if self.cosine >= WARN_BELOW:
+            return ""
+        return (
+            f"The emulator's gradient points elsewhere than the physics': cosine {self.cosine:.2f}, "
+            f"wanted {WARN_BELOW}. Shorten the motion, or refine the emulator."
+        )
+
+
+def gradient_trust(
+    emulator: Emulator,
+    system: System,
+    objective: Objective,
+    parameters: Parameters,
+    start: np.ndarray,
+    controls: np.ndarray | None,
+    defects: Array | None = None,
+    directions: int | None = None,
+) -> GradientTrust:
+    """Return how dJ/dz on the emulator compares with that on `system`, at the z of `controls` (T, C).
+
+    The middle of the bounds for None. `defects` (T, V) are added to the emulator's super steps (see `corrected`).
+    Ask where a descent begins: at the emulator's own optimum its gradient vanishes, and the angle says nothing.
+    Takes 2Z runs of the physics, in one batch; or two for each of so many random `directions`, in which alone both
+    gradients are then compared: the cosine is then right to about one over the root of their number.
+
+    Raises NeuroAnimatorError where the physics blows up.
+    """
+    start, z = emulator.identity.state.check(start, "state"), parameters.guess(controls)
+    problem = pose_problem(emulator, objective, parameters, start, defects)
+    along = np.eye(len(z)) if directions is None else random_directions(len(z), directions)
+    with phase("checking the gradient"):
+        emulated = along @ emulated_gradient(problem, z)
+        physical = difference_gradient(
+            lambda starts, held: _played(system, starts, held, emulator.dt),
+            objective, parameters, emulator.identity.bounds, emulator.dt, start, z, along=along,
+        )  # fmt: skip
+    return GradientTrust.of(emulated, physical)
+
+
+def random_directions(size: int, count: int) -> Float[np.ndarray, "D Z"]:
+    """Return `count` unit vectors of `size` numbers at right angles to each other; all `size` if there are no more."""
+    if count >= size:
+        return np.eye(size)
+    drawn = np.random.default_rng(0).normal(size=(size, count))
+    return np.linalg.qr(drawn)[0].T
+
+
+def difference_gradient(
+    follow: Follow,
+    objective: Objective,
+    parameters: Parameters,
+    bounds: Bounds,
+    dt: float,
+    start: np.ndarray,
+    z: np.ndarray,
+    step: float = DIFFERENCE_STEP,
+    along: Float[np.ndarray, "D Z"] | None = None,
+) -> Float[np.ndarray, " D"]:
+    """Return dJ/dz (Z,) by central differences of what `follow` does from `start` (S,), J in float64.
+
+    With unit vectors `along` (D, Z), the slopes in these directions.
+
+    `bounds` are those effort is counted in, `dt` [s] the super step.
+    """
+    shifts = step * (np.eye(len(z)) if along is None else along)
+    starts = np.broadcast_to(start, (2 * len(shifts), len(start)))
+    with jax.enable_x64(True):
+        controls = np.asarray(controls_of(parameters, np.concatenate([z + shifts, z - shifts])))
+        states = follow(starts, controls)
+        costs = np.asarray(_costs(objective, states, controls, bounds.largest, dt))
+    above, below = np.split(costs, 2)
+    return (above - below) / (2 * step)
+
+
+def _played(system: System, starts: np.ndarray, controls: np.ndarray, dt: float) -> np.ndarray:
+    runs = play(system, starts, controls, dt)
+    if not runs.is_alive.all():
+        raise NeuroAnimatorError(
+            "The physics blew up under these controls: it has no gradient there. Shorten the motion."
+        )
+    return runs.states
+
+
+def emulated_gradient(problem: Problem, z: np.ndarray) -> Float[np.ndarray, " Z"]:
+    """Return dJ/dz (Z,) on the emulator.
+
+    In two programs, of which only the objective's own is compiled anew for other wishes.
+    """
+    place, motion = as_jax(z), replace(problem, objective=Objective.of())
+    _, slopes = cost_and_slopes(problem.objective, _emulated_motion(motion, place))
+    return np.asarray(_pulled_back(motion, place, slopes), float)
+
+
+def _emulated_motion(problem: Problem, z: Array) -> Trajectory:
+    """Return the motion on the emulator; by the program everybody uses, unless it has defects."""
+    if np.asarray(problem.defects).any():
+        return _trajectory(problem, z)
+    controls = controls_of(problem.parameters, z[None])[0]
+    states = problem.emulator.rollout(problem.start, controls)
+    return Trajectory(states, controls, problem.limit, problem.emulator.dt)
+
+
+@eqx.filter_jit
+def _trajectory(problem: Problem, z: Array) -> Trajectory:
+    return problem.trajectory(z)
+
+
+@eqx.filter_jit
+def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Array:
+    """Return how something changes with z that changes with states and controls by `slopes`."""
+
+    def motion(z: Array) -> tuple[Array, Array]:
+        states, controls, *_ = problem.trajectory(z)
+        return states, controls
+
+    return jax.vjp(motion, z)[1](slopes)[0]
+
+
+@eqx.filter_jit
+def _costs(objective: Objective, states: ArrayLike, controls: ArrayLike, limit: ArrayLike, dt: float) -> Array:
+    return jax.vmap(lambda motion, held: objective(Trajectory(motion, held, jnp.asarray(limit), dt)))(states, controls)

@@ -1,0 +1,229 @@
+"""Wishes for a motion: each function checks what it is given and returns a term for `Objective.of`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from numpy.typing import ArrayLike
+
+from neuroanimator.control.objective.terms import (
+    END,
+    Effort,
+    FollowPath,
+    KeepSpeed,
+    KeepVelocity,
+    Point,
+    ReachHeight,
+    ReachPlaces,
+    Smoothness,
+    StayUpright,
+    StayWithin,
+    Travel,
+    as_weight,
+)
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.errors import ArgumentError
+from neuroanimator.state.layout import as_numbers
+from neuroanimator.state.pose import read_pose
+from neuroanimator.state.structure import Structure
+from neuroanimator.systems.system import System
+
+
+def effort(weight: float = 1.0) -> Effort:
+    """Return the wish for little effort."""
+    return Effort(as_weight(weight))
+
+
+def smoothness(weight: float = 0.01) -> Smoothness:
+    """Return the wish for controls that do not jump."""
+    return Smoothness(as_weight(weight))
+
+
+def reach_place(
+    system: System, place: ArrayLike, *, within: float, at: float | None = None, axes: str = "xyz", weight: float = 1.0
+) -> ReachPlaces:
+    """Return the wish to be at `place` [m] at the end, or `at` [s]; `axes` says which of x, y, z it gives."""
+    return keyframes(
+        system, as_numbers(place, "place")[None], None if at is None else [at], within=within, axes=axes, weight=weight
+    )
+
+
+def reach_height(
+    system: System, height: float, *, within: float, at: float | None = None, weight: float = 1.0
+) -> ReachHeight:
+    """Return the wish that all of the body is at least `height` [m] up at the end, or `at` [s].
+
+    All of a deformable body are its mass points: a leap takes its tail out of the water too. Of a rigid body it is
+    the root's place.
+    """
+    wanted = _numbers("height", [height], 1)[0]
+    when = END if at is None else (_time("at", at),)
+    return ReachHeight(as_weight(weight), _posed(system), wanted, _positive("within", within), when)
+
+
+def keyframes(
+    system: System,
+    places: ArrayLike,
+    times: Sequence[float] | None,
+    *,
+    within: float,
+    axes: str = "xyz",
+    weight: float = 1.0,
+) -> ReachPlaces:
+    """Return the wish to be at `places` (K, A) [m] at `times` (K,) [s]."""
+    which = _axes(axes)
+    places = _numbers("places", places, len(which), rows=True)
+    if times is not None and (len(times) != len(places) or not min(times) >= 0):
+        raise ArgumentError(f"keyframes: wanted {len(places)} times of at least 0 s, came {list(times)}.")
+    when = tuple(_time("at", time) for time in times) if times is not None else END
+    return ReachPlaces(as_weight(weight), _posed(system), places, _positive("within", within), which, when)
+
+
+def follow_path(
+    system: System, points: ArrayLike, *, within: float, axes: str = "xyz", weight: float = 1.0
+) -> FollowPath:
+    """Return the wish to pass `points` (K, A) [m] at a steady pace, the last one at the end."""
+    which = _axes(axes)
+    points = _numbers("points", points, len(which), rows=True)
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    if len(points) < 2 or not lengths[-1] > 0:
+        raise ArgumentError(f"follow_path: wanted at least two different points, came {len(points)}.")
+    shares = as_jax(lengths / lengths[-1])
+    return FollowPath(as_weight(weight), _posed(system), points, shares, _positive("within", within), which)
+
+
+def travel(system: System, direction: ArrayLike, distance: float, *, within: float, weight: float = 1.0) -> Travel:
+    """Return the wish to come `distance` [m] forward along `direction` by the end."""
+    return Travel(
+        as_weight(weight), _posed(system), _unit("direction", direction), _positive("distance", distance),
+        _positive("within", within),
+    )  # fmt: skip
+
+
+def keep_velocity(
+    system: System, velocity: ArrayLike, *, within: float, since: float = 0.0, axes: str = "xyz", weight: float = 1.0
+) -> KeepVelocity:
+    """Return the wish to move with `velocity` [m/s] in the world `since` a time [s]."""
+    which = _axes(axes)
+    wanted = _numbers("velocity", velocity, len(which))
+    return KeepVelocity(as_weight(weight), _posed(system), wanted, _positive("within", within), which, _since(since))
+
+
+def keep_speed(system: System, speed: float, *, within: float, since: float = 0.0, weight: float = 1.0) -> KeepSpeed:
+    """Return the wish to go forward at `speed` [m/s] `since` a time [s]."""
+    wanted = _numbers("speed", [speed], 1)[0]
+    return KeepSpeed(as_weight(weight), _posed(system), wanted, _positive("within", within), _since(since))
+
+
+def keep_heading(
+    system: System, direction: ArrayLike, *, within: float, since: float = 0.0, weight: float = 1.0
+) -> Point:
+    """Return the wish to point along `direction` in the world, `within` [rad], `since` a time [s]."""
+    target = _unit("direction", direction)
+    return Point(
+        as_weight(weight),
+        _posed(system),
+        target,
+        _positive("within", within),
+        "forward",
+        True,
+        _since(since),
+    )
+
+
+def reach_heading(
+    system: System, direction: ArrayLike, *, within: float, at: float | None = None, weight: float = 1.0
+) -> Point:
+    """Return the wish to point along `direction`, `within` [rad], at the end or `at` [s]."""
+    target, when = _unit("direction", direction), END if at is None else (_time("at", at),)
+    return Point(as_weight(weight), _posed(system), target, _positive("within", within), "forward", False, when)
+
+
+def stand_up(system: System, *, within: float, at: float | None = None, weight: float = 1.0) -> Point:
+    """Return the wish that the body's Z points up, `within` [rad], at the end or `at` [s]."""
+    when = END if at is None else (_time("at", at),)
+    up = jnp.array([0.0, 0.0, 1.0])
+    return Point(as_weight(weight), _posed(system), up, _positive("within", within), "upward", False, when)
+
+
+def stay_upright(
+    system: System,
+    *,
+    tolerance: float = 0.2,
+    within: float = 0.15,
+    may_pitch: bool = False,
+    since: float = 0.0,
+    weight: float = 1.0,
+) -> StayUpright:
+    """Return the wish that the body's Z leans no more than `tolerance` [rad] from the vertical, `since` a time [s].
+
+    `within` [rad] beyond it, kept up for a second, count as an error of one. A body that `may_pitch`, to dive or to
+    leap, is kept from rolling over only.
+    """
+    return StayUpright(
+        as_weight(weight), _posed(system), _positive("tolerance", tolerance), _positive("within", within), may_pitch,
+        _since(since),
+    )  # fmt: skip
+
+
+def stay_within(
+    system: System, part: str, low: ArrayLike, high: ArrayLike, *, within: float, weight: float = 1.0
+) -> StayWithin:
+    """Return the wish that the state's `part`, such as a joint, stays between `low` and `high`, in its unit."""
+    where = system.state.index(part)
+    entries = tuple(range(where.start, where.stop))
+    ends = _numbers("low", np.atleast_1d(low), None), _numbers("high", np.atleast_1d(high), None)
+    if any(len(end) not in (1, len(entries)) for end in ends):
+        raise ArgumentError(f"stay_within: wanted one bound or {len(entries)} for '{part}', came {low} and {high}.")
+    bounds = [jnp.broadcast_to(end, len(entries)) for end in ends]
+    if not bool(jnp.all(bounds[0] < bounds[1])):
+        raise ArgumentError(f"stay_within: wanted low below high for '{part}', came {low} and {high}.")
+    return StayWithin(as_weight(weight), bounds[0], bounds[1], _positive("within", within), entries)
+
+
+def _posed(system: System) -> Structure:
+    read_pose(system.structure, system.rest)
+    return system.structure
+
+
+def _axes(names: str) -> tuple[int, ...]:
+    if not names or any(name not in "xyz" for name in names) or len(set(names)) != len(names):
+        raise ArgumentError(f"axes: wanted some of x, y, z, such as 'xy', came '{names}'.")
+    return tuple("xyz".index(name) for name in names)
+
+
+def _numbers(label: str, values: ArrayLike, size: int | None, *, rows: bool = False) -> Array:
+    array = as_numbers(values, label)
+    fits = array.ndim == (2 if rows else 1) and array.size and (size is None or array.shape[-1] == size)
+    if not fits or not np.isfinite(array).all():
+        wanted = f"{'rows of ' if rows else ''}{size or 'some'} finite number{'s' if size != 1 else ''}"
+        raise ArgumentError(f"{label}: wanted {wanted}, came {array.tolist()}.")
+    return as_jax(array)
+
+
+def _positive(label: str, value: float) -> Array:
+    if not 0 < value < math.inf:
+        raise ArgumentError(f"{label}: wanted a finite number above 0, came {value:g}.")
+    return as_jax(value)
+
+
+def _time(label: str, seconds: float) -> float:
+    if not 0 <= seconds < math.inf:
+        raise ArgumentError(f"{label}: wanted a time of at least 0 s, came {seconds:g}.")
+    return float(seconds)
+
+
+def _since(seconds: float) -> tuple[float, ...]:
+    return (_time("since", seconds),)
+
+
+def _unit(label: str, direction: ArrayLike) -> Array:
+    vector = _numbers(label, direction, 3)
+    length = float(jnp.linalg.norm(vector))
+    if length == 0:
+        raise ArgumentError(f"{label}: wanted a direction, came zeros.")
+    return vector / length

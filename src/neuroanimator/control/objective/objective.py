@@ -1,0 +1,146 @@
+"""What a motion should achieve: J, a sum of weighted terms (the seminar paper's eqs. 9 to 11)."""
+
+from __future__ import annotations
+
+import abc
+import math
+from collections.abc import Callable
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+
+
+class Term(eqx.Module):
+    """One wish. It counts as half the sum of squares of its residuals, times its weight."""
+
+    weight: eqx.AbstractVar[Float[Array, ""]]
+    of_controls: ClassVar[bool] = False
+    """Whether residuals depend on nothing but the controls: they can be differentiated without the emulator."""
+
+    @abc.abstractmethod
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        """Return numbers that are zero where the wish is fulfilled, and one where it is missed by a sizeable error."""
+
+
+Function = Callable[[Trajectory], Float[Array, ""]]
+"""A term of one's own: any differentiable JAX function that makes one number of a trajectory, weight included."""
+
+
+class Objective(eqx.Module):
+    """J(trajectory) = Σ weight/2 |residuals|² + Σ functions."""
+
+    terms: tuple[Term, ...]
+    functions: tuple[Function, ...] = ()
+
+    @classmethod
+    def of(cls, *wishes: Term | Function) -> Objective:
+        """Return the objective that sums `wishes`."""
+        terms = tuple(wish for wish in wishes if isinstance(wish, Term))
+        return cls(terms, tuple(wish for wish in wishes if not isinstance(wish, Term)))
+
+    def __repr__(self) -> str:
+        named = [type(term).__name__ for term in self.terms]
+        named += [getattr(function, "__name__", type(function).__name__) for function in self.functions]
+        return f"Objective({', '.join(named)})"
+
+    def apart(self) -> tuple[Objective, Objective]:
+        """Return the terms that look at states, and those of controls alone; without functions."""
+        of_states = tuple(term for term in self.terms if not term.of_controls)
+        return Objective(of_states), Objective(tuple(term for term in self.terms if term.of_controls))
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        """Return the numbers whose squares sum to 2J, but for the functions."""
+        parts = [jnp.sqrt(term.weight) * term.residuals(trajectory) for term in self.terms]
+        return jnp.concatenate([jnp.zeros(0), *parts])
+
+    def extra(self, trajectory: Trajectory) -> Float[Array, ""]:
+        """Return what the functions add to J."""
+        return sum((function(trajectory) for function in self.functions), jnp.zeros(()))
+
+    def __call__(self, trajectory: Trajectory) -> Float[Array, ""]:
+        """Return J of a trajectory and the controls that made it."""
+        return jnp.sum(self.residuals(trajectory) ** 2) / 2 + self.extra(trajectory)
+
+
+def objective_cost(objective: Objective, emulator: Emulator, states: np.ndarray, controls: np.ndarray) -> float:
+    """Return J of `states` (T+1, S) under `controls` (T, C)."""
+    limit = as_jax(emulator.identity.bounds.largest)
+    motion = Trajectory(as_jax(states), as_jax(controls), limit, emulator.dt)
+    return float(_cost(objective, motion))
+
+
+@eqx.filter_jit
+def _cost(objective: Objective, trajectory: Trajectory) -> Array:
+    return objective(trajectory)
+
+
+def check_objective(objective: Objective, emulator: Emulator, start: np.ndarray, steps: int) -> None:
+    """Raise ArgumentError where `objective` cannot be descended: said before any descent."""
+    weights = [float(term.weight) for term in objective.terms]
+    if any(not 0 <= weight < math.inf for weight in weights):
+        raise ArgumentError(f"objective: wanted weights of at least 0, came {min(weights, key=_rank):g}.")
+    if not objective.functions and not any(weights):
+        raise ArgumentError("objective: every weight is zero, so every motion is as good. Give a term a weight.")
+    for term in objective.terms:
+        check_times(term, steps, emulator.dt)
+    trajectory = _resting(emulator, start, steps)
+    for function in objective.functions:
+        _check_function(function, trajectory)
+    cost, slopes = cost_and_slopes(objective, trajectory)
+    if not np.isfinite(cost):
+        raise ArgumentError("objective: J of staying at the start is not finite. Mend the term that makes it.")
+    if not all(np.isfinite(slope).all() for slope in slopes):
+        raise ArgumentError(
+            "objective: J has no finite slope, like a square root at zero. Smooth the term that makes it."
+        )
+
+
+@eqx.filter_jit
+def cost_and_slopes(objective: Objective, trajectory: Trajectory) -> tuple[Array, tuple[Array, Array]]:
+    """Return J, and how it changes with the states (T+1, S) and with the controls (T, C)."""
+
+    def cost(states: Array, controls: Array) -> Array:
+        return objective(trajectory._replace(states=states, controls=controls))
+
+    return jax.value_and_grad(cost, (0, 1))(trajectory.states, trajectory.controls)
+
+
+def _rank(weight: float) -> float:
+    return -math.inf if math.isnan(weight) else weight
+
+
+def check_times(term: Term, steps: int, dt: float) -> None:
+    """Raise ArgumentError if `term` wants something at a time [s] beyond the horizon of `steps` super steps."""
+    latest = max(getattr(term, "times", ()) or (0.0,))
+    if latest > (steps + 0.5) * dt:
+        raise ArgumentError(
+            f"objective: something is wanted at {latest:g} s, but the motion lasts {steps * dt:g} s. Make it longer."
+        )
+
+
+def _check_function(function: Function, trajectory: Trajectory) -> None:
+    name = getattr(function, "__name__", type(function).__name__)
+    try:
+        shape = jax.eval_shape(function, trajectory)
+    except Exception as error:  # whatever a user's function may raise
+        raise ArgumentError(f"objective: '{name}' failed: {type(error).__name__}: {error}") from error
+    if not hasattr(shape, "shape") or shape.shape != ():
+        came = getattr(shape, "shape", type(shape).__name__)
+        raise ArgumentError(f"objective: '{name}' must return one number, came {came}. Sum or average it.")
+
+
+def _resting(emulator: Emulator, start: np.ndarray, steps: int) -> Trajectory:
+    """Return a motion that stays at its start: enough to try an objective on, and there without compiling."""
+    bounds = emulator.identity.bounds
+    states = as_jax(np.broadcast_to(start, (steps + 1, len(start))))
+    controls = as_jax(np.broadcast_to(bounds.middle, (steps, len(bounds.middle))))
+    return Trajectory(states, controls, as_jax(bounds.largest), emulator.dt)

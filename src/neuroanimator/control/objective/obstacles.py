@@ -1,0 +1,89 @@
+"""Keep-out zones on level ground, and how far a body is from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from neuroanimator.control.objective.objective import Term
+from neuroanimator.control.objective.terms import as_weight
+from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.errors import ArgumentError
+from neuroanimator.state.layout import as_numbers
+from neuroanimator.state.pose import read_pose
+from neuroanimator.state.rotation import Numbers
+from neuroanimator.state.structure import Structure
+from neuroanimator.systems.system import System
+
+
+@dataclass(frozen=True)
+class Zone:
+    """An upright box along the axes, grown by a radius: a post is a box of no size."""
+
+    place: tuple[float, float]
+    """[m] Its middle."""
+    half: tuple[float, float] = (0.0, 0.0)
+    """[m] Half its extent along x and y."""
+    radius: float = 0.0
+    """[m]"""
+
+
+def distances(zones: Numbers, points: Numbers) -> Numbers:
+    """Return (..., P, K) how far points (..., P, 2) are outside zones (K, 5) [m]; negative inside."""
+    xp = points.__array_namespace__()
+    beyond = xp.abs(points[..., None, :] - zones[:, :2]) - zones[:, 2:4]
+    outside = xp.maximum(beyond, xp.zeros_like(beyond))
+    deep = xp.minimum(xp.max(beyond, axis=-1), xp.zeros_like(beyond[..., 0]))
+    # The square root has no slope at a zone's middle line: a hair's breadth keeps it finite.
+    return xp.sqrt(xp.sum(outside**2, axis=-1) + 1e-12) + deep - zones[:, 4]
+
+
+def footprint(structure: Structure, states: Numbers, probes: Numbers) -> Numbers:
+    """Return where points (P, 2) of a body, ahead and to the left of its place, are in the plane (..., P, 2) [m]."""
+    xp, pose = states.__array_namespace__(), read_pose(structure, states)
+    ahead = pose.forward[..., :2] / xp.linalg.vector_norm(pose.forward[..., :2], axis=-1, keepdims=True)
+    left = xp.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
+    shift = probes[:, :1] * ahead[..., None, :] + probes[:, 1:] * left[..., None, :]
+    return pose.place[..., None, :2] + shift
+
+
+class Avoid(Term):
+    """Keep discs about a body's probes out of zones: ∫ of how far they are in, over the margin."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    zones: Float[Array, "K 5"]
+    probes: Float[Array, "P 2"]
+    margin: Float[Array, ""]
+    """[m] Radius of the discs: half the body's width and some room."""
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        points = footprint(self.structure, trajectory.states[1:], self.probes)
+        inside = jnp.maximum(self.margin - distances(self.zones, points), 0) / self.margin
+        return math.sqrt(trajectory.dt) * inside.ravel()
+
+
+def avoid(
+    system: System, zones: list[Zone], *, probes: ArrayLike = ((0.0, 0.0),), margin: float, weight: float = 1.0
+) -> Avoid:
+    """Return the wish to stay `margin` [m] out of `zones` with each of the `probes` (P, 2) [m] of the body."""
+    points = as_numbers(probes, "probes")
+    if not zones or points.ndim != 2 or points.shape[1] != 2 or not 0 < margin < math.inf:
+        raise ArgumentError(
+            f"avoid: wanted zones, probes (P, 2) and margin above 0, came {len(zones)}, {points.shape}, {margin:g}."
+        )
+    read_pose(system.structure, system.rest)
+    numbers = (as_jax(each) for each in (zone_rows(zones), points, margin))
+    return Avoid(as_weight(weight), system.structure, *numbers)
+
+
+def zone_rows(zones: list[Zone]) -> np.ndarray:
+    """Return the zones as numbers (K, 5)."""
+    return np.array([[*zone.place, *zone.half, zone.radius] for zone in zones])

@@ -1,0 +1,244 @@
+"""The wishes objectives are made of, as JAX sees them; `wishes` makes them from what users say."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from neuroanimator.control.objective.objective import Term
+from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.pose import Pose, read_heights, read_pose
+from neuroanimator.state.structure import Structure
+
+END: tuple[float, ...] = ()
+"""Times that stand for the end of the motion."""
+
+
+def rows_at(times: tuple[float, ...], trajectory: Trajectory) -> list[int]:
+    """Return which states are those at `times` [s]; the last one for `END`."""
+    return [round(time / trajectory.dt) for time in times] or [len(trajectory.states) - 1]
+
+
+class Effort(Term):
+    """μ_u: ∫ |u / limit|² dt, so that J does not depend on the super step (eq. 11)."""
+
+    weight: Float[Array, ""]
+    of_controls: ClassVar[bool] = True
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        return math.sqrt(trajectory.dt) * (trajectory.controls / trajectory.limit).ravel()
+
+
+class Smoothness(Term):
+    """∫ |du/dt / limit|² dt in [s²]: controls that do not jump."""
+
+    weight: Float[Array, ""]
+    of_controls: ClassVar[bool] = True
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        return (jnp.diff(trajectory.controls, axis=0) / trajectory.limit).ravel() / math.sqrt(trajectory.dt)
+
+
+class ReachState(Term):
+    """Be in a state, or in part of one, seen from the goal: in a parking bay, lengthwise and sideways."""
+
+    weight: Float[Array, ""]
+    frame: Frame
+    goal: Float[Array, " S"]
+    compare: Float[Array, "R V"]
+    """Turns the difference from the goal into numbers of which one is a sizeable error."""
+    times: tuple[float, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls, frame: Frame, goal: ArrayLike, compare: ArrayLike, weight: float, times: tuple[float, ...]
+    ) -> ReachState:
+        """Return the wish to be at `goal` (S,); `compare` (R, V) makes residuals of the difference."""
+        target, matrix = (as_jax(each) for each in (goal, compare))
+        return cls(as_weight(weight), frame, target, matrix, times)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
+        return jax.vmap(lambda state: self.compare @ self.frame.difference(self.goal, state))(states).ravel()
+
+
+class ReachPlaces(Term):
+    """Be at places at given times: keyframes, or one place at the end."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    places: Float[Array, "K A"]
+    """[m] Along the axes that matter."""
+    within: Float[Array, ""]
+    axes: tuple[int, ...] = eqx.field(static=True)
+    times: tuple[float, ...] = eqx.field(static=True)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
+        return ((read_pose(self.structure, states).place[:, self.axes] - self.places) / self.within).ravel()
+
+
+class ReachHeight(Term):
+    """Be up with all of the body at given times: the rms of how far mass points are below a height."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    height: Float[Array, ""]
+    """[m]"""
+    within: Float[Array, ""]
+    times: tuple[float, ...] = eqx.field(static=True)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        heights = read_heights(self.structure, trajectory.states[jnp.array(rows_at(self.times, trajectory))])
+        below = jnp.maximum(self.height - heights, 0) / self.within
+        return (below / math.sqrt(heights.shape[-1])).ravel()
+
+
+class FollowPath(Term):
+    """Be where a path says all along, passed at a steady pace."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    points: Float[Array, "K A"]
+    shares: Float[Array, " K"]
+    """Length of the path up to each point, as a share of the whole."""
+    within: Float[Array, ""]
+    axes: tuple[int, ...] = eqx.field(static=True)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        place = read_pose(self.structure, trajectory.states[1:]).place[:, self.axes]
+        share = jnp.arange(1, len(place) + 1) / len(place)
+        wanted = jnp.stack([jnp.interp(share, self.shares, column) for column in self.points.T], axis=-1)
+        return math.sqrt(trajectory.dt) * ((place - wanted) / self.within).ravel()
+
+
+class Travel(Term):
+    """Come `distance` [m] forward along `direction` by the end; further than possible means as far as possible."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    direction: Float[Array, " 3"]
+    distance: Float[Array, ""]
+    within: Float[Array, ""]
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        place = read_pose(self.structure, trajectory.states[jnp.array([0, -1])]).place
+        return ((self.distance - (place[1] - place[0]) @ self.direction) / self.within)[None]
+
+
+class KeepVelocity(Term):
+    """Move with a velocity, from a given time on."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    velocity: Float[Array, " A"]
+    within: Float[Array, ""]
+    axes: tuple[int, ...] = eqx.field(static=True)
+    times: tuple[float, ...] = eqx.field(static=True)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        states = _from(self.times, trajectory)
+        off = (read_pose(self.structure, states).velocity[:, self.axes] - self.velocity) / self.within
+        return math.sqrt(trajectory.dt) * off.ravel()
+
+
+class KeepSpeed(Term):
+    """Move forward, where the body points, at a speed, from a given time on."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    speed: Float[Array, ""]
+    within: Float[Array, ""]
+    times: tuple[float, ...] = eqx.field(static=True)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        pose = read_pose(self.structure, _from(self.times, trajectory))
+        return math.sqrt(trajectory.dt) * (jnp.sum(pose.velocity * pose.forward, axis=-1) - self.speed) / self.within
+
+
+class Point(Term):
+    """Point forward, or stand upright, along `direction`: at given times, or from the only one on if `lasts`."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    direction: Float[Array, " 3"]
+    within: Float[Array, ""]
+    """[rad]"""
+    axis: str = eqx.field(static=True)
+    """`forward` or `upward`."""
+    lasts: bool = eqx.field(static=True)
+    times: tuple[float, ...] = eqx.field(static=True)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        chosen = jnp.array(rows_at(self.times, trajectory))
+        rows = _from(self.times, trajectory) if self.lasts else trajectory.states[chosen]
+        share = math.sqrt(trajectory.dt) if self.lasts else 1.0
+        axis = getattr(read_pose(self.structure, rows), self.axis)
+        return share * ((axis - self.direction) / self.within).ravel()
+
+
+class StayUpright(Term):
+    """Keep the body's up near the world's, from a given time on: ∫ of the angle beyond a tolerance."""
+
+    weight: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+    tolerance: Float[Array, ""]
+    """[rad] Leaning that costs nothing."""
+    within: Float[Array, ""]
+    """[rad]"""
+    may_pitch: bool = eqx.field(static=True)
+    """Whether only rolling counts, so that the body may dive and leap."""
+    times: tuple[float, ...] = eqx.field(static=True)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        pose = read_pose(self.structure, _from(self.times, trajectory))
+        beyond = jnp.maximum(lean(pose, may_pitch=self.may_pitch) - self.tolerance, 0)
+        return math.sqrt(trajectory.dt) * beyond / self.within
+
+
+def lean(pose: Pose, *, may_pitch: bool) -> Float[Array, " T"]:
+    """Return by how much [rad] bodies lean: 0 upright, π upside down; by rolling alone if they `may_pitch`."""
+    if may_pitch:
+        aside = jnp.cross(pose.upward, pose.forward)[..., 2] ** 2
+        above = pose.upward[..., 2] - pose.forward[..., 2] * jnp.sum(pose.upward * pose.forward, axis=-1)
+    else:
+        aside = jnp.sum(pose.upward[..., :2] ** 2, axis=-1)
+        above = pose.upward[..., 2]
+    return jnp.atan2(jnp.sqrt(aside + NEARLY_UPRIGHT**2), above)
+
+
+NEARLY_UPRIGHT = 1e-3
+"""[rad] Less counts as this much, so that an upright body has a finite slope."""
+
+
+class StayWithin(Term):
+    """Keep state entries between bounds, such as joints: ∫ of what is beyond."""
+
+    weight: Float[Array, ""]
+    low: Float[Array, " E"]
+    high: Float[Array, " E"]
+    within: Float[Array, ""]
+    entries: tuple[int, ...] = eqx.field(static=True)
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        values = trajectory.states[1:, self.entries]
+        beyond = jnp.maximum(values - self.high, 0) + jnp.maximum(self.low - values, 0)
+        return math.sqrt(trajectory.dt) * (beyond / self.within).ravel()
+
+
+def as_weight(weight: float) -> Array:
+    """Return an array: another weight needs no other program."""
+    return as_jax(weight)
+
+
+def _from(times: tuple[float, ...], trajectory: Trajectory) -> Float[Array, "K S"]:
+    first = round(times[0] / trajectory.dt) if times else 1
+    return trajectory.states[max(1, min(first, len(trajectory.states) - 1)) :]

@@ -1,0 +1,211 @@
+"""Plan again at every super step from the state as measured, and use only the plan's first control."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.control.descent.defects import no_defects
+from neuroanimator.control.descent.descend import DEFAULT_METHOD, advance, begin
+from neuroanimator.control.descent.methods import METHODS
+from neuroanimator.control.descent.parametrisation import EachStep, Parameters
+from neuroanimator.control.descent.problem import Problem
+from neuroanimator.control.objective.objective import Objective, check_objective
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError, NeuroAnimatorError
+from neuroanimator.state.layout import Bounds
+from neuroanimator.systems.fastest import play
+from neuroanimator.systems.system import System
+
+ITERATIONS = 2
+"""Per plan: the last plan, moved on, is nearly optimal already. They swing the pendulum up and hold it."""
+
+Plant = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""What is controlled: (state (S,), control (C,)) → the state one super step later."""
+Disturbance = Callable[[int, np.ndarray], np.ndarray]
+"""(super step, state (S,)) → the state after a push; the controller learns of it by measuring."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The best controls found from one state."""
+
+    controls: np.ndarray
+    """(T, C) within the bounds."""
+    states: np.ndarray
+    """(T+1, S) the emulated motion under them."""
+    cost: float
+    """J on the emulator."""
+    seconds: float
+    """From the measured state to the controls."""
+
+
+@dataclass(frozen=True)
+class Planner:
+    """Finds controls from any state in one compiled call; made by `Planner.of`."""
+
+    emulator: Emulator
+    objective: Objective
+    parameters: Parameters
+    _search: Callable[..., tuple[Array, Array, Array]] = field(repr=False)
+    """(state, z, numbers of the objective) → controls, states, J."""
+    _numbers: tuple[Array, ...] = field(repr=False)
+    """The objective's arrays, taken out once: taking a tree apart at every call costs more than a rollout."""
+
+    @classmethod
+    def of(
+        cls,
+        emulator: Emulator,
+        objective: Objective,
+        steps: int,
+        *,
+        iterations: int = ITERATIONS,
+        method: str = DEFAULT_METHOD,
+        bounds: Bounds | None = None,
+        parameters: Parameters | None = None,
+    ) -> Planner:
+        """Return a planner that looks `steps` super steps ahead, compiled: about ten seconds.
+
+        Times in `objective` count from the state planned from, so a goal at `all_along` is one to stay at. `bounds`
+        may be tighter than the emulator's own; `parameters` other than one value per super step bring their own.
+
+        Raises ArgumentError for an unknown method, numbers below 1, and an objective that cannot be descended.
+        """
+        if method not in METHODS:
+            raise ArgumentError(f"No method called '{method}'. Methods: {', '.join(sorted(METHODS))}.")
+        if min(steps, iterations) < 1:
+            raise ArgumentError(f"steps and iterations: wanted at least 1, came {steps} and {iterations}.")
+        parameters = parameters or EachStep.of(steps, bounds or emulator.identity.bounds)
+        if parameters.steps != steps:
+            raise ArgumentError(f"parameters: wanted those of {steps} super steps, came {parameters.steps}.")
+        check_objective(objective, emulator, np.array(emulator.identity.rest), steps)
+        search = _compile(emulator, objective, parameters, method, iterations)
+        planner = cls(emulator, objective, parameters, search, _numbers_of(objective))
+        planner.plan(np.array(emulator.identity.rest))
+        return planner
+
+    def plan(self, state: np.ndarray, first: np.ndarray | None = None) -> Plan:
+        """Return the plan from `state` (S,), searched from controls `first` (T, C), such as the last plan `moved_on`.
+
+        The search begins in the middle of the bounds for None.
+        """
+        began = time.perf_counter()
+        state = self.emulator.identity.state.check(state, "state")
+        guess = self.parameters.guess(first)
+        found = self._search(state.astype(np.float32), guess.astype(np.float32), self._numbers)
+        controls, states, cost = (np.asarray(each, float) for each in found)
+        return Plan(controls, states, float(cost), time.perf_counter() - began)
+
+    def towards(self, objective: Objective) -> Planner:
+        """Return this planner for an objective of the same wishes with other numbers: nothing is compiled anew."""
+        if not bool(eqx.tree_equal(_without_numbers(objective), _without_numbers(self.objective))):
+            raise ArgumentError("objective: wanted the planner's wishes with other numbers. Make a new planner.")
+        return replace(self, objective=objective, _numbers=_numbers_of(objective))
+
+
+def _compile(
+    emulator: Emulator, objective: Objective, parameters: Parameters, method: str, iterations: int
+) -> Callable[..., tuple[Array, Array, Array]]:
+    """Return the search, with all but the state, the guess and the objective's numbers bound as constants."""
+    wishes, form = eqx.partition(objective, eqx.is_array)
+    shape = jax.tree.structure(wishes)
+    limit, defects = as_jax(emulator.identity.bounds.largest), no_defects(emulator, parameters.steps)
+
+    def search(state: Array, z: Array, numbers: tuple[Array, ...]) -> tuple[Array, Array, Array]:
+        wanted = eqx.combine(jax.tree.unflatten(shape, numbers), form)
+        problem = Problem(emulator, wanted, parameters, state, defects, limit)
+        found = advance(METHODS[method], problem, begin(METHODS[method], z[None]), np.int32(iterations))
+        motion = problem.trajectory(found.best[0])
+        return motion.controls, motion.states, found.least[0]
+
+    return jax.jit(search)
+
+
+def _numbers_of(objective: Objective) -> tuple[Array, ...]:
+    return tuple(jax.tree.leaves(eqx.filter(objective, eqx.is_array)))
+
+
+def _without_numbers(objective: Objective) -> Objective:
+    """Return `objective` with the shapes of its arrays in their places."""
+    return jax.tree.map(lambda leaf: leaf.shape if eqx.is_array(leaf) else leaf, objective)
+
+
+def moved_on(controls: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
+    """Return the controls of a plan one super step later: the last one is held once more."""
+    return np.concatenate([controls[1:], controls[-1:]])
+
+
+def all_along(steps: int, dt: float) -> tuple[float, ...]:
+    """Return the times [s] of every super step of a horizon."""
+    return tuple(float(time) for time in dt * np.arange(1, steps + 1))
+
+
+@dataclass(frozen=True)
+class EmulatorPlant:
+    """The emulator itself, as what is controlled."""
+
+    emulator: Emulator
+
+    def __call__(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """Return the state (S,) one super step later."""
+        return np.asarray(self.emulator.rollout(state, control[None])[1], float)
+
+
+@dataclass(frozen=True)
+class PhysicsPlant:
+    """The true physics, as what is controlled."""
+
+    system: System
+    dt: float
+    """Super step [s]."""
+
+    def __call__(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """Return the state (S,) one super step later."""
+        runs = play(self.system, state[None], control[None, None], self.dt)
+        if not runs.is_alive[0]:
+            raise NeuroAnimatorError("The physics blew up under control. Push less, or raise effort_weight.")
+        return runs.states[0, 1]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a planner and a plant did together."""
+
+    states: np.ndarray
+    """(N+1, S) as measured, pushes included, and the last."""
+    controls: np.ndarray
+    """(N, C) the first of each plan."""
+    plan_seconds: np.ndarray
+    """(N,)"""
+
+    @property
+    def p99_ms(self) -> float:
+        """How long all but one plan in a hundred took at most [ms]."""
+        return float(np.percentile(self.plan_seconds, 99) * 1e3)
+
+
+def drive(planner: Planner, plant: Plant, start: np.ndarray, steps: int, disturb: Disturbance | None = None) -> Drive:
+    """Return the motion of `plant` from `start` (S,), planned again at each of `steps` super steps.
+
+    A control acts from the state it was planned from: the time of planning is taken to be short against a super step.
+    """
+    state, first = planner.emulator.identity.state.check(start, "state"), None
+    states, plans = [], []
+    for step in range(steps):
+        state = state if disturb is None else disturb(step, state)
+        plan = planner.plan(state, first)
+        states.append(state)
+        plans.append(plan)
+        state, first = plant(state, plan.controls[0]), moved_on(plan.controls)
+    return Drive(
+        np.stack([*states, state]),
+        np.stack([plan.controls[0] for plan in plans]),
+        np.array([plan.seconds for plan in plans]),
+    )

@@ -1,0 +1,74 @@
+"""Play controllers on the true physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from neuroanimator.control.objective.objective import Objective, objective_cost
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.systems.fastest import play
+from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase
+
+
+@dataclass(frozen=True)
+class Replay:
+    """The same controls on the emulator and on the physics."""
+
+    emulated: np.ndarray
+    """(T+1, S)"""
+    physical: np.ndarray
+    """(T+1, S) by the system's truth."""
+    cost_emulator: float
+    cost_physics: float
+
+    @property
+    def gap(self) -> float:
+        """How much dearer the motion is on the physics."""
+        return self.cost_physics - self.cost_emulator
+
+
+def replay(emulator: Emulator, system: System, objective: Objective, start: np.ndarray, controls: np.ndarray) -> Replay:
+    """Return what `controls` (T, C) do from `start` (S,) on both."""
+    return beside_emulated(
+        emulator, objective, ranked_on_physics(emulator, system, objective, start, controls[None])[0]
+    )
+
+
+class Motion(NamedTuple):
+    """What controls do on the true physics."""
+
+    controls: np.ndarray
+    """(T, C)"""
+    states: np.ndarray
+    """(T+1, S)"""
+    cost: float
+    """J"""
+
+
+def beside_emulated(emulator: Emulator, objective: Objective, motion: Motion) -> Replay:
+    """Return the physics' `motion` with the emulator's under the same controls from the same start."""
+    with phase("emulating"):
+        emulated = np.asarray(emulator.rollout(motion.states[0], motion.controls))
+    cost = objective_cost(objective, emulator, emulated, motion.controls)
+    return Replay(emulated, motion.states, cost, motion.cost)
+
+
+def ranked_on_physics(
+    emulator: Emulator, system: System, objective: Objective, start: np.ndarray, candidates: np.ndarray
+) -> list[Motion]:
+    """Return what the controls (K, T, C) do on the true physics, the least J first; those that blow up are left out."""
+    starts = np.broadcast_to(start, (len(candidates), len(start)))
+    with phase("replaying"):
+        runs = play(system, starts, candidates, emulator.dt)
+    if not runs.is_alive.any():
+        raise NeuroAnimatorError(
+            "The physics blew up under these controls. Raise effort_weight, or shorten the motion."
+        )
+    alive = [(candidates[k], runs.states[k]) for k in np.flatnonzero(runs.is_alive)]
+    motions = [Motion(*each, objective_cost(objective, emulator, each[1], each[0])) for each in alive]
+    return sorted(motions, key=lambda motion: motion.cost)

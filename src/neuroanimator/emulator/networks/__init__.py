@@ -1,0 +1,60 @@
+"""Every network by its name."""
+
+from __future__ import annotations
+
+from jaxtyping import PRNGKeyArray
+
+from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
+from neuroanimator.emulator.networks.network import Classic, Gated, Glu, LinearGlu, Mirrored, Network
+from neuroanimator.errors import ArgumentError
+
+NETWORKS: dict[str, type[Network]] = {
+    "classic": Classic, "gated": Gated, "glu": Glu, "linear-glu": LinearGlu, "hierarchy": Hierarchy,
+    "mirrored": Mirrored,
+}  # fmt: skip
+DEFAULT_WIDTHS = {
+    "classic": (40,), "gated": (96, 64), "glu": (96, 64), "linear-glu": (96, 64), "hierarchy": (48, 0, 24),
+    "mirrored": (96, 64),
+}  # fmt: skip
+
+
+WIDEST_LAYER = 4096
+"""Most units of a hidden layer: bounds what a hostile file can make us allocate, so wider ones are not trained."""
+MOST_LAYERS = 32
+"""Most hidden layers, a hierarchy's in all; each is traced one by one."""
+
+
+def check_widths(kind: str, widths: tuple[int, ...]) -> None:
+    """Refuse hidden layers that no emulator file may have; ArgumentError says which."""
+    if any(width < 1 for width in widths if kind != "hierarchy"):
+        raise ArgumentError(f"widths: wanted at least 1 unit in every hidden layer, came {list(widths)[:MOST_LAYERS]}.")
+    if len(widths) > MOST_LAYERS:
+        raise ArgumentError(f"widths: wanted at most {MOST_LAYERS} hidden layers, came {len(widths)}.")
+    for width in widths:
+        if width > WIDEST_LAYER:
+            raise ArgumentError(f"widths: wanted at most {WIDEST_LAYER} units in a hidden layer, came {width}.")
+
+
+def make_network(
+    kind: str,
+    odd: int,
+    even: int,
+    out: int,
+    widths: tuple[int, ...],
+    key: PRNGKeyArray,
+    even_out: tuple[int, ...] = (),
+    parts: tuple[Part, ...] = (),
+) -> Network:
+    """Return a fresh network of `kind` with hidden layers of `widths` units.
+
+    `even_out` names the answers that stay what they are in the mirror; of `mirrored` and `hierarchy` only.
+    `parts` says who sees and answers what; of `hierarchy` only.
+    """
+    check_widths(kind, widths)
+    if kind not in NETWORKS:
+        raise ArgumentError(f"No network called '{kind}'. Networks: {', '.join(sorted(NETWORKS))}.")
+    if kind == "hierarchy":
+        return Hierarchy(odd, even, out, widths, key=key, even_out=even_out, parts=parts)
+    if kind == "mirrored":
+        return Mirrored(odd, even, out, widths, key=key, even_out=even_out)
+    return NETWORKS[kind](odd, even, out, widths, key=key)  # pyright: ignore[reportCallIssue]

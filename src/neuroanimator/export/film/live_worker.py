@@ -1,0 +1,156 @@
+"""The drawing process of `live`: a header, then states come in on stdin, and a picture goes out for each."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import sys
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.appearance.skin_mesh import skin_mesh
+from neuroanimator.export.film.live import HEADER_SIZE
+from neuroanimator.export.film.stage import add_bone, add_skin
+from neuroanimator.systems import load_system
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.system import System
+
+FOLLOWING = 0.5
+"""Share of the way to the body that the camera goes from picture to picture: steady, and never far behind."""
+DISTANCE = 2.2
+"""Of the camera, over the body's size."""
+ELEVATION, AZIMUTH = -25.0, 120.0
+"""[deg] The camera looks down by so much, from ahead of the side of a body that points along X."""
+DEPTH = 6.0
+"""Of the floor under the body at rest, over its size; where the system has ground, the floor is that."""
+
+
+class View(Protocol):
+    """What is drawn."""
+
+    model: mujoco.MjModel
+
+    def pose(self, data: mujoco.MjData, state: np.ndarray) -> str | mujoco.MjvCamera:
+        """Put everything where `state` (S,) says, and return the camera."""
+
+
+class RigidView:
+    """A system's own MuJoCo model."""
+
+    def __init__(self, system: MujocoSystem):
+        self.model = system.model
+        names = [self.model.camera(i).name for i in range(self.model.ncam)]
+        self._camera = "side" if "side" in names else tracking(self.model)
+
+    def pose(self, data: mujoco.MjData, state: np.ndarray) -> str | mujoco.MjvCamera:
+        """Put the joints where they are; the model's camera, or one that goes with the first body."""
+        data.qpos[:] = state[: self.model.nq]
+        return self._camera
+
+
+class BodyView:
+    """Bones under a skin over a plain floor, and a camera that goes along."""
+
+    def __init__(self, skeleton: Skeleton, rest: np.ndarray, *, has_ground: bool):
+        self._skeleton = skeleton
+        mesh = skin_mesh(skeleton) if skeleton.skin is not None else None
+        places, _ = skeleton.world_poses(rest[None])
+        points = np.array([bone.offset for bone in skeleton.bones]) if mesh is None else mesh.points
+        self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
+        floor = 0.0 if has_ground else float(places[..., 2].min()) - DEPTH * self._size
+        spec = mujoco.MjSpec.from_string(_scene(self._size, floor))
+        for i, bone in enumerate(skeleton.bones):
+            add_bone(spec, f"bone{i}", bone)
+        if mesh is not None:
+            add_skin(spec, "", skeleton, mesh)
+        self.model = spec.compile()
+        self._looks_at: np.ndarray | None = None
+
+    def pose(self, data: mujoco.MjData, state: np.ndarray) -> mujoco.MjvCamera:
+        """Put the bones where they are; the camera follows their middle."""
+        places, turns = self._skeleton.world_poses(state[None])
+        data.mocap_pos[:] = places[0]
+        data.mocap_quat[:] = turns[0]
+        middle = places[0].mean(axis=0)
+        is_near = self._looks_at is not None and np.linalg.norm(middle - self._looks_at) < self._size / 2
+        # A body that is somewhere else altogether has begun anew: the camera goes there at once.
+        self._looks_at = self._looks_at + FOLLOWING * (middle - self._looks_at) if is_near else middle
+        camera = mujoco.MjvCamera()
+        camera.lookat[:] = self._looks_at
+        camera.azimuth = AZIMUTH
+        camera.elevation = ELEVATION
+        camera.distance = DISTANCE * self._size
+        return camera
+
+
+def tracking(model: mujoco.MjModel) -> mujoco.MjvCamera:
+    """Return a camera that goes with the first body."""
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+    camera.trackbodyid = min(1, model.nbody - 1)
+    return camera
+
+
+def view_of(system: System, skeleton: Skeleton) -> View:
+    """Return what is drawn of `system`: rigid bodies as MuJoCo has them, others as their skeleton has them."""
+    if isinstance(system, MujocoSystem):
+        return RigidView(system)
+    has_ground = isinstance(system, DeformableSystem) and system.body.ground is not None
+    return BodyView(skeleton, system.rest, has_ground=has_ground)
+
+
+def serve() -> None:
+    """Draw until there are no more states."""
+    source = sys.stdin.buffer
+    sink = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing else may get between the pictures
+    header = source.read(int.from_bytes(source.read(HEADER_SIZE), "little"))
+    content = np.load(io.BytesIO(header), allow_pickle=False)
+    width, height, entries = (int(number) for number in content["size"])
+    skeleton = Skeleton.from_json(json.loads(str(content["skeleton"])))
+    view = view_of(load_system(str(content["system"]), str(content["definition"])), skeleton)
+    data = mujoco.MjData(view.model)
+    view.model.vis.global_.offwidth = width
+    view.model.vis.global_.offheight = height
+    with mujoco.Renderer(view.model, height, width) as renderer:
+        while len(raw := source.read(8 * entries)) == 8 * entries:
+            camera = view.pose(data, np.frombuffer(raw, "<f8"))
+            mujoco.mj_forward(view.model, data)
+            renderer.update_scene(data, camera=camera)
+            sink.write(np.ascontiguousarray(renderer.render()).tobytes())
+            sink.flush()
+
+
+def _scene(size: float, floor: float) -> str:
+    """Return the place without the body, as MJCF."""
+    wide = 40 * size
+    return f"""<mujoco>
+      <statistic extent="{size:.6g}" center="0 0 0"/>
+      <visual>
+        <global fovy="40" offwidth="1920" offheight="1440"/>
+        <map znear="0.02" zfar="150"/>
+        <headlight ambient="0.5 0.52 0.54" diffuse="0.3 0.3 0.3" specular="0 0 0"/>
+      </visual>
+      <asset>
+        <texture type="skybox" builtin="gradient" rgb1="0.36 0.66 0.8" rgb2="0.05 0.2 0.32" width="64" height="384"/>
+        <texture name="floor" type="2d" builtin="checker" rgb1="0.62 0.63 0.56" rgb2="0.56 0.58 0.52" width="128"
+          height="128"/>
+        <material name="floor" texture="floor" texuniform="true" texrepeat="{0.5 / size:.6g} {0.5 / size:.6g}"/>
+      </asset>
+      <worldbody>
+        <light directional="true" dir="-0.12 0.22 -1" pos="0 0 {10 * size:.6g}" diffuse="0.5 0.5 0.47"
+          castshadow="false"/>
+        <geom type="plane" pos="0 0 {floor:.6g}" size="{wide:.6g} {wide:.6g} 1" material="floor" contype="0"
+          conaffinity="0"/>
+      </worldbody>
+    </mujoco>"""
+
+
+if __name__ == "__main__":
+    serve()

@@ -1,0 +1,131 @@
+"""Clips as an MP4 video, drawn by MuJoCo without a screen.
+
+Drawing happens in a process of its own, because MuJoCo chooses its graphics library once, when
+it is first imported, and by then this process has long imported it.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from threading import Timer
+
+from neuroanimator.animation.clip import Clip
+from neuroanimator.errors import ArgumentError, ResourceError
+from neuroanimator.export.film.options import USUAL_SIZE, checked_film
+from neuroanimator.export.film.reel import packed
+from neuroanimator.export.film.worker import NO_GRAPHICS
+from neuroanimator.storage.unfinished import finish, unfinished
+from neuroanimator.terminal import Bar, progress_bar
+
+BACKENDS = ("egl", "osmesa")
+"""Ways to draw without a screen, tried in this order."""
+
+HOW_TO_GET_GL = (
+    "No OpenGL to draw with, so no video: install EGL or OSMesa (Debian: apt-get install libegl1 libosmesa6) "
+    "and run again. Everything else works without."
+)
+
+LONGEST_DRAWING = 3600
+"""[s] A drawing process is given up after this time."""
+MOST_CLIPS = 64
+"""Filmed at once: MuJoCo's picture has no room for many thousand shapes."""
+
+
+def write_video(
+    clips: Clip | Sequence[Clip], path: Path, *, size: tuple[int, int] = USUAL_SIZE, camera: str = "follow"
+) -> None:
+    """Write one clip, or several seen together, to `path` as H.264 at their own rate.
+
+    `size` is width and height [pixels]; `camera` is one of `film.CAMERAS`. Several clips are of one system and one
+    rate, such as a school; the shorter ones stay at their last pose. ResourceError says what to install if nothing can
+    be drawn here.
+    """
+    film = checked_film(size, camera)
+    together = [clips] if isinstance(clips, Clip) else list(clips)
+    _check_together(together)
+    content = packed(together, film)
+    images = max(len(clip.times) for clip in together)
+    try:
+        with unfinished(path, path.suffix) as temporary:
+            with progress_bar(f"drawing {path.name}", images) as bar:
+                _draw(content, temporary, path.name, images, bar)
+            finish(temporary, path)
+    except OSError as error:
+        raise ResourceError(f"Could not write {path}: {error.strerror}.") from error
+
+
+def _check_together(clips: list[Clip]) -> None:
+    if not 1 <= len(clips) <= MOST_CLIPS:
+        raise ArgumentError(f"clips: wanted 1 to {MOST_CLIPS} to film together, came {len(clips)}.")
+    first = clips[0]
+    for clip in clips[1:]:
+        if (clip.name, clip.definition) != (first.name, first.definition):
+            raise ArgumentError(f"clips: wanted several of one system, came {clip.name} beside {first.name}.")
+        if abs(clip.rate - first.rate) > 1e-6 * first.rate:
+            raise ArgumentError(f"clips: wanted one rate, came {clip.rate:g} beside {first.rate:g} a second.")
+
+
+def _draw(content: bytes, temporary: Path, name: str, images: int, bar: Bar) -> None:
+    """Draw with the first graphics library that works here; ResourceError if none does."""
+    for backend in _backends():
+        code, complaint = _run_drawing(content, temporary, backend, images, bar)
+        if code == 0:
+            return
+        if code != NO_GRAPHICS:
+            raise ResourceError(f"Drawing {name} failed: {complaint[:200]}. 'neuroanimator doctor' says more.")
+    raise ResourceError(HOW_TO_GET_GL)
+
+
+def _run_drawing(content: bytes, out: Path, backend: str, images: int, bar: Bar) -> tuple[int, str]:
+    """Return the drawing process's exit code and its last complaint; it ends whenever this function does."""
+    command = [sys.executable, "-m", "neuroanimator.export.film.worker", str(out)]
+    environment = {**os.environ, "MUJOCO_GL": backend}
+    with tempfile.TemporaryFile() as given, tempfile.TemporaryFile() as complaints:
+        given.write(content)
+        given.seek(0)
+        with subprocess.Popen(
+            command, env=environment, stdin=given, stdout=subprocess.PIPE, stderr=complaints
+        ) as process:
+            alarm = Timer(LONGEST_DRAWING, process.kill)
+            alarm.daemon = True
+            alarm.start()
+            try:
+                assert process.stdout is not None
+                for line in process.stdout:
+                    _show(bar, line, images)
+                code = process.wait()
+            finally:
+                alarm.cancel()
+                process.kill()
+        complaints.seek(0)
+        lines = complaints.read().decode(errors="replace").strip().splitlines()
+    return code, lines[-1] if lines else "no message"
+
+
+def _show(bar: Bar, line: bytes, images: int) -> None:
+    text = line.strip()
+    if not text.isdigit():
+        return
+    done = int(text)
+    bar.advance_to(done, "encoding" if done >= images else "")
+
+
+def graphics_backend() -> str | None:
+    """Return the first of EGL and OSMesa that can draw here; None if neither can."""
+    for backend in _backends():
+        command = [sys.executable, "-m", "neuroanimator.export.film.worker"]
+        environment = {**os.environ, "MUJOCO_GL": backend}
+        if subprocess.run(command, env=environment, capture_output=True, timeout=LONGEST_DRAWING).returncode == 0:
+            return backend
+    return None
+
+
+def _backends() -> tuple[str, ...]:
+    """Return the graphics libraries to try: the one the user asks for, or all."""
+    asked = os.environ.get("MUJOCO_GL")
+    return (asked,) if asked else BACKENDS

@@ -1,0 +1,52 @@
+"""Write a clip in the formats its file names ask for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from neuroanimator.animation.clip import Clip
+from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.export.csv_file import write_clip
+from neuroanimator.export.film.options import Film
+from neuroanimator.export.film.video import write_video
+from neuroanimator.export.gltf.scene import write_glb
+from neuroanimator.zoo import find_emulator
+
+FORMATS = (".csv", ".glb", ".mp4")
+USUAL = Film()
+
+
+def emulator_for(outs: list[Path], name: str) -> Emulator:
+    """Return the emulator called `name`; refuse file names it cannot be exported to, before any work is done."""
+    _check_formats(outs)
+    emulator = Emulator.load(find_emulator(name))
+    _check_bodies(emulator.identity.skeleton, outs)
+    return emulator
+
+
+def export_clip(clip: Clip, emulator: Emulator, outs: list[Path], film: Film = USUAL) -> None:
+    """Write `clip` to each path as .csv, .glb or .mp4 (a `film`); nothing is written if one of them is refused."""
+    _check_formats(outs)
+    _check_bodies(clip.skeleton, outs)
+    for path in outs:
+        if path.suffix == ".glb":
+            write_glb(clip, path)
+        elif path.suffix == ".mp4":
+            write_video(clip, path, size=film.size, camera=film.camera)
+        else:
+            write_clip(clip, path, emulator.identity.state)
+
+
+def _check_formats(outs: list[Path]) -> None:
+    for path in outs:
+        if path.suffix not in FORMATS:
+            raise ArgumentError(f"out: '{path.name}' ends in none of {', '.join(FORMATS)}.")
+
+
+def _check_bodies(skeleton: Skeleton, outs: list[Path]) -> None:
+    """Refuse to draw a system that has no bodies: a step function or recordings."""
+    for path in outs:
+        if not skeleton.bones and path.suffix != ".csv":
+            raise ArgumentError(f"out: {path.name} shows bodies, and this system has none, only numbers. Use .csv.")

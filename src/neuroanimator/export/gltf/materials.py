@@ -1,0 +1,58 @@
+"""Materials of a GLB file: colours as light, and names by which users find the parts they stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from neuroanimator.appearance.skeleton import Shape, Skeleton
+from neuroanimator.export.gltf.colour import linear_of
+
+GHOST_COLOUR = (0.95, 0.1, 0.7)
+"""sRGB: a magenta that no body has."""
+GHOST_OPACITY = 0.45
+"""The body behind stays visible, and the ghost too where it is elsewhere."""
+THINNEST_WALL = 0.05
+"""A box in the scenery that is thinner than this share of its other sides is a floor."""
+
+
+def material(
+    name: str, colour: Sequence[float], *, opacity: float = 1.0, metallic: float = 0.1, roughness: float = 0.6
+) -> dict[str, Any]:
+    """Return a material of an sRGB `colour`, three numbers or four with opacity."""
+    alpha = (colour[3] if len(colour) > 3 else 1.0) * opacity
+    light = [round(float(amount), 6) for amount in linear_of(colour[:3])]
+    surface = {"baseColorFactor": [*light, alpha], "metallicFactor": metallic, "roughnessFactor": roughness}
+    blend = {"alphaMode": "BLEND"} if alpha < 1 else {}
+    return {"name": name, "pbrMetallicRoughness": surface} | blend
+
+
+def ghost_material() -> dict[str, Any]:
+    """Return the one colour of all of a ghost."""
+    return material("ghost", GHOST_COLOUR, opacity=GHOST_OPACITY, metallic=0.0, roughness=0.5)
+
+
+def colour_names(skeleton: Skeleton) -> dict[tuple[float, ...], str]:
+    """Return a name for each colour of the shapes of `skeleton`: 'floor', or the first bone that has it, numbered."""
+    names: dict[tuple[float, ...], str] = {}
+    for i, bone in enumerate(skeleton.bones):
+        for shape in bone.shapes:
+            if shape.colour in names:
+                continue
+            is_floor = _is_slab(shape) and not skeleton.is_moved(i)
+            names[shape.colour] = unique("floor" if is_floor else bone.name, names.values())
+    return names
+
+
+def unique(name: str, taken: Any) -> str:
+    """Return `name`, numbered if it is among those `taken`."""
+    known = set(taken)
+    number, found = 1, name
+    while found in known:
+        number += 1
+        found = f"{name} {number}"
+    return found
+
+
+def _is_slab(shape: Shape) -> bool:
+    return shape.kind == "box" and shape.size[2] < THINNEST_WALL * min(shape.size[:2])

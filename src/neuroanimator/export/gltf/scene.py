@@ -1,0 +1,204 @@
+"""Clips as a GLB file: bones as nodes, their turns as an animation.
+
+Inside, Z is up; glTF is Y up, so a root node turns each body (x, y, z) → (x, z, -y).
+Quaternions are wxyz inside and xyzw in the file; colours are sRGB inside and light in the file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuroanimator.animation.clip import Clip
+from neuroanimator.animation.interpolate import continuous
+from neuroanimator.appearance.skeleton import Bone, Skeleton
+from neuroanimator.errors import ArgumentError
+from neuroanimator.export.gltf.buffers import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, container
+from neuroanimator.export.gltf.materials import colour_names, ghost_material, material, unique
+from neuroanimator.export.gltf.shapes import shape_mesh
+from neuroanimator.export.gltf.skin import skin_material, skin_object, skin_primitives
+from neuroanimator.storage.files import write_whole
+
+Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
+"""xyzw: a quarter turn about x that takes Z up to Y up."""
+
+XYZW = [1, 2, 3, 0]
+"""Order of a quaternion's numbers in the file."""
+SMALLEST_WAY = 1e-9
+"""[m] A bone that moves less against its parent gets no track of its places."""
+GHOST_PREFIX = "ghost "
+"""Of the names of a ghost's nodes: engines find what moves by its name."""
+MOST_CLIPS = 1000
+"""Of one file."""
+
+
+def write_glb(clips: Clip | Sequence[Clip], path: Path, *, ghost: Clip | None = None) -> None:
+    """Write one clip, or several such as a school, to `path`: one node per bone, channels for what moves.
+
+    Several bodies keep their own places; the scenery is there once, that of the first. Names of nodes begin with the
+    clip's name and number if there are several. A skin is one more node beside the scene's, for what moves it is its
+    bones alone. A `ghost` is another motion of the only clip's body at the same place and time, in one translucent
+    colour: such as the emulator's beside the physics'. What each motion is of is in the `extras` of its root node.
+    """
+    together = [clips] if isinstance(clips, Clip) else list(clips)
+    if not 1 <= len(together) <= MOST_CLIPS:
+        raise ArgumentError(f"clips: wanted 1 to {MOST_CLIPS} in one file, came {len(together)}.")
+    if ghost is not None and (len(together) > 1 or ghost.skeleton != together[0].skeleton):
+        names = " and ".join(clip.name for clip in together[:3])
+        raise ArgumentError(f"ghost: wanted another motion of the same body, came {ghost.name} beside {names}.")
+    scene = _Scene(together[0].rate)
+    for number, clip in enumerate(together):
+        prefix = "" if len(together) == 1 else f"{clip.name} {number + 1} "
+        scene.add(clip, prefix, has_scenery=number == 0)
+    if ghost is not None:
+        scene.add(ghost, GHOST_PREFIX, is_ghost=True)
+    write_whole(path, scene.content())
+
+
+class _Scene:
+    """A glTF document that grows body by body."""
+
+    def __init__(self, rate: float):
+        self.buffer = Buffer()
+        self.document: dict[str, Any] = {
+            "asset": {
+                "version": "2.0",
+                "generator": f"NeuroAnimator {version('neuroanimator')}",
+                "extras": {"units": "m", "rate": round(rate, 6)},
+            },
+            "scene": 0,
+            "scenes": [{"name": "scene", "nodes": []}],
+            "nodes": [],
+            "meshes": [],
+            "materials": [],
+            "animations": [{"name": "motion", "samplers": [], "channels": []}],
+            "skins": [],
+            "bufferViews": self.buffer.views,
+            "accessors": self.buffer.accessors,
+        }
+        self._meshes: dict[tuple[Any, ...], int] = {}
+        self._materials: dict[tuple[Any, ...], int] = {}
+        self._names: set[str] = set()
+
+    def add(self, clip: Clip, prefix: str, *, has_scenery: bool = False, is_ghost: bool = False) -> None:
+        """Add what moves in `clip`, and its scenery if wanted."""
+        nodes, bones = self.document["nodes"], clip.skeleton.bones
+        root = len(nodes)
+        places, turns = clip.skeleton.local_poses(clip.states)
+        self.document["scenes"][0]["nodes"].append(root)
+        title = f"{prefix}root" if prefix and not is_ghost else f"{prefix}{clip.name} root"
+        nodes.append({"name": self._own(title), "rotation": Y_UP, "extras": _extras(clip)})
+        for i, bone in enumerate(bones):
+            node: dict[str, Any] = {"name": self._own(prefix + bone.name)}
+            node |= {"translation": places[0, i].tolist(), "rotation": turns[0, i][XYZW].tolist()}
+            if bone.shapes and (has_scenery or clip.skeleton.is_moved(i)):
+                node["mesh"] = self._mesh_of(clip.skeleton, i, is_ghost)
+            nodes.append(node)
+        for i in range(-1, len(bones)):
+            children = [root + 1 + k for k, bone in enumerate(bones) if bone.parent == i]
+            if children:
+                nodes[root + 1 + i]["children"] = children
+        self._add_tracks(clip, places, continuous(turns), root)
+        if clip.skeleton.skin is not None:
+            self._add_skin(clip.skeleton, prefix, root, is_ghost)
+
+    def content(self) -> bytes:
+        """Return the bytes of the file."""
+        self.document["buffers"] = [{"byteLength": len(self.buffer.content)}]
+        filled = {key: value for key, value in self.document.items() if value != []}  # the format knows no empty lists
+        return container(filled, bytes(self.buffer.content))
+
+    def _own(self, name: str) -> str:
+        """Return `name`, numbered if another node has it."""
+        found = unique(name, self._names)
+        self._names.add(found)
+        return found
+
+    def _mesh_of(self, skeleton: Skeleton, number: int, is_ghost: bool) -> int:
+        """Return the mesh of a bone's shapes: the same for the same bone of another clip."""
+        bone = skeleton.bones[number]
+        key = (bone.name, bone.shapes, is_ghost)
+        if key not in self._meshes:
+            primitives = []
+            for shape, found in zip(bone.shapes, _primitives(bone, self.buffer), strict=True):
+                used = self._ghost() if is_ghost else self._painted(skeleton, shape.colour)
+                primitives.append(found | {"material": used})
+            self._meshes[key] = self._append(
+                "meshes", {"name": (GHOST_PREFIX if is_ghost else "") + bone.name, "primitives": primitives}
+            )
+        return self._meshes[key]
+
+    def _add_skin(self, skeleton: Skeleton, prefix: str, root: int, is_ghost: bool) -> None:
+        key = ("skin", skeleton.skin, tuple(bone.offset for bone in skeleton.bones), is_ghost)
+        if key not in self._meshes:
+            primitives = []
+            for part, found in skin_primitives(skeleton, self.buffer).items():
+                if is_ghost:
+                    plain = {name: used for name, used in found["attributes"].items() if name != "COLOR_0"}
+                    primitives.append(found | {"attributes": plain, "material": self._ghost()})
+                else:
+                    primitives.append(found | {"material": self._material((part,), skin_material(part))})
+            name = f"{GHOST_PREFIX if is_ghost else ''}skin"
+            self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
+        title = self._own(f"{prefix}skin")
+        skin = self._append("skins", skin_object(skeleton, title, root, self.buffer))
+        node = self._append("nodes", {"name": title, "mesh": self._meshes[key], "skin": skin})
+        self.document["scenes"][0]["nodes"].append(node)
+
+    def _painted(self, skeleton: Skeleton, colour: tuple[float, ...]) -> int:
+        return self._material(colour, material(colour_names(skeleton)[colour], colour))
+
+    def _ghost(self) -> int:
+        return self._material(("ghost",), ghost_material())
+
+    def _material(self, key: tuple[Any, ...], described: dict[str, Any]) -> int:
+        """Return the material known by `key`; a new one is `described`, its name made its own."""
+        if key not in self._materials:
+            taken = [known["name"] for known in self.document["materials"]]
+            own = described | {"name": unique(described["name"], taken)}
+            self._materials[key] = self._append("materials", own)
+        return self._materials[key]
+
+    def _append(self, kind: str, described: dict[str, Any]) -> int:
+        self.document[kind].append(described)
+        return len(self.document[kind]) - 1
+
+    def _add_tracks(self, clip: Clip, places: np.ndarray, turns: np.ndarray, root: int) -> None:
+        times = self.buffer.add(clip.times.astype(np.float32), "SCALAR", bounds=True)
+        animation = self.document["animations"][0]
+        for i, bone in enumerate(clip.skeleton.bones):
+            if not bone.is_moving:
+                continue
+            tracks = [("rotation", turns[:, i][:, XYZW], "VEC4"), ("translation", places[:, i], "VEC3")]
+            for path, track, kind in tracks:
+                if path == "translation" and np.ptp(track, axis=0).max() < SMALLEST_WAY:
+                    continue
+                output = self.buffer.add(np.ascontiguousarray(track, dtype=np.float32), kind)
+                sampler = len(animation["samplers"])
+                animation["channels"].append({"sampler": sampler, "target": {"node": root + 1 + i, "path": path}})
+                animation["samplers"].append({"input": times, "output": output, "interpolation": "LINEAR"})
+
+
+def _extras(clip: Clip) -> dict[str, Any]:
+    """Return what a motion is of, for whoever opens the file."""
+    said = {"system": clip.name, "seconds": round(float(clip.times[-1]), 6)}
+    return said | ({"source": clip.source} if clip.source else {})
+
+
+def _primitives(bone: Bone, buffer: Buffer) -> list[dict[str, Any]]:
+    """Return the triangles of each shape of `bone`, without materials."""
+    primitives = []
+    for shape in bone.shapes:
+        mesh = shape_mesh(shape)
+        attributes = {
+            "POSITION": buffer.add(mesh.points, "VEC3", target=ARRAY_BUFFER, bounds=True),
+            "NORMAL": buffer.add(mesh.normals, "VEC3", target=ARRAY_BUFFER),
+        }
+        indices = buffer.add(mesh.triangles.ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER)
+        primitives.append({"attributes": attributes, "indices": indices})
+    return primitives
