@@ -76,16 +76,30 @@ def seconds_of(tree: Tree, task: str, folder: Path) -> float:
     if task in CALLS:
         command = [sys.executable, "-c", STEPS, str(CALLS[task])]
     else:
-        command = [sys.executable, "-c", "from neuroanimator.cli.main import main; main()", *VERBS[task]]
+        command = [
+            sys.executable,
+            "-c",
+            "from neuroanimator.cli.main import main; main()",
+            *VERBS[task],
+        ]
     began = time.perf_counter()
-    done = subprocess.run(command, cwd=folder, env=tree.environment(), capture_output=True, text=True, timeout=PATIENCE)
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        env=tree.environment(),
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
     took = time.perf_counter() - began
     if done.returncode:
         raise SystemExit(f"{tree.name}: {task}: {done.stderr.strip()[-300:]}")
     return float(done.stdout) if CALLS.get(task, 1) > 1 else took
 
 
-def rows_of(trees: list[Tree], tasks: list[str], rounds: int, folder: Path) -> list[dict[str, object]]:
+def rows_of(
+    trees: list[Tree], tasks: list[str], rounds: int, folder: Path
+) -> list[dict[str, object]]:
     """Return for every task the least time of each tree, cold and warm; the trees take turns."""
     least: dict[tuple[str, str, str], float] = {}
     with progress_bar("runs", len(tasks) * rounds * len(trees) * 2) as bar:
@@ -102,20 +116,28 @@ def rows_of(trees: list[Tree], tasks: list[str], rounds: int, folder: Path) -> l
                         bar.advance_to(done, f"{tree.name}: {task}, {state}: {found:.3g} s")
     columns = [(tree.name, state) for state in ("cold", "warm") for tree in trees]
     return [
-        {"task": task, **{f"{name}, {state} s": least[task, name, state] for name, state in columns}} for task in tasks
+        {
+            "task": task,
+            **{f"{name}, {state} s": least[task, name, state] for name, state in columns},
+        }
+        for task in tasks
     ]
 
 
 def main() -> None:
     """Time the trees, print the table and write it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--src", type=Path, help="another tree's src folder: 'before'")
     parser.add_argument("--rounds", type=int, default=ROUNDS)
-    parser.add_argument("--tasks", nargs="*", default=[*VERBS, *CALLS], help="some of the tasks, by name")
+    parser.add_argument(
+        "--tasks", nargs="*", default=[*VERBS, *CALLS], help="some of the tasks, by name"
+    )
     parser.add_argument("--out", type=Path, default=RESULTS)
     given = parser.parse_args()
-    with TemporaryDirectory() as place:
-        folder = Path(place)
+    with TemporaryDirectory() as position:
+        folder = Path(position)
         trees = [Tree("after" if given.src else "now", HERE, folder / "cache")]
         if given.src:
             trees.insert(0, Tree("before", given.src.resolve(), folder / "cache-before"))

@@ -35,7 +35,9 @@ PICTURE = (960, 540)
 
 def main() -> None:
     """Draw what the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", nargs="?", choices=("sheets", "images"), default="sheets")
     parser.add_argument("--only", nargs="+", choices=(*SYSTEMS, "leap"), default=[*SYSTEMS, "leap"])
     parser.add_argument("--size", default="1280x720")
@@ -62,7 +64,9 @@ def write_sheet(name: str, out: Path, size: str, camera: str) -> None:
     chosen = [int(first + number * step) for number in range(COLUMNS * ROWS)]
     sheet = out / "sheets" / f"{name}.jpg"
     tile(path, chosen, COLUMNS, ROWS, 480, sheet)
-    print(f"{name}: {images} images in {seconds:.1f} s, {path.stat().st_size / 1e3:.0f} kB; {sheet}")
+    print(
+        f"{name}: {images} images in {seconds:.1f} s, {path.stat().st_size / 1e3:.0f} kB; {sheet}"
+    )
 
 
 def clip_of(name: str) -> na.Clip:
@@ -70,7 +74,7 @@ def clip_of(name: str) -> na.Clip:
     if name == "leap":
         with tempfile.TemporaryDirectory() as folder, chdir(folder):
             found = runpy.run_path(str(LEAP))
-        return na.make_clip(found["emulator"], found["found"].outcome.physical)
+        return na.make_clip(found["emulator"], found["found"].outcome.physics_states)
     emulator = na.Emulator.load(na.find_emulator(name))
     return na.make_clip(emulator, random_motion(emulator, SECONDS, seed=0))
 
@@ -81,7 +85,21 @@ def tile(film: Path, chosen: list[int], columns: int, rows: int, width: int, out
     wanted = "+".join(rf"eq(n\,{number})" for number in chosen)
     layout = f"select={wanted},scale={width}:-2:flags=area,tile={columns}x{rows}:padding=4:margin=4:color=white"
     ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
-    command = [ffmpeg, "-v", "error", "-y", "-i", str(film), "-vf", layout, "-frames:v", "1", "-q:v", "3", str(out)]
+    command = [
+        ffmpeg,
+        "-v",
+        "error",
+        "-y",
+        "-i",
+        str(film),
+        "-vf",
+        layout,
+        "-frames:v",
+        "1",
+        "-q:v",
+        "3",
+        str(out),
+    ]
     subprocess.run(command, check=True)
 
 
@@ -106,15 +124,25 @@ def pair(names: list[str], scratch: Path, out: Path) -> None:
         still = scratch / f"{name}.png"
         tile(film, [len(motion.times) // 2], 1, 1, PICTURE[0] * 3 // 4, still)
         stills += ["-i", str(still)]
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y", *stills, "-filter_complex", "hstack", "-q:v", "3"]
+    command = [
+        imageio_ffmpeg.get_ffmpeg_exe(),
+        "-v",
+        "error",
+        "-y",
+        *stills,
+        "-filter_complex",
+        "hstack",
+        "-q:v",
+        "3",
+    ]
     out.parent.mkdir(parents=True, exist_ok=True)
     subprocess.run([*command, str(out)], check=True)
 
 
 def moments_of_leap(leap: na.Clip) -> list[int]:
     """Return six images around the highest point of the body's middle."""
-    places, _ = leap.skeleton.world_poses(leap.states)
-    highest = int(places[..., 2].mean(axis=1).argmax())
+    positions, _ = leap.skeleton.world_poses(leap.states)
+    highest = int(positions[..., 2].mean(axis=1).argmax())
     last = len(leap.times) - 1
     return sorted({int(np.clip(highest + number, 0, last)) for number in (-18, -11, -5, 0, 6, 12)})
 

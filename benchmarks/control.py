@@ -30,7 +30,9 @@ TRIALS = 12
 def task_rows(is_quick: bool) -> Rows:
     """Return what `bench --control` does."""
     with TemporaryDirectory() as folder:
-        return run_control_bench(list(TASKS.values()), Path(folder), QUICK if is_quick else THOROUGH)[0]
+        return run_control_bench(
+            list(TASKS.values()), Path(folder), QUICK if is_quick else THOROUGH
+        )[0]
 
 
 def descent_rows(is_quick: bool) -> Rows:
@@ -40,7 +42,10 @@ def descent_rows(is_quick: bool) -> Rows:
         emulator = Emulator.load(find_emulator(f"{task.system}-{task.substeps}"))
         solver = Solver.of(task, load_system(task.system), emulator)
         for method in METHODS:
-            rows += [descent_row(solver, method, iterations, 2 if is_quick else TRIALS) for iterations in ITERATIONS]
+            rows += [
+                descent_row(solver, method, iterations, 2 if is_quick else TRIALS)
+                for iterations in ITERATIONS
+            ]
     return rows
 
 
@@ -52,14 +57,16 @@ def descent_row(solver: Solver, method: str, iterations: int, trials: int) -> di
         found.append(
             descend(
                 solver.emulator, trial.objective, trial.start, steps=solver.steps, method=method,
-                iterations=iterations, first=trial.first, parameters=solver.parameters,
+                iterations=iterations, first=trial.first, parametrisation=solver.parametrisation,
             )
         )  # fmt: skip
-        outcome = replay(solver.emulator, solver.system, trial.objective, trial.start, found[-1].controls)
+        outcome = replay(
+            solver.emulator, solver.system, trial.objective, trial.start, found[-1].controls
+        )
         physics.append(outcome.cost_physics)
     return {
         "task": solver.task.name,
-        "numbers": solver.parameters.size,
+        "numbers": solver.parametrisation.size,
         "method": method,
         "iterations_allowed": iterations,
         "iterations": float(np.median([each.iterations for each in found])),

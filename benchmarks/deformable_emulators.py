@@ -17,7 +17,12 @@ from neuroanimator.bench.spring_relaxation import relaxed
 from neuroanimator.bench.swims import compare_swims
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import Transitions, dataset_config
-from neuroanimator.evaluation.accuracy import HeldOut, held_out_runs, one_step_error, root_mean_square
+from neuroanimator.evaluation.accuracy import (
+    HeldOut,
+    held_out_runs,
+    one_step_error,
+    root_mean_square,
+)
 from neuroanimator.evaluation.speed import TIMED_SUPER_STEPS, emulator_player, interleaved, one_core
 from neuroanimator.evaluation.stability import count_blow_ups
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
@@ -47,22 +52,22 @@ def accuracy_rows(repeats: int) -> Rows:
 
 def accuracy_row(emulator: Emulator, *, quick: bool) -> dict[str, Any]:
     """Return the errors of one emulator; quartiles are over swims."""
-    system, test = deformable(emulator.identity.system), held_out_runs(emulator, 8 if quick else 32)
+    system, test = deformable(emulator.spec.system), held_out_runs(emulator, 8 if quick else 32)
     swims = compare_swims(emulator, system, 16 if quick else SWIMS, SWIM_STEPS)
     errors, last = one_step_error(emulator, test), -1
     size = 3 * len(system.body.masses)
     return {
         "system": system.name,
-        "substeps": emulator.identity.substeps,
+        "substeps": emulator.spec.substeps,
         "one_step_error": float(root_mean_square(errors)),
         "places": float(root_mean_square(errors[:size])),
         "speeds": float(root_mean_square(errors[size:])),
         "least_with_these_modes": least_error(emulator, test),
         "shape_error_100": float(np.median(swims.shape[:, last])),
         "shape_quartiles": quartiles(swims.shape[:, last]),
-        "place_error_100": float(np.median(swims.place[:, last])),
-        "place_quartiles": quartiles(swims.place[:, last]),
-        "turn_error_100_deg": float(np.degrees(np.median(swims.turn[:, last]))),
+        "place_error_100": float(np.median(swims.position[:, last])),
+        "place_quartiles": quartiles(swims.position[:, last]),
+        "turn_error_100_deg": float(np.degrees(np.median(swims.orientation[:, last]))),
         "way_m": float(np.median(swims.way[:, last])),
         "blow_ups_of_1000": count_blow_ups(emulator, 100 if quick else 1000, SWIM_STEPS),
     }
@@ -72,7 +77,9 @@ def least_error(emulator: Emulator, test: HeldOut) -> float:
     """Return the one-step error of the true next states, shown by the emulator's modes alone."""
     truth = test.transitions[2]
     shown = np.asarray(emulator.decode(np.asarray(emulator.encode(truth))))
-    return float(root_mean_square(test.frame.difference(truth, shown) / test.change_scale, axis=(0, 1)))
+    return float(
+        root_mean_square(test.frame.difference(truth, shown) / test.change_scale, axis=(0, 1))
+    )
 
 
 def quartiles(values: np.ndarray) -> str:
@@ -86,7 +93,9 @@ def long_rows(repeats: int) -> Rows:
     quick, rows = repeats < 5, []
     for name in ("fish", "dolphin"):
         emulator, system = Emulator.load(find_emulator(f"{name}-50")), deformable(name)
-        known = simulate_transitions(dataset_config(system=name, count=KNOWN_RUNS // (20 if quick else 1), picks=36))
+        known = simulate_transitions(
+            dataset_config(system=name, count=KNOWN_RUNS // (20 if quick else 1), picks=36)
+        )
         states = known.states.reshape(-1, known.states.shape[-1])
         steps = 2_000 if quick else LONG_STEPS
         ways = {
@@ -96,16 +105,29 @@ def long_rows(repeats: int) -> Rows:
             "both": (relaxed(emulator, system.body), True),
         }
         for label, (correction, is_bounded) in ways.items():
-            rows.append(long_row(emulator, system, states, label, correction, steps, is_bounded, quick=quick))
+            rows.append(
+                long_row(
+                    emulator, system, states, label, correction, steps, is_bounded, quick=quick
+                )
+            )
     return rows
 
 
-def long_row(emulator, system, states, label, correction, steps, is_bounded, *, quick: bool) -> dict[str, Any]:
+def long_row(
+    emulator, system, states, label, correction, steps, is_bounded, *, quick: bool
+) -> dict[str, Any]:
     """Return one row of `long_rows`."""
     began, starts = time.perf_counter(), 20 if quick else LONG_STARTS
     every = 10 if correction else 1
     found = measure_long_run(
-        emulator, system, states, correction, every=every, is_bounded=is_bounded, starts=starts, steps=steps
+        emulator,
+        system,
+        states,
+        correction,
+        every=every,
+        is_bounded=is_bounded,
+        starts=starts,
+        steps=steps,
     )
     return {
         "system": system.name,
@@ -138,10 +160,18 @@ def hierarchy_rows(repeats: int) -> Rows:
     for name, modes in (("fish", (32, 44)), ("dolphin", (28, 40))):
         examples = HIERARCHY_EXAMPLES // (20 if quick else 1)
         data = simulate_transitions(dataset_config(system=name, count=examples, picks=36))
-        flat = {label: {**each, "place_modes": modes[0], "speed_modes": modes[1]} for label, each in FLAT.items()}
-        deep = {label: {**each, "network": "hierarchy", "local_modes": LOCAL_MODES} for label, each in DEEP.items()}
+        flat = {
+            label: {**each, "position_modes": modes[0], "velocity_modes": modes[1]}
+            for label, each in FLAT.items()
+        }
+        deep = {
+            label: {**each, "network": "hierarchy", "local_modes": LOCAL_MODES}
+            for label, each in DEEP.items()
+        }
         updates = 1_000 if quick else HIERARCHY_UPDATES
-        found = {label: trained(data, updates, settings) for label, settings in {**flat, **deep}.items()}
+        found = {
+            label: trained(data, updates, settings) for label, settings in {**flat, **deep}.items()
+        }
         rows += compared(name, found)
     return rows
 
@@ -149,13 +179,19 @@ def hierarchy_rows(repeats: int) -> Rows:
 def trained(data: Transitions, updates: int, settings: dict[str, Any]) -> Emulator:
     """Return a freshly trained emulator."""
     with TemporaryDirectory() as folder:
-        return train(data, training_config(updates=updates, **settings), Path(folder) / "one.emulator.safetensors")
+        return train(
+            data,
+            training_config(updates=updates, **settings),
+            Path(folder) / "one.emulator.safetensors",
+        )
 
 
 def compared(name: str, found: dict[str, Emulator]) -> Rows:
     """Return a row per emulator, tested on the same runs, timed in turn; and which wins at its cost."""
     with one_core():
-        spans = interleaved({label: emulator_player(emulator) for label, emulator in found.items()}, 15)
+        spans = interleaved(
+            {label: emulator_player(emulator) for label, emulator in found.items()}, 15
+        )
     rows = []
     for label, emulator in found.items():
         test = held_out_runs(emulator, 32)

@@ -64,7 +64,10 @@ def system_rows(system: DeformableSystem, repeats: int) -> Rows:
             "jax_minus_c_float64": difference(system, kind),
             "step_ms": system.physics_dt * 1e3,
             "largest_linear_step_ms": limit * 1e3,
-            **{f"error_at_{n}_per_super_step": twin_error(test, Scheme(kind, test.dt / n)) for n in DIVISIONS},
+            **{
+                f"error_at_{n}_per_super_step": twin_error(test, Scheme(kind, test.dt / n))
+                for n in DIVISIONS
+            },
         }
         for kind in INTEGRATORS
     ]
@@ -78,7 +81,9 @@ def costs(system: DeformableSystem, kind: str, repeats: int) -> dict[str, float 
         found = {} if batch == 1 else c_batch_players(system, batch, kind, steps)
         if batch == 1 and (twin := c_twin(system.body)) is not None:
             found = {"": twin.player(*random_bodies(system, 1), kind, system.physics_dt, steps)}
-        named = {f"c_{batch}_{name}".replace(" ", "_").rstrip("_"): play for name, play in found.items()}
+        named = {
+            f"c_{batch}_{name}".replace(" ", "_").rstrip("_"): play for name, play in found.items()
+        }
         named[f"jax_{batch}"] = jax_batch_player(system, batch, kind, steps)
         players |= named
         lengths |= dict.fromkeys(named, batch * steps)

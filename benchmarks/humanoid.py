@@ -108,9 +108,13 @@ def floating_humanoid(folder: Path) -> Path:
     """Write Gymnasium's humanoid without floor, contacts and gravity, and return its TOML file with `GROUPS`."""
     text = mjcf_of("Humanoid-v5").read_text()
     text, floors = re.subn(r'<geom [^>]*name="floor"[^>]*/>', "", text)
-    text, contacts = re.subn(r'conaffinity="1" condim="1" contype="1"', 'contype="0" conaffinity="0"', text)
+    text, contacts = re.subn(
+        r'conaffinity="1" condim="1" contype="1"', 'contype="0" conaffinity="0"', text
+    )
     text, options = re.subn("<option ", '<option gravity="0 0 0" ', text)
-    assert (floors, contacts, options) == (2, 1, 1), "Gymnasium's humanoid.xml is another than this was written for."
+    assert (floors, contacts, options) == (2, 1, 1), (
+        "Gymnasium's humanoid.xml is another than this was written for."
+    )
     (folder / "humanoid.xml").write_text(text)
     path, _ = write_definition(str(folder / "humanoid.xml"))
     # Taught by the model's own step: its error is a hundredth of the networks', and finer steps would take long.
@@ -119,7 +123,9 @@ def floating_humanoid(folder: Path) -> Path:
     return path
 
 
-def measure(data: Transitions, effort: Effort, folder: Path) -> tuple[list[Measured], HeldOut, float]:
+def measure(
+    data: Transitions, effort: Effort, folder: Path
+) -> tuple[list[Measured], HeldOut, float]:
     """Return the trained networks, the test, and the cost of the physics per super step [µs]."""
     emulators = [
         (kind, trained(data, kind, widths, effort.updates, folder))
@@ -133,13 +139,17 @@ def measure(data: Transitions, effort: Effort, folder: Path) -> tuple[list[Measu
     with one_core():
         spans = interleaved(players, effort.repeats)
     measured = [
-        Measured(kind, emulator, one_step_error(emulator, test), spans[str(i)] / TIMED_SUPER_STEPS * 1e6)
+        Measured(
+            kind, emulator, one_step_error(emulator, test), spans[str(i)] / TIMED_SUPER_STEPS * 1e6
+        )
         for i, (kind, emulator) in enumerate(emulators)
     ]
     return measured, test, spans["physics"] / PHYSICS_STEPS * SUBSTEPS * 1e6
 
 
-def trained(data: Transitions, kind: str, widths: tuple[int, ...], updates: int, folder: Path) -> Emulator:
+def trained(
+    data: Transitions, kind: str, widths: tuple[int, ...], updates: int, folder: Path
+) -> Emulator:
     """Return the best of a training run of single super steps."""
     config = training_config(network=kind, widths=widths, updates=updates, unroll=1)
     return train(data, config, folder / f"{kind}-{'-'.join(map(str, widths))}.safetensors")
@@ -147,14 +157,18 @@ def trained(data: Transitions, kind: str, widths: tuple[int, ...], updates: int,
 
 def row(one: Measured, every: list[Measured], physics: float) -> dict[str, Any]:
     """Return a line of the table."""
-    names = one.emulator.identity.state.names
+    names = one.emulator.spec.state.names
     root = [*range(6), *range(len(names) - len(names) // 2, len(names) - len(names) // 2 + 6)]
     rivals = [other for other in every if other.family != one.family]
     error = rival_error(one.cost, rivals)
     return {
         "network": one.kind,
         "widths": " ".join(map(str, one.emulator.network.widths)),
-        "weights": sum(leaf.size for leaf in jax.tree.leaves(one.emulator.network) if isinstance(leaf, jax.Array)),
+        "weights": sum(
+            leaf.size
+            for leaf in jax.tree.leaves(one.emulator.network)
+            if isinstance(leaf, jax.Array)
+        ),
         "error": one.error,
         "root_error": float(root_mean_square(one.errors[root])),
         "limb_error": float(root_mean_square(np.delete(one.errors, root))),
@@ -205,7 +219,9 @@ def better(one: Measured, rivals: list[Measured], error: float | None) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="little data, few updates; writes no file")
+    parser.add_argument(
+        "--quick", action="store_true", help="little data, few updates; writes no file"
+    )
     is_quick = parser.parse_args().quick
     effort = QUICK if is_quick else THOROUGH
     with tempfile.TemporaryDirectory() as name:
@@ -219,7 +235,9 @@ def main() -> None:
         write_csv(Path(__file__).parent / "results" / "humanoid.csv", rows)
     print(describe_machine())
     print(", ".join(f"{name}: {error:.3f}" for name, error in baselines(data, test).items()))
-    print(f"{test.system.scheme.integrator} at the model's own step: {physics:.0f} µs per super step")
+    print(
+        f"{test.system.scheme.integrator} at the model's own step: {physics:.0f} µs per super step"
+    )
     print_table(rows)
 
 

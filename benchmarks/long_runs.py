@@ -49,16 +49,18 @@ def physics_at_rest(system: System, dt: float) -> float:
 
 def emulator_at_rest(emulator: Emulator, steps: int) -> tuple[float, float]:
     """Return how far the emulator strays at rest, without control: in a minute, and in `steps` super steps."""
-    idle = emulator.identity.bounds.idle
+    idle = emulator.spec.bounds.idle
     minute = np.tile(idle, (round(PHYSICS_SECONDS / emulator.dt), 1))
-    short = moved(np.asarray(emulator.rollout(np.array(emulator.identity.rest), minute), float)[1:])
-    inner, held = emulator.encode_motion(emulator.identity.rest, np.tile(idle, (BLOCK, 1)))
-    first = np.asarray(_follow(emulator, inner[None], held[None])[:, 0])
+    short = moved(np.asarray(emulator.rollout(np.array(emulator.spec.rest), minute), float)[1:])
+    latent, held = emulator.encode_motion(emulator.spec.rest, np.tile(idle, (BLOCK, 1)))
+    first = np.asarray(_follow(emulator, latent[None], held[None])[:, 0])
     furthest = 0.0
     state = jnp.asarray(first)
     for _ in range(0, steps, BLOCK):
         path = np.asarray(_follow(emulator, state, held[None]))
-        furthest = max(furthest, float(np.abs(emulator.decode(path[0]) - emulator.decode(first)).max()))
+        furthest = max(
+            furthest, float(np.abs(emulator.decode(path[0]) - emulator.decode(first)).max())
+        )
         state = jnp.asarray(path[:, -1])
     return short, furthest
 
@@ -66,20 +68,26 @@ def emulator_at_rest(emulator: Emulator, steps: int) -> tuple[float, float]:
 def driven(emulator: Emulator, system: System, steps: int) -> dict[str, float]:
     """Return how many motions under random controls stay finite and within the range of training, and how high."""
     rng = np.random.default_rng(7)
-    start, _ = emulator.encode_motion(emulator.identity.rest, emulator.identity.bounds.idle)
+    start, _ = emulator.encode_motion(emulator.spec.rest, emulator.spec.bounds.idle)
     state = jnp.tile(start, (STARTS, 1))
     is_alive = np.ones(STARTS, bool)
     is_inside = np.ones(STARTS, bool)
     low, high = (np.asarray(end, float) for end in emulator.domain.widened(FAR - 1, slice(None)))
     for _ in range(0, steps, BLOCK):
         controls = sample_control_runs(rng, STARTS, BLOCK, emulator.dt, system)
-        path = np.asarray(_follow(emulator, state, jnp.asarray(emulator.encode_control(controls), jnp.float32)))
+        path = np.asarray(
+            _follow(emulator, state, jnp.asarray(emulator.encode_control(controls), jnp.float32))
+        )
         seen = np.asarray(emulator.features.plain_of(path, emulator.frame.local(path)))
         count = seen.shape[-1]
         is_alive &= np.isfinite(path).all(axis=(1, 2))
         is_inside &= ((seen >= low[:count]) & (seen <= high[:count])).all(axis=(1, 2))
         state = jnp.asarray(path[:, -1])
-    return {"random_starts": STARTS, "random_alive": int(is_alive.sum()), "random_inside": int(is_inside.sum())}
+    return {
+        "random_starts": STARTS,
+        "random_alive": int(is_alive.sum()),
+        "random_inside": int(is_inside.sum()),
+    }
 
 
 def row(name: str, steps: int) -> dict[str, Any]:

@@ -21,7 +21,9 @@ PENDULUMS = "pendulum,pendulum-passive"
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--json", action="store_true", help="print rows as JSON")
-    parser.add_argument("--quick", action="store_true", help="n = 50 only, fewer runs; writes no file")
+    parser.add_argument(
+        "--quick", action="store_true", help="n = 50 only, fewer runs; writes no file"
+    )
     options = parser.parse_args()
     wanted = chosen_rows(PENDULUMS, "50" if options.quick else None)
     with TemporaryDirectory() as folder:

@@ -10,7 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator import Emulator, descend, find_emulator, is_upright, load_system, replay, stand_upright
+from neuroanimator import (
+    Emulator,
+    descend,
+    find_emulator,
+    is_upright,
+    load_system,
+    replay,
+    stand_upright,
+)
 from neuroanimator.bench.run_table import describe_machine, write_csv
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.rigid.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
@@ -29,15 +37,29 @@ FIRST_SHARE = 0.3
 """Size of random first controls, as a share of the limit."""
 
 
-def trial(emulator: Emulator, motors: str, seconds: float, method: str, iterations: int) -> dict[str, Any]:
+def trial(
+    emulator: Emulator, motors: str, seconds: float, method: str, iterations: int
+) -> dict[str, Any]:
     """Return one row: how descents from `SEEDS` first controls fared, on emulator and physics."""
     system, objective, start = load_system("pendulum"), stand_upright(), np.zeros(6)
     bounds, steps = Bounds.symmetric(LIMITS[motors]), round(seconds / emulator.dt)
     found, outcomes = [], []
     for seed in range(SEEDS):
-        first = smooth(np.random.default_rng(seed), steps, emulator.dt) * bounds.half * FIRST_SHARE * (seed > 0)
+        first = (
+            smooth(np.random.default_rng(seed), steps, emulator.dt)
+            * bounds.half
+            * FIRST_SHARE
+            * (seed > 0)
+        )
         result = descend(
-            emulator, objective, start, steps=steps, method=method, iterations=iterations, first=first, bounds=bounds
+            emulator,
+            objective,
+            start,
+            steps=steps,
+            method=method,
+            iterations=iterations,
+            first=first,
+            bounds=bounds,
         )
         found.append(result)
         outcomes.append(replay(emulator, system, objective, start, result.controls))
@@ -50,8 +72,8 @@ def trial(emulator: Emulator, motors: str, seconds: float, method: str, iteratio
         "J_emulator": float(np.median([each.cost_emulator for each in outcomes])),
         "J_physics": float(np.median([each.cost_physics for each in outcomes])),
         "J_physics_worst": max(each.cost_physics for each in outcomes),
-        "upright_emulator": f"{sum(is_upright(each.emulated[-1]) for each in outcomes)}/{SEEDS}",
-        "upright_physics": f"{sum(is_upright(each.physical[-1]) for each in outcomes)}/{SEEDS}",
+        "upright_emulator": f"{sum(is_upright(each.emulator_states[-1]) for each in outcomes)}/{SEEDS}",
+        "upright_physics": f"{sum(is_upright(each.physics_states[-1]) for each in outcomes)}/{SEEDS}",
     }
 
 

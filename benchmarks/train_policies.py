@@ -19,7 +19,14 @@ from neuroanimator.control.policies.behaviours import Tank, shoal
 from neuroanimator.control.policies.closed_loop import drive, live
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_training import train_policy
-from neuroanimator.control.policies.steering import Course, command, forward, leftward, unit, upright
+from neuroanimator.control.policies.steering import (
+    SteeringTarget,
+    command,
+    forward,
+    leftward,
+    unit,
+    upright,
+)
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
@@ -31,7 +38,7 @@ WORKPLACE = Path("out/policies")
 TRIALS, SECONDS = 100, 6.0
 WIDEST, STEEPEST = 2.1, 0.8
 """[rad] Of the random turns to the left or right, and up or down."""
-LEAST_SPEED = 0.2
+MIN_SPEED = 0.2
 """Of the random commands, as a share of the highest."""
 SHARES = (0.3, 0.5, 0.7, 0.9)
 """Of the highest speed, commanded straight ahead."""
@@ -44,25 +51,33 @@ TOO_NEAR = 0.5
 """Body lengths between middles: two fish nearer than this touch."""
 
 
-def trial_courses(policy: Policy, starts: np.ndarray, rng: np.random.Generator) -> Course:
+def trial_courses(policy: Policy, starts: np.ndarray, rng: np.random.Generator) -> SteeringTarget:
     """Return a random course for each of `starts` (B, S)."""
     pose, count = policy.pose(policy.emulator.encode(starts)), len(starts)
-    aside, above = rng.uniform(-WIDEST, WIDEST, (count, 1)), rng.uniform(-STEEPEST, STEEPEST, (count, 1))
+    aside, above = (
+        rng.uniform(-WIDEST, WIDEST, (count, 1)),
+        rng.uniform(-STEEPEST, STEEPEST, (count, 1)),
+    )
     level = np.cos(aside) * pose.forward + np.sin(aside) * leftward(pose)
     direction = unit(np.cos(above) * level + np.sin(above) * upright(pose))
-    speed = policy.ranges.high[0] * rng.uniform(LEAST_SPEED, 1, count)
-    return Course(jnp.asarray(direction, jnp.float32), jnp.asarray(speed, jnp.float32))
+    speed = policy.ranges.high[0] * rng.uniform(MIN_SPEED, 1, count)
+    return SteeringTarget(jnp.asarray(direction, jnp.float32), jnp.asarray(speed, jnp.float32))
 
 
-def gait_alone(policy: Policy, system: System, starts: np.ndarray, course: Course, steps: int) -> np.ndarray:
+def gait_alone(
+    policy: Policy, system: System, starts: np.ndarray, course: SteeringTarget, steps: int
+) -> np.ndarray:
     """Return what the gait does without a policy, as strong as the speed commanded: (B, T+1, S)."""
     assert system.gait is not None
     strengths = np.asarray(course.speed) / policy.ranges.high[0]
-    controls = [system.gait.controls(steps, policy.dt, system.bounds, strength=float(each)) for each in strengths]
+    controls = [
+        system.gait.controls(steps, policy.dt, system.bounds, strength=float(each))
+        for each in strengths
+    ]
     return play(system, starts, np.stack(controls), policy.dt).states
 
 
-def errors(policy: Policy, states: np.ndarray, course: Course) -> dict[str, float]:
+def errors(policy: Policy, states: np.ndarray, course: SteeringTarget) -> dict[str, float]:
     """Return quartiles of how far the last two periods of motions (B, T+1, S) are from their courses."""
     last = round(2 * policy.rhythm.period / policy.dt)
     pose = policy.pose(np.asarray(policy.emulator.encode(np.asarray(states[:, -last:], float))))
@@ -74,15 +89,30 @@ def errors(policy: Policy, states: np.ndarray, course: Course) -> dict[str, floa
         "heading_error_deg": np.degrees(np.arccos(np.clip(cosine, -1, 1))),
         "roll_deg": np.degrees(np.abs(rolls)),
     }
-    quartiles = {f"{name}_p{p}": float(np.percentile(each, p)) for name, each in found.items() for p in (25, 50, 75)}
+    quartiles = {
+        f"{name}_p{p}": float(np.percentile(each, p))
+        for name, each in found.items()
+        for p in (25, 50, 75)
+    }
     return {"highest_speed_mps": policy.ranges.high[0], **quartiles}
 
 
 def measure(name: str) -> list[dict[str, Any]]:
     """Return a row per kind of start and driver, all from the same unseen starts to the same courses."""
-    policy, system, rng = Policy.load(find_policy(name)), load_system(name), np.random.default_rng([5, 2**31])
-    kinds = {"anyhow": sample_starts(system, rng, TRIALS), "at rest, upright": np.tile(system.rest, (TRIALS, 1))}
-    return [each for kind, starts in kinds.items() for each in measure_from(policy, system, kind, starts, rng)]
+    policy, system, rng = (
+        Policy.load(find_policy(name)),
+        load_system(name),
+        np.random.default_rng([5, 2**31]),
+    )
+    kinds = {
+        "anyhow": sample_starts(system, rng, TRIALS),
+        "at rest, upright": np.tile(system.rest, (TRIALS, 1)),
+    }
+    return [
+        each
+        for kind, starts in kinds.items()
+        for each in measure_from(policy, system, kind, starts, rng)
+    ]
 
 
 def measure_from(
@@ -90,12 +120,23 @@ def measure_from(
 ) -> list[dict[str, Any]]:
     """Return a row per driver of bodies from `starts` (B, S)."""
     course, steps = trial_courses(policy, starts, rng), round(SECONDS / policy.dt)
-    physical, _ = drive(policy, system, starts, course, steps)
-    emulated = np.asarray(live(policy, lambda pose, time: course, starts, steps))
+    physics_states, _ = drive(policy, system, starts, course, steps)
+    emulator_states = np.asarray(live(policy, lambda pose, time: course, starts, steps))
     alone = gait_alone(policy, system, starts, course, steps)
-    found = {"policy on physics": physical.states, "policy on emulator": emulated, "gait alone on physics": alone}
-    about = {"system": system.name, "starts": kind, "policies_alive": int(physical.is_alive.sum())}
-    return [{**about, "driver": label, **errors(policy, states, course)} for label, states in found.items()]
+    found = {
+        "policy on physics": physics_states.states,
+        "policy on emulator": emulator_states,
+        "gait alone on physics": alone,
+    }
+    about = {
+        "system": system.name,
+        "starts": kind,
+        "policies_alive": int(physics_states.is_alive.sum()),
+    }
+    return [
+        {**about, "driver": label, **errors(policy, states, course)}
+        for label, states in found.items()
+    ]
 
 
 def measure_straight(name: str) -> list[dict[str, Any]]:
@@ -103,20 +144,22 @@ def measure_straight(name: str) -> list[dict[str, Any]]:
     policy, system = Policy.load(find_policy(name)), load_system(name)
     starts = np.tile(system.rest, (len(SHARES), 1))
     pose = policy.pose(policy.emulator.encode(starts))
-    speeds = policy.ranges.high[0] * np.array(SHARES)
-    course = forward(pose, jnp.asarray(speeds, jnp.float32))
+    velocities = policy.ranges.high[0] * np.array(SHARES)
+    course = forward(pose, jnp.asarray(velocities, jnp.float32))
     runs, _ = drive(policy, system, starts, course, round(2 * STRAIGHT_SECONDS / policy.dt))
     path = policy.pose(np.asarray(policy.emulator.encode(runs.states)))
     period = round(policy.rhythm.period / policy.dt)
     then = round(STRAIGHT_SECONDS / policy.dt)
     pointing = unit(path.forward[:, then - period : then].mean(axis=1))
-    off = np.degrees(np.arccos(np.clip(np.sum(pointing * np.asarray(course.direction), axis=-1), -1, 1)))
+    off = np.degrees(
+        np.arccos(np.clip(np.sum(pointing * np.asarray(course.direction), axis=-1), -1, 1))
+    )
     speed = np.sum(path.velocity * path.forward, axis=-1)[:, -2 * period :].mean(axis=1)
     pitch = np.degrees(np.arcsin(np.clip(path.forward[..., 2], -1, 1)))
     return [
         {
             "system": name,
-            "speed_commanded_mps": float(speeds[row]),
+            "speed_commanded_mps": float(velocities[row]),
             "speed_mps": float(speed[row]),
             "heading_off_after_3s_deg": float(off[row]),
             "pitch_max_deg": float(np.abs(pitch[row]).max()),
@@ -135,14 +178,18 @@ def measure_school(name: str) -> list[dict[str, Any]]:
     return [school_row(policy, system, tank, length, seed) for seed in range(SCHOOLS)]
 
 
-def school_row(policy: Policy, system: System, tank: Tank, length: float, seed: int) -> dict[str, Any]:
+def school_row(
+    policy: Policy, system: System, tank: Tank, length: float, seed: int
+) -> dict[str, Any]:
     """Return the row of one school that lives on the emulator."""
     speed = 0.9 * policy.ranges.high[0]
     starts = spread_out(system, np.random.default_rng([seed, 3]), SCHOOL, tank, length)
     steps = round(SCHOOL_SECONDS / policy.dt)
-    lives = live(policy, shoal(tank, length=length, speed=speed, seed=seed), starts, steps, seed=seed)
+    lives = live(
+        policy, shoal(tank, length=length, speed=speed, seed=seed), starts, steps, seed=seed
+    )
     pose = policy.pose(np.asarray(policy.emulator.encode(np.asarray(lives, float))))
-    apart = np.linalg.norm(pose.place[:, None] - pose.place[None], axis=-1) / length
+    apart = np.linalg.norm(pose.position[:, None] - pose.position[None], axis=-1) / length
     apart[np.arange(SCHOOL), np.arange(SCHOOL)] = np.inf
     nearest = apart.min(axis=1)
     pitch = np.degrees(np.abs(np.arcsin(np.clip(pose.forward[..., 2], -1, 1))))
@@ -160,17 +207,19 @@ def school_row(policy: Policy, system: System, tank: Tank, length: float, seed: 
     }
 
 
-def spread_out(system: System, rng: np.random.Generator, count: int, tank: Tank, length: float) -> np.ndarray:
+def spread_out(
+    system: System, rng: np.random.Generator, count: int, tank: Tank, length: float
+) -> np.ndarray:
     """Return `count` bodies (count, S) at rest about the tank's middle, no two nearer than a length and a half."""
     half = np.array(tank.high) / 2
-    places: list[np.ndarray] = []
-    while len(places) < count:
-        place = rng.uniform(-half, half)
-        if all(np.linalg.norm(place - other) > 1.5 * length for other in places):
-            places.append(place)
+    positions: list[np.ndarray] = []
+    while len(positions) < count:
+        position = rng.uniform(-half, half)
+        if all(np.linalg.norm(position - other) > 1.5 * length for other in positions):
+            positions.append(position)
     starts = np.tile(system.rest, (count, 1))
     points = len(system.structure.cloud.masses) if system.structure.cloud else 0
-    starts[:, : 3 * points] += np.tile(np.array(places), points)
+    starts[:, : 3 * points] += np.tile(np.array(positions), points)
     return starts
 
 
@@ -182,6 +231,10 @@ if __name__ == "__main__":
     rows = [each for name in POLICIES for each in measure(name)]
     straight = [each for name in POLICIES for each in measure_straight(name)]
     schools = measure_school("fish")
-    for kind, table in (("policies", rows), ("policies_straight", straight), ("policies_school", schools)):
+    for kind, table in (
+        ("policies", rows),
+        ("policies_straight", straight),
+        ("policies_school", schools),
+    ):
         print_table(table)
         write_csv(Path(f"benchmarks/results/{kind}.csv"), table)

@@ -13,7 +13,11 @@ system, goal, rest = na.load_system("pendulum"), na.stand_upright(), np.zeros(6)
 found = na.synthesise(emulator, system, goal, rest, steps=30)
 proof = found.outcome
 
-print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.corrections} corrections")
-print(f"J on MuJoCo {proof.cost_physics:.3f}; by the emulator alone, not corrected, {proof.cost_emulator:.3f}")
-print("upright on MuJoCo:", na.is_upright(proof.physical[-1]))
-na.write_proof(emulator, proof, Path("swing-up.glb"))
+print(
+    f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.corrections} corrections"
+)
+print(
+    f"J on MuJoCo {proof.cost_physics:.3f}; by the emulator alone, not corrected, {proof.cost_emulator:.3f}"
+)
+print("upright on MuJoCo:", na.is_upright(proof.physics_states[-1]))
+na.write_comparison(emulator, proof, Path("swing-up.glb"))

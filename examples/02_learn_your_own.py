@@ -9,9 +9,13 @@ config = na.dataset_config(system="pendulum-passive", substeps=50, count=20_000,
 na.generate(config, folder)
 data = na.read_transitions(folder)
 
-emulator = na.train(data, na.training_config(updates=5_000), folder / "passive.emulator.safetensors")
+emulator = na.train(
+    data, na.training_config(updates=5_000), folder / "passive.emulator.safetensors"
+)
 evaluation = na.evaluate(emulator, data=data, effort=na.Effort(starts=100, steps=200))
 
 print(f"one-step error {evaluation.one_step_error:.3f}")
-print(f"nominal speed-up {evaluation.speed.nominal:.0f}, at equal error {evaluation.speed.equal_error:.1f}")
+print(
+    f"nominal speed-up {evaluation.speed.nominal:.0f}, at equal error {evaluation.speed.equal_error:.1f}"
+)
 na.write_report([evaluation], folder / "report.html")

@@ -18,5 +18,5 @@ proof = na.replay(emulator, system, goal, start, found.controls)
 
 print(f"{found.iterations} iterations, {found.seconds:.2f} s")
 print(f"J on emulator {proof.cost_emulator:.2f}, on MuJoCo {proof.cost_physics:.2f}")
-print("landed on MuJoCo:", na.is_reached(system, pad, proof.physical[-1]))
-na.write_proof(emulator, proof, Path("landing.glb"))
+print("landed on MuJoCo:", na.is_reached(system, pad, proof.physics_states[-1]))
+na.write_comparison(emulator, proof, Path("landing.glb"))

@@ -23,12 +23,20 @@ objective = na.Objective.of(
     na.avoid(system, zones, probes=TRUCK_PROBES, margin=TRUCK_MARGIN, weight=300.0),
 )
 found = na.synthesise(
-    emulator, system, objective, start, steps=steps, starts=8, parameters=Spline.of(steps, 16, system.bounds)
+    emulator,
+    system,
+    objective,
+    start,
+    steps=steps,
+    starts=8,
+    parametrisation=Spline.of(steps, 16, system.bounds),
 )
 
 motion = found.outcome
-print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps")
+print(
+    f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps"
+)
 print(f"J on emulator {motion.cost_emulator:.2f}, on MuJoCo {motion.cost_physics:.2f}")
-print("parked on MuJoCo:", na.is_reached(system, system.goals["bay_2"], motion.physical[-1]))
-print(f"nearest to an obstacle: {clearance(system, zones, motion.physical):.2f} m")
-na.write_proof(emulator, found.outcome, Path("park.glb"))
+print("parked on MuJoCo:", na.is_reached(system, system.goals["bay_2"], motion.physics_states[-1]))
+print(f"nearest to an obstacle: {clearance(system, zones, motion.physics_states):.2f} m")
+na.write_comparison(emulator, found.outcome, Path("park.glb"))

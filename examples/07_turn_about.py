@@ -22,12 +22,14 @@ found = na.synthesise(
         na.reach_heading(system, west, within=np.radians(3)),
     ),
     start, steps=steps, refinements=0,
-    parameters=Spline.of(steps, 30, system.bounds),  # 30 values a muscle, smoothly joined
+    parametrisation=Spline.of(steps, 30, system.bounds),  # 30 values a muscle, smoothly joined
     first=0.7 * system.gait.controls(steps, emulator.dt, system.bounds),
 )  # fmt: skip
 
-print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps")
-end = na.read_pose(system.structure, found.outcome.physical[-1])
+print(
+    f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps"
+)
+end = na.read_pose(system.structure, found.outcome.physics_states[-1])
 off, roll = np.degrees(np.arccos(np.clip(end.forward @ west, -1, 1))), np.degrees(abs(end.roll))
 print(f"the true dolphin ends {off:.1f}° off the wanted heading, rolled by {roll:.0f}°")
-na.write_proof(emulator, found.outcome, Path("turn.glb"))
+na.write_comparison(emulator, found.outcome, Path("turn.glb"))

@@ -9,7 +9,11 @@ from neuroanimator.control.descent.parametrisation import Steered
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import read_heights
 
-DEPTH, SECONDS, TEMPO = 4.2, 4.2, 1.5  # [m] a run-up from so far under its rest, [s], times the gait's frequency
+DEPTH, SECONDS, TEMPO = (
+    4.2,
+    4.2,
+    1.5,
+)  # [m] a run-up from so far under its rest, [s], times the gait's frequency
 TOP, ENTRY = 3.3, 3.85  # [s] when it is highest, and when it dives in again
 STEEP = np.radians(50)
 
@@ -25,7 +29,9 @@ bounds = Bounds.symmetric(np.where(np.array(system.gait.amplitudes) == 0, 1e-3, 
 gait = system.gait
 times = np.arange(steps) * emulator.dt
 bend = np.interp(times, [0.0, 0.8, 2.4, SECONDS], [0.0, 0.32, 0.0, -0.09])
-first = 0.8 * gait.controls(steps, emulator.dt, bounds, tempo=TEMPO) + bend[:, None] * np.sign(gait.amplitudes)
+first = 0.8 * gait.controls(steps, emulator.dt, bounds, tempo=TEMPO) + bend[:, None] * np.sign(
+    gait.amplitudes
+)
 
 found = na.synthesise(
     emulator, system,
@@ -37,15 +43,19 @@ found = na.synthesise(
         na.reach_heading(system, [np.cos(STEEP), 0, -np.sin(STEEP)], within=0.13, at=ENTRY),
     ),
     start, steps=steps, refinements=0, corrections=8, first=first,
-    parameters=Steered.of(steps, emulator.dt, gait.period / TEMPO, 7, bounds),
+    parametrisation=Steered.of(steps, emulator.dt, gait.period / TEMPO, 7, bounds),
 )  # fmt: skip
 
-print(f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps")
-lowest = read_heights(system.structure, found.outcome.physical).min(axis=1)  # of all mass points, at every super step
+print(
+    f"{found.descent.iterations} iterations, {found.descent.seconds:.2f} s, {found.physics_steps} physics steps"
+)
+lowest = read_heights(system.structure, found.outcome.physics_states).min(
+    axis=1
+)  # of all mass points, at every super step
 top = int(lowest.argmax())
 entry = min(top + int((lowest[top:] > 0).argmin()), steps)
-pose = na.read_pose(system.structure, found.outcome.physical)
+pose = na.read_pose(system.structure, found.outcome.physics_states)
 pitch, roll = np.degrees(np.arcsin(pose.forward[entry, 2])), np.degrees(abs(pose.roll[top]))
 print(f"the true dolphin leaps: its lowest point rises {lowest[top]:.2f} m over the water, its middle "
-      f"{pose.place[:, 2].max():.2f} m, there rolled by {roll:.0f}°, and it dives in at {pitch:.0f}°")  # fmt: skip
-na.write_proof(emulator, found.outcome, Path("leap.glb"))
+      f"{pose.position[:, 2].max():.2f} m, there rolled by {roll:.0f}°, and it dives in at {pitch:.0f}°")  # fmt: skip
+na.write_comparison(emulator, found.outcome, Path("leap.glb"))

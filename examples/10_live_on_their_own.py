@@ -8,7 +8,9 @@ import neuroanimator as na
 from neuroanimator.control.policies.behaviours import Tank, shoal
 from neuroanimator.control.policies.closed_loop import live
 
-policy = na.load_policy("fish")  # speed and direction to twelve muscles, learnt through the emulator
+policy = na.load_policy(
+    "fish"
+)  # speed and direction to twelve muscles, learnt through the emulator
 system = na.load_system("fish")
 tank = Tank(low=(-1.2, -1.2, -0.7), high=(1.2, 1.2, 0.7))
 LENGTH = 0.26  # [m] of a fish
@@ -24,11 +26,14 @@ behaviour = shoal(tank, length=LENGTH, speed=0.9 * policy.ranges.high[0])
 lives = np.asarray(live(policy, behaviour, starts, round(seconds / policy.dt)))
 
 pose = policy.pose(np.asarray(policy.emulator.encode(lives.astype(float))))
-apart = np.linalg.norm(pose.place[:, None] - pose.place[None], axis=-1) + 9 * np.eye(len(lives))[:, :, None]
+apart = (
+    np.linalg.norm(pose.position[:, None] - pose.position[None], axis=-1)
+    + 9 * np.eye(len(lives))[:, :, None]
+)
 pitch = np.degrees(np.arcsin(np.abs(pose.forward[..., 2])))
 print(f"in {seconds:.0f} s no two fish come nearer than {apart.min() / LENGTH:.2f} lengths; none pitches by more than "
       f"{pitch.max():.0f}°")  # fmt: skip
 for number in range(3):
-    way = np.linalg.norm(np.diff(pose.place[number], axis=0), axis=1).sum()
+    way = np.linalg.norm(np.diff(pose.position[number], axis=0), axis=1).sum()
     print(f"fish {number} has come {way:.1f} m, {way / LENGTH / seconds:.2f} lengths a second")
     na.write_glb(na.make_clip(policy.emulator, lives[number]), Path(f"fish-{number}.glb"))

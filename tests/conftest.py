@@ -80,8 +80,12 @@ def cli() -> Cli:
             "from neuroanimator.cli.main import main; main()",
             *map(str, arguments),
         ]
-        environment = {key: value for key, value in os.environ.items() if key != "NEUROANIMATOR_DEBUG"}
-        return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=300)
+        environment = {
+            key: value for key, value in os.environ.items() if key != "NEUROANIMATOR_DEBUG"
+        }
+        return subprocess.run(
+            command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=300
+        )
 
     return run
 

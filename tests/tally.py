@@ -35,7 +35,9 @@ def tally_line(stats: dict[str, list[Any]]) -> str:
     faults, attacks = _counted(stats, "fault"), _counted(stats, "attack")
     parts = []
     if faults[0]:
-        parts.append(f"faults tried {faults[0]:,}, survived {faults[1]:,}, bytes lost {faults[2]:,}")
+        parts.append(
+            f"faults tried {faults[0]:,}, survived {faults[1]:,}, bytes lost {faults[2]:,}"
+        )
     if attacks[0]:
         parts.append(f"attacks tried {attacks[0]:,}, refused {attacks[1]:,}")
     return "; ".join(parts)

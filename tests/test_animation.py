@@ -35,8 +35,13 @@ def test_both_pass_through_the_given_states():
 
 def test_hermite_is_exact_for_a_cubic_and_its_velocity():
     times, fine = np.arange(5) * 0.5, np.linspace(0, 2, 41)
-    cubic = lambda t: np.stack([t**3 - t, 3 * t**2 - 1], axis=1)  # noqa: E731
-    np.testing.assert_allclose(interpolate_hermite(cubic(times), 0.5, fine, ((0, 1),)), cubic(fine), atol=1e-12)
+
+    def cubic(t):
+        return np.stack([t**3 - t, 3 * t**2 - 1], axis=1)
+
+    np.testing.assert_allclose(
+        interpolate_hermite(cubic(times), 0.5, fine, ((0, 1),)), cubic(fine), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("rate", [7.0, 24.0, 30.0, 60.0, 240.0])
@@ -54,16 +59,20 @@ def test_the_skeleton_stands_where_mujoco_puts_the_bodies(name: str):
     states = system.sample_starts(rng, 20)
     bodies = [system.model.body(bone.name).id for bone in system.skeleton.bones]
     data = mujoco.MjData(system.model)
-    for state, places, turns in zip(states, *system.skeleton.world_poses(states), strict=True):
+    for state, positions, orientations in zip(
+        states, *system.skeleton.world_poses(states), strict=True
+    ):
         system.put(data, state)
         mujoco.mj_forward(system.model, data)
-        np.testing.assert_allclose(places, data.xpos[bodies], atol=1e-9)
-        np.testing.assert_allclose(rotation_matrices(turns).reshape(-1, 9), data.xmat[bodies], atol=1e-9)
+        np.testing.assert_allclose(positions, data.xpos[bodies], atol=1e-9)
+        np.testing.assert_allclose(
+            rotation_matrices(orientations).reshape(-1, 9), data.xmat[bodies], atol=1e-9
+        )
 
 
 def test_links_stay_joined_and_of_their_length(shipped: Emulator):
-    places, _ = shipped.identity.skeleton.world_poses(random_motion(shipped, 5.0, seed=1))
-    np.testing.assert_allclose(np.linalg.norm(np.diff(places, axis=1), axis=-1), 0.5, atol=1e-9)
+    positions, _ = shipped.spec.skeleton.world_poses(random_motion(shipped, 5.0, seed=1))
+    np.testing.assert_allclose(np.linalg.norm(np.diff(positions, axis=1), axis=-1), 0.5, atol=1e-9)
 
 
 def test_bad_wishes_are_refused_by_name(shipped: Emulator):

@@ -31,7 +31,16 @@ def test_a_stage_imports_only_stages_above_it():
 
 
 def test_everything_after_the_emulator_file_works_without_mujoco():
-    for stage in ("animation", "appearance", "definitions", "emulator", "parsing", "state", "storage", "zoo"):
+    for stage in (
+        "animation",
+        "appearance",
+        "definitions",
+        "emulator",
+        "parsing",
+        "state",
+        "storage",
+        "zoo",
+    ):
         for path in [*SOURCE.glob(f"{stage}.py"), *SOURCE.glob(f"{stage}/*.py")]:
             assert "import mujoco" not in path.read_text()
 
@@ -39,7 +48,8 @@ def test_everything_after_the_emulator_file_works_without_mujoco():
 def test_the_architecture_names_what_exists_and_leaves_out_no_room():
     named = set(
         re.findall(
-            r"`((?:src|tests|benchmarks|examples|docs|\.ci)(?:/[\w./-]+)?)`", (ROOT / "ARCHITECTURE.md").read_text()
+            r"`((?:src|tests|benchmarks|examples|docs|\.ci)(?:/[\w./-]+)?)`",
+            (ROOT / "ARCHITECTURE.md").read_text(),
         )
     )
     for name in named:

@@ -14,10 +14,12 @@ from neuroanimator.state.pose import Pose
 LENGTH = 0.26
 
 
-def poses(places: list, headings: list[float], speed: float = 0.1) -> Pose:
+def poses(positions: list, headings: list[float], speed: float = 0.1) -> Pose:
     forward = np.array([[np.cos(angle), np.sin(angle), 0.0] for angle in headings])
     up = np.tile([0.0, 0.0, 1.0], (len(headings), 1))
-    return Pose(*(jnp.asarray(part) for part in (np.array(places, float), speed * forward, forward, up)))
+    return Pose(
+        *(jnp.asarray(part) for part in (np.array(positions, float), speed * forward, forward, up))
+    )
 
 
 def test_bodies_that_stay_far_apart_do_not_mind_each_other():
@@ -27,7 +29,10 @@ def test_bodies_that_stay_far_apart_do_not_mind_each_other():
 
 
 def test_the_nearer_the_stronger_and_away_from_each_other():
-    near, nearer = (np.asarray(keep_apart(poses([[0, 0, 0], [0, gap, 0]], [0.0, 0.0]), 0.5)) for gap in (0.4, 0.1))
+    near, nearer = (
+        np.asarray(keep_apart(poses([[0, 0, 0], [0, gap, 0]], [0.0, 0.0]), 0.5))
+        for gap in (0.4, 0.1)
+    )
     assert near[0, 1] < 0 < near[1, 1]
     assert np.linalg.norm(nearer[0]) > 2 * np.linalg.norm(near[0])
 
@@ -49,7 +54,9 @@ def test_who_is_behind_slows_down_and_who_is_ahead_does_not():
 
 def test_what_is_urgent_comes_first():
     urgent, other = jnp.array([[0.0, 1, 0], [0, 0.25, 0], [0, 0, 0]]), jnp.array([[3.0, 0, 0]] * 3)
-    np.testing.assert_allclose(first(urgent, other), [[0, 1, 0], [0.75, 0.25, 0], [1, 0, 0]], atol=1e-5)
+    np.testing.assert_allclose(
+        first(urgent, other), [[0, 1, 0], [0.75, 0.25, 0], [1, 0, 0]], atol=1e-5
+    )
 
 
 def test_an_eased_urge_is_neither_steep_nor_sharp():
@@ -59,7 +66,10 @@ def test_an_eased_urge_is_neither_steep_nor_sharp():
     np.testing.assert_allclose(np.linalg.norm(eased, axis=1), 1, rtol=1e-4)
     assert np.abs(np.arcsin(eased[:, 2])).max() < 0.3 + 1e-4
     flat = eased[:, :2] / np.linalg.norm(eased[:, :2], axis=1, keepdims=True)
-    assert np.arccos(np.clip(np.sum(flat * np.asarray(pose.forward[:, :2]), axis=1), -1, 1)).max() < 0.7 + 1e-2
+    assert (
+        np.arccos(np.clip(np.sum(flat * np.asarray(pose.forward[:, :2]), axis=1), -1, 1)).max()
+        < 0.7 + 1e-2
+    )
     vertical = ease(jnp.array([[0.0, 0, 5]]), poses([[0, 0, 0]], [1.0]))
     assert np.arctan2(vertical[0, 1], vertical[0, 0]) == pytest.approx(1.0, abs=1e-4)
 
@@ -73,10 +83,10 @@ def test_a_school_keeps_its_distance_stays_level_and_in_its_tank():
     behaviour = shoal(tank, length=LENGTH, speed=0.9 * policy.ranges.high[0])
     lives = np.asarray(live(policy, behaviour, starts, round(20.0 / policy.dt)), float)
     pose = policy.pose(np.asarray(policy.emulator.encode(lives)))
-    apart = np.linalg.norm(pose.place[:, None] - pose.place[None], axis=-1)
+    apart = np.linalg.norm(pose.position[:, None] - pose.position[None], axis=-1)
     apart[np.arange(len(starts)), np.arange(len(starts))] = np.inf
     assert (apart.min(axis=(0, 1)) < LENGTH / 2).mean() < 0.02
     assert np.percentile(np.degrees(np.abs(np.arcsin(pose.forward[..., 2]))), 99) < 35
-    assert (np.abs(pose.place) < np.array(tank.high) + LENGTH).all()
-    way = np.linalg.norm(np.diff(pose.place, axis=1), axis=-1).sum(axis=1)
+    assert (np.abs(pose.position) < np.array(tank.high) + LENGTH).all()
+    way = np.linalg.norm(np.diff(pose.position, axis=1), axis=-1).sum(axis=1)
     assert way.min() > 20.0 * 0.25 * LENGTH

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from neuroanimator.definitions.body import MOST_NODES, MOST_SPRINGS, BodyDefinition
+from neuroanimator.definitions.body import MAX_NODES, MAX_SPRINGS, BodyDefinition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.deformable.body import largest_step
 from neuroanimator.systems.deformable.build import group_numbers
@@ -40,7 +40,7 @@ JELLY: dict[str, Any] = {
     ],
     "mirror": {"left": "right", "pull_left": "pull_right"},
     "groups": {"front": ["nose", "left", "right"], "back": ["top", "tail"]},
-    "water": {"push": 100.0},
+    "water": {"face_drag": 100.0},
 }  # fmt: skip
 SOFT = {"stiffness": 50.0, "damping": 0.1}
 
@@ -72,14 +72,14 @@ def both(*changes: Callable[[Any], object]) -> Callable[[Any], None]:
 
 
 def many_nodes(jelly: Any) -> None:
-    jelly["nodes"] |= {f"n{i}": [0.01 * i, 0.0, 1.0, 0.1] for i in range(MOST_NODES)}
+    jelly["nodes"] |= {f"n{i}": [0.01 * i, 0.0, 1.0, 0.1] for i in range(MAX_NODES)}
 
 
 def many_springs(jelly: Any) -> None:
     names = [f"n{i}" for i in range(90)]
     jelly["nodes"] |= {name: [0.01 * i, 0.0, 1.0, 0.1] for i, name in enumerate(names)}
     pairs = [list(pair) for pair in combinations(names, 2)]
-    jelly["springs"] |= {"more": {**SOFT, "pairs": pairs[:MOST_SPRINGS]}}
+    jelly["springs"] |= {"more": {**SOFT, "pairs": pairs[:MAX_SPRINGS]}}
 
 
 def another_piece(jelly: Any) -> None:
@@ -97,10 +97,10 @@ def split_springs(**right: float) -> Callable[[Any], None]:
     return change
 
 
-def pushed(**pushes: list[float]) -> Callable[[Any], None]:
+def pushed(**external_forces: list[float]) -> Callable[[Any], None]:
     def change(jelly: Any) -> None:
         del jelly["muscles"], jelly["mirror"]["pull_left"]
-        jelly["pushes"] = pushes
+        jelly["external_forces"] = external_forces
 
     return change
 
@@ -126,19 +126,30 @@ def test_the_body_itself_is_accepted_and_its_mirror_found():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (put(["nose", "tial"], "springs", "all", "pairs", 0), "springs: .* no node called 'tial'. Nodes: nose, left"),
+        (
+            put(["nose", "tial"], "springs", "all", "pairs", 0),
+            "springs: .* no node called 'tial'. Nodes: nose, left",
+        ),
         (put(0.0, "nodes", "top", 3), "nodes.top: wanted .* above 0 kg, came 0 kg"),
         (put(-1.0, "nodes", "top", 3), "nodes.top: .* came -1 kg"),
         (put(float("nan"), "nodes", "top", 3), "nodes.top"),
-        (many_nodes, f"nodes: wanted at most {MOST_NODES}, came {MOST_NODES + 5}"),
-        (many_springs, f"springs: wanted at most {MOST_SPRINGS}, came {MOST_SPRINGS + 10}"),
-        (put([0.2, 0.0, 0.0, 0.1], "nodes", "top"), r"springs: \['nose', 'top'\] has no length at rest"),
+        (many_nodes, f"nodes: wanted at most {MAX_NODES}, came {MAX_NODES + 5}"),
+        (many_springs, f"springs: wanted at most {MAX_SPRINGS}, came {MAX_SPRINGS + 10}"),
+        (
+            put([0.2, 0.0, 0.0, 0.1], "nodes", "top"),
+            r"springs: \['nose', 'top'\] has no length at rest",
+        ),
         (put(["nose", "nose"], "springs", "all", "pairs", 0), "no length at rest"),
-        (put(["right", "nose"], "springs", "all", "pairs", 0), r"springs: \['nose', 'right'\] is there twice"),
+        (
+            put(["right", "nose"], "springs", "all", "pairs", 0),
+            r"springs: \['nose', 'right'\] is there twice",
+        ),
         (another_piece, "the body is in 2 pieces; no spring connects egg, shell to the rest"),
     ],
 )
-def test_nodes_and_springs_that_make_no_body_are_refused(change: Callable[[Any], None], message: str):
+def test_nodes_and_springs_that_make_no_body_are_refused(
+    change: Callable[[Any], None], message: str
+):
     with pytest.raises(ArgumentError, match=message) as caught:
         make(change)
     assert len(str(caught.value).splitlines()) == 1
@@ -147,28 +158,51 @@ def test_nodes_and_springs_that_make_no_body_are_refused(change: Callable[[Any],
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (put([["left", "tail"], ["nose", "fin"]], "muscles", "springs", "lift"), "muscles.springs.lift: .* 'fin'"),
-        (put([], "muscles", "springs", "lift"), "muscles.springs.lift: wanted at least one spring, came none"),
         (
-            both(drop("springs", "all", "pairs", 2), put([["nose", "top"]], "muscles", "springs", "lift")),
+            put([["left", "tail"], ["nose", "fin"]], "muscles", "springs", "lift"),
+            "muscles.springs.lift: .* 'fin'",
+        ),
+        (
+            put([], "muscles", "springs", "lift"),
+            "muscles.springs.lift: wanted at least one spring, came none",
+        ),
+        (
+            both(
+                drop("springs", "all", "pairs", 2),
+                put([["nose", "top"]], "muscles", "springs", "lift"),
+            ),
             r"muscles.springs.lift: no spring connects \['nose', 'top'\]",
         ),
         (
-            both(put(0.5, "muscles", "shorten"), put([["nose", "left"]], "muscles", "springs", "lift")),
+            both(
+                put(0.5, "muscles", "shorten"),
+                put([["nose", "left"]], "muscles", "springs", "lift"),
+            ),
             "muscles.shorten: .*'nose', 'left'.* by 1 of its length; wanted at most 0.9",
         ),
-        (put({"along": [1.0, 0.0, 0.0]}, "pushes"), "muscles or pushes: wanted exactly one .*, came both"),
+        (
+            put({"along": [1.0, 0.0, 0.0]}, "external_forces"),
+            "muscles or pushes: wanted exactly one .*, came both",
+        ),
         (drop("muscles"), "muscles or pushes: .*, came neither"),
         (put(["nose", "left"], "groups", "front"), "groups: in none of them: right"),
-        (put(["top", "tail", "nose"], "groups", "back"), "groups.back: node 'nose' is in 'front' already"),
+        (
+            put(["top", "tail", "nose"], "groups", "back"),
+            "groups.back: node 'nose' is in 'front' already",
+        ),
         (put(["top", "tial"], "groups", "back"), "groups.back: no node called 'tial'"),
-        (put(["nose", "top", "left"], "faces", 0), r"faces: \['nose', 'top', 'left'\] looks inward"),
+        (
+            put(["nose", "top", "left"], "faces", 0),
+            r"faces: \['nose', 'top', 'left'\] looks inward",
+        ),
         (put([["nose", "top", "left"]], "faces"), r"faces: \['nose', 'top', 'left'\] looks inward"),
         (put(["nose", "tail", "nose"], "faces", 0), "faces: .* has no area"),
         (put(["nose", "fin", "top"], "faces", 0), "faces: .* no node called 'fin'"),
     ],
 )
-def test_muscles_groups_and_faces_that_make_no_sense_are_refused(change: Callable[[Any], None], message: str):
+def test_muscles_groups_and_faces_that_make_no_sense_are_refused(
+    change: Callable[[Any], None], message: str
+):
     with pytest.raises(ArgumentError, match=message):
         make(change)
 
@@ -176,22 +210,37 @@ def test_muscles_groups_and_faces_that_make_no_sense_are_refused(change: Callabl
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (put({"left": "pull_right"}, "mirror"), "mirror: 'left' has a partner of another kind, 'pull_right'"),
+        (
+            put({"left": "pull_right"}, "mirror"),
+            "mirror: 'left' has a partner of another kind, 'pull_right'",
+        ),
         (put("rihgt", "mirror", "left"), "mirror: no node or control called 'rihgt'"),
         (put("right", "mirror", "top"), "mirror: 'right' has two partners, 'left' and 'top'"),
         (drop("mirror", "left"), "mirror: 'left' needs a partner at .*, but 'left' is at"),
         (put([0.0, -0.11, 0.0, 0.2], "nodes", "right"), "mirror: 'left' needs a partner"),
         (put([0.0, -0.1 - 1e-8, 0.0, 0.2], "nodes", "right"), "mirror: 'left' needs a partner"),
         (put([0.0, 1e-3, 0.1, 0.1], "nodes", "top"), "mirror: 'top' needs a partner"),
-        (put(0.21, "nodes", "right", 3), "mirror: 'left' has 0.2 kg and its partner 'right' 0.21 kg"),
-        (drop("springs", "all", "pairs", 5), r"mirror: spring \['right', 'top'\] has no partner \['left', 'top'\]"),
+        (
+            put(0.21, "nodes", "right", 3),
+            "mirror: 'left' has 0.2 kg and its partner 'right' 0.21 kg",
+        ),
+        (
+            drop("springs", "all", "pairs", 5),
+            r"mirror: spring \['right', 'top'\] has no partner \['left', 'top'\]",
+        ),
         (split_springs(stiffness=51.0), "mirror: spring .* has stiffness 50 and its partner .* 51"),
         (split_springs(damping=0.2), "mirror: spring .* has damping 0.1 and its partner .* 0.2"),
         (drop("mirror", "pull_left"), "mirror: muscle 'pull_left' shortens"),
-        (put([["left", "top"]], "muscles", "springs", "pull_left"), "mirror: muscle 'pull_(left|right)' shortens"),
+        (
+            put([["left", "top"]], "muscles", "springs", "pull_left"),
+            "mirror: muscle 'pull_(left|right)' shortens",
+        ),
         (put([["left", "tail"]], "muscles", "springs", "lift"), "mirror: muscle 'lift' shortens"),
         (drop("faces", 0), r"mirror: a face is missing: \['nose', 'left', 'top'\]"),
-        (pushed(along=[1.0, 0.0, 0.0], aside=[0.0, 1.0, 0.0]), "mirror: reversing Y, the push 'aside'"),
+        (
+            pushed(along=[1.0, 0.0, 0.0], aside=[0.0, 1.0, 0.0]),
+            "mirror: reversing Y, the push 'aside'",
+        ),
     ],
 )
 def test_a_mirror_that_is_not_exact_is_refused(change: Callable[[Any], None], message: str):
@@ -207,10 +256,14 @@ def bend(jelly: Any) -> None:
         for i, angle in enumerate(np.linspace(0.0, 4.5, 7))
         for side, reach, y in (("a", 1.0, -0.1), ("b", 1.0, 0.1), ("c", 1.2, 0.1), ("d", 1.2, -0.1))
     }
-    pairs = {pair for one, other in pairwise(rings) for pair in combinations(sorted(one + other), 2)}
+    pairs = {
+        pair for one, other in pairwise(rings) for pair in combinations(sorted(one + other), 2)
+    }
     jelly["springs"]["all"]["pairs"] = sorted(pairs)
     jelly["faces"] = [
-        [one[j], other[j], other[(j + 1) % 4], one[(j + 1) % 4]] for one, other in pairwise(rings) for j in range(4)
+        [one[j], other[j], other[(j + 1) % 4], one[(j + 1) % 4]]
+        for one, other in pairwise(rings)
+        for j in range(4)
     ]
     jelly["muscles"]["springs"] = {"bend": [["a0", "a1"]]}
     jelly["mirror"], jelly["groups"] = {}, {}
@@ -218,7 +271,9 @@ def bend(jelly: Any) -> None:
 
 def turn_faces(*numbers: int) -> Callable[[Any], None]:
     def change(jelly: Any) -> None:
-        jelly["faces"] = [face[::-1] if i in numbers else face for i, face in enumerate(jelly["faces"])]
+        jelly["faces"] = [
+            face[::-1] if i in numbers else face for i, face in enumerate(jelly["faces"])
+        ]
 
     return change
 
@@ -238,10 +293,14 @@ def test_the_inverted_faces_of_a_bent_body_are_found():
 
 
 @pytest.mark.parametrize("key", ["step", "truth_step", "fine_step"])
-@pytest.mark.parametrize(("integrator", "room"), [("symplectic", 1.0), ("semi-implicit", 1.0), ("rk4", 1.3)])
+@pytest.mark.parametrize(
+    ("integrator", "room"), [("symplectic", 1.0), ("semi-implicit", 1.0), ("rk4", 1.3)]
+)
 def test_a_step_at_which_small_vibrations_grow_is_refused(key: str, integrator: str, room: float):
     limit = largest_step(make().body) * room
     scheme = put(integrator, "physics", key.replace("step", "integrator"))
     make(both(scheme, put(0.99 * limit, "physics", key)))
-    with pytest.raises(ArgumentError, match=f"physics.{key}: .* {integrator} needs at most .* smaller step"):
+    with pytest.raises(
+        ArgumentError, match=f"physics.{key}: .* {integrator} needs at most .* smaller step"
+    ):
         make(both(scheme, put(1.01 * limit, "physics", key)))

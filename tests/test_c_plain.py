@@ -20,7 +20,9 @@ def test_plain_c_equals_the_physics(name: str):
     if find_compiler() is None:
         assert play is None
         return
-    same = system.simulate(starts, controls[:, None], 20 * system.physics_dt, scheme=system.scheme).states[:, 1]
+    same = system.simulate(
+        starts, controls[:, None], 20 * system.physics_dt, scheme=system.scheme
+    ).states[:, 1]
     found = play()
     assert np.abs(found - same).max() < 1e-4 * np.abs(same).max()
     assert np.abs(found - starts).max() > 100 * np.abs(found - same).max()

@@ -19,23 +19,35 @@ from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, LANES,
 from neuroanimator.systems.deformable.native.source import fill_in
 
 STEPS = 100
-needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler: see the test of its absence")
+needs_compiler = pytest.mark.skipif(
+    find_compiler() is None, reason="no C compiler: see the test of its absence"
+)
 
 
 def driven(name: str, count: int = LANES) -> tuple[DeformableSystem, np.ndarray, np.ndarray]:
     """Return a system, random starts (B, S) and controls (B, C)."""
     system, rng = load_system(name), np.random.default_rng(0)
     assert isinstance(system, DeformableSystem)
-    return system, system.sample_starts(rng, count), rng.uniform(-1, 1, (count, system.control.size))
+    return (
+        system,
+        system.sample_starts(rng, count),
+        rng.uniform(-1, 1, (count, system.control.size)),
+    )
 
 
-def jax_ends(body: Body, starts: np.ndarray, controls: np.ndarray, integrator: str, dt: float) -> np.ndarray:
+def jax_ends(
+    body: Body, starts: np.ndarray, controls: np.ndarray, integrator: str, dt: float
+) -> np.ndarray:
     """Return states (B, S) `STEPS` steps of the JAX physics later, in float64."""
     size = 3 * len(body.masses)
     parts = starts[:, :size], starts[:, size : 2 * size]
     with jax.enable_x64(True):
-        places, speeds = (np.moveaxis(part.reshape(len(starts), -1, 3), 0, -1) for part in parts)
-        motion = Motion(*(jax.numpy.asarray(each) for each in (places, speeds, starts[:, 2 * size :].T)))
+        positions, velocities = (
+            np.moveaxis(part.reshape(len(starts), -1, 3), 0, -1) for part in parts
+        )
+        motion = Motion(
+            *(jax.numpy.asarray(each) for each in (positions, velocities, starts[:, 2 * size :].T))
+        )
         found = trajectory(body, integrator, dt, STEPS, motion, jax.numpy.asarray(controls.T)[None])
         return np.concatenate([np.asarray(each)[0].reshape(-1, len(starts)) for each in found]).T
 
@@ -51,37 +63,41 @@ def test_c_and_jax_agree_after_a_hundred_steps(name: str):
             twin = c_twin(system.body, np.float64, lanes)
             assert twin is not None
             found = twin.advance(starts, controls, integrator, system.physics_dt, STEPS)
-            np.testing.assert_allclose(found, truth, atol=1e-9, rtol=1e-9, err_msg=f"{integrator}, {lanes} lanes")
+            np.testing.assert_allclose(
+                found, truth, atol=1e-9, rtol=1e-9, err_msg=f"{integrator}, {lanes} lanes"
+            )
 
 
 @needs_compiler
 def test_ground_drag_weight_pushes_and_triangles_agree_too():
     body = dropped_body()
     rng = np.random.default_rng(1)
-    places = body.places + rng.normal(size=(LANES, *body.places.shape)) * 0.02
-    speeds = rng.normal(size=places.shape)
-    starts = np.concatenate([each.reshape(LANES, -1) for each in (places, speeds)], axis=1)
+    positions = body.positions + rng.normal(size=(LANES, *body.positions.shape)) * 0.02
+    velocities = rng.normal(size=positions.shape)
+    starts = np.concatenate([each.reshape(LANES, -1) for each in (positions, velocities)], axis=1)
     controls = rng.uniform(-1, 1, (LANES, 3))
     for integrator in INTEGRATORS:
         truth = jax_ends(body, starts, controls, integrator, 5e-4)
         twin = c_twin(body, np.float64)
         assert twin is not None
-        np.testing.assert_allclose(twin.advance(starts, controls, integrator, 5e-4, STEPS), truth, atol=1e-9)
+        np.testing.assert_allclose(
+            twin.advance(starts, controls, integrator, 5e-4, STEPS), truth, atol=1e-9
+        )
 
 
 def dropped_body() -> Body:
     """A tetrahedron half under water, about to touch the ground."""
     return Body(
         names=("a", "b", "c", "d"),
-        places=np.array([[0, 0, 0.01], [0.2, 0, 0.01], [0, 0.2, 0.01], [0, 0, 0.2]]),
+        positions=np.array([[0, 0, 0.01], [0.2, 0, 0.01], [0, 0.2, 0.01], [0, 0, 0.2]]),
         masses=np.array([0.1, 0.2, 0.1, 0.1]),
         springs=np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]),
         stiffness=np.full(6, 50.0),
         damping=np.full(6, 0.2),
         muscles=np.zeros((6, 0)),
-        pushes=np.eye(3) * 2.0,
+        external_forces=np.eye(3) * 2.0,
         faces=np.array([[0, 2, 1, 0], [0, 1, 3, 0], [0, 3, 2, 0], [1, 2, 3, 1]]),
-        water=Water(push=20.0, drag=0.5, buoyancy=1.3, surface=0.1, depth=0.05),
+        water=Water(face_drag=20.0, drag=0.5, buoyancy=1.3, surface=0.1, depth=0.05),
         ground=Ground(stiffness=500.0, damping=0.5, friction=0.6, slip=0.05),
     )
 
@@ -116,12 +132,14 @@ def test_played_controls_are_the_same_as_one_stretch_after_another():
 def test_loops_over_tables_are_the_same_program(monkeypatch: pytest.MonkeyPatch):
     system, starts, controls = driven("fish", 2)
     written_out = c_twin(system.body, np.float64)
-    monkeypatch.setattr(source, "MOST_STATEMENTS", 10)
+    monkeypatch.setattr(source, "MAX_STATEMENTS", 10)
     looped = c_twin(system.body, np.float64)
     assert written_out is not None
     assert looped is not None
     arguments = (starts, controls, "semi-implicit", system.physics_dt, STEPS)
-    np.testing.assert_allclose(looped.advance(*arguments), written_out.advance(*arguments), atol=1e-12)
+    np.testing.assert_allclose(
+        looped.advance(*arguments), written_out.advance(*arguments), atol=1e-12
+    )
 
 
 def test_elimination_knows_what_fills():

@@ -20,7 +20,10 @@ from neuroanimator.zoo import shipped_policy
 def test_help_needs_no_heavy_import():
     heavy = "('jax', 'mujoco', 'matplotlib', 'scipy')"
     code = f"import sys, neuroanimator.cli.verbs; print([name for name in {heavy} if name in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip()
+        == "[]"
+    )
 
 
 @pytest.mark.parametrize("verb", sorted(VERBS))
@@ -33,11 +36,19 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["generate", "pendlum", "--out", "d"], 2, "No system called 'pendlum'. Systems: cube, dolphin, fish, "),
+        (
+            ["generate", "pendlum", "--out", "d"],
+            2,
+            "No system called 'pendlum'. Systems: cube, dolphin, fish, ",
+        ),
         (["generate", "pendulum", "--out", "d", "--substeps", "0"], 2, "substeps: "),
         (["generate", "pendulum", "--out", "d", "--substeps", "7"], 2, "whole number"),
         (["generate", "pendulum", "--out", "d", "--count", "-5"], 2, "count: "),
-        (["generate", "pendulum", "--out", "d", "--threads", "-1"], 2, "threads: wanted 1 or more, or 0 for all cores"),
+        (
+            ["generate", "pendulum", "--out", "d", "--threads", "-1"],
+            2,
+            "threads: wanted 1 or more, or 0 for all cores",
+        ),
         (["train", "nowhere", "--out", "e.safetensors"], 3, "is not a dataset folder"),
         (["train", "nowhere", "--out", "e.safetensors", "--batch", "0"], 2, "batch: "),
         (["new", "missing.xml"], 3, "missing.xml"),
@@ -45,13 +56,21 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (["bench", "--table1", "--systems", "car"], 2, "Rows: cube-25"),
         (["evaluate", "--sweep", "pendulum", "--substeps", "x"], 2, "substeps: wanted numbers"),
         (["train", "nowhere", "--out", "e.safetensors", "--widths", "a,b"], 2, "widths: "),
-        (["train", "nowhere", "--out", "e.safetensors", "--config", "missing.toml"], 3, "missing.toml"),
+        (
+            ["train", "nowhere", "--out", "e.safetensors", "--config", "missing.toml"],
+            3,
+            "missing.toml",
+        ),
         (["evaluate", "missing"], 3, "Shipped: cube-100"),
         (["animate", "pendulum", "--out", "clip.gif"], 2, "ends in none of .csv, .glb, .mp4"),
         (["animate", "pendulum", "--out", "clip.glb", "--rate", "nan"], 2, "rate: "),
         (["animate", "pendulum", "--out", "clip.glb", "--seconds", "-1"], 2, "seconds: "),
         (["animate", "pendulum", "--out", "clip.glb", "--seed", "-1"], 2, "seed: "),
-        (["animate", "pendulum", "--out", "clip.glb", "--controls", "missing.csv"], 3, "missing.csv"),
+        (
+            ["animate", "pendulum", "--out", "clip.glb", "--controls", "missing.csv"],
+            3,
+            "missing.csv",
+        ),
         (["control", "pendulum", "--out", "c.csv", "--goal", "dance"], 2, "Goals: upright"),
         (
             ["control", "pendulum-passive", "--out", "c.csv"],
@@ -61,19 +80,31 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (["export", "missing.csv", "--emulator", "pendulum", "--out", "c.glb"], 3, "missing.csv"),
         (["info", "missing"], 3, "No emulator file 'missing'"),
         (["dance"], 2, "No such command"),
-        (["anmate", "pendulum"], 2, "Did you mean 'animate'? 'neuroanimator --help' shows what there is."),
-        (["generate", "pendulum", "--count", "1e5", "--out", "d"], 2, "'neuroanimator generate --help' shows"),
+        (
+            ["anmate", "pendulum"],
+            2,
+            "Did you mean 'animate'? 'neuroanimator --help' shows what there is.",
+        ),
+        (
+            ["generate", "pendulum", "--count", "1e5", "--out", "d"],
+            2,
+            "'neuroanimator generate --help' shows",
+        ),
         (["generate", "pendulum"], 2, "Missing option '--out'"),
         (["--verison"], 2, "--verison"),
     ],
 )
-def test_a_mistake_gets_one_line_and_its_exit_code(arguments, code: int, message: str, cli: Cli, tmp_path: Path):
+def test_a_mistake_gets_one_line_and_its_exit_code(
+    arguments, code: int, message: str, cli: Cli, tmp_path: Path
+):
     result = cli(*arguments, cwd=tmp_path)
     assert result.returncode == code, result.stderr
     assert message in result.stderr
     assert "Traceback" not in result.stderr
     assert len(result.stderr.splitlines()) == 1
-    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".glb", ".csv", ".safetensors")]
+    assert not [
+        path for path in tmp_path.rglob("*") if path.suffix in (".glb", ".csv", ".safetensors")
+    ]
 
 
 def test_a_control_out_of_bounds_is_refused_by_name(cli: Cli, tmp_path: Path):

@@ -25,9 +25,20 @@ EVENS = np.arange(0, 12, 2)
 FUNCTIONS: dict[str, tuple[Callable, tuple[tuple[int, ...], ...]]] = {
     "arithmetic": (lambda x, y: -x * y / (1 + y * y) + jnp.abs(x) ** 3 - x**-2, ((40,), (40,))),
     "few and many": (lambda x, y: jnp.concatenate([x * 2, y[:2] + x, y])[1:], ((2,), (40,))),
-    "functions": (lambda x: jnp.tanh(x) + jax.nn.sigmoid(x) * jnp.exp(jnp.sin(x)) + jnp.sqrt(x * x + 1), ((33,),)),
-    "choices": (lambda x, y: jnp.where((x > y) & (x < 1), x, jnp.maximum(y, jnp.clip(x, -0.5, 0.5))), ((20,), (20,))),
-    "moves": (lambda x: jnp.stack([x[::-1], jnp.roll(x, 3), x[jnp.array([5, 1, 1] * 4)]]).T.ravel()[EVENS], ((12,),)),
+    "functions": (
+        lambda x: jnp.tanh(x) + jax.nn.sigmoid(x) * jnp.exp(jnp.sin(x)) + jnp.sqrt(x * x + 1),
+        ((33,),),
+    ),
+    "choices": (
+        lambda x, y: jnp.where((x > y) & (x < 1), x, jnp.maximum(y, jnp.clip(x, -0.5, 0.5))),
+        ((20,), (20,)),
+    ),
+    "moves": (
+        lambda x: jnp.stack([x[::-1], jnp.roll(x, 3), x[jnp.array([5, 1, 1] * 4)]]).T.ravel()[
+            EVENS
+        ],
+        ((12,),),
+    ),
     "sums": (lambda x: x.sum(axis=0) * x.max(axis=1).min() + jnp.mean(x, where=x > 0), ((5, 9),)),
     "angles": (lambda x, y: jnp.arctan2(x, y) + jnp.round(3 * x), ((7,), (7,))),
     "weights": (lambda x: x @ WEIGHTS, ((21,),)),
@@ -36,7 +47,10 @@ FUNCTIONS: dict[str, tuple[Callable, tuple[tuple[int, ...], ...]]] = {
     "many weights": (lambda x: x @ jnp.tile(WEIGHTS, (2, 6)), ((42,),)),
     "rows of weights": (lambda x: x @ WEIGHTS, ((4, 21),)),
     "rotations": (lambda x, y: jnp.einsum("bij,bj->bi", x, y), ((5, 3, 3), (5, 3))),
-    "constants": (lambda x: jnp.concatenate([x, jnp.arange(30.0)]) + jnp.linspace(0, 1, 35), ((5,),)),
+    "constants": (
+        lambda x: jnp.concatenate([x, jnp.arange(30.0)]) + jnp.linspace(0, 1, 35),
+        ((5,),),
+    ),
 }
 
 
@@ -51,13 +65,17 @@ def called(library: ctypes.CDLL, inputs: list[np.ndarray], shape: tuple[int, ...
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_function_is_the_same_in_c(name: str):
     function, shapes = FUNCTIONS[name]
-    library = compiled_library(HEAD + c_function("it", function, *shapes).replace("static void", "void"))
+    library = compiled_library(
+        HEAD + c_function("it", function, *shapes).replace("static void", "void")
+    )
     assert library is not None
     rng = np.random.default_rng(1)
     for _ in range(3):
         inputs = [rng.normal(size=shape).astype(np.float32) for shape in shapes]
         expected = np.asarray(function(*map(jnp.asarray, inputs)))
-        np.testing.assert_allclose(called(library, inputs, expected.shape), expected, rtol=2e-5, atol=2e-6)
+        np.testing.assert_allclose(
+            called(library, inputs, expected.shape), expected, rtol=2e-5, atol=2e-6
+        )
 
 
 @needs_compiler
@@ -73,18 +91,27 @@ def test_a_rollout_is_the_same_in_c(name: str):
     program = c_emulator(emulator)
     assert program is not None
     rng = np.random.default_rng(0)
-    bounds = emulator.identity.bounds
+    bounds = emulator.spec.bounds
     held = bounds.middle + rng.uniform(-1, 1, (10, len(bounds.half))) * bounds.half
-    start, controls = emulator.encode_motion(emulator.identity.rest, held)
-    last = np.asarray(emulator.decode(jnp.asarray(program.play(np.asarray(start), np.asarray(controls)))))
-    expected = np.asarray(emulator.rollout(emulator.identity.rest, held))[-1]
+    start, controls = emulator.encode_motion(emulator.spec.rest, held)
+    last = np.asarray(
+        emulator.decode(jnp.asarray(program.play(np.asarray(start), np.asarray(controls))))
+    )
+    expected = np.asarray(emulator.rollout(emulator.spec.rest, held))[-1]
     np.testing.assert_allclose(last, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
 
 
 def test_what_depends_on_constants_alone_is_computed_beforehand_and_moves_leave_no_code():
-    program = trace(lambda x: jnp.concatenate([x[3:], x[:3] * (jnp.sin(jnp.arange(3.0)) + 2)])[::-1], (6,))
+    program = trace(
+        lambda x: jnp.concatenate([x[3:], x[:3] * (jnp.sin(jnp.arange(3.0)) + 2)])[::-1], (6,)
+    )
     assert [operation.name for operation in program.operations] == ["mul"]
-    assert program.outputs[0].tolist() == [*reversed(program.operations[0].output.tolist()), 5, 4, 3]
+    assert program.outputs[0].tolist() == [
+        *reversed(program.operations[0].output.tolist()),
+        5,
+        4,
+        3,
+    ]
 
 
 def test_what_nobody_needs_is_dropped():
@@ -94,10 +121,14 @@ def test_what_nobody_needs_is_dropped():
 
 def test_loops_are_refused_by_name():
     with pytest.raises(UnsupportedError, match="'while'"):
-        c_function("it", lambda x: jax.lax.while_loop(lambda y: y.sum() < 9, lambda y: y + 1, x), (3,))
+        c_function(
+            "it", lambda x: jax.lax.while_loop(lambda y: y.sum() < 9, lambda y: y + 1, x), (3,)
+        )
 
 
-@pytest.mark.parametrize("function", [lambda x: x[x.argmax()], lambda x: jnp.arange(3.0)[x[0].astype(int)]])
+@pytest.mark.parametrize(
+    "function", [lambda x: x[x.argmax()], lambda x: jnp.arange(3.0)[x[0].astype(int)]]
+)
 def test_places_that_are_computed_are_refused(function: Callable):
     with pytest.raises(UnsupportedError):
         c_function("it", function, (3,))
@@ -109,7 +140,9 @@ def test_without_a_compiler_there_is_none(shipped: Emulator, monkeypatch: pytest
 
 
 @needs_compiler
-def test_a_program_that_does_something_else_is_refused(shipped: Emulator, monkeypatch: pytest.MonkeyPatch):
+def test_a_program_that_does_something_else_is_refused(
+    shipped: Emulator, monkeypatch: pytest.MonkeyPatch
+):
     right = c_program(shipped)
     monkeypatch.setattr(module, "c_program", lambda emulator: right.replace("tanhf", "sinf"))
     with pytest.raises(NeuroAnimatorError, match="does not do what"):

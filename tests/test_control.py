@@ -24,7 +24,13 @@ from neuroanimator.control.descent.defects import defects_of
 from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.descent.parametrisation import EachStep
-from neuroanimator.control.objective.costs import effort, keep_speed, keyframes, reach_place, smoothness
+from neuroanimator.control.objective.costs import (
+    effort,
+    keep_speed,
+    reach_position,
+    reach_positions,
+    smoothness,
+)
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import objective_cost
 from neuroanimator.control.synthesis.finetune import transitions_near
@@ -42,12 +48,14 @@ def test_every_method_lowers_the_cost_within_bounds(method: str, shipped: Emulat
     objective = stand_upright()
     found = descend(shipped, objective, REST, steps=30, method=method, iterations=20)
     assert found.cost < 0.1 * found.costs[0]
-    assert (np.abs(found.controls) <= shipped.identity.bounds.largest).all()
+    assert (np.abs(found.controls) <= shipped.spec.bounds.magnitude).all()
     assert found.seconds < 10
 
 
 def test_the_demos_swing_up_takes_twenty_iterations_at_most_corrections_counted(shipped: Emulator):
-    found = synthesise_goal(shipped, "upright", iterations=SWEEPS, corrections=CORRECTIONS, refinements=0)
+    found = synthesise_goal(
+        shipped, "upright", iterations=SWEEPS, corrections=CORRECTIONS, refinements=0
+    )
     assert SWEEPS + CORRECTING_ITERATIONS * CORRECTIONS == 20
     assert found.descent.iterations <= 20
     assert found.is_reached
@@ -59,12 +67,14 @@ def test_gauss_newton_swings_up_the_true_pendulum_within_twenty_iterations(shipp
     assert found.descent.iterations <= 20 + 2 * found.corrections
     assert found.descent.seconds < 10
     assert found.refinements == 0
-    assert is_upright(found.outcome.physical[-1])
+    assert is_upright(found.outcome.physics_states[-1])
     assert found.outcome.cost_physics == pytest.approx(found.outcome.cost_emulator, abs=5)
 
 
 def test_a_descent_repeats_to_the_same_bytes(shipped: Emulator):
-    first, second = (descend(shipped, stand_upright(), REST, steps=20, iterations=5).controls for _ in range(2))
+    first, second = (
+        descend(shipped, stand_upright(), REST, steps=20, iterations=5).controls for _ in range(2)
+    )
     assert first.tobytes() == second.tobytes()
 
 
@@ -81,15 +91,19 @@ def bend_the_arm() -> Objective:
     return Objective.of(effort(0.1), smoothness(0.1), bent)
 
 
-@pytest.mark.parametrize(("steps", "objective"), [(4, stand_upright()), (10, stand_upright()), (4, bend_the_arm())])
+@pytest.mark.parametrize(
+    ("steps", "objective"), [(4, stand_upright()), (10, stand_upright()), (4, bend_the_arm())]
+)
 def test_the_jacobian_and_the_gradient_agree(steps: int, objective: Objective, shipped: Emulator):
     """Few numbers are differentiated at once, many step by step, and what looks at few numbers is pulled back."""
-    problem = pose_problem(shipped, objective, EachStep.of(steps, shipped.identity.bounds), REST)
-    z = jnp.asarray(np.random.default_rng(0).normal(size=problem.parameters.size), jnp.float32)
+    problem = pose_problem(shipped, objective, EachStep.of(steps, shipped.spec.bounds), REST)
+    z = jnp.asarray(np.random.default_rng(0).normal(size=problem.parametrisation.size), jnp.float32)
     residuals, jacobian, slope, here = problem.linearised(z)
     cost, gradient = jax.value_and_grad(problem.cost)(z)
     assert float(cost) == pytest.approx(float(here), rel=1e-5)
-    np.testing.assert_allclose(jacobian.T @ residuals + slope, gradient, rtol=2e-3, atol=1e-4 * np.abs(gradient).max())
+    np.testing.assert_allclose(
+        jacobian.T @ residuals + slope, gradient, rtol=2e-3, atol=1e-4 * np.abs(gradient).max()
+    )
 
 
 def test_the_objective_is_zero_only_for_the_goal_without_effort(shipped: Emulator):
@@ -117,7 +131,7 @@ def test_upright_means_within_ten_degrees_and_one_radian_a_second(state, expecte
 def test_refining_adds_physics_near_the_motion(shipped: Emulator, transitions: Transitions):
     system = load_system("pendulum")
     controls = descend(shipped, stand_upright(), REST, steps=20, iterations=5).controls
-    motion = replay(shipped, system, stand_upright(), REST, controls).physical
+    motion = replay(shipped, system, stand_upright(), REST, controls).physics_states
     more = transitions_near(transitions, motion, controls, count=200)
     added = slice(len(transitions.states), None)
     assert len(more.states) > len(transitions.states) + 150
@@ -146,9 +160,9 @@ def test_bad_wishes_are_refused_by_name(options, message: str, shipped: Emulator
 def test_what_no_motion_can_reach_is_refused_before_any_descent(shipped: Emulator):
     fish, system = Emulator.load(find_emulator("fish-50")), load_system("fish")
     for wish in (
-        reach_place(system, [30.0, 0, 0], within=0.1),
+        reach_position(system, [30.0, 0, 0], within=0.1),
         keep_speed(system, 5.0, within=0.1),
-        keyframes(system, [[1.0, 0, 0]], [0.2], within=0.1),
+        reach_positions(system, [[1.0, 0, 0]], [0.2], within=0.1),
     ):
         with pytest.raises(NeuroAnimatorError, match="training showed 0.157 m/s at most"):
             descend(fish, Objective.of(wish), system.rest, steps=10)
@@ -163,9 +177,12 @@ def test_velocities_are_found_in_what_the_network_sees(name: str):
     emulator = Emulator.load(find_emulator(name))
     kinds = [segment.kind for segment in emulator.frame.segments]
     first = sum(segment.size for segment in emulator.frame.segments[: kinds.index("velocity")])
-    before, after = np.array(emulator.identity.rest), np.array(emulator.identity.rest)
+    before, after = np.array(emulator.spec.rest), np.array(emulator.spec.rest)
     after[first : first + 3] += [1.0, 2.0, 3.0]
-    seen = [np.asarray(emulator.frame.local(state))[list(emulator.frame.velocity_entries)] for state in (before, after)]
+    seen = [
+        np.asarray(emulator.frame.local(state))[list(emulator.frame.velocity_entries)]
+        for state in (before, after)
+    ]
     np.testing.assert_allclose(seen[1] - seen[0], [1, 2, 3], atol=1e-5)
 
 
@@ -177,7 +194,7 @@ def test_corrected_the_emulator_follows_the_physics_exactly(shipped: Emulator):
     plain = np.abs(np.asarray(shipped.rollout(REST, controls)) - states).max()
     defects = defects_of(shipped, states, controls)
     held = eqx.tree_at(lambda p: p.defects, problem, defects)
-    z = jnp.asarray(held.parameters.guess(controls), jnp.float32)
+    z = jnp.asarray(held.parametrisation.guess(controls), jnp.float32)
     corrected = np.abs(np.asarray(held.trajectory(z).states) - states).max()
     assert corrected < 0.01 * plain
 
@@ -192,24 +209,37 @@ def test_several_first_guesses_are_never_worse_than_one(shipped: Emulator):
 @pytest.mark.parametrize("method", sorted(METHODS))
 def test_the_first_cost_is_that_of_the_first_guess(method: str, shipped: Emulator):
     controls = np.full((20, 3), 0.5)
-    found = descend(shipped, stand_upright(), REST, steps=20, iterations=2, method=method, first=controls)
-    emulated = np.asarray(shipped.rollout(REST, controls))
-    assert found.costs[0] == pytest.approx(objective_cost(stand_upright(), shipped, emulated, controls), rel=1e-3)
+    found = descend(
+        shipped, stand_upright(), REST, steps=20, iterations=2, method=method, first=controls
+    )
+    emulator_states = np.asarray(shipped.rollout(REST, controls))
+    assert found.costs[0] == pytest.approx(
+        objective_cost(stand_upright(), shipped, emulator_states, controls), rel=1e-3
+    )
 
 
 def test_beginning_again_never_ends_worse_and_is_charged(shipped: Emulator):
-    system, options = load_system("pendulum"), {"steps": 20, "iterations": 3, "corrections": 0, "refinements": 0}
-    once, again = (synthesise(shipped, system, stand_upright(), REST, restarts=k, **options) for k in (0, 2))
+    system, options = (
+        load_system("pendulum"),
+        {"steps": 20, "iterations": 3, "corrections": 0, "refinements": 0},
+    )
+    once, again = (
+        synthesise(shipped, system, stand_upright(), REST, restarts=k, **options) for k in (0, 2)
+    )
     assert again.outcome.cost_physics < once.outcome.cost_physics
     assert again.physics_steps == 3 * once.physics_steps
     assert again.descent.iterations > once.descent.iterations
-    stopped = synthesise(shipped, system, stand_upright(), REST, restarts=2, is_enough=lambda states: True, **options)
+    stopped = synthesise(
+        shipped, system, stand_upright(), REST, restarts=2, is_enough=lambda states: True, **options
+    )
     assert stopped.physics_steps == once.physics_steps
 
 
 def test_as_many_equal_guesses_come_to_the_same(shipped: Emulator):
     controls = np.full((2, 20, 3), 0.5)
-    found = descend(shipped, stand_upright(), REST, steps=20, iterations=2, first=controls, starts=2)
+    found = descend(
+        shipped, stand_upright(), REST, steps=20, iterations=2, first=controls, starts=2
+    )
     np.testing.assert_array_equal(*found.candidates)
     with pytest.raises(NeuroAnimatorError, match="3 starts, came 2"):
         descend(shipped, stand_upright(), REST, steps=20, first=controls, starts=3)

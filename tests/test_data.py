@@ -19,27 +19,32 @@ from neuroanimator import (
 )
 from neuroanimator.data.generate import make_shard, sample_picks
 from neuroanimator.data.sampling import sample_control_runs, sample_controls
-from neuroanimator.data.transitions import LARGEST_GAP, LONGEST_UNROLL, RUN_STEPS
+from neuroanimator.data.transitions import MAX_GAP, MAX_UNROLL, RUN_STEPS
 from neuroanimator.state.layout import Bounds
 
 
 def fingerprint(folder: Path) -> dict[str, str]:
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.glob("*.*s*"))}
+    return {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.glob("*.*s*"))
+    }
 
 
-@pytest.mark.parametrize(("count", "largest"), [(12, LARGEST_GAP), (18, 3), (24, 2), (36, 1)])
+@pytest.mark.parametrize(("count", "largest"), [(12, MAX_GAP), (18, 3), (24, 2), (36, 1)])
 def test_picks_lie_one_to_five_super_steps_apart_and_leave_room_to_unroll(count: int, largest: int):
     rng = np.random.default_rng(0)
     picks = np.stack([sample_picks(rng, count) for _ in range(500)])
     gaps = np.diff(picks, axis=1)
     assert set(np.unique(gaps)) == set(range(1, largest + 1))
     assert picks.min() >= 0
-    assert picks.max() + LONGEST_UNROLL <= RUN_STEPS
+    assert picks.max() + MAX_UNROLL <= RUN_STEPS
 
 
 def test_a_window_is_what_the_physics_does(transitions):
     rows = np.arange(0, len(transitions.states), 500)
-    runs = transitions.system.simulate(transitions.states[rows, 0], transitions.controls[rows], 0.05)
+    runs = transitions.system.simulate(
+        transitions.states[rows, 0], transitions.controls[rows], 0.05
+    )
     np.testing.assert_allclose(runs.states[:, 1], transitions.states[rows, 1], atol=2e-3)
 
 
@@ -53,12 +58,13 @@ def test_controls_are_bounded_and_never_idle():
 
 @pytest.mark.parametrize("name", ["pendulum", "fish"])
 def test_an_emulator_is_driven_by_the_same_random_controls_as_its_system(name: str):
-    system, identity = load_system(name), Emulator.load(find_emulator(f"{name}-50")).identity
-    own, emulated = (
-        sample_control_runs(np.random.default_rng(0), 20, 40, 0.05, driven) for driven in (system, identity)
+    system, spec = load_system(name), Emulator.load(find_emulator(f"{name}-50")).spec
+    own, emulator_states = (
+        sample_control_runs(np.random.default_rng(0), 20, 40, 0.05, driven)
+        for driven in (system, spec)
     )
     assert own.shape == (20, 40, system.control.size)
-    np.testing.assert_array_equal(own, emulated)
+    np.testing.assert_array_equal(own, emulator_states)
     assert len(np.unique(own, axis=0)) == 20
 
 
@@ -66,7 +72,7 @@ def test_a_run_that_blows_up_is_dropped_and_counted():
     system = load_system("pendulum")
     system.sample_starts = lambda rng, count: np.full((count, 6), 1e4)
     shard = make_shard(system, dataset_config(system="pendulum", count=120), 0, threads=1)
-    assert shard.blow_ups == 10
+    assert shard.diverged == 10
     assert len(shard.tensors["states"]) == 0
     assert (shard.starts == 1e4).all()
 
@@ -78,7 +84,9 @@ def test_a_folder_of_another_configuration_is_refused_and_untouched(dataset: Pat
     assert fingerprint(dataset) == before
 
 
-def test_a_damaged_shard_is_reported_when_read_and_made_again_by_generate(dataset: Path, tmp_path: Path):
+def test_a_damaged_shard_is_reported_when_read_and_made_again_by_generate(
+    dataset: Path, tmp_path: Path
+):
     before = fingerprint(dataset)
     for path in dataset.glob("*.*s*"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
@@ -94,7 +102,8 @@ def test_a_damaged_shard_is_reported_when_read_and_made_again_by_generate(datase
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [("substeps", 0), ("count", 0), ("seed", -1), ("substeps", 2.5), ("unknown", 1)]
+    ("field", "value"),
+    [("substeps", 0), ("count", 0), ("seed", -1), ("substeps", 2.5), ("unknown", 1)],
 )
 def test_bad_settings_are_refused_by_field(field: str, value: float):
     with pytest.raises(NeuroAnimatorError, match=field):

@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 from conftest import Cli
 
-from neuroanimator import NeuroAnimatorError, dataset_config, generate, load_system, read_diverged, read_transitions
+from neuroanimator import (
+    NeuroAnimatorError,
+    dataset_config,
+    generate,
+    load_system,
+    read_diverged,
+    read_transitions,
+)
 from neuroanimator.systems.loading import resolve
 
 JELLY = """\
@@ -42,16 +49,19 @@ shorten = 0.85
 pull = [["nose", "left"], ["nose", "right"], ["nose", "top"], ["left", "right"], ["left", "top"], ["right", "top"]]
 
 [water]
-push = 0.0
+face_drag = 0.0
 
 [sampling]
 rest_share = 0.0
-speed = [1.0, 1.0, 1.0]
+velocity = [1.0, 1.0, 1.0]
 """
 
 
 def fingerprint(folder: Path) -> dict[str, str]:
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.glob("*.*s*"))}
+    return {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.glob("*.*s*"))
+    }
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +85,7 @@ def folder(toml: Path, cli: Cli) -> Path:
 def test_a_body_that_blows_up_is_dropped_counted_and_blows_up_again_when_replayed(folder: Path):
     transitions, (starts, controls) = read_transitions(folder), read_diverged(folder)
     system = transitions.system
-    assert 0 < len(starts) == transitions.blow_ups < 500
+    assert 0 < len(starts) == transitions.diverged < 500
     assert starts.dtype == controls.dtype == np.float64
     assert len(transitions.states) == (500 - len(starts)) * 12
     assert not system.simulate(starts, controls, 0.1).is_alive.any()
@@ -93,7 +103,9 @@ def test_made_again_and_resumed_the_bytes_are_the_same(folder: Path, toml: Path,
     assert fingerprint(folder) == before
 
 
-def test_a_damaged_file_is_refused_when_read_and_other_runs_are_not_overwritten(folder: Path, tmp_path: Path):
+def test_a_damaged_file_is_refused_when_read_and_other_runs_are_not_overwritten(
+    folder: Path, tmp_path: Path
+):
     for path in folder.glob("*.*s*"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     first, second = (tmp_path / f"diverged-0000{i}.safetensors" for i in range(2))
@@ -101,7 +113,9 @@ def test_a_damaged_file_is_refused_when_read_and_other_runs_are_not_overwritten(
     with pytest.raises(NeuroAnimatorError, match="diverged-00000.* belongs to another dataset"):
         read_diverged(tmp_path)
     config = dataset_config(**json.loads((tmp_path / "dataset.json").read_text()))
-    with pytest.raises(NeuroAnimatorError, match="diverged-00000.* holds other runs .* Move it away"):
+    with pytest.raises(
+        NeuroAnimatorError, match="diverged-00000.* holds other runs .* Move it away"
+    ):
         generate(config, tmp_path)
     assert first.read_bytes() == second.read_bytes()
     first.write_bytes(first.read_bytes()[:-8])

@@ -13,7 +13,13 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from neuroanimator import Emulator, NeuroAnimatorError, find_emulator, stand_upright, training_config
+from neuroanimator import (
+    Emulator,
+    NeuroAnimatorError,
+    find_emulator,
+    stand_upright,
+    training_config,
+)
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.control.descent.problem import Problem
@@ -46,9 +52,9 @@ def test_mirror_symmetry_is_exact(fresh: Emulator):
 
 def test_a_full_turn_of_a_joint_changes_nothing(shipped: Emulator):
     states, controls = random_inputs(100)
-    turn = jnp.array([2 * np.pi, -4 * np.pi, 2 * np.pi, 0, 0, 0], jnp.float32)
+    orientation = jnp.array([2 * np.pi, -4 * np.pi, 2 * np.pi, 0, 0, 0], jnp.float32)
     change = jax.vmap(shipped.step)(states, controls) - states
-    turned = jax.vmap(shipped.step)(states + turn, controls) - (states + turn)
+    turned = jax.vmap(shipped.step)(states + orientation, controls) - (states + orientation)
     np.testing.assert_allclose(turned, change, atol=2e-4)
 
 
@@ -61,23 +67,31 @@ def test_sine_and_cosine_are_exact_to_float32():
 
 def test_the_gradient_of_a_motion_equals_finite_differences(fresh: Emulator):
     with jax.enable_x64(True):
-        exact = jax.tree.map(lambda leaf: leaf.astype(jnp.float64) if eqx.is_array(leaf) else leaf, fresh)
+        exact = jax.tree.map(
+            lambda leaf: leaf.astype(jnp.float64) if eqx.is_array(leaf) else leaf, fresh
+        )
         start, limit = jnp.array([0.3, -0.2, 0.1, 1.0, 0.0, -1.0]), jnp.array([30.0, 14.0, 4.0])
-        parameters = EachStep(0 * limit, limit, 5)
+        parametrisation = EachStep(0 * limit, limit, 5)
         objective = jax.tree.map(lambda leaf: leaf.astype(jnp.float64), stand_upright())
         z = jnp.asarray(np.random.default_rng(0).normal(size=15))
-        problem = Problem(exact, objective, parameters, start, no_defects(exact, 5), limit)
+        problem = Problem(exact, objective, parametrisation, start, no_defects(exact, 5), limit)
         cost = eqx.filter_jit(problem.cost)
         gradient = jax.grad(cost)(z)
         step = 1e-6
-        numeric = [(cost(z.at[i].add(step)) - cost(z.at[i].add(-step))) / (2 * step) for i in range(15)]
-        np.testing.assert_allclose(gradient, numeric, rtol=1e-6, atol=1e-6 * float(jnp.abs(gradient).max()))
+        numeric = [
+            (cost(z.at[i].add(step)) - cost(z.at[i].add(-step))) / (2 * step) for i in range(15)
+        ]
+        np.testing.assert_allclose(
+            gradient, numeric, rtol=1e-6, atol=1e-6 * float(jnp.abs(gradient).max())
+        )
 
 
 @pytest.mark.parametrize("kind", ["glu", "linear-glu", "classic"])
 def test_without_a_mirror_symmetry_the_network_is_not_forced_into_one(kind: str):
     features = Features(jnp.eye(2), plain=(1,), is_odd=False)
-    network = make_network(kind, *features.sizes(1), 2, {"classic": (8,)}.get(kind, (8, 8)), jax.random.key(0))
+    network = make_network(
+        kind, *features.sizes(1), 2, {"classic": (8,)}.get(kind, (8, 8)), jax.random.key(0)
+    )
 
     def change(state, control):
         return network(*features.streams(state, features.plain_of(state, control)))
@@ -92,7 +106,9 @@ def test_a_batch_is_the_same_as_its_rows(shipped: Emulator):
     controls = np.random.default_rng(1).uniform(-1, 1, (5, 20, 3)) * [30, 14, 4]
     batch = shipped.rollout(states, controls)
     for row in range(5):
-        np.testing.assert_allclose(batch[row], shipped.rollout(states[row], controls[row]), rtol=2e-3, atol=2e-3)
+        np.testing.assert_allclose(
+            batch[row], shipped.rollout(states[row], controls[row]), rtol=2e-3, atol=2e-3
+        )
 
 
 def test_a_rollout_is_repeated_steps(shipped: Emulator):
@@ -133,7 +149,9 @@ def test_saving_and_loading_changes_no_bit(fresh: Emulator, tmp_path: Path):
     again.save(tmp_path / "b.safetensors")
     assert (tmp_path / "a.safetensors").read_bytes() == (tmp_path / "b.safetensors").read_bytes()
     states, controls = random_inputs(10)
-    assert np.array_equal(jax.vmap(fresh.step)(states, controls), jax.vmap(again.step)(states, controls))
+    assert np.array_equal(
+        jax.vmap(fresh.step)(states, controls), jax.vmap(again.step)(states, controls)
+    )
 
 
 def test_f07_a_truncated_or_flipped_file_is_refused(tmp_path: Path):
@@ -141,14 +159,14 @@ def test_f07_a_truncated_or_flipped_file_is_refused(tmp_path: Path):
     path = tmp_path / "broken.safetensors"
     cuts = [*range(64), *random.Random(0).sample(range(64, len(raw)), 60)]
     flips = range(0, len(raw), 331)
-    for broken in [raw[:cut] for cut in cuts] + [_flip(raw, place) for place in flips]:
+    for broken in [raw[:cut] for cut in cuts] + [_flip(raw, position) for position in flips]:
         path.write_bytes(broken)
         with pytest.raises(NeuroAnimatorError, match="broken.safetensors"):
             Emulator.load(path)
 
 
-def _flip(raw: bytes, place: int) -> bytes:
-    return raw[:place] + bytes([raw[place] ^ 4]) + raw[place + 1 :]
+def _flip(raw: bytes, position: int) -> bytes:
+    return raw[:position] + bytes([raw[position] ^ 4]) + raw[position + 1 :]
 
 
 def _tampered(change) -> bytes:
@@ -207,5 +225,7 @@ def test_a_crowded_or_repeating_header_is_refused(tmp_path: Path):
 
 
 def test_a_missing_file_names_what_ships():
-    with pytest.raises(NeuroAnimatorError, match="Shipped: cube-100, cube-25, cube-50, dolphin-100"):
+    with pytest.raises(
+        NeuroAnimatorError, match="Shipped: cube-100, cube-25, cube-50, dolphin-100"
+    ):
         find_emulator("nowhere")

@@ -31,7 +31,9 @@ def test_the_reference_has_no_error_against_itself_and_coarser_steps_have_more(s
     assert errors[0] < errors[1] < errors[2]
 
 
-def test_the_shipped_emulator_beats_every_cheap_predictor(shipped: Emulator, transitions: Transitions):
+def test_the_shipped_emulator_beats_every_cheap_predictor(
+    shipped: Emulator, transitions: Transitions
+):
     test = held_out_runs(shipped, count=16)
     error = np.sqrt(np.mean(one_step_error(shipped, test) ** 2))
     cheap = baselines(transitions, test)

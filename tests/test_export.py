@@ -38,17 +38,21 @@ def test_f21_the_glb_poses_are_the_clips_poses_with_y_up(name: str, tmp_path: Pa
     clip = a_clip(name)
     write_glb(clip, tmp_path / "a.glb")
     document, binary = read_glb(tmp_path / "a.glb")
-    places, _ = clip.skeleton.world_poses(clip.states)
+    positions, _ = clip.skeleton.world_poses(clip.states)
     tracks: dict[tuple[int, str], np.ndarray] = {}
     animation = document["animations"][0]
     for channel in animation["channels"]:
         sampler = animation["samplers"][channel["sampler"]]
         target = channel["target"]
-        tracks[target["node"], target["path"]] = accessor(document, binary, sampler["output"]).astype(float)
-        np.testing.assert_allclose(accessor(document, binary, sampler["input"])[:, 0], clip.times, atol=1e-6)
+        tracks[target["node"], target["path"]] = accessor(
+            document, binary, sampler["output"]
+        ).astype(float)
+        np.testing.assert_allclose(
+            accessor(document, binary, sampler["input"])[:, 0], clip.times, atol=1e-6
+        )
     for frame in (0, len(clip.times) // 2, len(clip.times) - 1):
         found = glb_places(document, tracks, frame)
-        expected = places[frame][:, [0, 2, 1]] * [1, 1, -1]
+        expected = positions[frame][:, [0, 2, 1]] * [1, 1, -1]
         np.testing.assert_allclose(found[1:], expected, atol=1e-5)
 
 
@@ -65,15 +69,15 @@ def glb_places(document: dict, tracks: dict[tuple[int, str], np.ndarray], frame:
     nodes = document["nodes"]
     found = np.zeros((len(nodes), 3))
 
-    def visit(index: int, place: np.ndarray, turn: np.ndarray) -> None:
+    def visit(index: int, position: np.ndarray, orientation: np.ndarray) -> None:
         node = nodes[index]
         own = tracks.get((index, "rotation"))
         rotation = np.array(node.get("rotation", [0, 0, 0, 1])) if own is None else own[frame]
         way = tracks.get((index, "translation"))
         translation = np.array(node.get("translation", [0, 0, 0])) if way is None else way[frame]
-        found[index] = place + turn @ translation
+        found[index] = position + orientation @ translation
         for child in node.get("children", []):
-            visit(child, found[index], turn @ rotation_matrices(rotation[[3, 0, 1, 2]]))
+            visit(child, found[index], orientation @ rotation_matrices(rotation[[3, 0, 1, 2]]))
 
     visit(0, np.zeros(3), np.eye(3))
     return found
@@ -81,19 +85,31 @@ def glb_places(document: dict, tracks: dict[tuple[int, str], np.ndarray], frame:
 
 def test_quaternions_never_jump_to_the_other_sign(clip: Clip):
     spinning = np.repeat(np.linspace(0, 20, 200)[:, None], 6, axis=1)
-    turns = continuous(clip.skeleton.local_poses(spinning)[1])
-    assert ((turns[1:] * turns[:-1]).sum(axis=-1) > 0).all()
+    orientations = continuous(clip.skeleton.local_poses(spinning)[1])
+    assert ((orientations[1:] * orientations[:-1]).sum(axis=-1) > 0).all()
 
 
 @pytest.mark.parametrize("kind", SHAPE_KINDS)
 def test_a_shape_is_closed_faces_outward_and_has_its_size(kind: str):
-    size = {"capsule": (0.1, 0.4), "cylinder": (0.1, 0.4), "sphere": (0.3,)}.get(kind, (0.1, 0.2, 0.3))
-    mesh = shape_mesh(Shape(kind, size, (1.0, 0.0, 0.0), (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0), (1.0, 1.0, 1.0, 1.0)))
+    size = {"capsule": (0.1, 0.4), "cylinder": (0.1, 0.4), "sphere": (0.3,)}.get(
+        kind, (0.1, 0.2, 0.3)
+    )
+    mesh = shape_mesh(
+        Shape(
+            kind,
+            size,
+            (1.0, 0.0, 0.0),
+            (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0),
+            (1.0, 1.0, 1.0, 1.0),
+        )
+    )
     corners = mesh.points[mesh.triangles].astype(float)
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     outward = (facing * mesh.normals[mesh.triangles].mean(axis=1)).sum(axis=1)
     assert (outward[np.linalg.norm(facing, axis=1) > 1e-9] > 0).all()
-    volume = (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6  # divergence theorem: only if closed
+    volume = (
+        corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])
+    ).sum() / 6  # divergence theorem: only if closed
     exact = {
         "capsule": np.pi * 0.01 * (0.8 + 4 / 3 * 0.1), "cylinder": np.pi * 0.01 * 0.8, "sphere": 4 / 3 * np.pi * 0.027,
         "ellipsoid": 4 / 3 * np.pi * 0.006, "box": 8 * 0.006,
@@ -102,7 +118,7 @@ def test_a_shape_is_closed_faces_outward_and_has_its_size(kind: str):
 
 
 def test_a_table_round_trip_keeps_the_clip(clip: Clip, shipped: Emulator, tmp_path: Path):
-    write_clip(clip, tmp_path / "a.csv", shipped.identity.state)
+    write_clip(clip, tmp_path / "a.csv", shipped.spec.state)
     again = read_clip(tmp_path / "a.csv", shipped)
     np.testing.assert_allclose(again.states, clip.states, rtol=1e-7, atol=1e-8)
     assert again.rate == pytest.approx(30)
@@ -119,9 +135,11 @@ def test_a_table_round_trip_keeps_the_clip(clip: Clip, shipped: Emulator, tmp_pa
         (lambda text: text + "9,0,0,0,0,0,0\n", "evenly spaced"),
     ],
 )
-def test_a_bad_table_is_refused_by_line(change, message, clip: Clip, shipped: Emulator, tmp_path: Path):
+def test_a_bad_table_is_refused_by_line(
+    change, message, clip: Clip, shipped: Emulator, tmp_path: Path
+):
     path = tmp_path / "a.csv"
-    write_clip(clip, path, shipped.identity.state)
+    write_clip(clip, path, shipped.spec.state)
     path.write_text(change(path.read_text()))
     with pytest.raises(NeuroAnimatorError, match=message):
         read_clip(path, shipped)
@@ -138,7 +156,9 @@ def test_a_video_is_drawn_or_the_missing_library_named(clip: Clip, tmp_path: Pat
     assert path.stat().st_size > 2000
 
 
-def test_f16_without_graphics_one_line_says_what_to_install(clip: Clip, tmp_path: Path, monkeypatch):
+def test_f16_without_graphics_one_line_says_what_to_install(
+    clip: Clip, tmp_path: Path, monkeypatch
+):
     monkeypatch.setitem(os.environ, "MUJOCO_GL", "disabled")
     with pytest.raises(NeuroAnimatorError, match="apt-get install libegl1 libosmesa6"):
         write_video(clip, tmp_path / "a.mp4")

@@ -16,7 +16,11 @@ FEW = 5
 
 
 def compiled_names(caplog: pytest.LogCaptureFixture) -> list[str]:
-    return [record.message for record in caplog.records if record.message.startswith("Finished XLA compilation")]
+    return [
+        record.message
+        for record in caplog.records
+        if record.message.startswith("Finished XLA compilation")
+    ]
 
 
 def test_a_first_descent_compiles_few_programs(shipped: Emulator, caplog: pytest.LogCaptureFixture):

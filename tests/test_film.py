@@ -35,7 +35,9 @@ def share_of_width(clip: Clip, film: Film) -> float:
     shots, boxes, frame = shots_of([clip], film), room_of([clip]), len(clip.times) // 2
     azimuth, _, distance = shots.angles(frame)
     extent = boxes.high[frame] - boxes.low[frame]
-    wide = abs(np.sin(np.radians(azimuth))) * extent[0] + abs(np.cos(np.radians(azimuth))) * extent[1]
+    wide = (
+        abs(np.sin(np.radians(azimuth))) * extent[0] + abs(np.cos(np.radians(azimuth))) * extent[1]
+    )
     return wide / (2 * distance * np.tan(np.radians(FIELD / 2)) * film.size[0] / film.size[1])
 
 
@@ -49,7 +51,11 @@ def share_of_width(clip: Clip, film: Film) -> float:
         ("1e3x720", "follow", "came '1e3x720'"),
         ("-2x720", "follow", "came '-2x720'"),
         ("9" * 5000 + "x720", "follow", "at most 4096 pixels a side"),
-        ("1280x720", "drone", "No camera called 'drone'. Cameras: follow, side, front, back, top, still"),
+        (
+            "1280x720",
+            "drone",
+            "No camera called 'drone'. Cameras: follow, side, front, back, top, still",
+        ),
     ],
 )
 def test_a_film_nobody_can_draw_is_refused_in_one_line(size: str, camera: str, message: str):
@@ -76,17 +82,19 @@ def test_a_dive_is_filmed_from_one_side_of_the_water(camera: str, height: float)
     heights = height + 0.1 * np.sin(np.arange(90) / 5)
     shots = shots_of([held("dolphin", heights)], Film(camera=camera), surface=0.0)
     if camera == "top":
-        assert shots.place[:, 2].min() > 0  # it looks down through the surface
+        assert shots.position[:, 2].min() > 0  # it looks down through the surface
     else:
-        assert shots.place[:, 2].max() < 0
+        assert shots.position[:, 2].max() < 0
 
 
 @pytest.mark.parametrize("camera", list(CAMERAS))
 def test_a_leap_is_filmed_wholly_from_above_the_water(camera: str):
     times = np.arange(120) / 30
-    heights = np.where(times < 1.5, -3.0 + 2 * times, 5.0 * (times - 1.5) - 4.9 * (times - 1.5) ** 2)
+    heights = np.where(
+        times < 1.5, -3.0 + 2 * times, 5.0 * (times - 1.5) - 4.9 * (times - 1.5) ** 2
+    )
     shots = shots_of([held("dolphin", heights)], Film(camera=camera), surface=0.0)
-    assert shots.place[:, 2].min() > 0
+    assert shots.position[:, 2].min() > 0
     assert not shots.is_under_water
 
 
@@ -119,7 +127,7 @@ def test_an_arm_that_stays_is_filmed_by_a_camera_that_stays():
     system, times = load_system("pendulum"), np.arange(60) / 30
     states = np.repeat(np.sin(times)[:, None], system.state.size, axis=1)
     shots = shots_of([Clip("pendulum", system.skeleton, times, states)], Film())
-    assert np.ptp(shots.place, axis=0).max() == 0
+    assert np.ptp(shots.position, axis=0).max() == 0
 
 
 def test_clips_that_cannot_be_seen_together_are_refused(tmp_path: Path):
@@ -138,9 +146,13 @@ def test_the_surface_of_the_sea_casts_no_shadow_on_its_bed(tmp_path: Path):
     film = tmp_path / "a.mp4"
     write_video(held("dolphin", np.full(2, -1.6), 0.0), film, size=(160, 90))
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(film), "-frames:v", "1"]
-    raw = subprocess.run([*command, "-f", "rawvideo", "-pix_fmt", "gray", "-"], capture_output=True, check=True).stdout
+    raw = subprocess.run(
+        [*command, "-f", "rawvideo", "-pix_fmt", "gray", "-"], capture_output=True, check=True
+    ).stdout
     image = np.frombuffer(raw, np.uint8).reshape(90, 160).astype(float)
-    corners = np.array([image[:12, :12], image[:12, -12:], image[-12:, :12], image[-12:, -12:]]).mean(axis=(1, 2))
+    corners = np.array(
+        [image[:12, :12], image[:12, -12:], image[-12:, :12], image[-12:, -12:]]
+    ).mean(axis=(1, 2))
     assert corners[2:].min() > 110  # in the surface's shadow the bed was at 76
 
 
@@ -149,7 +161,9 @@ def test_a_default_swim_stays_level_and_a_cube_is_thrown():
         emulator, system = Emulator.load(find_emulator(name)), load_system(name)
         states = random_motion(emulator, 5.0, seed=0)
         assert system.structure.cloud is not None
-        centres = states[:, : 3 * system.structure.cloud.count].reshape(len(states), -1, 3).mean(axis=1)
+        centres = (
+            states[:, : 3 * system.structure.cloud.count].reshape(len(states), -1, 3).mean(axis=1)
+        )
         assert low < centres[:, 2].min()
         assert centres[:, 2].max() < high
         assert np.linalg.norm(centres[-1, :2] - centres[0, :2]) > 1.0

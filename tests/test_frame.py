@@ -18,9 +18,9 @@ from neuroanimator.state.rotation import (
     multiply,
     rotate,
     rotate_back,
+    rotated_by,
+    rotation_between,
     rotation_matrices,
-    turn_between,
-    turned_by,
 )
 from neuroanimator.state.structure import Segment
 from neuroanimator.systems.system import System
@@ -50,7 +50,9 @@ def random_states(system: System, count: int, seed: int = 0) -> tuple[np.ndarray
     rng = np.random.default_rng(seed)
     states = sample_starts(system, rng, count)
     states[:, :2] = rng.uniform(-5, 5, (count, 2))
-    return states, system.bounds.middle + rng.uniform(-1, 1, (count, system.control.size)) * system.bounds.half
+    return states, system.bounds.middle + rng.uniform(
+        -1, 1, (count, system.control.size)
+    ) * system.bounds.half
 
 
 def moved(system: System, states: np.ndarray, heading: np.ndarray, shift: np.ndarray) -> np.ndarray:
@@ -64,30 +66,42 @@ def moved(system: System, states: np.ndarray, heading: np.ndarray, shift: np.nda
 
 
 def test_turning_and_moving_the_world_changes_a_prediction_by_less_than_1e_5(fresh: Emulator):
-    system, rng = load_system(fresh.identity.system), np.random.default_rng(1)
+    system, rng = load_system(fresh.spec.system), np.random.default_rng(1)
     states, controls = random_states(system, 200)
     heading = facing(rng.uniform(-np.pi, np.pi, 200))
     shift = np.concatenate([rng.uniform(-10, 10, (200, 2)), np.zeros((200, 1))], axis=1)
     step = jax.vmap(fresh.step)
     kind = jnp.float32
-    here = moved(system, np.asarray(step(jnp.asarray(states, kind), jnp.asarray(controls, kind))), heading, shift)
-    there = step(jnp.asarray(moved(system, states, heading, shift), kind), jnp.asarray(controls, kind))
+    here = moved(
+        system,
+        np.asarray(step(jnp.asarray(states, kind), jnp.asarray(controls, kind))),
+        heading,
+        shift,
+    )
+    there = step(
+        jnp.asarray(moved(system, states, heading, shift), kind), jnp.asarray(controls, kind)
+    )
     assert np.abs(np.asarray(there) - here).max() < 1e-5
     assert np.abs(here - moved(system, states, heading, shift)).max() > 1e-2  # something did happen
 
 
 def test_gravity_is_not_turned_away(fresh: Emulator):
     """Tipping the world over is no symmetry: the prediction must change."""
-    system = load_system(fresh.identity.system)
+    system = load_system(fresh.spec.system)
     states, controls = random_states(system, 50)
     tipped = np.array(states)
-    tipped[:, 3:7] = multiply(np.broadcast_to([np.sqrt(0.5), np.sqrt(0.5), 0, 0], (50, 4)), states[:, 3:7])
-    local = [fresh.plain_of(jnp.asarray(s, jnp.float32), jnp.asarray(controls, jnp.float32)) for s in (states, tipped)]
+    tipped[:, 3:7] = multiply(
+        np.broadcast_to([np.sqrt(0.5), np.sqrt(0.5), 0, 0], (50, 4)), states[:, 3:7]
+    )
+    local = [
+        fresh.plain_of(jnp.asarray(s, jnp.float32), jnp.asarray(controls, jnp.float32))
+        for s in (states, tipped)
+    ]
     assert np.abs(local[0] - local[1]).max() > 0.5
 
 
 def test_quaternions_stay_of_unit_length(fresh: Emulator):
-    system = load_system(fresh.identity.system)
+    system = load_system(fresh.spec.system)
     states, _ = random_states(system, 20)
     controls = system.bounds.middle + np.zeros((20, 200, system.control.size))
     path = np.asarray(fresh.rollout(states, controls))
@@ -107,24 +121,30 @@ def test_applying_the_remainder_leads_from_state_to_state(name: str):
 
 def test_a_planar_root_is_the_same_wherever_it_heads():
     frame, rng = Frame(PLANAR, (), 0.1), np.random.default_rng(3)
-    before, after, turn = rng.normal(size=(30, 8)), rng.normal(size=(30, 8)), rng.uniform(-3, 3, 30)
+    before, after, orientation = (
+        rng.normal(size=(30, 8)),
+        rng.normal(size=(30, 8)),
+        rng.uniform(-3, 3, 30),
+    )
 
     def turned(states: np.ndarray) -> np.ndarray:
         states = np.array(states)
-        cosine, sine = np.cos(turn), np.sin(turn)
+        cosine, sine = np.cos(orientation), np.sin(orientation)
         for x in (0, 4):
             states[:, x], states[:, x + 1] = (
                 cosine * states[:, x] - sine * states[:, x + 1],
                 sine * states[:, x] + cosine * states[:, x + 1],
             )
-        states[:, 2] += turn
+        states[:, 2] += orientation
         return states
 
     np.testing.assert_allclose(
         frame.remainder(turned(before), turned(after)), frame.remainder(before, after), atol=1e-9
     )
     np.testing.assert_allclose(frame.local(turned(before)), frame.local(before), atol=1e-9)
-    np.testing.assert_allclose(frame.apply(before, frame.remainder(before, after)), after, atol=1e-9)
+    np.testing.assert_allclose(
+        frame.apply(before, frame.remainder(before, after)), after, atol=1e-9
+    )
 
 
 def test_rotations_are_mujocos():
@@ -143,22 +163,26 @@ def test_rotations_are_mujocos():
 
 def test_turns_are_undone_and_small_ones_are_rotation_vectors():
     rng = np.random.default_rng(5)
-    start, turn = quaternions(rng, 50), rng.normal(size=(50, 3))
-    np.testing.assert_allclose(turn_between(start, turned_by(start, turn)), turn, atol=1e-9)
-    small = 1e-4 * turn
+    start, orientation = quaternions(rng, 50), rng.normal(size=(50, 3))
+    np.testing.assert_allclose(
+        rotation_between(start, rotated_by(start, orientation)), orientation, atol=1e-9
+    )
+    small = 1e-4 * orientation
     for quaternion, vector in zip(start, small, strict=True):
         integrated = quaternion.copy()
         mujoco.mju_quatIntegrate(integrated, vector, 1.0)
-        np.testing.assert_allclose(turned_by(quaternion, vector), integrated, atol=1e-11)
+        np.testing.assert_allclose(rotated_by(quaternion, vector), integrated, atol=1e-11)
     heading = rng.uniform(-3, 3, 50)
     np.testing.assert_allclose(heading_of(facing(heading)), heading, atol=1e-12)
 
 
 def test_the_gradient_through_the_frame_equals_finite_differences(fresh: Emulator):
-    system = load_system(fresh.identity.system)
+    system = load_system(fresh.spec.system)
     states, controls = random_states(system, 1)
     with jax.enable_x64(True):
-        exact = jax.tree.map(lambda leaf: leaf.astype(jnp.float64) if hasattr(leaf, "astype") else leaf, fresh)
+        exact = jax.tree.map(
+            lambda leaf: leaf.astype(jnp.float64) if hasattr(leaf, "astype") else leaf, fresh
+        )
         start, scale = jnp.asarray(states[0]), jnp.asarray(system.bounds.half)
 
         def cost(share):

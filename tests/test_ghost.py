@@ -32,10 +32,12 @@ def test_a_ghost_is_the_same_body_moving_its_own_way_and_translucent(name: str, 
     roots = roots_of(document, name)
     assert {*document["scenes"][0]["nodes"]} >= {*roots}
     for motion, root in zip((clip, ghost), roots, strict=True):
-        places, turns = motion.skeleton.local_poses(motion.states)
-        tracks = {"translation": places, "rotation": turns[..., [1, 2, 3, 0]]}
+        positions, orientations = motion.skeleton.local_poses(motion.states)
+        tracks = {"translation": positions, "rotation": orientations[..., [1, 2, 3, 0]]}
         channels = [
-            c for c in document["animations"][0]["channels"] if 0 < c["target"]["node"] - root <= places.shape[1]
+            c
+            for c in document["animations"][0]["channels"]
+            if 0 < c["target"]["node"] - root <= positions.shape[1]
         ]
         assert channels
         for channel in channels:
@@ -43,13 +45,19 @@ def test_a_ghost_is_the_same_body_moving_its_own_way_and_translucent(name: str, 
             node, path = channel["target"]["node"], channel["target"]["path"]
             wanted = tracks[path][:, node - root - 1]
             found = accessor(document, binary, sampler["output"])
-            signs = np.sign((wanted * found).sum(axis=1, keepdims=True)) if path == "rotation" else 1
+            signs = (
+                np.sign((wanted * found).sum(axis=1, keepdims=True)) if path == "rotation" else 1
+            )
             np.testing.assert_allclose(found * signs, wanted, atol=1e-6)
-            np.testing.assert_allclose(accessor(document, binary, sampler["input"])[:, 0], motion.times, atol=1e-6)
+            np.testing.assert_allclose(
+                accessor(document, binary, sampler["input"])[:, 0], motion.times, atol=1e-6
+            )
 
 
 @pytest.mark.parametrize("name", ["pendulum", "truck", "lander", "fish"])
-def test_a_ghost_is_only_what_moves_in_one_other_colour_and_shares_its_shapes(name: str, tmp_path: Path):
+def test_a_ghost_is_only_what_moves_in_one_other_colour_and_shares_its_shapes(
+    name: str, tmp_path: Path
+):
     clip, ghost = two_motions(name)
     write_glb(clip, tmp_path / "alone.glb")
     write_glb(clip, tmp_path / "a.glb", ghost=ghost)
@@ -67,7 +75,9 @@ def test_a_ghost_is_only_what_moves_in_one_other_colour_and_shares_its_shapes(na
     assert colour == pytest.approx([*linear_of(GHOST_COLOUR), GHOST_OPACITY], abs=1e-5)
     assert document["materials"][thin]["alphaMode"] == "BLEND"
     assert {*shapes["ghost"]} <= {*shapes["solid"]}
-    scenery = sum(len(b.shapes) for i, b in enumerate(clip.skeleton.bones) if not clip.skeleton.is_moved(i))
+    scenery = sum(
+        len(b.shapes) for i, b in enumerate(clip.skeleton.bones) if not clip.skeleton.is_moved(i)
+    )
     assert len(shapes["solid"]) - len(shapes["ghost"]) == scenery
     alone, both = ((tmp_path / f).stat().st_size for f in ("alone.glb", "a.glb"))
     assert both < 1.8 * alone
@@ -89,13 +99,23 @@ def test_a_ghosts_skin_hangs_on_its_own_bones(tmp_path: Path):
         if "skin" in node:
             skin = skins[node["skin"]]
             assert skin["joints"] == nodes[skin["skeleton"]]["children"]
-            assert node["name"].startswith("ghost ") == nodes[skin["skeleton"]]["name"].startswith("ghost ")
-    matrices = accessor(document, binary, skins[1]["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+            assert node["name"].startswith("ghost ") == nodes[skin["skeleton"]]["name"].startswith(
+                "ghost "
+            )
+    matrices = (
+        accessor(document, binary, skins[1]["inverseBindMatrices"])
+        .reshape(-1, 4, 4)
+        .transpose(0, 2, 1)
+    )
     bone = clip.skeleton.bones[2]
-    np.testing.assert_allclose(matrices[2, :3, :3] @ rotation_matrices(np.array(bone.turn)), np.eye(3), atol=1e-6)
+    np.testing.assert_allclose(
+        matrices[2, :3, :3] @ rotation_matrices(np.array(bone.orientation)), np.eye(3), atol=1e-6
+    )
 
 
 def test_a_ghost_of_another_body_is_refused(tmp_path: Path):
-    with pytest.raises(ArgumentError, match="ghost: wanted another motion of the same body, came truck beside fish"):
+    with pytest.raises(
+        ArgumentError, match="ghost: wanted another motion of the same body, came truck beside fish"
+    ):
         write_glb(two_motions("fish")[0], tmp_path / "a.glb", ghost=two_motions("truck")[0])
     assert not list(tmp_path.iterdir())

@@ -44,7 +44,10 @@ def test_a_materials_colour_is_the_light_of_the_colour_on_the_screen(name: str, 
     document, _ = read_glb(tmp_path / "a.glb")
     found = {tuple(m["pbrMetallicRoughness"]["baseColorFactor"]) for m in document["materials"]}
     shapes = [shape for bone in clip.skeleton.bones for shape in bone.shapes]
-    wanted = {(*(round(float(c), 6) for c in linear_of(shape.colour[:3])), shape.colour[3]) for shape in shapes}
+    wanted = {
+        (*(round(float(c), 6) for c in linear_of(shape.colour[:3])), shape.colour[3])
+        for shape in shapes
+    }
     assert found == wanted
 
 
@@ -83,9 +86,14 @@ def test_a_swimmers_parts_are_primitives_with_materials_of_their_names(tmp_path:
     write_glb(a_clip("fish"), tmp_path / "a.glb")
     document, binary = read_glb(tmp_path / "a.glb")
     (mesh,) = meshes_in_use(document)
-    names = [document["materials"][primitive["material"]]["name"] for primitive in mesh["primitives"]]
+    names = [
+        document["materials"][primitive["material"]]["name"] for primitive in mesh["primitives"]
+    ]
     assert names == ["body", "fin", "eye"]
-    triangles = [accessor(document, binary, primitive["indices"]).reshape(-1, 3) for primitive in mesh["primitives"]]
+    triangles = [
+        accessor(document, binary, primitive["indices"]).reshape(-1, 3)
+        for primitive in mesh["primitives"]
+    ]
     whole = {tuple(row) for part in triangles for row in part.tolist()}
     assert len(whole) == sum(len(part) for part in triangles)
 
@@ -96,11 +104,17 @@ def test_the_file_says_what_it_is_of(tmp_path: Path):
     assert document["asset"]["generator"].startswith("NeuroAnimator ")
     assert document["asset"]["extras"] == {"units": "m", "rate": pytest.approx(30)}
     (root,) = [node for node in document["nodes"] if "extras" in node]
-    assert root["extras"] == {"system": "cube", "seconds": pytest.approx(1 / 3), "source": "physics"}
+    assert root["extras"] == {
+        "system": "cube",
+        "seconds": pytest.approx(1 / 3),
+        "source": "physics",
+    }
 
 
 @pytest.mark.parametrize("name", ["truck", "fish"])
-def test_several_bodies_keep_their_places_and_motions_and_share_scenery_and_shapes(name: str, tmp_path: Path):
+def test_several_bodies_keep_their_places_and_motions_and_share_scenery_and_shapes(
+    name: str, tmp_path: Path
+):
     clips = [a_clip(name, shift) for shift in (0.0, 2.0, 4.0)]
     write_glb(clips, tmp_path / "a.glb")
     write_glb(clips[0], tmp_path / "alone.glb")
@@ -114,10 +128,16 @@ def test_several_bodies_keep_their_places_and_motions_and_share_scenery_and_shap
         moving = next(i for i, bone in enumerate(clip.skeleton.bones) if bone.is_moving)
         node = names.index(f"{name} {number + 1} {clip.skeleton.bones[moving].name}")
         (channel,) = [c for c in channels if c["target"] == {"node": node, "path": "translation"}]
-        track = accessor(document, binary, document["animations"][0]["samplers"][channel["sampler"]]["output"])
-        np.testing.assert_allclose(track, clip.skeleton.local_poses(clip.states)[0][:, moving], atol=1e-5)
+        track = accessor(
+            document, binary, document["animations"][0]["samplers"][channel["sampler"]]["output"]
+        )
+        np.testing.assert_allclose(
+            track, clip.skeleton.local_poses(clip.states)[0][:, moving], atol=1e-5
+        )
     first = clips[0].skeleton
-    scenery = [bone.name for i, bone in enumerate(first.bones) if bone.shapes and not first.is_moved(i)]
+    scenery = [
+        bone.name for i, bone in enumerate(first.bones) if bone.shapes and not first.is_moved(i)
+    ]
     drawn = [node["name"] for node in document["nodes"] if "mesh" in node]
     for bone in scenery:
         assert [each for each in drawn if each.endswith(f" {bone}")] == [f"{name} 1 {bone}"]

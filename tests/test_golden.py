@@ -36,7 +36,9 @@ def test_the_golden_emulator_predicts_what_it_did(cases: dict[str, Any]):
 
 def test_the_golden_policy_steers_as_it_did(cases: dict[str, Any]):
     case = cases["policy"]
-    controls = controls_of(Policy.load(POLICY), *(np.array(case[key]) for key in ("states", "phases", "commands")))
+    controls = controls_of(
+        Policy.load(POLICY), *(np.array(case[key]) for key in ("states", "phases", "commands"))
+    )
     np.testing.assert_allclose(controls, case["controls"], rtol=TOLERANCE, atol=TOLERANCE)
     assert np.ptp(case["controls"], axis=0).min() > 0.01
 
@@ -44,7 +46,11 @@ def test_the_golden_policy_steers_as_it_did(cases: dict[str, Any]):
 def test_a_golden_file_saved_again_has_the_same_bytes(tmp_path: Path):
     save(Emulator.load(EMULATOR), tmp_path / "e.safetensors", read_metadata(EMULATOR)["provenance"])
     assert (tmp_path / "e.safetensors").read_bytes() == EMULATOR.read_bytes()
-    save_policy(Policy.load(POLICY), tmp_path / "p.safetensors", read_tensors(POLICY, "policy")[1]["provenance"])
+    save_policy(
+        Policy.load(POLICY),
+        tmp_path / "p.safetensors",
+        read_tensors(POLICY, "policy")[1]["provenance"],
+    )
     assert (tmp_path / "p.safetensors").read_bytes() == POLICY.read_bytes()
 
 

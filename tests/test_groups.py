@@ -49,7 +49,9 @@ def toml(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def data(toml: Path) -> Transitions:
     name, definition, n = resolve(str(toml))
-    return simulate_transitions(dataset_config(system=name, definition=definition, substeps=n, count=360, picks=36))
+    return simulate_transitions(
+        dataset_config(system=name, definition=definition, substeps=n, count=360, picks=36)
+    )
 
 
 def parts_of(data: Transitions) -> tuple[Emulator, tuple[Part, ...]]:
@@ -58,14 +60,19 @@ def parts_of(data: Transitions) -> tuple[Emulator, tuple[Part, ...]]:
     return emulator, emulator.network.parts
 
 
-def test_a_group_has_the_places_and_rates_of_its_joints_and_the_motors_and_tendons_that_drive_them(toml: Path):
+def test_a_group_has_the_places_and_rates_of_its_joints_and_the_motors_and_tendons_that_drive_them(
+    toml: Path,
+):
     system = load_system(str(toml))
     left, right = system.structure.groups
     names = system.state.names
     assert [names[i] for i in left.entries] == [
-        "left_shoulder[0] rad", "left_elbow[0] rad", "left_shoulder.speed[0] rad/s", "left_elbow.speed[0] rad/s",
+        "left_shoulder[0] rad", "left_elbow[0] rad", "left_shoulder.velocity[0] rad/s", "left_elbow.velocity[0] rad/s",
     ]  # fmt: skip
-    assert {names[i].partition("[")[0] for i in right.entries} == {"right_shoulder.turn", "right_shoulder.spin"}
+    assert {names[i].partition("[")[0] for i in right.entries} == {
+        "right_shoulder.orientation",
+        "right_shoulder.angular_velocity",
+    }
     assert [system.control.names[i].partition("[")[0] for i in left.controls] == ["bend", "draw"]
     assert [system.control.names[i].partition("[")[0] for i in right.controls] == ["twist"]
 
@@ -87,12 +94,16 @@ def test_groups_that_are_none_are_refused_by_name(groups: str, message: str, tom
         resolve(str(other))
 
 
-def test_every_number_of_the_change_is_answered_once_and_the_root_and_waist_by_the_upper_network(data: Transitions):
+def test_every_number_of_the_change_is_answered_once_and_the_root_and_waist_by_the_upper_network(
+    data: Transitions,
+):
     emulator, parts = parts_of(data)
     answered = [number for part in parts for number in part.answers]
     assert sorted(answered) == list(range(emulator.normaliser.unit.shape[0]))
     body, left, right = parts
-    assert len(body.answers) == 6 + 1 + 6 + 1  # place and turn, waist; velocity and spin, waist's speed
+    assert (
+        len(body.answers) == 6 + 1 + 6 + 1
+    )  # place and turn, waist; velocity and spin, waist's speed
     assert (len(left.answers), len(right.answers)) == (4, 6)
     assert left.hears == right.hears == body.answers
 
@@ -101,10 +112,15 @@ def test_a_child_sees_its_own_joints_and_motors_and_the_rest_but_no_other_limb(d
     """Whatever the right arm does, the left one's network is told only what the upper network makes of it."""
     emulator, (_, left, right) = parts_of(data)
     structure, controls = data.system.structure, data.system.control.size
-    state, control = np.asarray(data.states[0, 0], np.float32), np.asarray(data.controls[0, 0], np.float32)
+    state, control = (
+        np.asarray(data.states[0, 0], np.float32),
+        np.asarray(data.controls[0, 0], np.float32),
+    )
 
     def seen(part: Part, state: np.ndarray, control: np.ndarray) -> np.ndarray:
-        stream, _ = emulator.features.streams(jnp.asarray(state), jnp.asarray(emulator.seen(state, control)))
+        stream, _ = emulator.features.streams(
+            jnp.asarray(state), jnp.asarray(emulator.seen(state, control))
+        )
         return np.asarray(stream)[list(part.odd)]
 
     def matters(part: Part, entry: int, *, is_control: bool = False) -> bool:
@@ -113,11 +129,16 @@ def test_a_child_sees_its_own_joints_and_motors_and_the_rest_but_no_other_limb(d
         return bool(np.abs(seen(part, *moved) - seen(part, state, control)).max() > 1e-4)
 
     names = data.system.state.names
-    waist, spin = names.index("waist[0] rad"), names.index("root.spin[1] rad/s")
+    waist, angular_velocity = (
+        names.index("waist[0] rad"),
+        names.index("root.angular_velocity[1] rad/s"),
+    )
     for part, own, other in ((left, *structure.groups), (right, *structure.groups[::-1])):
-        assert all(matters(part, entry) for entry in (own.entries[-1], waist, spin))
+        assert all(matters(part, entry) for entry in (own.entries[-1], waist, angular_velocity))
         # A ball's axes are among the few numbers every child sees; its spin is not.
-        assert not any(matters(part, entry) for entry in other.entries if "turn" not in names[entry])
+        assert not any(
+            matters(part, entry) for entry in other.entries if "orientation" not in names[entry]
+        )
         for motor in range(controls):
             assert matters(part, motor, is_control=True) == (motor in own.controls)
 
@@ -129,7 +150,9 @@ def test_joints_that_are_all_in_groups_are_refused_where_no_root_is_left(tmp_pat
     path, _ = write_definition(str(model))
     path.write_text(path.read_text() + ARMS.replace("left =", 'waist = ["waist"]\nleft ='))
     name, definition, n = resolve(str(path))
-    windows = simulate_transitions(dataset_config(system=name, definition=definition, substeps=n, count=72, picks=36))
+    windows = simulate_transitions(
+        dataset_config(system=name, definition=definition, substeps=n, count=72, picks=36)
+    )
     with pytest.raises(NeuroAnimatorError, match="groups: every joint is in one"):
         parts_of(windows)
 
@@ -145,7 +168,18 @@ def test_saving_and_loading_changes_no_bit(kind: str, data: Transitions, tmp_pat
 def test_the_command_line_trains_a_hierarchy(toml: Path, cli, tmp_path: Path):
     out = tmp_path / "swimmer.emulator.safetensors"
     assert cli("generate", toml, "--count", 720, "--out", tmp_path / "data").returncode == 0
-    wanted = ("train", tmp_path / "data", "--network", "hierarchy", "--updates", 250, "--unroll", 1, "--out", out)
+    wanted = (
+        "train",
+        tmp_path / "data",
+        "--network",
+        "hierarchy",
+        "--updates",
+        250,
+        "--unroll",
+        1,
+        "--out",
+        out,
+    )
     result = cli(*wanted, "--widths", "16,0,8")
     assert result.returncode == 0, result.stderr
     network = Emulator.load(out).network
@@ -156,6 +190,15 @@ def test_the_command_line_trains_a_hierarchy(toml: Path, cli, tmp_path: Path):
 
 
 def test_the_command_line_says_that_a_hierarchy_needs_groups(dataset: Path, cli, tmp_path: Path):
-    result = cli("train", dataset, "--network", "hierarchy", "--updates", 250, "--out", tmp_path / "a.safetensors")
+    result = cli(
+        "train",
+        dataset,
+        "--network",
+        "hierarchy",
+        "--updates",
+        250,
+        "--out",
+        tmp_path / "a.safetensors",
+    )
     assert result.returncode != 0
     assert "pendulum has no [groups], which a hierarchy needs" in result.stderr

@@ -23,8 +23,12 @@ ADVICE = "(A Box observation space m..imum value is|For Box action spaces, we re
 
 
 def random_actions(emulator: Emulator, *shape: int) -> np.ndarray:
-    bounds = emulator.identity.bounds
-    return np.random.default_rng(0).uniform(bounds.low, bounds.high, (*shape, len(bounds.low))).astype(np.float32)
+    bounds = emulator.spec.bounds
+    return (
+        np.random.default_rng(0)
+        .uniform(bounds.low, bounds.high, (*shape, len(bounds.low)))
+        .astype(np.float32)
+    )
 
 
 @pytest.fixture(scope="module", params=["pendulum-50", "lander-50", "fish-50", "cube-50"])
@@ -63,10 +67,15 @@ def test_the_trajectory_is_the_emulators_rollout(every_kind: Emulator):
 
 
 def test_rows_that_start_anew_follow_the_rollout_again(every_kind: Emulator):
-    many, actions = EmulatorVectorEnv(every_kind, 2, seconds=every_kind.dt), random_actions(every_kind, 3, 2)
+    many, actions = (
+        EmulatorVectorEnv(every_kind, 2, seconds=every_kind.dt),
+        random_actions(every_kind, 3, 2),
+    )
     many.reset(seed=0)
     _, starts, states = (many.step(action)[0] for action in actions)
-    np.testing.assert_allclose(states, every_kind.rollout(starts, actions[2][:, None])[:, 1], atol=1e-3)
+    np.testing.assert_allclose(
+        states, every_kind.rollout(starts, actions[2][:, None])[:, 1], atol=1e-3
+    )
 
 
 def test_the_same_seed_gives_the_same_episode(env: EmulatorEnv, shipped: Emulator):
@@ -84,7 +93,9 @@ def test_each_row_of_many_is_the_single_environment(env: EmulatorEnv, shipped: E
     steps = [many.step(action) for action in actions]
     for row in range(3):
         assert np.array_equal(env.reset(seed=5 + row)[0], starts[row])
-        for action, (states, rewards, terminated, truncated, info) in zip(actions, steps, strict=True):
+        for action, (states, rewards, terminated, truncated, info) in zip(
+            actions, steps, strict=True
+        ):
             state, reward, is_terminated, is_truncated, single = env.step(action[row])
             np.testing.assert_allclose(states[row], state, atol=1e-3)
             assert rewards[row] == pytest.approx(reward, rel=1e-4)
@@ -108,17 +119,22 @@ def test_a_row_that_has_ended_starts_anew_in_the_next_step(shipped: Emulator):
 def test_starts_lie_near_rest_and_differ_with_the_noise(shipped: Emulator):
     random = np.random.default_rng(0)
     starts = np.array([start_near_rest(shipped, 0.1, random) for _ in range(400)])
-    np.testing.assert_allclose(starts.std(axis=0), 0.1 * np.array(shipped.normaliser.unit), rtol=0.2)
+    np.testing.assert_allclose(
+        starts.std(axis=0), 0.1 * np.array(shipped.normaliser.unit), rtol=0.2
+    )
 
 
 def test_without_noise_a_start_is_rest_itself(every_kind: Emulator):
     start = start_near_rest(every_kind, 0.0, np.random.default_rng(0))
-    assert np.array_equal(start, every_kind.identity.rest)
+    assert np.array_equal(start, every_kind.spec.rest)
 
 
 def test_a_start_lies_as_far_from_rest_as_the_noise_is_large(every_kind: Emulator):
-    rest = np.array(every_kind.identity.rest)
-    little, much = (start_near_rest(every_kind, noise, np.random.default_rng(0)) - rest for noise in (1e-6, 1e-5))
+    rest = np.array(every_kind.spec.rest)
+    little, much = (
+        start_near_rest(every_kind, noise, np.random.default_rng(0)) - rest
+        for noise in (1e-6, 1e-5)
+    )
     assert np.abs(much).max() > 1e-8
     np.testing.assert_allclose(10 * little, much, atol=1e-3 * np.abs(much).max())
 
@@ -142,7 +158,7 @@ def test_actions_beyond_the_bounds_are_clipped(env: EmulatorEnv, shipped: Emulat
     ends = []
     for factor in (1, 10):
         env.reset(seed=0)
-        ends.append(env.step(factor * np.array(shipped.identity.bounds.high)))
+        ends.append(env.step(factor * np.array(shipped.spec.bounds.high)))
     assert np.array_equal(ends[0][0], ends[1][0])
     assert ends[0][1] == ends[1][1] == pytest.approx(-1.5 * shipped.dt)
 
@@ -187,7 +203,9 @@ def test_the_models_of_gymnasium_are_found(env_id: str, joints: int):
 
 
 def test_an_unknown_environment_is_answered_with_the_valid_ones():
-    with pytest.raises(NeuroAnimatorError, match="No MuJoCo environment called 'Swimer-v5'.*Hopper-v5.*Swimmer-v5"):
+    with pytest.raises(
+        NeuroAnimatorError, match="No MuJoCo environment called 'Swimer-v5'.*Hopper-v5.*Swimmer-v5"
+    ):
         mjcf_of("Swimer-v5")
     with pytest.raises(NeuroAnimatorError, match="CartPole-v1"):
         mjcf_of("CartPole-v1")
@@ -211,7 +229,7 @@ def test_an_environment_that_makes_no_sense_is_refused(choices: dict, message: s
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"place": [0]}, "No reset option called 'place'. Options: state."),
+        ({"position": [0]}, "No reset option called 'position'. Options: state."),
         ({"state": np.zeros(5)}, "state: wanted 6 numbers"),
         ({"state": np.full(6, np.nan)}, "not finite"),
         ({"state": np.zeros((3, 6))}, r"state: wanted shape \(6,\) or \(1, 6\), came \(3, 6\)"),
@@ -222,8 +240,12 @@ def test_a_start_that_makes_no_sense_is_refused(env: EmulatorEnv, options: dict,
         env.reset(options=options)
 
 
-@pytest.mark.parametrize(("action", "message"), [(np.zeros(2), "wanted 3 numbers"), (np.full(3, np.inf), "not finite")])
-def test_an_action_that_makes_no_sense_is_refused(env: EmulatorEnv, action: np.ndarray, message: str):
+@pytest.mark.parametrize(
+    ("action", "message"), [(np.zeros(2), "wanted 3 numbers"), (np.full(3, np.inf), "not finite")]
+)
+def test_an_action_that_makes_no_sense_is_refused(
+    env: EmulatorEnv, action: np.ndarray, message: str
+):
     env.reset(seed=0)
     with pytest.raises(NeuroAnimatorError, match=message):
         env.step(action)

@@ -14,7 +14,7 @@ from neuroanimator.control.objective.objective import objective_cost
 from neuroanimator.control.policies.pilot import Pilot
 from neuroanimator.export.film.video import graphics_backend
 from neuroanimator.gym import TASK_NAMES, EmulatorEnv
-from neuroanimator.gym.task_envs import FARTHEST, TASKS, TRIALS, TaskEnv, TaskVectorEnv
+from neuroanimator.gym.task_envs import MAX_DISTANCE, TASKS, TRIALS, TaskEnv, TaskVectorEnv
 
 KINDS = ["pendulum-swing-up", "truck-park", "lander-land", "fish-reach"]
 """Hinges, wheels among obstacles, a root that flies, a body with muscles."""
@@ -30,7 +30,9 @@ def actions_of(env: TaskVectorEnv, count: int, share: float = 1.0) -> np.ndarray
     space = env.single_action_space
     middle, half = (space.high + space.low) / 2, (space.high - space.low) / 2
     shape = (count, env.num_envs, *space.high.shape)
-    return (middle + share * half * np.random.default_rng(0).uniform(-1, 1, shape)).astype(np.float32)
+    return (middle + share * half * np.random.default_rng(0).uniform(-1, 1, shape)).astype(
+        np.float32
+    )
 
 
 @pytest.mark.parametrize("name", ["pendulum-swing-up", "fish-reach"])
@@ -56,8 +58,13 @@ def test_rewards_sum_to_what_was_taken_off_the_tasks_own_objective(many: TaskVec
         total, count = total + rewards[0], count + 1
         if terminated[0] or truncated[0]:
             break
-    total -= 1.0 * (terminated[0] and trial.is_success(np.asarray(many._episodes.states[0, : count + 1], float)))
-    total += 1.0 * (terminated[0] and not trial.is_success(np.asarray(many._episodes.states[0, : count + 1], float)))
+    total -= 1.0 * (
+        terminated[0] and trial.is_success(np.asarray(many._episodes.states[0, : count + 1], float))
+    )
+    total += 1.0 * (
+        terminated[0]
+        and not trial.is_success(np.asarray(many._episodes.states[0, : count + 1], float))
+    )
     held = np.zeros((many.steps, taken.shape[-1]))
     still = np.repeat(trial.start[None], many.steps + 1, axis=0)
     first = objective_cost(trial.objective, emulator, still, held)
@@ -89,7 +96,7 @@ def test_observations_are_bounded_and_of_order_one(many: TaskVectorEnv):
     for action in actions_of(many, 10):
         seen = many.step(action)[0]
         assert many.observation_space.contains(seen)
-    assert 0.3 < np.abs(seen).max() < FARTHEST
+    assert 0.3 < np.abs(seen).max() < MAX_DISTANCE
 
 
 def test_time_is_up_when_the_task_says_and_a_row_starts_anew():
@@ -115,10 +122,10 @@ def test_the_target_is_seen_from_the_body():
         seen, _ = env.reset(options={"trial": number})
         trial, scale = inside._draw(number), inside._scale
         pose = Pilot("fish").policy.pose(np.asarray(inside.emulator.encode(trial.start)))
-        way = np.array(trial.aim.place) - pose.place
-        place, direction, up = seen[-10:-7], seen[-7:-4], seen[-4:-1]
-        assert np.linalg.norm(place) == pytest.approx(np.linalg.norm(way) / scale, rel=1e-3)
-        assert place[0] == pytest.approx(way @ pose.forward / scale, abs=1e-3)
+        way = np.array(trial.aim.position) - pose.position
+        position, direction, up = seen[-10:-7], seen[-7:-4], seen[-4:-1]
+        assert np.linalg.norm(position) == pytest.approx(np.linalg.norm(way) / scale, rel=1e-3)
+        assert position[0] == pytest.approx(way @ pose.forward / scale, abs=1e-3)
         assert direction.tolist() == [0, 0, 0]
         assert up[2] > 0.8
         assert seen[-1] == 1.0
@@ -140,7 +147,14 @@ def test_what_a_descent_finds_earns_nearly_all_there_is_to_earn():
     env = TaskEnv("pendulum-swing-up")
     inside = env._envs
     trial = inside._draw(1)
-    found = descend(inside.emulator, trial.objective, trial.start, steps=inside.steps, starts=16, method="gauss-newton")
+    found = descend(
+        inside.emulator,
+        trial.objective,
+        trial.start,
+        steps=inside.steps,
+        starts=16,
+        method="gauss-newton",
+    )
     env.reset(options={"trial": 1})
     total = 0.0
     for control in found.controls:
@@ -153,7 +167,11 @@ def test_what_a_descent_finds_earns_nearly_all_there_is_to_earn():
 
 @pytest.mark.skipif(graphics_backend() is None, reason="no OpenGL to draw with")
 @pytest.mark.parametrize(
-    "make", [lambda: TaskEnv("fish-reach", "rgb_array"), lambda: EmulatorEnv("pendulum", render_mode="rgb_array")]
+    "make",
+    [
+        lambda: TaskEnv("fish-reach", "rgb_array"),
+        lambda: EmulatorEnv("pendulum", render_mode="rgb_array"),
+    ],
 )
 def test_pictures_show_what_moves(make):
     env = make()
@@ -183,9 +201,18 @@ def test_without_a_render_mode_there_is_no_picture():
         (lambda: TaskVectorEnv("fish-reach", 0), "num_envs: wanted one or more"),
         (lambda: TaskEnv("fish-reach", "human"), "No render mode called 'human'. Modes: rgb_array"),
         (lambda: EmulatorEnv("pendulum", render_mode="human"), "No render mode called 'human'"),
-        (lambda: TaskEnv("pendulum-swing-up").reset(options={"state": 0}), "No reset option called 'state'"),
-        (lambda: TaskEnv("pendulum-swing-up").reset(options={"trial": TRIALS}), "trial: wanted numbers from 0 to 99"),
-        (lambda: TaskEnv("pendulum-swing-up").reset(options={"trial": "one"}), "trial: wanted numbers"),
+        (
+            lambda: TaskEnv("pendulum-swing-up").reset(options={"state": 0}),
+            "No reset option called 'state'",
+        ),
+        (
+            lambda: TaskEnv("pendulum-swing-up").reset(options={"trial": TRIALS}),
+            "trial: wanted numbers from 0 to 99",
+        ),
+        (
+            lambda: TaskEnv("pendulum-swing-up").reset(options={"trial": "one"}),
+            "trial: wanted numbers",
+        ),
         (lambda: TaskEnv("pendulum-swing-up").step([np.nan] * 3), "not finite"),
     ],
 )

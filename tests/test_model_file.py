@@ -20,7 +20,10 @@ FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
 def stl(size: float) -> bytes:
     """Return a tetrahedron with three edges of `size` metres along the axes."""
     corners = [(0, 0, 0), (size, 0, 0), (0, size, 0), (0, 0, size)]
-    faces = [struct.pack("<12fH", 0, 0, 0, *(x for corner in face for x in corners[corner]), 0) for face in FACES]
+    faces = [
+        struct.pack("<12fH", 0, 0, 0, *(x for corner in face for x in corners[corner]), 0)
+        for face in FACES
+    ]
     return bytes(80) + struct.pack("<I", len(faces)) + b"".join(faces)
 
 
@@ -56,14 +59,14 @@ def refusal(main: Path) -> str:
 
 def good_model(folder: Path) -> Path:
     arm = '<mujocoinclude><body name="arm"><joint/><geom type="mesh" mesh="tip"/></body></mujocoinclude>'
-    assets = (
-        '<mujocoinclude><asset><mesh file="tip.STL" /><mesh name="two" file="other/tip.STL"/></asset></mujocoinclude>'
-    )
+    assets = '<mujocoinclude><asset><mesh file="tip.STL" /><mesh name="two" file="other/tip.STL"/></asset></mujocoinclude>'
     inside = '<compiler meshdir="meshes"/><include file="parts/assets.xml"/>'
     return write(
         folder,
         {
-            "robot.xml": mujoco_xml(inside, '<worldbody><include file="parts/arm.xml"/></worldbody>'),
+            "robot.xml": mujoco_xml(
+                inside, '<worldbody><include file="parts/arm.xml"/></worldbody>'
+            ),
             "parts/assets.xml": assets,
             "parts/arm.xml": arm,
             "meshes/tip.STL": stl(2),
@@ -87,7 +90,13 @@ def test_a_model_survives_json_and_compiles_without_its_folder(tmp_path, monkeyp
 def test_the_files_are_sorted_and_no_others_are_taken(tmp_path):
     write(tmp_path, {"secret.txt": "secret"})
     names = [name for name, _ in read_model_files(good_model(tmp_path)).files]
-    assert names == ["meshes/other/tip.STL", "meshes/tip.STL", "parts/arm.xml", "parts/assets.xml", "robot.xml"]
+    assert names == [
+        "meshes/other/tip.STL",
+        "meshes/tip.STL",
+        "parts/arm.xml",
+        "parts/assets.xml",
+        "robot.xml",
+    ]
 
 
 def test_two_models_whose_meshes_share_a_name_do_not_share_the_mesh(tmp_path):
@@ -95,14 +104,18 @@ def test_two_models_whose_meshes_share_a_name_do_not_share_the_mesh(tmp_path):
     body = '<worldbody><body><joint/><geom type="mesh" mesh="a"/></body></worldbody>'
     masses = [
         compile_model(
-            read_model_files(write(tmp_path / str(size), {"m.xml": mujoco_xml(mesh, body), "a.stl": stl(size)}))
+            read_model_files(
+                write(tmp_path / str(size), {"m.xml": mujoco_xml(mesh, body), "a.stl": stl(size)})
+            )
         ).body_mass[1]
         for size in (1, 2)
     ]
     assert masses[1] == pytest.approx(8 * masses[0])
 
 
-@pytest.mark.parametrize("mesh", ["meshes/a.stl", "package://robot/meshes/a.stl", "package://robot/elsewhere/b.stl"])
+@pytest.mark.parametrize(
+    "mesh", ["meshes/a.stl", "package://robot/meshes/a.stl", "package://robot/elsewhere/b.stl"]
+)
 def test_a_urdf_compiles(tmp_path, mesh):
     visual = '<visual><geometry><mesh filename="package://robot/missing.dae"/></geometry></visual>'
     main = write(tmp_path, {"r.urdf": urdf(mesh, visual), "meshes/a.stl": stl(1), "b.stl": stl(1)})
@@ -117,14 +130,24 @@ def test_a_nan_state_is_not_reset_silently(tmp_path):
 
 def test_compiling_leaves_no_log_and_logs_again_afterwards(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    unset_mass = BODY.replace("<geom", '<geom mass="nan"')  # MuJoCo warns of it, and takes the density instead
+    unset_mass = BODY.replace(
+        "<geom", '<geom mass="nan"'
+    )  # MuJoCo warns of it, and takes the density instead
     main = write(tmp_path, {"m.xml": mujoco_xml(body=unset_mass)})
     assert np.isfinite(compile_model(read_model_files(main)).body_mass).all()
     assert os.listdir(tmp_path) == ["m.xml"]
     assert mujoco.MjLogConfig.get().logto_file
 
 
-OUTSIDE = ["../secret.xml", "a/../../secret.xml", "/etc/passwd", "C:/a.xml", "C:\\a.xml", "..\\a.xml", "http://a/b.xml"]
+OUTSIDE = [
+    "../secret.xml",
+    "a/../../secret.xml",
+    "/etc/passwd",
+    "C:/a.xml",
+    "C:\\a.xml",
+    "..\\a.xml",
+    "http://a/b.xml",
+]
 
 
 @pytest.mark.parametrize("path", [*OUTSIDE, "file:///etc/passwd", "package://a/b.xml"])
@@ -149,7 +172,9 @@ ASSETS = [
 @pytest.mark.parametrize("asset", ASSETS)
 def test_an_asset_outside_the_folder_is_refused(tmp_path, asset, path):
     write(tmp_path, {"secret.xml": b"secret"})
-    assert "leaves the model's folder" in refusal(write(tmp_path / "m", {"m.xml": mujoco_xml(asset.format(path))}))
+    assert "leaves the model's folder" in refusal(
+        write(tmp_path / "m", {"m.xml": mujoco_xml(asset.format(path))})
+    )
 
 
 @pytest.mark.parametrize("folder", ["..", "/etc", "a/../.."])
@@ -160,7 +185,9 @@ def test_an_asset_folder_outside_is_refused(tmp_path, folder, setting):
     assert repr(folder) in refusal(write(tmp_path / "m", {"m.xml": mujoco_xml(inside)}))
 
 
-@pytest.mark.parametrize("path", ["../a.stl", "package://r/../../a.stl", "package://r//etc/passwd", "http://h/a.stl"])
+@pytest.mark.parametrize(
+    "path", ["../a.stl", "package://r/../../a.stl", "package://r//etc/passwd", "http://h/a.stl"]
+)
 def test_a_urdf_mesh_outside_the_folder_is_refused(tmp_path, path):
     write(tmp_path, {"a.stl": stl(1)})
     message = refusal(write(tmp_path / "m", {"r.urdf": urdf(path)}))
@@ -170,7 +197,10 @@ def test_a_urdf_mesh_outside_the_folder_is_refused(tmp_path, path):
 @pytest.mark.parametrize("link", ["file", "folder", "main"])
 def test_a_link_out_of_the_folder_is_refused(tmp_path, link):
     outside = write(tmp_path / "outside", {"a.xml": mujoco_xml()}).parent
-    main = write(tmp_path / "m", {"m.xml": mujoco_xml(f'<include file="{"sub/" if link == "folder" else ""}a.xml"/>')})
+    main = write(
+        tmp_path / "m",
+        {"m.xml": mujoco_xml(f'<include file="{"sub/" if link == "folder" else ""}a.xml"/>')},
+    )
     if link == "main":
         main.unlink()
     {"file": main.parent / "a.xml", "folder": main.parent / "sub", "main": main}[link].symlink_to(
@@ -209,7 +239,9 @@ def test_document_types_and_entities_are_refused(tmp_path, declaration, encoding
     assert "m.xml: DOCTYPE 'm" in refusal(main)
 
 
-@pytest.mark.parametrize("content", [b"", b"\0\1\2", b"<mujoco>", b"{}", b'<?xml version="1.0" encoding="no"?><a/>'])
+@pytest.mark.parametrize(
+    "content", [b"", b"\0\1\2", b"<mujoco>", b"{}", b'<?xml version="1.0" encoding="no"?><a/>']
+)
 def test_what_is_not_xml_is_refused(tmp_path, content):
     assert "m.xml: not XML" in refusal(write(tmp_path, {"m.xml": content}))
 
@@ -221,8 +253,12 @@ def test_too_much_is_refused(tmp_path):
     assert "more than 200 files" in refusal(write(tmp_path, {"m.xml": mujoco_xml(asset), **many}))
     large = {f"{index}.stl": bytes(2 * 2**20) for index in range(2)}
     assert "4,194,304 bytes" in refusal(write(tmp_path, {"m.xml": mujoco_xml(asset), **large}))
-    assert "m.xml: larger than 2,097,152 bytes" in refusal(write(tmp_path, {"m.xml": bytes(2**21 + 1)}))
-    assert "100 elements deep" in refusal(write(tmp_path, {"m.xml": "<a>" * 10_000 + "</a>" * 10_000}))
+    assert "m.xml: larger than 2,097,152 bytes" in refusal(
+        write(tmp_path, {"m.xml": bytes(2**21 + 1)})
+    )
+    assert "100 elements deep" in refusal(
+        write(tmp_path, {"m.xml": "<a>" * 10_000 + "</a>" * 10_000})
+    )
 
 
 BOMB = '<body><joint/><geom size="1"/></body>'
@@ -261,21 +297,27 @@ REFUSALS = {
     "range: not finite": '<worldbody><body><joint range="nan 1"/><geom size="1"/></body></worldbody>',
     "meanmass: not finite": '<statistic meanmass="inf"/>',
     "working memory (narena=1,": '<size memory="1G"/>',
-    "degrees of freedom (nv=207)": "<worldbody>" + '<body><freejoint/><geom size=".1"/></body>' * 34 + "</worldbody>",
+    "degrees of freedom (nv=207)": "<worldbody>"
+    + '<body><freejoint/><geom size=".1"/></body>' * 34
+    + "</worldbody>",
 }
 
 
 @pytest.mark.parametrize("fault", REFUSALS)
 def test_what_cannot_be_simulated_is_refused_by_name(tmp_path, fault):
     unnamed = BODY.replace(' name="b"', "").replace(' name="j"', "")
-    body = unnamed.replace("<joint/>", '<joint type="slide" axis="1 0 0"/><joint axis="0 1 0"/><joint axis="1 0 0"/>')
+    body = unnamed.replace(
+        "<joint/>", '<joint type="slide" axis="1 0 0"/><joint axis="0 1 0"/><joint axis="1 0 0"/>'
+    )
     main = write(tmp_path, {"m.xml": mujoco_xml(REFUSALS[fault], body), "bomb.png": PNG})
     assert fault in refusal(main)
 
 
 def test_a_file_counts_each_time_it_is_used(tmp_path):
     meshes = "".join(f'<mesh name="{index}" file="a.stl"/>' for index in range(40))
-    main = write(tmp_path, {"m.xml": mujoco_xml(f"<asset>{meshes}</asset>"), "a.stl": bytes(2 * 2**20)})
+    main = write(
+        tmp_path, {"m.xml": mujoco_xml(f"<asset>{meshes}</asset>"), "a.stl": bytes(2 * 2**20)}
+    )
     assert "pixels or cells" in refusal(main)
 
 
@@ -285,10 +327,14 @@ def test_a_model_without_joints_is_refused(tmp_path):
 
 def test_what_mujoco_refuses_is_one_line(tmp_path):
     main = write(tmp_path, {"m.xml": mujoco_xml("<foo/>")})
-    assert refusal(main).startswith("m.xml: XML Error: Schema violation: unrecognized element Element 'foo'")
+    assert refusal(main).startswith(
+        "m.xml: XML Error: Schema violation: unrecognized element Element 'foo'"
+    )
 
 
-@pytest.mark.parametrize("value", [None, [], {}, {"main": "m.xml", "files": {"m.xml": 1}}, {"main": 1, "files": {}}])
+@pytest.mark.parametrize(
+    "value", [None, [], {}, {"main": "m.xml", "files": {"m.xml": 1}}, {"main": 1, "files": {}}]
+)
 def test_json_of_another_kind_is_refused(value):
     with pytest.raises(BadFileError, match="read_model_files"):
         ModelFiles.from_json(value)

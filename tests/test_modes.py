@@ -23,14 +23,14 @@ from neuroanimator.emulator.pca import reflection
 from neuroanimator.emulator.shape_modes import fit_modes
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.state.reference_shape import flat_of, points_of, shown_by
+from neuroanimator.state.reference_shape import flat_of, points_of, to_world_axes
 from neuroanimator.state.rotation import rotate
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.loading import resolve
 from neuroanimator.training.initialise import build_emulator
 from neuroanimator.training.train import train
 
-FLAT = {"widths": (16, 8), "place_modes": 12, "speed_modes": 14}
+FLAT = {"widths": (16, 8), "position_modes": 12, "velocity_modes": 14}
 DEEP = {"network": "hierarchy", "widths": (16, 0, 8), "local_modes": 3}
 
 
@@ -54,7 +54,9 @@ def cube() -> Transitions:
     return few("cube")
 
 
-@pytest.fixture(params=[("fish", FLAT), ("fish", DEEP), ("dolphin", FLAT)], ids=["fish", "hierarchy", "dolphin"])
+@pytest.fixture(
+    params=[("fish", FLAT), ("fish", DEEP), ("dolphin", FLAT)], ids=["fish", "hierarchy", "dolphin"]
+)
 def case(request) -> tuple[Transitions, Emulator]:
     name, settings = request.param
     return few(name), build_emulator(few(name), training_config(**settings))
@@ -64,10 +66,16 @@ def windows(data: Transitions) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(data.states[:20, 0], float), np.asarray(data.controls[:20, 0], float)
 
 
-def turned(data: Transitions, states: np.ndarray, turn: np.ndarray, way: np.ndarray | float) -> np.ndarray:
+def turned(
+    data: Transitions, states: np.ndarray, orientation: np.ndarray, way: np.ndarray | float
+) -> np.ndarray:
     size = 3 * len(data.system.structure.cloud.masses)
-    places, speeds = (rotate(turn, points_of(states[:, i * size : (i + 1) * size])) for i in range(2))
-    return np.concatenate([flat_of(places + way), flat_of(speeds), states[:, 2 * size :]], axis=1)
+    positions, velocities = (
+        rotate(orientation, points_of(states[:, i * size : (i + 1) * size])) for i in range(2)
+    )
+    return np.concatenate(
+        [flat_of(positions + way), flat_of(velocities), states[:, 2 * size :]], axis=1
+    )
 
 
 def test_all_modes_together_lose_nothing(data: Transitions):
@@ -86,23 +94,32 @@ def test_encoding_what_was_decoded_changes_nothing(data: Transitions):
 def test_moving_and_turning_the_world_changes_nothing(case: tuple[Transitions, Emulator]):
     data, emulator = case
     states, controls = windows(data)
-    turn = np.array([0.8, 0.3, -0.4, 0.33]) if not data.system.structure.weighs else np.array([0.6, 0, 0, 0.8])
-    turn, way = turn / np.linalg.norm(turn), np.array([0.7, -0.4, 0.0])
+    orientation = (
+        np.array([0.8, 0.3, -0.4, 0.33])
+        if not data.system.structure.has_gravity
+        else np.array([0.6, 0, 0, 0.8])
+    )
+    orientation, way = orientation / np.linalg.norm(orientation), np.array([0.7, -0.4, 0.0])
     step = jax.jit(jax.vmap(emulator.step))
     with jax.enable_x64(True):
         here = np.asarray(step(states, controls))
-        there = np.asarray(step(turned(data, states, turn, way), controls))
-    assert np.abs(turned(data, here, turn, way) - there).max() < 1e-5
+        there = np.asarray(step(turned(data, states, orientation, way), controls))
+    assert np.abs(turned(data, here, orientation, way) - there).max() < 1e-5
 
 
 def test_turning_the_world_turns_pushes_too(cube: Transitions):
-    emulator = build_emulator(cube, training_config(widths=(16, 8), place_modes=18, speed_modes=18))
+    emulator = build_emulator(
+        cube, training_config(widths=(16, 8), position_modes=18, velocity_modes=18)
+    )
     states, controls = windows(cube)
-    turn, step = np.array([0.6, 0, 0, 0.8]), jax.jit(jax.vmap(emulator.step))
-    pushed = rotate(np.broadcast_to(turn, (len(controls), 4)), controls)
+    orientation, step = np.array([0.6, 0, 0, 0.8]), jax.jit(jax.vmap(emulator.step))
+    pushed = rotate(np.broadcast_to(orientation, (len(controls), 4)), controls)
     with jax.enable_x64(True):
-        here, there = np.asarray(step(states, controls)), np.asarray(step(turned(cube, states, turn, 0), pushed))
-    assert np.abs(turned(cube, here, turn, 0) - there).max() < 1e-5
+        here, there = (
+            np.asarray(step(states, controls)),
+            np.asarray(step(turned(cube, states, orientation, 0), pushed)),
+        )
+    assert np.abs(turned(cube, here, orientation, 0) - there).max() < 1e-5
 
 
 def test_left_and_right_are_the_same_exactly(case: tuple[Transitions, Emulator]):
@@ -116,7 +133,10 @@ def test_left_and_right_are_the_same_exactly(case: tuple[Transitions, Emulator])
         return np.concatenate(parts, axis=1)
 
     step = jax.jit(jax.vmap(emulator.step))
-    here, there = np.asarray(step(states, controls)), np.asarray(step(image(states), controls[:, partners]))
+    here, there = (
+        np.asarray(step(states, controls)),
+        np.asarray(step(image(states), controls[:, partners])),
+    )
     assert np.abs(image(here) - there).max() < 2e-5 * max(1, np.abs(here).max())
 
 
@@ -131,22 +151,31 @@ def test_muscles_follow_their_controls_exactly(case: tuple[Transitions, Emulator
 def test_a_rollout_is_repeated_steps_of_a_decoded_body(case: tuple[Transitions, Emulator]):
     data, emulator = case
     path = emulator.rollout(data.states[0, 0], data.controls[0])
-    inner, advance = emulator.encode(jnp.asarray(data.states[0, 0])), eqx.filter_jit(emulator.advance)
+    latent, advance = (
+        emulator.encode(jnp.asarray(data.states[0, 0])),
+        eqx.filter_jit(emulator.advance),
+    )
     for control, state in zip(data.controls[0], path[1:], strict=True):
-        inner = advance(inner, emulator.encode_control(jnp.asarray(control)))
-        assert np.abs(np.asarray(emulator.decode(inner) - state)).max() < 1e-5 * max(1, float(jnp.abs(state).max()))
+        latent = advance(latent, emulator.encode_control(jnp.asarray(control)))
+        assert np.abs(np.asarray(emulator.decode(latent) - state)).max() < 1e-5 * max(
+            1, float(jnp.abs(state).max())
+        )
 
 
 def test_the_gradient_of_a_motion_equals_finite_differences(case: tuple[Transitions, Emulator]):
     data, emulator = case
-    controls = 0.7 * np.asarray(data.controls[0], float)  # well within what was seen: clipping has kinks
+    controls = 0.7 * np.asarray(
+        data.controls[0], float
+    )  # well within what was seen: clipping has kinks
     way = np.random.default_rng(0).normal(size=controls.shape)
     with jax.enable_x64(True):
-        double = jax.tree.map(lambda leaf: leaf.astype(float) if isinstance(leaf, jax.Array) else leaf, emulator)
-        inner = double.encode(np.asarray(data.states[0, 0], float))
+        double = jax.tree.map(
+            lambda leaf: leaf.astype(float) if isinstance(leaf, jax.Array) else leaf, emulator
+        )
+        latent = double.encode(np.asarray(data.states[0, 0], float))
 
         def reach(controls):
-            state = jnp.asarray(inner)
+            state = jnp.asarray(latent)
             for control in double.encode_control(controls):
                 state = double.advance(state, control)
             return double.decode(state)[0]
@@ -170,26 +199,39 @@ def test_the_frame_of_a_body_wobbles_least(data: Transitions):
     """Eckart's frame: no other turn brings the body at rest closer."""
     states, _ = windows(data)
     cloud = data.system.structure.cloud
-    places = points_of(states[:, : 3 * cloud.count])
-    centred, shares = places - cloud.centroid(places)[:, None], np.array(cloud.masses)[:, None]
-    apart = lambda turns: np.sum(shares * (centred - rotate(turns[:, None], np.array(cloud.places))) ** 2, axis=(1, 2))  # noqa: E731
-    best = cloud.turn(places)
+    positions = points_of(states[:, : 3 * cloud.count])
+    centred, shares = (
+        positions - cloud.centroid(positions)[:, None],
+        np.array(cloud.masses)[:, None],
+    )
+
+    def apart(orientations: np.ndarray) -> np.ndarray:
+        turned = rotate(orientations[:, None], np.array(cloud.positions))
+        return np.sum(shares * (centred - turned) ** 2, axis=(1, 2))
+
+    best = cloud.orientation(positions)
     rng = np.random.default_rng(0)
     for _ in range(10):
         other = best + 0.02 * rng.normal(size=best.shape)
-        assert (apart(other / np.linalg.norm(other, axis=1, keepdims=True)) >= apart(best) - 1e-12).all()
+        assert (
+            apart(other / np.linalg.norm(other, axis=1, keepdims=True)) >= apart(best) - 1e-12
+        ).all()
 
 
-def test_a_body_seen_in_its_own_frame_is_the_same_wherever_it_is_and_is_found_there_again(data: Transitions):
+def test_a_body_seen_in_its_own_frame_is_the_same_wherever_it_is_and_is_found_there_again(
+    data: Transitions,
+):
     states, _ = windows(data)
     cloud = data.system.structure.cloud
-    places = points_of(states[:, : 3 * cloud.count])
-    centre, turn, seen = cloud.own_frame(places)
+    positions = points_of(states[:, : 3 * cloud.count])
+    centre, orientation, seen = cloud.own_frame(positions)
     size = np.abs(seen).max()
-    assert np.abs(centre[:, None] + shown_by(turn, seen) - places).max() < 1e-12 * size
-    elsewhere = rotate(np.array([0.8, 0.0, -0.48, 0.36]), places) + np.array([0.7, -0.4, 0.2])
+    assert (
+        np.abs(centre[:, None] + to_world_axes(orientation, seen) - positions).max() < 1e-12 * size
+    )
+    elsewhere = rotate(np.array([0.8, 0.0, -0.48, 0.36]), positions) + np.array([0.7, -0.4, 0.2])
     assert np.abs(cloud.own_frame(elsewhere)[2] - seen).max() < 1e-9 * size
-    assert np.abs(seen - places).max() > 1e-3 * size  # they were somewhere else, or turned
+    assert np.abs(seen - positions).max() > 1e-3 * size  # they were somewhere else, or turned
 
 
 def test_a_change_is_put_back_where_it_was_seen(data: Transitions):
@@ -204,7 +246,10 @@ def test_a_change_is_put_back_where_it_was_seen(data: Transitions):
 def test_repeated_parts_share_weights():
     """Two segments that are alike use one network: half the weights, and the same answers for the same sight."""
     upper = Part("body", (0,), (), (0,))
-    legs = [Part("left", (1,), (), (1,), hears=(0,)), Part("right", (2,), (), (2,), hears=(0,), like=0)]
+    legs = [
+        Part("left", (1,), (), (1,), hears=(0,)),
+        Part("right", (2,), (), (2,), hears=(0,), like=0),
+    ]
     key = jax.random.key(0)
     network = Hierarchy(3, 0, 3, (4, 0, 4), key=key, even_out=(), parts=(upper, *legs))
     assert network.children.linear.shape[0] == 1
@@ -226,9 +271,13 @@ def test_repeated_parts_share_weights():
 )
 def test_parts_that_do_not_fit_are_refused(fish: Transitions, change, word: str):
     emulator = build_emulator(fish, training_config(**DEEP))
-    sizes = emulator.features.sizes(emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain))
+    sizes = emulator.features.sizes(
+        emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain)
+    )
     with pytest.raises(ArgumentError, match=word):
-        check_parts(change(emulator.network.parts), *sizes, emulator.normaliser.unit.shape[0], (16, 0, 8))
+        check_parts(
+            change(emulator.network.parts), *sizes, emulator.normaliser.unit.shape[0], (16, 0, 8)
+        )
 
 
 def test_a_hierarchy_needs_groups():
@@ -245,13 +294,20 @@ def test_the_tutorials_body_is_learnt(tmp_path: Path):
     data = simulate_transitions(dataset_config(system=name, definition=text, count=3600, picks=36))
     errors: list[float] = []
     config = training_config(updates=1000, widths=(16,))
-    train(data, config, tmp_path / "worm.emulator.safetensors", on_report=lambda report: errors.append(report.error))
+    train(
+        data,
+        config,
+        tmp_path / "worm.emulator.safetensors",
+        on_report=lambda report: errors.append(report.error),
+    )
     assert errors[-1] < 0.25
 
 
 def test_what_is_righted_knows_up_and_what_only_hovers_in_water_does_not():
-    assert load_system("dolphin").structure.weighs
-    assert load_system("fish").structure.weighs
-    values = tomllib.loads((resources.files("neuroanimator.systems") / "assets" / "fish.toml").read_text("utf-8"))
+    assert load_system("dolphin").structure.has_gravity
+    assert load_system("fish").structure.has_gravity
+    values = tomllib.loads(
+        (resources.files("neuroanimator.systems") / "assets" / "fish.toml").read_text("utf-8")
+    )
     values["water"]["righting"] = 0.0
-    assert not DeformableSystem(BodyDefinition.model_validate(values)).structure.weighs
+    assert not DeformableSystem(BodyDefinition.model_validate(values)).structure.has_gravity

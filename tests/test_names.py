@@ -15,10 +15,11 @@ from neuroanimator.zoo import find_policy
 
 
 def test_completion_lists_the_public_names_and_loads_nothing():
-    code = (
-        "import sys, neuroanimator as na; print(dir(na) == sorted([*na.__all__, '__version__']), 'jax' in sys.modules)"
+    code = "import sys, neuroanimator as na; print(dir(na) == sorted([*na.__all__, '__version__']), 'jax' in sys.modules)"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
+        == "True False\n"
     )
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "True False\n"
 
 
 def test_every_public_name_is_there():
@@ -37,7 +38,9 @@ def test_everything_a_user_holds_shows_itself_in_one_line(transitions):
     clip = make_clip(emulator, np.zeros((3, 6)))
     shown = {
         'Emulator("pendulum", 50 substeps, dt 0.05 s, 6 states, 3 controls, gated': emulator,
-        'ModelSystem("lander", 13 states, 4 controls, step 2 ms, goals pad)': na.load_system("lander"),
+        'ModelSystem("lander", 13 states, 4 controls, step 2 ms, goals pad)': na.load_system(
+            "lander"
+        ),
         "Objective(Effort, ReachState)": na.stand_upright(),
         'Clip("pendulum", 4 frames, 0.10 s)': clip,
         'Transitions("pendulum", 6,000 windows, 50 substeps)': transitions,
@@ -51,7 +54,7 @@ def test_everything_a_user_holds_shows_itself_in_one_line(transitions):
 
 @pytest.mark.parametrize("name", ["pendulum-50", "pendulum"])
 def test_a_shipped_emulator_is_loaded_by_its_name(name: str):
-    assert na.Emulator.load(name).identity.substeps == 50
+    assert na.Emulator.load(name).spec.substeps == 50
 
 
 def test_an_unknown_name_lists_the_shipped_ones_and_a_path_is_never_a_name(tmp_path, monkeypatch):

@@ -39,7 +39,7 @@ def read(folder: Path, text: str, system: str = "truck") -> Wanted:
     """Return what `text` asks for; a file without another one gets a header and a wish."""
     head = "" if "system =" in text else f'system = "{system}"\n'
     head += "" if "seconds =" in text else "seconds = 2.0\n"
-    tail = "" if "wishes" in text else '\n[[wishes]]\nkind = "effort"\n'
+    tail = "" if "costs" in text else '\n[[costs]]\nkind = "effort"\n'
     (folder / "my.toml").write_text(head + text + tail)
     return read_objective(folder / "my.toml", a_system(system))
 
@@ -48,49 +48,58 @@ def a_motion(system: System, steps: int = 8, dt: float = 0.25) -> Trajectory:
     rng = np.random.default_rng(0)
     states = system.rest + 0.1 * rng.normal(size=(steps + 1, system.state.size))
     controls = rng.uniform(-1, 1, (steps, system.control.size))
-    return Trajectory(jnp.asarray(states), jnp.asarray(controls), jnp.asarray(system.bounds.largest), dt)
+    return Trajectory(
+        jnp.asarray(states), jnp.asarray(controls), jnp.asarray(system.bounds.magnitude), dt
+    )
 
 
 MEANT = {
     'kind = "effort"\nweight = 0.5': lambda truck: costs.effort(0.5),
     'kind = "smoothness"': lambda truck: costs.smoothness(),
-    'kind = "travel"\ndirection = [1, 0, 0]\ndistance = 2\nwithin = 0.26': lambda truck: costs.travel(
-        truck, [1, 0, 0], 2.0, within=0.26
+    'kind = "travel"\ndirection = [1, 0, 0]\ndistance = 2\nwithin = 0.26': lambda truck: (
+        costs.travel(truck, [1, 0, 0], 2.0, within=0.26)
     ),
-    'kind = "reach_place"\nplace = [1.0, 2.0]\naxes = "xy"\nwithin = 0.1\nat = 1.5': lambda truck: costs.reach_place(
-        truck, [1.0, 2.0], axes="xy", within=0.1, at=1.5
+    'kind = "reach_position"\nposition = [1.0, 2.0]\naxes = "xy"\nwithin = 0.1\nat = 1.5': lambda truck: (
+        costs.reach_position(truck, [1.0, 2.0], axes="xy", within=0.1, at=1.5)
     ),
     'kind = "reach_height"\nheight = 2.0\nwithin = 0.1\nat = 1.5': lambda truck: costs.reach_height(
         truck, 2.0, within=0.1, at=1.5
     ),
-    'kind = "keyframes"\nplaces = [[1, 2, 3], [2, 3, 4]]\ntimes = [1, 2]\nwithin = 1': lambda truck: costs.keyframes(
-        truck, [[1, 2, 3], [2, 3, 4]], [1.0, 2.0], within=1.0
+    'kind = "reach_positions"\npositions = [[1, 2, 3], [2, 3, 4]]\ntimes = [1, 2]\nwithin = 1': lambda truck: (
+        costs.reach_positions(truck, [[1, 2, 3], [2, 3, 4]], [1.0, 2.0], within=1.0)
     ),
-    'kind = "follow_path"\npoints = [[0, 0], [1, 1]]\naxes = "xy"\nwithin = 1': lambda truck: costs.follow_path(
-        truck, [[0, 0], [1, 1]], axes="xy", within=1.0
+    'kind = "follow_path"\npoints = [[0, 0], [1, 1]]\naxes = "xy"\nwithin = 1': lambda truck: (
+        costs.follow_path(truck, [[0, 0], [1, 1]], axes="xy", within=1.0)
     ),
-    'kind = "keep_velocity"\nvelocity = [1, 0, 0]\nwithin = 1\nsince = 1': lambda truck: costs.keep_velocity(
-        truck, [1, 0, 0], within=1.0, since=1.0
+    'kind = "keep_velocity"\nvelocity = [1, 0, 0]\nwithin = 1\nsince = 1': lambda truck: (
+        costs.keep_velocity(truck, [1, 0, 0], within=1.0, since=1.0)
     ),
-    'kind = "keep_speed"\nspeed = 3\nwithin = 1': lambda truck: costs.keep_speed(truck, 3.0, within=1.0),
+    'kind = "keep_speed"\nspeed = 3\nwithin = 1': lambda truck: costs.keep_speed(
+        truck, 3.0, within=1.0
+    ),
     'kind = "keep_heading"\ndirection = [0, 1, 0]\nwithin = 0.1': lambda truck: costs.keep_heading(
         truck, [0, 1, 0], within=0.1
     ),
-    'kind = "reach_heading"\ndirection = [0, 1, 0]\nwithin = 0.1': lambda truck: costs.reach_heading(
-        truck, [0, 1, 0], within=0.1
+    'kind = "reach_heading"\ndirection = [0, 1, 0]\nwithin = 0.1': lambda truck: (
+        costs.reach_heading(truck, [0, 1, 0], within=0.1)
     ),
     'kind = "stand_up"\nwithin = 0.1': lambda truck: costs.stand_up(truck, within=0.1),
-    'kind = "stay_upright"\ntolerance = 0.01\nmay_pitch = true\nsince = 1': lambda truck: costs.stay_upright(
-        truck, tolerance=0.01, may_pitch=True, since=1.0
+    'kind = "stay_upright"\ntolerance = 0.01\nmay_pitch = true\nsince = 1': lambda truck: (
+        costs.stay_upright(truck, tolerance=0.01, may_pitch=True, since=1.0)
     ),
-    'kind = "stay_within"\npart = "steer_fl"\nlow = -0.1\nhigh = 0.05\nwithin = 1': lambda truck: costs.stay_within(
-        truck, "steer_fl", -0.1, 0.05, within=1.0
+    'kind = "stay_within"\npart = "steer_fl"\nlow = -0.1\nhigh = 0.05\nwithin = 1': lambda truck: (
+        costs.stay_within(truck, "steer_fl", -0.1, 0.05, within=1.0)
     ),
-    'kind = "avoid"\nzones = [{ place = [0.2, 0], radius = 0.5 }]\nmargin = 1': lambda truck: avoid(
-        truck, [Zone((0.2, 0.0), radius=0.5)], margin=1.0
+    'kind = "avoid"\nzones = [{ position = [0.2, 0], radius = 0.5 }]\nmargin = 1': lambda truck: (
+        avoid(truck, [Zone((0.2, 0.0), radius=0.5)], margin=1.0)
     ),
     'kind = "reach_state"\nreach = { "steer_fl" = [0.1] }\nwithin = { "steer_fl" = 0.02 }\nweight = 2': lambda truck: (
-        reach_goal(truck.structure, truck.rest, Goal(((truck.state.index("steer_fl").start, 0.1),), (0.02,)), 2.0)
+        reach_goal(
+            truck.structure,
+            truck.rest,
+            Goal(((truck.state.index("steer_fl").start, 0.1),), (0.02,)),
+            2.0,
+        )
     ),
     'kind = "goal"\nname = "bay_2"\nweight = 3\nat = 1': lambda truck: reach_goal(
         truck.structure, truck.rest, truck.goals["bay_2"], 3.0, (1.0,)
@@ -101,7 +110,7 @@ MEANT = {
 @pytest.mark.parametrize("text", sorted(MEANT))
 def test_a_wish_in_a_file_is_the_wish_in_python(text: str, tmp_path: Path):
     truck = a_system("truck")
-    found, meant = read(tmp_path, f"[[wishes]]\n{text}").objective, Objective.of(MEANT[text](truck))
+    found, meant = read(tmp_path, f"[[costs]]\n{text}").objective, Objective.of(MEANT[text](truck))
     motion = a_motion(truck)
     assert float(meant(motion)) > 0
     np.testing.assert_array_equal(found.residuals(motion), meant.residuals(motion))
@@ -110,7 +119,9 @@ def test_a_wish_in_a_file_is_the_wish_in_python(text: str, tmp_path: Path):
 def test_every_kind_is_tried_and_every_wish_has_a_kind():
     assert {text.split('"')[1] for text in MEANT} == {*KINDS}
     makers = {
-        name for name, each in vars(costs).items() if inspect.isfunction(each) and each.__module__ == costs.__name__
+        name
+        for name, each in vars(costs).items()
+        if inspect.isfunction(each) and each.__module__ == costs.__name__
     }
     assert {name for name in makers if name[0] != "_"} <= {*KINDS}
 
@@ -127,7 +138,7 @@ def test_the_tutorial_says_what_is_true(tmp_path: Path):
 
 
 def test_the_pendulums_goal_in_a_file_is_that_of_the_command_line(tmp_path: Path):
-    text = '[[wishes]]\nkind = "goal"\nname = "upright"\n[[wishes]]\nkind = "effort"\n'
+    text = '[[costs]]\nkind = "goal"\nname = "upright"\n[[costs]]\nkind = "effort"\n'
     found, motion = read(tmp_path, text, "pendulum"), a_motion(a_system("pendulum"))
     assert float(found.objective(motion)) == pytest.approx(float(stand_upright()(motion)), rel=1e-6)
     assert found.verdicts[0](np.array([np.pi, 0, 0, 0, 0, 0]))
@@ -135,7 +146,7 @@ def test_the_pendulums_goal_in_a_file_is_that_of_the_command_line(tmp_path: Path
 
 
 def test_a_state_wished_for_at_the_end_is_judged_on_the_physics(tmp_path: Path):
-    text = '[[wishes]]\nkind = "reach_state"\nreach = { "root.place" = [1, 2, 0.5] }\nwithin = { "root.place" = 0.2 }\n'
+    text = '[[costs]]\nkind = "reach_state"\nreach = { "root.position" = [1, 2, 0.5] }\nwithin = { "root.position" = 0.2 }\n'
     state = np.array(a_system("truck").rest)
     (verdict,) = read(tmp_path, text).verdicts
     assert not verdict(state)
@@ -147,9 +158,13 @@ def test_a_state_wished_for_at_the_end_is_judged_on_the_physics(tmp_path: Path):
 def test_a_goal_may_be_written_after_training(shipped: Emulator):
     later = load_system("pendulum")
     later.goals = {"aside": Goal(((0, 0.5),), (0.2,), 0.5)}
-    found = synthesise_goal(shipped, "aside", goals_from=later, iterations=6, corrections=1, refinements=0)
+    found = synthesise_goal(
+        shipped, "aside", goals_from=later, iterations=6, corrections=1, refinements=0
+    )
     assert found.is_reached
-    with pytest.raises(ArgumentError, match="truck has another state or control than the emulator's pendulum"):
+    with pytest.raises(
+        ArgumentError, match="truck has another state or control than the emulator's pendulum"
+    ):
         synthesise_goal(shipped, "bay_1", goals_from=load_system("truck"))
 
 
@@ -164,18 +179,22 @@ def test_who_names_no_goal_is_told_how_to_write_one():
 
 def test_what_may_vary_is_what_the_file_says(tmp_path: Path):
     assert isinstance(read(tmp_path, "").vary(20, 0.1), EachStep)
-    spline = read(tmp_path, 'parameters = "spline"\nknots = 5').vary(20, 0.1)
+    spline = read(tmp_path, 'parametrisation = "spline"\nknots = 5').vary(20, 0.1)
     assert isinstance(spline, Spline)
     assert spline.size == 5 * a_system("truck").control.size
-    assert isinstance(read(tmp_path, 'parameters = "periodic"\nperiod = 0.7').vary(20, 0.1), Periodic)
-    swim = read(tmp_path, 'parameters = "periodic"', "fish").vary(20, 0.1)
+    assert isinstance(
+        read(tmp_path, 'parametrisation = "periodic"\nperiod = 0.7').vary(20, 0.1), Periodic
+    )
+    swim = read(tmp_path, 'parametrisation = "periodic"', "fish").vary(20, 0.1)
     assert isinstance(swim, Periodic)
     assert float(swim.period) == pytest.approx(a_system("fish").gait.period)
 
 
 def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path: Path):
     truck = a_system("truck")
-    start = read(tmp_path, 'start = { "root.place" = [1, 2, 0.5], "root.turn" = [0, 0, 0, 2] }').start
+    start = read(
+        tmp_path, 'start = { "root.position" = [1, 2, 0.5], "root.orientation" = [0, 0, 0, 2] }'
+    ).start
     np.testing.assert_array_equal(start[:7], [1, 2, 0.5, 0, 0, 0, 1])
     np.testing.assert_array_equal(start[7:], truck.rest[7:])
     np.testing.assert_array_equal(read(tmp_path, "").start, truck.rest)
@@ -189,48 +208,93 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         ("seconds = nan", "my.toml: seconds: "),
         ("seconds = 60", "my.toml: seconds: "),
         ("colour = 1", "my.toml: colour: "),
-        ('parameters = "wave"', "parameters: input should be 'each step', 'spline' or 'periodic'"),
-        ("knots = 5", 'knots: goes with parameters = "spline" only'),
-        ('parameters = "spline"\nknots = 3', "knots: "),
-        ('parameters = "periodic"', "period: wanted one"),
+        (
+            'parametrisation = "wave"',
+            "parametrisation: input should be 'each step', 'spline' or 'periodic'",
+        ),
+        ("knots = 5", 'knots: goes with parametrisation = "spline" only'),
+        ('parametrisation = "spline"\nknots = 3', "knots: "),
+        ('parametrisation = "periodic"', "period: wanted one"),
         ("starts = 0", "starts: "),
         (
             "start = { wheel = [1] }",
-            "no part called 'wheel'. Parts, how many numbers and their unit: root.place (3, m)",
+            "no part called 'wheel'. Parts, how many numbers and their unit: root.position (3, m)",
         ),
-        ('start = { "root.place" = [1] }', "'root.place' has 3 numbers [m], came 1"),
-        ('start = { "root.turn" = [0, 0, 0, 0] }', "quaternion"),
+        ('start = { "root.position" = [1] }', "'root.position' has 3 numbers [m], came 1"),
+        ('start = { "root.orientation" = [0, 0, 0, 0] }', "quaternion"),
         ("wishes = []", "my.toml: wishes: "),
-        ("[[wishes]]\nweight = 1", "wish 1: no kind 'None'. Kinds: avoid, effort"),
-        ('[[wishes]]\nkind = "effort"\n[[wishes]]\nkind = "fly"', "wish 2: no kind 'fly'. Kinds: avoid, effort"),
+        ("[[costs]]\nweight = 1", "wish 1: no kind 'None'. Kinds: avoid, effort"),
         (
-            '[[wishes]]\nkind = "keep_speed"\nspeed = 1\nwithn = 1',
+            '[[costs]]\nkind = "effort"\n[[costs]]\nkind = "fly"',
+            "wish 2: no kind 'fly'. Kinds: avoid, effort",
+        ),
+        (
+            '[[costs]]\nkind = "keep_speed"\nspeed = 1\nwithn = 1',
             "wish 1 (keep_speed): no argument 'withn'. Arguments: speed, within, since, weight; needed: speed, within.",
         ),
-        ('[[wishes]]\nkind = "keep_speed"\nspeed = 1', "wish 1 (keep_speed): wanted 'within'. Arguments: speed"),
-        ('[[wishes]]\nkind = "effort"\nweight = "1"', "wish 1 (effort): weight: input should be a valid number"),
-        ('[[wishes]]\nkind = "effort"\nweight = true', "wish 1 (effort): weight: input should be a valid number"),
-        ('[[wishes]]\nkind = "effort"\nweight = inf', "wish 1 (effort): weight: input should be a finite number"),
-        ('[[wishes]]\nkind = "reach_place"\nplace = [1, "2", 3]\nwithin = 1', "place: wanted finite numbers, or rows"),
-        ('[[wishes]]\nkind = "reach_place"\nplace = [1, 2]\nwithin = 1', "wanted rows of 3 finite numbers"),
-        ('[[wishes]]\nkind = "reach_place"\nplace = [1]\naxes = "w"\nwithin = 1', "axes: wanted some of x, y, z"),
-        ('[[wishes]]\nkind = "follow_path"\npoints = [[1, 2], [3]]\nwithin = 1', "rows of them equally long"),
-        ('[[wishes]]\nkind = "stand_up"\nwithin = -1', "wish 1 (stand_up): within: wanted a finite number above 0"),
         (
-            '[[wishes]]\nkind = "goal"\nname = "moon"',
+            '[[costs]]\nkind = "keep_speed"\nspeed = 1',
+            "wish 1 (keep_speed): wanted 'within'. Arguments: speed",
+        ),
+        (
+            '[[costs]]\nkind = "effort"\nweight = "1"',
+            "wish 1 (effort): weight: input should be a valid number",
+        ),
+        (
+            '[[costs]]\nkind = "effort"\nweight = true',
+            "wish 1 (effort): weight: input should be a valid number",
+        ),
+        (
+            '[[costs]]\nkind = "effort"\nweight = inf',
+            "wish 1 (effort): weight: input should be a finite number",
+        ),
+        (
+            '[[costs]]\nkind = "reach_position"\nposition = [1, "2", 3]\nwithin = 1',
+            "position: wanted finite numbers, or rows",
+        ),
+        (
+            '[[costs]]\nkind = "reach_position"\nposition = [1, 2]\nwithin = 1',
+            "wanted rows of 3 finite numbers",
+        ),
+        (
+            '[[costs]]\nkind = "reach_position"\nposition = [1]\naxes = "w"\nwithin = 1',
+            "axes: wanted some of x, y, z",
+        ),
+        (
+            '[[costs]]\nkind = "follow_path"\npoints = [[1, 2], [3]]\nwithin = 1',
+            "rows of them equally long",
+        ),
+        (
+            '[[costs]]\nkind = "stand_up"\nwithin = -1',
+            "wish 1 (stand_up): within: wanted a finite number above 0",
+        ),
+        (
+            '[[costs]]\nkind = "goal"\nname = "moon"',
             "wish 1 (goal): No goal called 'moon' for the system truck. Goals:",
         ),
-        ('[[wishes]]\nkind = "reach_state"\nreach = {}', "wish 1 (reach_state): reach: wanted at least one part"),
-        ('[[wishes]]\nkind = "reach_state"\nreach = { wheel = [1] }', "No part called 'wheel'. Parts: root.place"),
-        ('[[wishes]]\nkind = "reach_state"\nreach = { steer_fl = [1, 2] }', "'steer_fl' has 1 numbers"),
-        ('[[wishes]]\nkind = "reach_state"\nreach = { steer_fl = ["1"] }', "reach.steer_fl.0: input should be"),
         (
-            '[[wishes]]\nkind = "reach_state"\nreach = { steer_fl = [1] }\nwithin = { steer_fl = 0 }',
+            '[[costs]]\nkind = "reach_state"\nreach = {}',
+            "wish 1 (reach_state): reach: wanted at least one part",
+        ),
+        (
+            '[[costs]]\nkind = "reach_state"\nreach = { wheel = [1] }',
+            "No part called 'wheel'. Parts: root.position",
+        ),
+        (
+            '[[costs]]\nkind = "reach_state"\nreach = { steer_fl = [1, 2] }',
+            "'steer_fl' has 1 numbers",
+        ),
+        (
+            '[[costs]]\nkind = "reach_state"\nreach = { steer_fl = ["1"] }',
+            "reach.steer_fl.0: input should be",
+        ),
+        (
+            '[[costs]]\nkind = "reach_state"\nreach = { steer_fl = [1] }\nwithin = { steer_fl = 0 }',
             "wish 1 (reach_state): within.steer_fl: input should be greater than 0",
         ),
         (
-            '[[wishes]]\nkind = "avoid"\nmargin = 1\nzones = [{ radius = 1 }]',
-            "wish 1 (avoid): zones.0.place: field req",
+            '[[costs]]\nkind = "avoid"\nmargin = 1\nzones = [{ radius = 1 }]',
+            "wish 1 (avoid): zones.0.position: field req",
         ),
         ("[[wishes", "is not a readable TOML file"),
     ],
@@ -245,7 +309,10 @@ def test_a_mistake_in_a_file_gets_one_line_that_names_it(text: str, message: str
 
 def test_the_log_holds_a_line_per_iteration_as_soon_as_it_is_told(tmp_path: Path):
     path = tmp_path / "new" / "curve.jsonl"
-    rows = lambda: [json.loads(line) for line in path.read_text().splitlines()]  # noqa: E731
+
+    def rows():
+        return [json.loads(line) for line in path.read_text().splitlines()]
+
     with watching(path, 3) as on_iteration:
         for iteration, cost in ((1, 4.0), (2, 2.0), (1, float("nan"))):
             on_iteration(iteration, cost)
@@ -260,11 +327,13 @@ def test_help_says_what_descents_do():
 
 
 def test_a_controller_is_found_logged_and_shown_with_its_ghost(cli: Cli, tmp_path: Path):
-    text = 'system = "pendulum"\nseconds = 1.0\nparameters = "spline"\nknots = 8\n'
-    text += '[[wishes]]\nkind = "goal"\nname = "upright"\n[[wishes]]\nkind = "effort"\nweight = 0.1\n'
+    text = 'system = "pendulum"\nseconds = 1.0\nparametrisation = "spline"\nknots = 8\n'
+    text += '[[costs]]\nkind = "goal"\nname = "upright"\n[[costs]]\nkind = "effort"\nweight = 0.1\n'
     (tmp_path / "my.toml").write_text(text)
     files = ["--out", "c.csv", "--log", "curve.jsonl", "--glb", "motion.glb"]
-    found = cli("control", "pendulum", "--objective", "my.toml", "--starts", 3, *files, cwd=tmp_path)
+    found = cli(
+        "control", "pendulum", "--objective", "my.toml", "--starts", 3, *files, cwd=tmp_path
+    )
     assert found.returncode == 0, found.stderr
     assert "goal reached on the true physics" in found.stdout
     assert found.stderr == ""
@@ -286,8 +355,12 @@ def test_a_controller_is_found_logged_and_shown_with_its_ghost(cli: Cli, tmp_pat
         ([], 3, "my.toml: wish 1: no kind 'fly'"),
     ],
 )
-def test_a_mistake_on_the_command_line_leaves_no_file(options, code: int, message: str, cli: Cli, tmp_path: Path):
-    (tmp_path / "my.toml").write_text('system = "pendulum"\nseconds = 1.0\n[[wishes]]\nkind = "fly"\n')
+def test_a_mistake_on_the_command_line_leaves_no_file(
+    options, code: int, message: str, cli: Cli, tmp_path: Path
+):
+    (tmp_path / "my.toml").write_text(
+        'system = "pendulum"\nseconds = 1.0\n[[costs]]\nkind = "fly"\n'
+    )
     files = ["--out", "c.csv", "--log", "curve.jsonl"]
     result = cli("control", "pendulum", "--objective", "my.toml", *files, *options, cwd=tmp_path)
     assert (result.returncode, len(result.stderr.splitlines())) == (code, 1), result.stderr

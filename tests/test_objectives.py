@@ -13,17 +13,23 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, Objective, descend, load_system, read_pose, stand_upright
-from neuroanimator.control.descent.parametrisation import EachStep, Parameters, Periodic, Spline, Steered
+from neuroanimator.control.descent.parametrisation import (
+    EachStep,
+    Parametrisation,
+    Periodic,
+    Spline,
+    Steered,
+)
 from neuroanimator.control.objective.costs import (
     effort,
     follow_path,
     keep_heading,
     keep_speed,
     keep_velocity,
-    keyframes,
     reach_heading,
     reach_height,
-    reach_place,
+    reach_position,
+    reach_positions,
     smoothness,
     stand_up,
     stay_upright,
@@ -60,47 +66,69 @@ def a_motion(system: System, seed: int = 0, steps: int = STEPS, dt: float = DT) 
     """Return a wild motion: the laws hold for any."""
     rng = np.random.default_rng(seed)
     states = system.rest + 0.1 * rng.normal(size=(steps + 1, system.state.size))
-    for turn, _ in Frame.of(system.structure, 0.0).turns:
-        states[:, turn : turn + 4] /= np.linalg.norm(states[:, turn : turn + 4], axis=1, keepdims=True)
+    for orientation, _ in Frame.of(system.structure, 0.0).orientations:
+        states[:, orientation : orientation + 4] /= np.linalg.norm(
+            states[:, orientation : orientation + 4], axis=1, keepdims=True
+        )
     controls = rng.uniform(-1, 1, (steps, system.control.size))
-    return Trajectory(jnp.asarray(states), jnp.asarray(controls), jnp.asarray(system.bounds.largest), dt)
+    return Trajectory(
+        jnp.asarray(states), jnp.asarray(controls), jnp.asarray(system.bounds.magnitude), dt
+    )
 
 
-def turned(vectors: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Return `vectors` (..., 3) in a world turned by `turn`."""
-    return rotate(np.broadcast_to(turn, (*vectors.shape[:-1], 4)), vectors)
+def turned(vectors: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+    """Return `vectors` (..., 3) in a world turned by `orientation`."""
+    return rotate(np.broadcast_to(orientation, (*vectors.shape[:-1], 4)), vectors)
 
 
-def moved(system: System, states: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Return the same states (..., S) in a world turned by `turn` and then shifted."""
+def moved(system: System, states: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+    """Return the same states (..., S) in a world turned by `orientation` and then shifted."""
     there, start = np.array(states, float), 0
     for segment in system.structure.segments:
         part, start = slice(start, start + segment.size), start + segment.size
         if segment.kind == "quaternion":
-            there[..., part] = multiply(np.broadcast_to(turn, there[..., part].shape), there[..., part])
+            there[..., part] = multiply(
+                np.broadcast_to(orientation, there[..., part].shape), there[..., part]
+            )
         elif segment.kind in ("position", "velocity", "points", "point velocities"):
             vectors = there[..., part].reshape(*there.shape[:-1], -1, 3)
             shift = SHIFT if segment.kind in ("position", "points") else 0
-            there[..., part] = (turned(vectors, turn) + shift).reshape(there[..., part].shape)
+            there[..., part] = (turned(vectors, orientation) + shift).reshape(
+                there[..., part].shape
+            )
     return there
 
 
-Wish = Callable[[System, Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]], Term]
+Wish = Callable[
+    [System, Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]], Term
+]
 """(system, where a place is in the moved world, where a direction points there) → a wish."""
 
 MOVING: dict[str, Wish] = {
-    "reach_place": lambda system, place, way: reach_place(system, place(PLACES[0]), within=0.1),
-    "keyframes": lambda system, place, way: keyframes(system, place(PLACES), [0.1, 0.3], within=0.1),
-    "follow_path": lambda system, place, way: follow_path(system, place(PLACES), within=0.1),
-    "travel": lambda system, place, way: travel(system, way(DIRECTION), 0.5, within=0.1),
-    "keep_velocity": lambda system, place, way: keep_velocity(system, way(DIRECTION), within=0.1, since=0.2),
-    "keep_speed": lambda system, place, way: keep_speed(system, 0.7, within=0.1),
-    "keep_heading": lambda system, place, way: keep_heading(system, way(DIRECTION), within=0.1),
-    "reach_height": lambda system, place, way: reach_height(system, 9 + float(place(PLACES[0])[2]), within=0.1, at=0.2),
-    "reach_heading": lambda system, place, way: reach_heading(system, way(DIRECTION), within=0.1, at=0.2),
-    "stand_up": lambda system, place, way: stand_up(system, within=0.1),
-    "stay_upright": lambda system, place, way: stay_upright(system, tolerance=0.01),
-    "stay_unrolled": lambda system, place, way: stay_upright(system, tolerance=0.01, may_pitch=True),
+    "reach_position": lambda system, position, way: reach_position(
+        system, position(PLACES[0]), within=0.1
+    ),
+    "reach_positions": lambda system, position, way: reach_positions(
+        system, position(PLACES), [0.1, 0.3], within=0.1
+    ),
+    "follow_path": lambda system, position, way: follow_path(system, position(PLACES), within=0.1),
+    "travel": lambda system, position, way: travel(system, way(DIRECTION), 0.5, within=0.1),
+    "keep_velocity": lambda system, position, way: keep_velocity(
+        system, way(DIRECTION), within=0.1, since=0.2
+    ),
+    "keep_speed": lambda system, position, way: keep_speed(system, 0.7, within=0.1),
+    "keep_heading": lambda system, position, way: keep_heading(system, way(DIRECTION), within=0.1),
+    "reach_height": lambda system, position, way: reach_height(
+        system, 9 + float(position(PLACES[0])[2]), within=0.1, at=0.2
+    ),
+    "reach_heading": lambda system, position, way: reach_heading(
+        system, way(DIRECTION), within=0.1, at=0.2
+    ),
+    "stand_up": lambda system, position, way: stand_up(system, within=0.1),
+    "stay_upright": lambda system, position, way: stay_upright(system, tolerance=0.01),
+    "stay_unrolled": lambda system, position, way: stay_upright(
+        system, tolerance=0.01, may_pitch=True
+    ),
 }
 ONLY_UP = ("stand_up", "stay_upright", "stay_unrolled")
 """Wishes that look at the vertical alone."""
@@ -110,24 +138,35 @@ def as_is(vector: np.ndarray) -> np.ndarray:
     return vector
 
 
-def reach_other(system: System, turn: np.ndarray | None) -> ReachState:
-    """Return the wish to be in the motion's third state of another seed, moved with the world if `turn` is given."""
+def reach_other(system: System, orientation: np.ndarray | None) -> ReachState:
+    """Return the wish to be in the motion's third state of another seed, moved with the world if `orientation` is given."""
     state = np.asarray(a_motion(system, seed=1).states[2], float)
     frame = Frame.of(system.structure, 0.0)
-    goal = state if turn is None else moved(system, state, turn)
+    goal = state if orientation is None else moved(system, state, orientation)
     return ReachState.of(frame, goal, np.eye(frame.change_size(len(state))), 1.0, END)
 
 
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("kind", sorted(MOVING))
 def test_moving_and_turning_world_and_wish_together_changes_nothing(kind: str, body: str):
-    system, turn = a_system(body), UPRIGHT_TURN if kind in (*ONLY_UP, "reach_height") else TURN
+    system, orientation = (
+        a_system(body),
+        UPRIGHT_TURN if kind in (*ONLY_UP, "reach_height") else TURN,
+    )
     here = MOVING[kind](system, as_is, as_is)
-    there = MOVING[kind](system, lambda place: turned(place, turn) + SHIFT, lambda way: turned(way, turn))
+    there = MOVING[kind](
+        system,
+        lambda position: turned(position, orientation) + SHIFT,
+        lambda way: turned(way, orientation),
+    )
     motion = a_motion(system)
-    elsewhere = motion._replace(states=jnp.asarray(moved(system, motion.states, turn)))
-    before, after = (np.asarray(term.residuals(way)) for term, way in ((here, motion), (there, elsewhere)))
-    assert float(Objective.of(here)(elsewhere)) != pytest.approx(float(Objective.of(here)(motion)), rel=1e-3) or (
+    elsewhere = motion._replace(states=jnp.asarray(moved(system, motion.states, orientation)))
+    before, after = (
+        np.asarray(term.residuals(way)) for term, way in ((here, motion), (there, elsewhere))
+    )
+    assert float(Objective.of(here)(elsewhere)) != pytest.approx(
+        float(Objective.of(here)(motion)), rel=1e-3
+    ) or (
         kind in ("keep_speed", *ONLY_UP)  # those that name no place and no heading
     )
     np.testing.assert_allclose(np.linalg.norm(after), np.linalg.norm(before), rtol=1e-4)
@@ -137,7 +176,9 @@ def test_moving_and_turning_world_and_wish_together_changes_nothing(kind: str, b
 def test_a_state_is_compared_as_seen_from_the_goal(body: str):
     system, motion = a_system(body), a_motion(a_system(body))
     before = reach_other(system, None).residuals(motion)
-    after = reach_other(system, TURN).residuals(motion._replace(states=jnp.asarray(moved(system, motion.states, TURN))))
+    after = reach_other(system, TURN).residuals(
+        motion._replace(states=jnp.asarray(moved(system, motion.states, TURN)))
+    )
     assert np.linalg.norm(before) > 0.1
     np.testing.assert_allclose(after, before, atol=2e-5 * float(np.abs(before).max()))
 
@@ -147,14 +188,19 @@ EVERY: dict[str, Callable[[System], Term]] = {
     "effort": lambda system: effort(0.3),
     "smoothness": lambda system: smoothness(0.2),
     "reach_state": lambda system: reach_other(system, None),
-    "stay_within": lambda system: stay_within(system, system.state.slices[0].name, -0.05, 0.03, within=0.1),
+    "stay_within": lambda system: stay_within(
+        system, system.state.slices[0].name, -0.05, 0.03, within=0.1
+    ),
 }
 
 
 @pytest.mark.parametrize("body", BODIES)
 def test_slopes_equal_finite_differences(body: str):
     with jax.enable_x64(True):
-        exact = lambda leaf: jnp.asarray(np.asarray(leaf), jnp.float64) if eqx.is_array(leaf) else leaf  # noqa: E731
+
+        def exact(leaf):
+            return jnp.asarray(np.asarray(leaf), jnp.float64) if eqx.is_array(leaf) else leaf
+
         system, rng, size = a_system(body), np.random.default_rng(1), 1e-6
         terms = [jax.tree.map(exact, make(system)) for make in EVERY.values()]
         motion = jax.tree.map(exact, a_motion(system))
@@ -167,9 +213,14 @@ def test_slopes_equal_finite_differences(body: str):
 
         slopes = jax.jit(jax.jacrev(costs, (0, 1)))(motion.states, motion.controls)
         along = sum(jnp.tensordot(slope, way, 2) for slope, way in zip(slopes, ways, strict=True))
-        ends = [costs(motion.states + s * size * ways[0], motion.controls + s * size * ways[1]) for s in (-1, 1)]
+        ends = [
+            costs(motion.states + s * size * ways[0], motion.controls + s * size * ways[1])
+            for s in (-1, 1)
+        ]
         differences = (ends[1] - ends[0]) / (2 * size)
-        for kind, slope, difference in zip(EVERY, along.tolist(), differences.tolist(), strict=True):
+        for kind, slope, difference in zip(
+            EVERY, along.tolist(), differences.tolist(), strict=True
+        ):
             assert abs(slope) > 1e-4, kind
             assert slope == pytest.approx(difference, rel=1e-5), kind
         looks_at_states = np.abs(slopes[0]).max(axis=(1, 2)) > 0
@@ -188,21 +239,32 @@ def steady(system: System, speed: float, seconds: float, dt: float) -> Trajector
         elif segment.kind in ("velocity", "point velocities"):
             states[:, forward] = speed
         start += segment.size
-    controls = np.tile(0.5 * system.bounds.largest, (steps, 1))
-    return Trajectory(jnp.asarray(states), jnp.asarray(controls), jnp.asarray(system.bounds.largest), dt)
+    controls = np.tile(0.5 * system.bounds.magnitude, (steps, 1))
+    return Trajectory(
+        jnp.asarray(states), jnp.asarray(controls), jnp.asarray(system.bounds.magnitude), dt
+    )
 
 
 @pytest.mark.parametrize("body", BODIES)
 def test_a_body_at_known_speed_gives_the_known_cost(body: str):
     system, motion = a_system(body), steady(a_system(body), 0.6, 2.0, DT)
-    cost = lambda *wishes: float(Objective.of(*wishes)(motion))  # noqa: E731
+
+    def cost(*costs):
+        return float(Objective.of(*costs)(motion))
+
     assert cost(travel(system, [1, 0, 0], 1.2, within=0.1)) == pytest.approx(0, abs=1e-8)
-    assert cost(travel(system, [2, 0, 0], 1.5, within=0.1)) == pytest.approx((0.3 / 0.1) ** 2 / 2, rel=1e-4)
+    assert cost(travel(system, [2, 0, 0], 1.5, within=0.1)) == pytest.approx(
+        (0.3 / 0.1) ** 2 / 2, rel=1e-4
+    )
     assert cost(travel(system, [0, 1, 0], 0.4, within=0.1)) == pytest.approx(4**2 / 2, rel=1e-4)
     assert cost(keep_speed(system, 0.6, within=0.1)) == pytest.approx(0, abs=1e-8)
     assert cost(keep_speed(system, 0.5, within=0.1)) == pytest.approx(1**2 / 2 * 2.0, rel=1e-4)
-    assert cost(keep_speed(system, 0.5, within=0.1, since=1.0)) == pytest.approx(0.5 * (1.0 + DT), rel=1e-4)
-    assert cost(keep_velocity(system, [0.6, 0.1, 0], within=0.1)) == pytest.approx(0.5 * 2.0, rel=1e-4)
+    assert cost(keep_speed(system, 0.5, within=0.1, since=1.0)) == pytest.approx(
+        0.5 * (1.0 + DT), rel=1e-4
+    )
+    assert cost(keep_velocity(system, [0.6, 0.1, 0], within=0.1)) == pytest.approx(
+        0.5 * 2.0, rel=1e-4
+    )
     assert cost(keep_heading(system, [1, 0, 0], within=0.1)) == pytest.approx(0, abs=1e-8)
     assert cost(stand_up(system, within=0.1)) == pytest.approx(0, abs=1e-8)
     assert cost(effort(3.0)) == pytest.approx(3 / 2 * 0.25 * system.control.size * 2.0, rel=1e-5)
@@ -212,7 +274,7 @@ def test_a_body_at_known_speed_gives_the_known_cost(body: str):
 def test_sums_over_time_do_not_depend_on_the_super_step(body: str):
     system = a_system(body)
     part = system.state.slices[0].name
-    wishes = (
+    costs = (
         effort(),
         keep_speed(system, 0.2, within=0.1),
         keep_velocity(system, [0, 0.1, 0], within=0.1),
@@ -220,15 +282,19 @@ def test_sums_over_time_do_not_depend_on_the_super_step(body: str):
         follow_path(system, [[0, 1, 0], [1, 1, 0]], within=0.1),
         stay_within(system, part, -0.3, 0.1, within=0.1),
     )
-    for wish in wishes:
-        coarse, fine = (float(Objective.of(wish)(steady(system, 0.6, 2.0, dt))) for dt in (DT, DT / 2))
+    for wish in costs:
+        coarse, fine = (
+            float(Objective.of(wish)(steady(system, 0.6, 2.0, dt))) for dt in (DT, DT / 2)
+        )
         assert coarse > 0.1
-        assert fine == pytest.approx(coarse, rel=0.08), type(wish).__name__  # a sum is an integral but for its ends
+        assert fine == pytest.approx(coarse, rel=0.08), type(
+            wish
+        ).__name__  # a sum is an integral but for its ends
 
 
-def leaning(system: System, turn: np.ndarray, seconds: float = 2.0) -> Trajectory:
-    """Return the body at rest, turned by `turn` all the time."""
-    return still(system, moved(system, system.rest, turn), seconds)
+def leaning(system: System, orientation: np.ndarray, seconds: float = 2.0) -> Trajectory:
+    """Return the body at rest, turned by `orientation` all the time."""
+    return still(system, moved(system, system.rest, orientation), seconds)
 
 
 def still(system: System, state: np.ndarray, seconds: float) -> Trajectory:
@@ -238,7 +304,9 @@ def still(system: System, state: np.ndarray, seconds: float) -> Trajectory:
     return Trajectory(jnp.asarray(states), jnp.zeros((steps, 1)), jnp.ones(1), DT)
 
 
-ROLLED, PITCHED = (np.array([np.cos(0.4), *axis]) for axis in ([np.sin(0.4), 0, 0], [0, np.sin(0.4), 0]))
+ROLLED, PITCHED = (
+    np.array([np.cos(0.4), *axis]) for axis in ([np.sin(0.4), 0, 0], [0, np.sin(0.4), 0])
+)
 """By 0.8 rad about a body's own X, or its Y."""
 BELLY_UP = np.array([0.0, 1.0, 0.0, 0.0])
 
@@ -247,9 +315,9 @@ BELLY_UP = np.array([0.0, 1.0, 0.0, 0.0])
 def test_leaning_beyond_the_tolerance_costs_as_long_as_it_lasts(body: str):
     system, upright = a_system(body), np.array([1.0, 0, 0, 0])
 
-    def cost(turn: np.ndarray, **choices: Any) -> float:
+    def cost(orientation: np.ndarray, **choices: Any) -> float:
         wish = stay_upright(system, tolerance=0.3, within=0.1, **choices)
-        return float(Objective.of(wish)(leaning(system, turn)))
+        return float(Objective.of(wish)(leaning(system, orientation)))
 
     assert cost(upright) == 0
     assert cost(ROLLED) == pytest.approx(5**2 / 2 * 2.0, rel=1e-3)
@@ -262,20 +330,27 @@ def test_leaning_beyond_the_tolerance_costs_as_long_as_it_lasts(body: str):
 
 
 @pytest.mark.parametrize("body", BODIES)
-@pytest.mark.parametrize("turn", [np.array([1.0, 0, 0, 0]), BELLY_UP, ROLLED])
-def test_staying_upright_has_a_finite_slope_wherever_a_body_lies(turn: np.ndarray, body: str):
+@pytest.mark.parametrize("orientation", [np.array([1.0, 0, 0, 0]), BELLY_UP, ROLLED])
+def test_staying_upright_has_a_finite_slope_wherever_a_body_lies(
+    orientation: np.ndarray, body: str
+):
     system = a_system(body)
-    motion = leaning(system, turn)
+    motion = leaning(system, orientation)
     for may_pitch in (True, False):
         objective = Objective.of(stay_upright(system, may_pitch=may_pitch))
-        slope = jax.grad(lambda states, objective=objective: objective(motion._replace(states=states)))(motion.states)
+        slope = jax.grad(
+            lambda states, objective=objective: objective(motion._replace(states=states))
+        )(motion.states)
         assert jnp.isfinite(slope).all()
 
 
 @pytest.mark.parametrize("body", BODIES)
 def test_roll_is_told_about_the_bodys_own_axis(body: str):
     system = a_system(body)
-    roll = lambda turn: float(read_pose(system.structure, moved(system, system.rest, turn)).roll)  # noqa: E731
+
+    def roll(orientation):
+        return float(read_pose(system.structure, moved(system, system.rest, orientation)).roll)
+
     assert roll(ROLLED) == pytest.approx(0.8, abs=1e-6)
     assert roll(multiply(UPRIGHT_TURN, multiply(PITCHED, ROLLED))) == pytest.approx(0.8, abs=1e-6)
     assert roll(PITCHED) == pytest.approx(0, abs=1e-6)
@@ -286,7 +361,9 @@ def test_smoothness_is_the_same_for_a_ramp_in_finer_steps():
     def cost(steps: int) -> float:
         dt, ramp = 2.0 / steps, np.linspace(0, 1, steps, endpoint=False)[:, None]
         return float(
-            Objective.of(smoothness(1.0))(Trajectory(jnp.zeros((steps + 1, 1)), jnp.asarray(ramp), jnp.ones(1), dt))
+            Objective.of(smoothness(1.0))(
+                Trajectory(jnp.zeros((steps + 1, 1)), jnp.asarray(ramp), jnp.ones(1), dt)
+            )
         )
 
     assert cost(100) == pytest.approx(0.5 * 0.5**2 * 2.0, rel=0.02)
@@ -297,16 +374,18 @@ def test_smoothness_is_the_same_for_a_ramp_in_finer_steps():
 def test_costs_are_linear_in_weights_and_add_up(body: str):
     system, motion = a_system(body), a_motion(a_system(body))
     light, heavy = (keep_speed(system, 0.3, within=0.1, weight=weight) for weight in (1.0, 2.0))
-    assert float(Objective.of(heavy)(motion)) == pytest.approx(2 * float(Objective.of(light)(motion)), rel=1e-6)
+    assert float(Objective.of(heavy)(motion)) == pytest.approx(
+        2 * float(Objective.of(light)(motion)), rel=1e-6
+    )
 
     def own(trajectory: Trajectory) -> jax.Array:
         return jnp.mean(trajectory.states**2)
 
-    wishes = [make(system) for make in EVERY.values()]
-    apart = sum(float(Objective.of(wish)(motion)) for wish in (*wishes, own))
-    assert float(Objective.of(*wishes, own)(motion)) == pytest.approx(apart, rel=1e-5)
-    residuals = Objective.of(*wishes, own).residuals(motion)
-    assert len(residuals) == sum(len(wish.residuals(motion)) for wish in wishes)
+    costs = [make(system) for make in EVERY.values()]
+    apart = sum(float(Objective.of(wish)(motion)) for wish in (*costs, own))
+    assert float(Objective.of(*costs, own)(motion)) == pytest.approx(apart, rel=1e-5)
+    residuals = Objective.of(*costs, own).residuals(motion)
+    assert len(residuals) == sum(len(wish.residuals(motion)) for wish in costs)
 
 
 def test_a_goals_tolerance_is_an_error_of_three():
@@ -315,7 +394,10 @@ def test_a_goals_tolerance_is_an_error_of_three():
     wish, state = reach_goal(truck.structure, truck.rest, goal), np.array(truck.rest)
     for entry, value in goal.values:
         state[entry] = value
-    at = lambda state: Trajectory(jnp.asarray(state)[None], jnp.zeros((0, 2)), jnp.ones(2), DT)  # noqa: E731
+
+    def at(state):
+        return Trajectory(jnp.asarray(state)[None], jnp.zeros((0, 2)), jnp.ones(2), DT)
+
     np.testing.assert_allclose(wish.residuals(at(state)), 0, atol=1e-6)
     speed = truck.state.index("root.velocity").start
     tolerance = dict(zip([entry for entry, _ in goal.values], goal.tolerances, strict=True))[speed]
@@ -323,7 +405,7 @@ def test_a_goals_tolerance_is_an_error_of_three():
     assert float(jnp.abs(wish.residuals(at(state))).max()) == pytest.approx(3, rel=1e-4)
 
 
-PARAMETERS: dict[str, Callable[[int], Parameters]] = {
+PARAMETERS: dict[str, Callable[[int], Parametrisation]] = {
     "each step": lambda steps: EachStep.of(steps, BOUNDS),
     "spline": lambda steps: Spline.of(steps, 7, BOUNDS),
     "periodic": lambda steps: Periodic.of(steps, DT, 0.6, BOUNDS),
@@ -333,28 +415,37 @@ PARAMETERS: dict[str, Callable[[int], Parameters]] = {
 
 @pytest.mark.parametrize("kind", sorted(PARAMETERS))
 def test_guessing_from_controls_gives_these_controls(kind: str):
-    parameters = PARAMETERS[kind](40)
-    z = np.random.default_rng(0).normal(size=parameters.size)
-    if isinstance(parameters, Periodic | Steered):
+    parametrisation = PARAMETERS[kind](40)
+    z = np.random.default_rng(0).normal(size=parametrisation.size)
+    if isinstance(parametrisation, Periodic | Steered):
         z[0] = 0.0  # its frequency is that of the first guess
-    controls = np.asarray(parameters.controls(jnp.asarray(z)))
-    found = parameters.guess(controls)
+    controls = np.asarray(parametrisation.controls(jnp.asarray(z)))
+    found = parametrisation.guess(controls)
     np.testing.assert_allclose(found, z, atol=2e-2)
-    np.testing.assert_allclose(parameters.controls(jnp.asarray(found)), controls, atol=1e-3)
+    np.testing.assert_allclose(parametrisation.controls(jnp.asarray(found)), controls, atol=1e-3)
 
 
 @pytest.mark.parametrize("kind", sorted(PARAMETERS))
 def test_controls_are_within_bounds_and_smooth_in_z_however_large_it_is(kind: str):
-    parameters = PARAMETERS[kind](40)
-    np.testing.assert_allclose(parameters.controls(jnp.asarray(parameters.guess(None)))[0], BOUNDS.middle, atol=1e-6)
+    parametrisation = PARAMETERS[kind](40)
+    np.testing.assert_allclose(
+        parametrisation.controls(jnp.asarray(parametrisation.guess(None)))[0],
+        BOUNDS.middle,
+        atol=1e-6,
+    )
     for size in (1.0, 1e3, 1e30):
-        z = jnp.asarray(size * np.random.default_rng(0).normal(size=parameters.size), jnp.float32)
-        controls, slope = parameters.controls(z), jax.grad(lambda z: jnp.sum(parameters.controls(z) ** 2))(z)
+        z = jnp.asarray(
+            size * np.random.default_rng(0).normal(size=parametrisation.size), jnp.float32
+        )
+        controls, slope = (
+            parametrisation.controls(z),
+            jax.grad(lambda z: jnp.sum(parametrisation.controls(z) ** 2))(z),
+        )
         assert (controls >= np.array(BOUNDS.low) - 1e-6).all()
         assert (controls <= np.array(BOUNDS.high) + 1e-6).all()
         assert jnp.isfinite(slope).all()
     at_bounds = np.tile(BOUNDS.high, (40, 1))
-    assert np.isfinite(parameters.guess(at_bounds)).all()
+    assert np.isfinite(parametrisation.guess(at_bounds)).all()
 
 
 def test_a_spline_is_close_to_a_smooth_curve_and_closer_with_more_knots():
@@ -364,7 +455,10 @@ def test_a_spline_is_close_to_a_smooth_curve_and_closer_with_more_knots():
     def off(knots: int) -> float:
         spline = Spline.of(60, knots, BOUNDS)
         return float(
-            np.abs((np.asarray(spline.controls(jnp.asarray(spline.guess(curve)))) - curve) / BOUNDS.half).max()
+            np.abs(
+                (np.asarray(spline.controls(jnp.asarray(spline.guess(curve)))) - curve)
+                / BOUNDS.half
+            ).max()
         )
 
     assert off(8) < 0.02
@@ -384,9 +478,12 @@ def test_a_periodic_pattern_is_a_gait_and_repeats():
 def test_all_of_a_body_is_up_only_when_its_lowest_mass_point_is():
     fish = a_system("fish")
     low = float(fish.rest[2 : 3 * 23 : 3].min())
-    there = Trajectory(jnp.asarray(fish.rest[None], jnp.float32), jnp.zeros((0, 12)), jnp.ones(12), DT)
+    there = Trajectory(
+        jnp.asarray(fish.rest[None], jnp.float32), jnp.zeros((0, 12)), jnp.ones(12), DT
+    )
     reached, missed = (
-        np.asarray(reach_height(fish, low + shift, within=0.01).residuals(there)) for shift in (-1e-4, 0.015)
+        np.asarray(reach_height(fish, low + shift, within=0.01).residuals(there))
+        for shift in (-1e-4, 0.015)
     )
     assert (reached == 0).all()
     assert (missed > 0).sum() == (fish.rest[2 : 3 * 23 : 3] < low + 0.015).sum()
@@ -422,7 +519,9 @@ REFUSED_WISHES = {
 
 
 @pytest.mark.parametrize("message", sorted(REFUSED_WISHES))
-def test_an_objective_that_cannot_be_descended_is_refused_in_one_line(message: str, shipped: Emulator):
+def test_an_objective_that_cannot_be_descended_is_refused_in_one_line(
+    message: str, shipped: Emulator
+):
     with pytest.raises(ArgumentError) as caught:
         check_objective(REFUSED_WISHES[message](), shipped, np.zeros(6), 20)
     assert message in str(caught.value)
@@ -433,25 +532,41 @@ def test_a_good_objective_is_not_refused(shipped: Emulator):
     def tip_height(trajectory: Trajectory) -> jax.Array:
         return jnp.cos(trajectory.states[-1, 0])
 
-    check_objective(Objective.of(*stand_upright(times=(0.5, 1.0)).terms, tip_height), shipped, np.zeros(6), 20)
+    check_objective(
+        Objective.of(*stand_upright(times=(0.5, 1.0)).terms, tip_height), shipped, np.zeros(6), 20
+    )
 
 
 REFUSED_ARGUMENTS = {
-    "axes: wanted some of x, y, z, such as 'xy', came 'w'": lambda s: reach_place(s, [1.0], within=1, axes="w"),
-    "axes: wanted some of x, y, z, such as 'xy', came 'xx'": lambda s: reach_place(s, [1, 2], within=1, axes="xx"),
-    "wanted rows of 3 finite numbers": lambda s: reach_place(s, [1, 2], within=1),
-    "wanted rows of 2 finite numbers": lambda s: keyframes(s, [[1, np.nan]], [1], within=1, axes="xy"),
-    "keyframes: wanted 2 times": lambda s: keyframes(s, PLACES, [1.0], within=1),
-    "keyframes: wanted 2 times of at least 0 s": lambda s: keyframes(s, PLACES, [-1.0, 1.0], within=1),
+    "axes: wanted some of x, y, z, such as 'xy', came 'w'": lambda s: reach_position(
+        s, [1.0], within=1, axes="w"
+    ),
+    "axes: wanted some of x, y, z, such as 'xy', came 'xx'": lambda s: reach_position(
+        s, [1, 2], within=1, axes="xx"
+    ),
+    "wanted rows of 3 finite numbers": lambda s: reach_position(s, [1, 2], within=1),
+    "wanted rows of 2 finite numbers": lambda s: reach_positions(
+        s, [[1, np.nan]], [1], within=1, axes="xy"
+    ),
+    "keyframes: wanted 2 times": lambda s: reach_positions(s, PLACES, [1.0], within=1),
+    "keyframes: wanted 2 times of at least 0 s": lambda s: reach_positions(
+        s, PLACES, [-1.0, 1.0], within=1
+    ),
     "at least two different points": lambda s: follow_path(s, [[0, 0, 0], [0, 0, 0]], within=1),
     "within: wanted a finite number above 0, came 0": lambda s: stand_up(s, within=0),
-    "tolerance: wanted a finite number above 0, came -0.1": lambda s: stay_upright(s, tolerance=-0.1),
+    "tolerance: wanted a finite number above 0, came -0.1": lambda s: stay_upright(
+        s, tolerance=-0.1
+    ),
     "since: wanted a time of at least 0 s, came -1": lambda s: stay_upright(s, since=-1.0),
     "distance: wanted a finite number above 0": lambda s: travel(s, [1, 0, 0], -1.0, within=1),
     "direction: wanted a direction, came zeros": lambda s: keep_heading(s, [0, 0, 0], within=1),
-    "No part called 'elbow'. Parts: root.place": lambda s: stay_within(s, "elbow", 0, 1, within=1),
+    "No part called 'elbow'. Parts: root.position": lambda s: stay_within(
+        s, "elbow", 0, 1, within=1
+    ),
     "wanted low below high for 'steer_fl'": lambda s: stay_within(s, "steer_fl", 1, 0, within=1),
-    "wanted a system with a free root or mass points": lambda s: travel(a_system("pendulum"), [1, 0, 0], 1, within=1),
+    "wanted a system with a free root or mass points": lambda s: travel(
+        a_system("pendulum"), [1, 0, 0], 1, within=1
+    ),
 }
 
 
@@ -468,8 +583,12 @@ REFUSED_PARAMETERS = {
     "control 0 has -inf and 1": lambda: Spline.of(10, 5, Bounds((-np.inf,), (1.0,))),
     "knots: wanted between 4 and the 10 super steps, came 11": lambda: Spline.of(10, 11, BOUNDS),
     "knots: wanted between 4 and the 10 super steps, came 3": lambda: Spline.of(10, 3, BOUNDS),
-    "period: wanted more than two super steps of 0.05 s, came 0.1 s": lambda: Periodic.of(10, DT, 0.1, BOUNDS),
-    "period: wanted more than two super steps of 0.05 s, came nan s": lambda: Periodic.of(10, DT, np.nan, BOUNDS),
+    "period: wanted more than two super steps of 0.05 s, came 0.1 s": lambda: Periodic.of(
+        10, DT, 0.1, BOUNDS
+    ),
+    "period: wanted more than two super steps of 0.05 s, came nan s": lambda: Periodic.of(
+        10, DT, np.nan, BOUNDS
+    ),
 }
 
 

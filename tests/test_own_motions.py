@@ -50,14 +50,16 @@ def write_noisy_recording(folder: Path) -> Path:
     path, draw = folder / "noisy.csv", random.Random(1)
     with open(path, "w", newline="") as file:
         table = csv.writer(file)
-        table.writerow(["run", "time s", "state.angle rad", "state.place m", "control.motor N"])
+        table.writerow(["run", "time s", "state.angle rad", "state.position m", "control.motor N"])
         for run in range(6):
             angle = speed = 0.0
             for k in range(300):
                 motor = draw.uniform(-1, 1)
                 speed += 0.02 * (motor - 4 * angle - 0.3 * speed)
                 angle += 0.02 * speed
-                table.writerow([run, f"{k * 0.02:.2f}", angle + draw.gauss(0, 0.01), draw.gauss(0, 0.1), motor])
+                table.writerow(
+                    [run, f"{k * 0.02:.2f}", angle + draw.gauss(0, 0.01), draw.gauss(0, 0.1), motor]
+                )
     return path
 
 
@@ -70,7 +72,7 @@ def test_what_names_no_rates_is_animated(write, tmp_path: Path):
     path = tmp_path / "own.emulator.safetensors"
     train(read_transitions(tmp_path / "data"), training_config(updates=250, widths=(8,)), path)
     emulator = Emulator.load(path)
-    assert emulator.identity.rates == ()
+    assert emulator.spec.rates == ()
     clip = make_clip(emulator, random_motion(emulator, 2.0, seed=1))
     assert np.isfinite(clip.states).all()
     assert clip.times[-1] == pytest.approx(2.0)

@@ -13,7 +13,7 @@ import pytest
 from neuroanimator import NeuroAnimatorError, Pilot, Policy, load_policy, load_system, read_pose
 from neuroanimator.control.policies.closed_loop import decide
 from neuroanimator.control.policies.pilot import LEASH, PilotFrame
-from neuroanimator.control.policies.steering import Course
+from neuroanimator.control.policies.steering import SteeringTarget
 
 
 @pytest.fixture(scope="module")
@@ -31,19 +31,27 @@ def steered(pilot: Pilot, rate: float, seconds: float, **wish: float) -> list[Pi
     return frames + [pilot.step(dt=1 / rate, **wish) for _ in range(round(seconds * rate))]
 
 
-def test_in_super_steps_it_is_the_emulators_motion_under_the_policys_muscles(pilot: Pilot, policy: Policy):
+def test_in_super_steps_it_is_the_emulators_motion_under_the_policys_muscles(
+    pilot: Pilot, policy: Policy
+):
     emulator, speed = policy.emulator, 0.08
-    inner = jnp.asarray(emulator.encode(np.array(emulator.identity.rest)), jnp.float32)[None]
-    advance = eqx.filter_jit(lambda e, inner, u: e.advance(inner[0], e.encode_control(u[0]))[None])
+    latent = jnp.asarray(emulator.encode(np.array(emulator.spec.rest)), jnp.float32)[None]
+    advance = eqx.filter_jit(
+        lambda e, latent, u: e.advance(latent[0], e.encode_control(u[0]))[None]
+    )
     choose = eqx.filter_jit(decide)
-    course, phase, states = Course(jnp.array([[1.0, 0, 0]]), jnp.array([speed])), jnp.zeros(1), []
+    course, phase, states = (
+        SteeringTarget(jnp.array([[1.0, 0, 0]]), jnp.array([speed])),
+        jnp.zeros(1),
+        [],
+    )
     for _ in range(15):
-        controls = choose(policy, inner, phase, course)
-        inner, phase = advance(emulator, inner, controls), phase + policy.tick
-        states.append(np.asarray(emulator.decode(np.asarray(inner[0]))))
+        controls = choose(policy, latent, phase, course)
+        latent, phase = advance(emulator, latent, controls), phase + policy.tick
+        states.append(np.asarray(emulator.decode(np.asarray(latent[0]))))
     frames = steered(pilot, 1 / policy.dt, 15 * policy.dt, speed=speed)
     np.testing.assert_allclose([frame.state for frame in frames[1:]], states, atol=2e-3)
-    assert np.ptp([frame.pose.place[0] for frame in frames]) > 0.02
+    assert np.ptp([frame.pose.position[0] for frame in frames]) > 0.02
 
 
 @pytest.mark.parametrize("rate", [5.0, 24.0, 60.0, 240.0])
@@ -56,8 +64,8 @@ def test_the_way_does_not_depend_on_the_rate_it_is_looked_at(rate: float, pilot:
 
 def test_nothing_jumps_between_frames(pilot: Pilot):
     frames = steered(pilot, 240.0, 2.0, speed=0.1, turn=0.5)
-    places = np.array([frame.pose.place for frame in frames])
-    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() < 2 * pilot.top_speed / 240
+    positions = np.array([frame.pose.position for frame in frames])
+    assert np.linalg.norm(np.diff(positions, axis=0), axis=1).max() < 2 * pilot.top_speed / 240
     pose = read_pose(load_system("fish").structure, frames[7].state)
     np.testing.assert_allclose(frames[7].pose.forward, pose.forward)
 
@@ -68,7 +76,9 @@ def test_it_turns_to_the_side_it_is_told_and_then_holds_its_heading(side: int, p
     for picture in range(240):
         pilot.step(speed=speed, turn=side * 0.4 * (picture < 90), dt=1 / 30)
     wanted = side * 0.4 * 3.0
-    headings = [math.atan2(*pilot.step(speed=speed, dt=1 / 30).pose.forward[1::-1]) for _ in range(36)]
+    headings = [
+        math.atan2(*pilot.step(speed=speed, dt=1 / 30).pose.forward[1::-1]) for _ in range(36)
+    ]
     assert np.mean(headings) == pytest.approx(wanted, abs=0.1)
 
 
@@ -79,7 +89,10 @@ def test_what_it_cannot_follow_is_not_saved_up(pilot: Pilot):
 
 
 def test_told_to_climb_it_rises_and_to_dive_it_sinks(pilot: Pilot):
-    ends = [steered(pilot, 10.0, 5.0, speed=0.1, climb=climb)[-1].pose.place[2] for climb in (-0.4, 0.0, 0.4)]
+    ends = [
+        steered(pilot, 10.0, 5.0, speed=0.1, climb=climb)[-1].pose.position[2]
+        for climb in (-0.4, 0.0, 0.4)
+    ]
     assert ends[0] + 0.03 < ends[1] < ends[2] - 0.03
 
 
@@ -100,7 +113,7 @@ def test_its_muscles_steer_the_true_physics(pilot: Pilot):
         held = system.bounds.clip(pilot.controls)
         state = system.simulate(state[None], held[None, None], dt).states[0, -1]
     pose = read_pose(system.structure, state)
-    assert pose.place[0] - read_pose(system.structure, system.rest).place[0] > 0.1
+    assert pose.position[0] - read_pose(system.structure, system.rest).position[0] > 0.1
     assert math.degrees(math.atan2(abs(pose.forward[1]), pose.forward[0])) < 25
 
 
@@ -109,9 +122,9 @@ def test_frames_make_a_clip_and_bones(pilot: Pilot):
     clip = pilot.clip(frames)
     assert clip.rate == pytest.approx(60.0)
     assert (clip.name, clip.states.shape) == ("fish", (31, len(frames[0].state)))
-    places, turns = pilot.bones(frames[-1])
-    assert places.shape == (len(clip.skeleton.bones), 3)
-    np.testing.assert_allclose(np.linalg.norm(turns, axis=1), 1)
+    positions, orientations = pilot.bones(frames[-1])
+    assert positions.shape == (len(clip.skeleton.bones), 3)
+    np.testing.assert_allclose(np.linalg.norm(orientations, axis=1), 1)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +140,9 @@ def test_frames_make_a_clip_and_bones(pilot: Pilot):
         ({"speed": 0.1, "state": np.zeros((2, 150))}, "state: wanted one of 150 numbers"),
     ],
 )
-def test_a_wish_that_makes_no_sense_is_refused_and_changes_nothing(wish: dict[str, Any], message: str, pilot: Pilot):
+def test_a_wish_that_makes_no_sense_is_refused_and_changes_nothing(
+    wish: dict[str, Any], message: str, pilot: Pilot
+):
     pilot.reset()
     with pytest.raises(NeuroAnimatorError, match=message):
         pilot.step(**wish)
@@ -146,5 +161,7 @@ def test_a_policy_is_found_by_name_or_file_and_others_are_refused_by_name(tmp_pa
     load_policy("fish").save(tmp_path / "mine.policy.safetensors")
     assert Policy.load(tmp_path / "mine.policy.safetensors").dt == Policy.load("fish").dt
     for load in (load_policy, Policy.load, Pilot):
-        with pytest.raises(NeuroAnimatorError, match="No policy file 'whale', .* Shipped: dolphin, fish"):
+        with pytest.raises(
+            NeuroAnimatorError, match="No policy file 'whale', .* Shipped: dolphin, fish"
+        ):
             load("whale")

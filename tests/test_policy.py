@@ -11,17 +11,37 @@ import pytest
 from numpy.typing import ArrayLike
 
 from neuroanimator import Emulator, find_emulator, load_system
-from neuroanimator.control.policies.behaviours import Tank, avoid, follow, pursue, school, stay_inside, wander
+from neuroanimator.control.policies.behaviours import (
+    Tank,
+    avoid,
+    follow,
+    pursue,
+    school,
+    stay_inside,
+    wander,
+)
 from neuroanimator.control.policies.closed_loop import drive, live
 from neuroanimator.control.policies.policy import Policy, fresh_policy
-from neuroanimator.control.policies.policy_training import PolicyTraining, command_ranges, train_policy
-from neuroanimator.control.policies.steering import Course, command, dive, forward, leftward, turn, unit
+from neuroanimator.control.policies.policy_training import (
+    PolicyTraining,
+    command_ranges,
+    train_policy,
+)
+from neuroanimator.control.policies.steering import (
+    SteeringTarget,
+    command,
+    dive,
+    forward,
+    leftward,
+    turn,
+    unit,
+)
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.emulator.pca import mixing, reflection
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import Pose
-from neuroanimator.state.reference_shape import flat_of, points_of, shown_by
+from neuroanimator.state.reference_shape import flat_of, points_of, to_world_axes
 from neuroanimator.state.rotation import facing
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
@@ -49,10 +69,12 @@ def starts(fish: DeformableSystem) -> np.ndarray:
     return sample_starts(fish, np.random.default_rng(12345), 8)
 
 
-def controls_of(policy: Policy, states: np.ndarray, phase: float, commands: ArrayLike) -> np.ndarray:
-    inner = jnp.asarray(policy.emulator.encode(np.asarray(states, float)), jnp.float32)
+def controls_of(
+    policy: Policy, states: np.ndarray, phase: float, commands: ArrayLike
+) -> np.ndarray:
+    latent = jnp.asarray(policy.emulator.encode(np.asarray(states, float)), jnp.float32)
     phases = jnp.full(len(states), phase, jnp.float32)
-    return np.asarray(jax.vmap(policy.control)(inner, phases, jnp.asarray(commands, jnp.float32)))
+    return np.asarray(jax.vmap(policy.control)(latent, phases, jnp.asarray(commands, jnp.float32)))
 
 
 def random_commands(policy: Policy, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -61,13 +83,19 @@ def random_commands(policy: Policy, rng: np.random.Generator, count: int) -> np.
 
 def moved(states: np.ndarray, heading: float, shift: np.ndarray) -> np.ndarray:
     """Return the fish of `states` (B, S) turned about the vertical and moved."""
-    places, speeds = points_of(states[:, :69]), points_of(states[:, 69:138])
+    positions, velocities = points_of(states[:, :69]), points_of(states[:, 69:138])
     quaternion = facing(np.full(len(states), heading))
-    parts = flat_of(shown_by(quaternion, places) + shift), flat_of(shown_by(quaternion, speeds)), states[:, 138:]
+    parts = (
+        flat_of(to_world_axes(quaternion, positions) + shift),
+        flat_of(to_world_axes(quaternion, velocities)),
+        states[:, 138:],
+    )
     return np.concatenate(parts, axis=1)
 
 
-def course_error(policy: Policy, states: np.ndarray, course: Course) -> tuple[np.ndarray, np.ndarray]:
+def course_error(
+    policy: Policy, states: np.ndarray, course: SteeringTarget
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (speed (B,) [m/s], angle off course (B,) [rad]) over the last two periods of `states` (B, T+1, S)."""
     pose = policy.pose(np.asarray(policy.emulator.encode(states[:, -12:])))
     speed = np.sum(pose.velocity * pose.forward, axis=-1).mean(axis=1)
@@ -78,12 +106,14 @@ def course_error(policy: Policy, states: np.ndarray, course: Course) -> tuple[np
 @pytest.mark.parametrize("size", [1.0, 1e3, 1e6])
 def test_controls_stay_within_bounds_whatever_comes(policy: Policy, size: float):
     rng = np.random.default_rng(0)
-    inner = jnp.asarray(
-        rng.normal(size=(64, len(policy.emulator.encode(np.array(policy.emulator.identity.rest))))) * size, jnp.float32
+    latent = jnp.asarray(
+        rng.normal(size=(64, len(policy.emulator.encode(np.array(policy.emulator.spec.rest)))))
+        * size,
+        jnp.float32,
     )
     commands = jnp.asarray(rng.normal(size=(64, 4)) * size, jnp.float32)
-    found = np.asarray(jax.vmap(policy.control)(inner, jnp.arange(64.0), commands))
-    bounds = policy.emulator.identity.bounds
+    found = np.asarray(jax.vmap(policy.control)(latent, jnp.arange(64.0), commands))
+    bounds = policy.emulator.spec.bounds
     assert ((found >= np.array(bounds.low)) & (found <= np.array(bounds.high))).all()
     assert np.ptp(found) > 0.5
 
@@ -98,10 +128,14 @@ def test_moving_and_turning_the_world_changes_no_muscle(policy: Policy, starts: 
 def test_the_command_of_a_course_turns_with_the_world(policy: Policy, starts: np.ndarray):
     pose = policy.pose(np.asarray(policy.emulator.encode(starts)))
     course = turn(pose, 0.8, 0.1)
-    elsewhere = policy.pose(np.asarray(policy.emulator.encode(moved(starts, 1.9, np.array([3.0, -2.0, 0.5])))))
+    elsewhere = policy.pose(
+        np.asarray(policy.emulator.encode(moved(starts, 1.9, np.array([3.0, -2.0, 0.5]))))
+    )
     turned_course = turn(elsewhere, 0.8, 0.1)
     np.testing.assert_allclose(command(turned_course, elsewhere), command(course, pose), atol=1e-4)
-    np.testing.assert_allclose(command(course, pose)[:, :3], np.tile([0.1, 0.8, 0.0], (len(starts), 1)), atol=2e-3)
+    np.testing.assert_allclose(
+        command(course, pose)[:, :3], np.tile([0.1, 0.8, 0.0], (len(starts), 1)), atol=2e-3
+    )
 
 
 def test_a_dive_points_below_a_level_body():
@@ -110,12 +144,19 @@ def test_a_dive_points_below_a_level_body():
     assert command(dive(pose, 0.5, 0.1), pose)[0, 2] == pytest.approx(-0.5, abs=1e-3)
 
 
-def test_the_mirrored_fish_does_the_mirrored_thing(policy: Policy, fish: DeformableSystem, starts: np.ndarray):
+def test_the_mirrored_fish_does_the_mirrored_thing(
+    policy: Policy, fish: DeformableSystem, starts: np.ndarray
+):
     mirror = fish.structure.mirror
     assert mirror is not None
     swap = reflection(mirror)
     image = np.concatenate(
-        [starts[:, :69] @ swap.T, starts[:, 69:138] @ swap.T, starts[:, 138:][:, list(mirror.controls)]], axis=1
+        [
+            starts[:, :69] @ swap.T,
+            starts[:, 69:138] @ swap.T,
+            starts[:, 138:][:, list(mirror.controls)],
+        ],
+        axis=1,
     )
     commands = random_commands(policy, np.random.default_rng(2), len(starts))
     found = controls_of(policy, starts, 0.4, commands)
@@ -137,11 +178,15 @@ def test_on_the_true_physics_it_swims_faster_when_told_to(policy: Policy, fish: 
 
 
 @pytest.mark.parametrize("angle", [np.pi / 3, -np.pi / 3])
-def test_on_the_true_physics_it_turns_left_or_right_as_told(policy: Policy, fish: DeformableSystem, angle: float):
+def test_on_the_true_physics_it_turns_left_or_right_as_told(
+    policy: Policy, fish: DeformableSystem, angle: float
+):
     pose = policy.pose(jnp.asarray(policy.emulator.encode(fish.rest[None])))
     course = turn(pose, angle, 0.08)
     runs, _ = drive(policy, fish, fish.rest[None], course, round(SECONDS / policy.dt))
-    after = policy.pose(np.asarray(policy.emulator.encode(runs.states[:, -12:]))).forward.mean(axis=1)
+    after = policy.pose(np.asarray(policy.emulator.encode(runs.states[:, -12:]))).forward.mean(
+        axis=1
+    )
     assert np.sign(np.sum(after * np.asarray(leftward(pose)))) == np.sign(angle)
     assert np.degrees(course_error(policy, runs.states, course)[1][0]) < 15
 
@@ -162,12 +207,14 @@ def test_a_policy_survives_its_file(policy: Policy, tmp_path: Path, starts: np.n
     again.save(second)
     assert first.read_bytes() == second.read_bytes()
     commands = random_commands(policy, np.random.default_rng(3), len(starts))
-    np.testing.assert_array_equal(controls_of(again, starts, 0.2, commands), controls_of(policy, starts, 0.2, commands))
+    np.testing.assert_array_equal(
+        controls_of(again, starts, 0.2, commands), controls_of(policy, starts, 0.2, commands)
+    )
 
 
 @pytest.mark.parametrize("name", POLICIES)
 def test_shipped_policies_load_and_are_small(name: str):
-    assert Policy.load(find_policy(name)).emulator.identity.system == name
+    assert Policy.load(find_policy(name)).emulator.spec.system == name
     assert shipped_policy(name).stat().st_size <= 300_000
 
 
@@ -178,7 +225,9 @@ def test_a_policy_that_does_not_ship_is_refused_with_the_names():
 
 FORGERIES = {
     "another format": lambda metadata: metadata | {"format": 99},
-    "another version": lambda metadata: metadata | {"emulator": metadata["emulator"] | {"format": 1}},
+    "another version": lambda metadata: (
+        metadata | {"emulator": metadata["emulator"] | {"format": 1}}
+    ),
     "commands of another meaning": lambda metadata: metadata | {"command": [["speed", 1, "knots"]]},
     "sizes out of range": lambda metadata: metadata | {"widths": [10**9]},
     "no layers": lambda metadata: metadata | {"widths": []},
@@ -224,10 +273,10 @@ def test_a_system_that_cannot_point_anywhere_gets_no_policy(policy: Policy):
 def test_a_body_without_left_and_right_or_gait_gets_a_policy_too():
     lander = Emulator.load(find_emulator("lander"))
     policy = fresh_policy(lander, Bounds((0.0, -1.5, -1.5, -1.5), (5.0, 1.5, 1.5, 1.5)), (8, 8))
-    states = np.tile(lander.identity.rest, (2, 1))
+    states = np.tile(lander.spec.rest, (2, 1))
     found = controls_of(policy, states, 0.3, [[1.0, 1.0, 0.0, 0.0], [1.0, -1.0, 0.0, 0.0]])
-    assert found.shape == (2, lander.identity.control.size)
-    assert ((found >= lander.identity.bounds.low) & (found <= lander.identity.bounds.high)).all()
+    assert found.shape == (2, lander.spec.control.size)
+    assert ((found >= lander.spec.bounds.low) & (found <= lander.spec.bounds.high)).all()
     assert (found[0] != found[1]).any()
 
 
@@ -249,7 +298,9 @@ def test_training_resumes_to_the_same_bytes_and_learns(fish: DeformableSystem, t
     assert len((tmp_path / "parts.policy.run" / "metrics.jsonl").read_text().splitlines()) == 2
 
 
-@pytest.mark.parametrize("fault", [{"updates": 0}, {"batch": 0}, {"starts": 4}, {"learning_rate": 2.0}])
+@pytest.mark.parametrize(
+    "fault", [{"updates": 0}, {"batch": 0}, {"starts": 4}, {"learning_rate": 2.0}]
+)
 def test_a_senseless_training_is_refused(fault: dict):
     with pytest.raises(ArgumentError, match=f"^{next(iter(fault))}: wanted"):
         PolicyTraining(**fault)
@@ -268,31 +319,33 @@ def test_a_school_stays_in_its_tank_and_in_shape(policy: Policy, fish: Deformabl
     starts = np.tile(fish.rest, (count, 1))
     starts[:, :69] += np.tile(rng.uniform(-0.5, 0.5, (count, 3)) * [1, 1, 0.5], 23)
 
-    def wish(pose: Pose, time: jax.Array) -> Course:
+    def wish(pose: Pose, time: jax.Array) -> SteeringTarget:
         company = wander(pose, time) + school(pose, spacing=0.3, reach=0.6)
         return follow(company * jnp.array([1.0, 1.0, 0.3]) + 12 * stay_inside(pose, TANK, 0.4), 0.1)
 
     lives = np.asarray(live(policy, wish, starts, 200))
-    places = lives[..., :69].reshape(count, -1, 23, 3)
-    assert (places > np.array(TANK.low)).all()
-    assert (places < np.array(TANK.high)).all()
-    sizes = np.linalg.norm(places - places.mean(axis=2, keepdims=True), axis=-1).max(axis=-1)
+    positions = lives[..., :69].reshape(count, -1, 23, 3)
+    assert (positions > np.array(TANK.low)).all()
+    assert (positions < np.array(TANK.high)).all()
+    sizes = np.linalg.norm(positions - positions.mean(axis=2, keepdims=True), axis=-1).max(axis=-1)
     np.testing.assert_allclose(sizes, sizes[:, :1] + np.zeros_like(sizes), rtol=0.15)
-    way = np.linalg.norm(np.diff(places.mean(axis=2), axis=1), axis=-1).sum(axis=1)
+    way = np.linalg.norm(np.diff(positions.mean(axis=2), axis=1), axis=-1).sum(axis=1)
     assert (way > 1.0).all()
 
 
 def test_fish_catch_what_they_pursue(policy: Policy, fish: DeformableSystem):
     bait = np.array([0.8, 0.9, 0.2])
-    lives = np.asarray(live(policy, lambda pose, time: follow(pursue(pose, bait), 0.12), fish.rest[None], 150))
+    lives = np.asarray(
+        live(policy, lambda pose, time: follow(pursue(pose, bait), 0.12), fish.rest[None], 150)
+    )
     distance = np.linalg.norm(lives[0, :, :3] - bait, axis=-1)
     assert distance.min() < 0.1 < distance[0]
 
 
 def test_urges_point_away_from_walls_places_and_neighbours():
-    places = np.array([[0.9, 0.0, 0.0], [0.85, 0.0, 0.0], [-0.9, 0.0, 0.4]])
+    positions = np.array([[0.9, 0.0, 0.0], [0.85, 0.0, 0.0], [-0.9, 0.0, 0.4]])
     axes = np.tile([1.0, 0.0, 0.0], (3, 1)), np.tile([0.0, 0.0, 1.0], (3, 1))
-    pose = Pose(jnp.asarray(places), jnp.zeros((3, 3)), *map(jnp.asarray, axes))
+    pose = Pose(jnp.asarray(positions), jnp.zeros((3, 3)), *map(jnp.asarray, axes))
     inward = np.asarray(stay_inside(pose, Tank((-1.0, -1.0, -0.5), (1.0, 1.0, 0.5)), 0.2))
     assert (np.sign(inward) == [[-1, 0, 0], [-1, 0, 0], [1, 0, -1]]).all()
     away = np.asarray(avoid(pose, [[0.9, 0.05, 0.0]], 0.1))

@@ -28,7 +28,9 @@ def run(code: str, **environment: str | None) -> subprocess.CompletedProcess[str
         given.pop(key, None)
         if value is not None:
             given[key] = value
-    return subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, env=given)
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, env=given
+    )
 
 
 def programs(home: Path) -> list[Path]:
@@ -102,12 +104,14 @@ def test_where_no_safe_folder_can_be_had_it_works_without(tmp_path: Path, kind: 
 
 
 def test_too_many_programs_lose_their_older_half(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from neuroanimator import program_cache
+    from neuroanimator.storage import program_cache
 
-    monkeypatch.setattr(program_cache, "MOST_PROGRAMS", 10)
+    monkeypatch.setattr(program_cache, "MAX_PROGRAMS", 10)
     for number in range(12):
         path = tmp_path / f"{number:02}-cache"
         path.write_text("")
         os.utime(path, (number, number))
     program_cache._remove_older_half(tmp_path)
-    assert [path.name for path in sorted(tmp_path.iterdir())] == [f"{number:02}-cache" for number in range(6, 12)]
+    assert [path.name for path in sorted(tmp_path.iterdir())] == [
+        f"{number:02}-cache" for number in range(6, 12)
+    ]

@@ -63,7 +63,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with spring.py, spring.toml, data and a briefly trained emulator."""
     folder = tmp_path_factory.mktemp("spring")
     system = system_from(folder)
-    config = dataset_config(system=system.name, definition=system.definition, substeps=10, count=3000)
+    config = dataset_config(
+        system=system.name, definition=system.definition, substeps=10, count=3000
+    )
     generate(config, folder / "data")
     settings = training_config(updates=500, widths=(24, 24), batch=128)
     train(read_transitions(folder / "data"), settings, folder / "spring.emulator.safetensors")
@@ -91,7 +93,9 @@ def test_rows_one_by_one_and_in_batches_are_the_same(tmp_path: Path):
     assert not np.array_equal(runs[0][0], runs[0][1])
 
 
-def test_a_function_is_the_truth_at_its_own_step_unless_it_says_that_it_integrates_an_equation(tmp_path: Path):
+def test_a_function_is_the_truth_at_its_own_step_unless_it_says_that_it_integrates_an_equation(
+    tmp_path: Path,
+):
     system = system_from(tmp_path, SPRING.replace("ODE = True\n", ""), "plain")
     assert system.truth == system.fine == system.scheme
     text = (tmp_path / "plain.toml").read_text()
@@ -110,14 +114,20 @@ def test_a_function_that_fails_at_a_smaller_step_is_never_called_with_one(tmp_pa
 
 def test_a_function_that_ignores_dt_cannot_be_an_equation(tmp_path: Path):
     with pytest.raises(NeuroAnimatorError, match="ODE: step does the same for every dt"):
-        system_from(tmp_path, SPRING.replace("control, dt):", "control, dt):\n    dt = 0.01"), "fixed")
+        system_from(
+            tmp_path, SPRING.replace("control, dt):", "control, dt):\n    dt = 0.01"), "fixed"
+        )
 
 
 def test_a_run_that_blows_up_is_told_from_one_that_does_not(tmp_path: Path):
     system = system_from(
-        tmp_path, SPRING.replace("control[0] -", "control[0] + 1e-3 * np.abs(state[0]) ** 3 -"), "wild"
+        tmp_path,
+        SPRING.replace("control[0] -", "control[0] + 1e-3 * np.abs(state[0]) ** 3 -"),
+        "wild",
     )
-    runs = system.simulate(np.array([[1e-3, 0.0], [1e6, 0.0]]), np.zeros((2, 3, 1)), 0.1, scheme=system.scheme)
+    runs = system.simulate(
+        np.array([[1e-3, 0.0], [1e6, 0.0]]), np.zeros((2, 3, 1)), 0.1, scheme=system.scheme
+    )
     assert runs.is_alive.tolist() == [True, False]
 
 
@@ -126,7 +136,7 @@ def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_functio
     emulator = Emulator.load(folder / "spring.emulator.safetensors")
     found = evaluate(emulator, data=read_transitions(folder / "data"), effort=FAST)
     assert found.one_step_error < 0.05
-    assert found.blow_ups == 0
+    assert found.diverged == 0
     assert found.speed.physics == "Python function"
     assert found.speed.rival.error <= found.one_step_error
     assert "not compiled" in found.note
@@ -142,16 +152,24 @@ def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_functio
         (('"m/s"}', '"knots"}'), "state.speed: unknown unit 'knots'. Convert to one of: 1, m, m/s"),
         (('("N", -3.0, 3.0)', '("N", 3.0)'), "CONTROL: wanted a line like"),
         (('("N", -3.0, 3.0)', '("N", 3.0, -3.0)'), "control.force: wanted as many numbers"),
-        (('{"place": "speed"}', '{"plaice": "speed"}'), "RATES: no part 'plaice' in STATE. Parts: place, speed"),
+        (
+            ('{"place": "speed"}', '{"plaice": "speed"}'),
+            "RATES: no part 'plaice' in STATE. Parts: place, speed",
+        ),
         (("def step", "def stepp"), "wanted a function `def step(state, control, dt)"),
         (("    speed = ", "    spee d = "), "broken.py, line 13: invalid syntax"),
         (("control[0]", "control[1]"), "broken.py, line 13: IndexError: index 1 is out of bounds"),
         (("[state[0] + dt * speed, speed]", "[speed]"), "broken.py: step returned shape"),
         (("ODE = True", "ODE = 1"), "broken.py: ODE: wanted a line like `ODE = True`, came 1"),
-        (("import numpy as np", "import numpy as np\nimport sys\nsys.exit(4)"), "broken.py, line 3: SystemExit: 4"),
+        (
+            ("import numpy as np", "import numpy as np\nimport sys\nsys.exit(4)"),
+            "broken.py, line 3: SystemExit: 4",
+        ),
     ],
 )
-def test_a_fault_in_the_file_is_told_in_one_line(tmp_path: Path, change: tuple[str, str], message: str):
+def test_a_fault_in_the_file_is_told_in_one_line(
+    tmp_path: Path, change: tuple[str, str], message: str
+):
     with pytest.raises(NeuroAnimatorError) as caught:
         system_from(tmp_path, SPRING.replace(*change), "broken")
     assert message in str(caught.value)
@@ -160,19 +178,26 @@ def test_a_fault_in_the_file_is_told_in_one_line(tmp_path: Path, change: tuple[s
 
 def test_a_function_that_answers_batches_otherwise_is_refused(tmp_path: Path):
     with pytest.raises(NeuroAnimatorError, match="BATCHED"):
-        system_from(tmp_path, SPRING.replace("control[0] -", "control[0] + state[0].mean() -"), "mixed")
+        system_from(
+            tmp_path, SPRING.replace("control[0] -", "control[0] + state[0].mean() -"), "mixed"
+        )
 
 
 def test_a_strangers_dataset_and_emulator_never_run_code(folder: Path, cli: Cli, tmp_path: Path):
     marker = tmp_path / "ran"
     (tmp_path / "spring.py").write_text(f"open({str(marker)!r}, 'w').close()\n" + SPRING)
-    for arguments in (("new", "spring.py"), ("generate", "spring.toml", "--count", "1200", "--out", "data")):
+    for arguments in (
+        ("new", "spring.py"),
+        ("generate", "spring.toml", "--count", "1200", "--out", "data"),
+    ):
         result = cli(*arguments, cwd=tmp_path)
         assert result.returncode == 0, result.stderr
     assert marker.exists()
     marker.unlink()
     emulator = "spring.emulator.safetensors"
-    result = cli("train", "data", "--updates", "250", "--widths", "8", "--out", emulator, cwd=tmp_path)
+    result = cli(
+        "train", "data", "--updates", "250", "--widths", "8", "--out", emulator, cwd=tmp_path
+    )
     assert result.returncode == 0, result.stderr
     assert cli("animate", emulator, "--out", "clip.csv", cwd=tmp_path).returncode == 0
     refused = cli("evaluate", emulator, "--data", "data", cwd=tmp_path)

@@ -60,7 +60,13 @@ def test_a_pushed_pendulum_recovers_on_the_true_physics_only_if_planned(
     seed: int, planner: Planner, physics: PhysicsPlant
 ):
     kick = push(seed)
-    found = drive(planner, physics, UPRIGHT, RECOVERY, lambda step, state: state + kick if step == 0 else state)
+    found = drive(
+        planner,
+        physics,
+        UPRIGHT,
+        RECOVERY,
+        lambda step, state: state + kick if step == 0 else state,
+    )
     np.testing.assert_array_equal(found.states[0], UPRIGHT + kick)
     assert is_upright(found.states[-1])
     idle = play(physics.system, found.states[:1], np.zeros((1, RECOVERY, 3)), DT).states[0]
@@ -69,10 +75,12 @@ def test_a_pushed_pendulum_recovers_on_the_true_physics_only_if_planned(
 
 def test_it_swings_up_and_stays_up_under_pushes(planner: Planner, physics: PhysicsPlant):
     kicked = 40
-    found = drive(planner, physics, REST, 80, lambda step, state: state + push(9) if step == kicked else state)
+    found = drive(
+        planner, physics, REST, 80, lambda step, state: state + push(9) if step == kicked else state
+    )
     assert is_upright(found.states[kicked - 1])
     assert all(is_upright(state) for state in found.states[-20:])
-    assert (np.abs(found.controls) <= planner.emulator.identity.bounds.largest).all()
+    assert (np.abs(found.controls) <= planner.emulator.spec.bounds.magnitude).all()
 
 
 def test_a_plan_follows_the_emulator_and_so_does_the_drive(planner: Planner, shipped: Emulator):
@@ -92,12 +100,14 @@ def test_planning_from_the_optimum_changes_nothing(start: np.ndarray, planner: P
         settled = planner.plan(start, settled.controls)
     again = planner.plan(start, settled.controls)
     assert again.cost == pytest.approx(settled.cost, rel=1e-3)
-    limit = planner.emulator.identity.bounds.largest
+    limit = planner.emulator.spec.bounds.magnitude
     assert (np.abs(again.controls - settled.controls) / limit).max() < 0.01
 
 
 @pytest.mark.parametrize("start", [REST, UPRIGHT + push(0)])
-def test_a_plan_moved_on_is_no_worse_a_beginning_than_none(start: np.ndarray, planner: Planner, physics: PhysicsPlant):
+def test_a_plan_moved_on_is_no_worse_a_beginning_than_none(
+    start: np.ndarray, planner: Planner, physics: PhysicsPlant
+):
     state, last = start, None
     for _ in range(10):
         plan = planner.plan(state, last)
@@ -142,12 +152,14 @@ def test_planning_keeps_pace_with_a_display(planner: Planner, shipped: Emulator)
         (4, {"iterations": 0}, "at least 1"),
         (0, {}, "at least 1"),
         (3, {}, "Make it longer"),
-        (5, {"parameters": 4}, "wanted those of 5 super steps, came 4"),
+        (5, {"parametrisation": 4}, "wanted those of 5 super steps, came 4"),
     ],
 )
-def test_bad_wishes_are_refused_before_anything_is_compiled(steps: int, options: dict, message: str, shipped: Emulator):
-    if "parameters" in options:
-        options = {"parameters": EachStep.of(options["parameters"], shipped.identity.bounds)}
+def test_bad_wishes_are_refused_before_anything_is_compiled(
+    steps: int, options: dict, message: str, shipped: Emulator
+):
+    if "parametrisation" in options:
+        options = {"parametrisation": EachStep.of(options["parametrisation"], shipped.spec.bounds)}
     with pytest.raises(NeuroAnimatorError, match=message):
         Planner.of(shipped, stay_upright(4), steps, **options)
 

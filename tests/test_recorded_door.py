@@ -48,13 +48,23 @@ def recordings(runs: int = 6, rows: int = 400) -> np.ndarray:
 
 
 def write_csv(path: Path, table: np.ndarray) -> None:
-    lines = [",".join([str(int(row[0])), *(repr(float(value)) for value in row[1:])]) for row in table]
+    lines = [
+        ",".join([str(int(row[0])), *(repr(float(value)) for value in row[1:])]) for row in table
+    ]
     path.write_text("\n".join([HEADER, *lines, ""]))
 
 
 def write_npz(path: Path, table: np.ndarray, **changes: object) -> None:
-    arrays: dict[str, object] = {"run": table[:, 0].astype(int), "time": table[:, 1], "states": table[:, 2:4]}
-    arrays |= {"controls": table[:, 4:], "state_names": ["angle rad", "speed rad/s"], "control_names": ["torque N*m"]}
+    arrays: dict[str, object] = {
+        "run": table[:, 0].astype(int),
+        "time": table[:, 1],
+        "states": table[:, 2:4],
+    }
+    arrays |= {
+        "controls": table[:, 4:],
+        "state_names": ["angle rad", "speed rad/s"],
+        "control_names": ["torque N*m"],
+    }
     np.savez(path, **{key: np.asarray(value) for key, value in (arrays | changes).items()})  # pyright: ignore
 
 
@@ -102,11 +112,16 @@ def test_every_number_of_the_dataset_is_one_of_the_recording(folder: Path, table
     np.testing.assert_allclose(data.controls[..., 0], held, rtol=1e-5, atol=1e-6)
 
 
-def test_stretches_share_no_sample_and_the_test_is_never_trained_on(folder: Path, table: np.ndarray):
+def test_stretches_share_no_sample_and_the_test_is_never_trained_on(
+    folder: Path, table: np.ndarray
+):
     data = read_transitions(folder / "data")
     assert data.held_out is not None
     rows = rows_of(table, data.states.reshape(-1, 2)).reshape(data.states.shape[:2])
-    used = {int(run): range(rows[data.run == run].min(), rows[data.run == run].max() + 1) for run in set(data.run)}
+    used = {
+        int(run): range(rows[data.run == run].min(), rows[data.run == run].max() + 1)
+        for run in set(data.run)
+    }
     tested = set(rows_of(table, data.held_out[0].reshape(-1, 2)).tolist())
     seen: set[int] = set()
     for samples in used.values():
@@ -134,14 +149,16 @@ def test_a_lost_shard_is_made_again_with_the_same_bytes(folder: Path):
     assert shard.read_bytes() == before
 
 
-def test_an_emulator_of_a_linear_system_is_accurate_on_recordings_it_has_not_seen(folder: Path, tmp_path: Path):
+def test_an_emulator_of_a_linear_system_is_accurate_on_recordings_it_has_not_seen(
+    folder: Path, tmp_path: Path
+):
     data = read_transitions(folder / "data")
     out = tmp_path / "runs.emulator.safetensors"
     train(data, training_config(updates=750, widths=(24, 24), batch=128), out)
     found = evaluate(Emulator.load(out), data=data, effort=Effort(repeats=3, starts=20, steps=50))
     assert found.one_step_error < 0.05
     assert found.one_step_error < 0.2 * found.baselines["persistence"]
-    assert found.blow_ups == 0
+    assert found.diverged == 0
     assert found.row()["nominal_speedup"] == "none"
     assert "no physics to compare its speed with" in found.note
     with pytest.raises(NeuroAnimatorError, match="no speed-ups"):
@@ -203,14 +220,29 @@ GOOD = [HEADER, "0,0.00,0.1,0,1", "0,0.02,0.2,0,2", "0,0.04,0.3,0,1"]
         ([], "bad.csv is empty"),
         (GOOD[1:], "bad.csv, line 1: no column 'time s'"),
         (GOOD[:1], "bad.csv: 0 rows"),
-        ([*GOOD, "0,0.07,0.4,0,1"], "bad.csv, line 5, time: 0.03 s after the row before, elsewhere 0.02 s"),
-        ([*GOOD, "0,0.06,nan,0,1"], "bad.csv, line 5, column 3 (state.angle rad): wanted a finite number, came 'nan'"),
+        (
+            [*GOOD, "0,0.07,0.4,0,1"],
+            "bad.csv, line 5, time: 0.03 s after the row before, elsewhere 0.02 s",
+        ),
+        (
+            [*GOOD, "0,0.06,nan,0,1"],
+            "bad.csv, line 5, column 3 (state.angle rad): wanted a finite number, came 'nan'",
+        ),
         ([*GOOD, "0,0.06,0.4,inf,1"], "bad.csv, line 5, column 4"),
         ([*GOOD, "0,0.06,0.4,0,on"], "bad.csv, line 5, column 5 (control.torque N·m)"),
         ([*GOOD, "0,0.06,0.4,0"], "bad.csv, line 5: 4 cells; wanted 5"),
-        ([GOOD[0].replace("rad/s", "rpm"), *GOOD[1:]], "bad.csv, line 1, column 4: unknown unit 'rpm'"),
-        ([GOOD[0].replace("speed rad/s", "speed"), *GOOD[1:]], "line 1, column 4: wanted a name and a unit"),
-        ([GOOD[0].replace("speed rad/s", "angle rad"), *GOOD[1:]], "two columns are called 'state.angle'"),
+        (
+            [GOOD[0].replace("rad/s", "rpm"), *GOOD[1:]],
+            "bad.csv, line 1, column 4: unknown unit 'rpm'",
+        ),
+        (
+            [GOOD[0].replace("speed rad/s", "speed"), *GOOD[1:]],
+            "line 1, column 4: wanted a name and a unit",
+        ),
+        (
+            [GOOD[0].replace("speed rad/s", "angle rad"), *GOOD[1:]],
+            "two columns are called 'state.angle'",
+        ),
         ([GOOD[0].replace("control.", "motor."), *GOOD[1:]], "'motor.torque N·m' is none of run"),
         ([GOOD[0].replace("control.", "state."), *GOOD[1:]], "no control column"),
         ([HEADER, *(f"0,{k / 50},{k},0,1" for k in range(99))], "control.torque never changes"),
@@ -231,7 +263,8 @@ def test_a_missing_file_is_refused(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("rows", "message"), [(18, "bad.csv, line 2: a run of 18 rows; wanted at least 21"), (40, "too few")]
+    ("rows", "message"),
+    [(18, "bad.csv, line 2: a run of 18 rows; wanted at least 21"), (40, "too few")],
 )
 def test_runs_too_short_or_too_few_are_refused(tmp_path: Path, rows: int, message: str):
     write_csv(tmp_path / "bad.csv", recordings(runs=1, rows=rows))
@@ -251,7 +284,10 @@ class _Trap:
         ({"states": np.zeros((3, 2))}, "states has shape (3, 2); wanted one row per time"),
         ({"state_names": ["angle rad"]}, "state_names lists 1 names for 2 columns"),
         ({"state_names": ["angle rad", "speed mph"]}, "state_names[1]: unknown unit 'mph'"),
-        ({"controls": np.full((2400, 1), np.nan)}, "controls, row 0, column 0: not a finite number"),
+        (
+            {"controls": np.full((2400, 1), np.nan)},
+            "controls, row 0, column 0: not a finite number",
+        ),
         ({"run": np.array([_Trap()] * 2400)}, "objects are refused"),
     ],
 )
@@ -274,7 +310,9 @@ def test_one_long_recording_is_cut_so_that_something_is_left_to_test_on(tmp_path
     assert sum(stretch.stop - stretch.start for stretch in [*learn, *test]) == 2400
 
 
-def test_a_toml_that_disagrees_with_its_recordings_is_refused(folder: Path, table: np.ndarray, tmp_path: Path):
+def test_a_toml_that_disagrees_with_its_recordings_is_refused(
+    folder: Path, table: np.ndarray, tmp_path: Path
+):
     write_csv(tmp_path / "runs.csv", table)
     system_from(tmp_path / "runs.csv")
     toml = tmp_path / "runs.toml"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
-from neuroanimator.state.reference_shape import shown_by
+from neuroanimator.state.reference_shape import to_world_axes
 from neuroanimator.state.rotation import upward
 from neuroanimator.systems.deformable.body import Body, Ground, Water
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
@@ -25,27 +25,33 @@ def tilt(system: DeformableSystem, states: np.ndarray) -> np.ndarray:
     """Return the angle [degrees] between a body's up and the world's, of states (..., S)."""
     cloud = system.structure.cloud
     assert cloud is not None
-    return np.degrees(np.arccos(np.clip(upward(cloud.turn(system.unpack(states)[0]))[..., 2], -1, 1)))
+    return np.degrees(
+        np.arccos(np.clip(upward(cloud.orientation(system.unpack(states)[0]))[..., 2], -1, 1))
+    )
 
 
 def rolled(system: DeformableSystem, angle: float) -> np.ndarray:
     """Return the body at rest (S,), rolled by `angle` [rad]."""
     cloud = system.structure.cloud
     assert cloud is not None
-    places, speeds, contractions = system.unpack(system.rest)
-    centre = cloud.centroid(places)
-    turn = np.array([np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0])
-    return system.pack(centre + shown_by(turn, places - centre), speeds, contractions)
+    positions, velocities, activations = system.unpack(system.rest)
+    centre = cloud.centroid(positions)
+    orientation = np.array([np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0])
+    return system.pack(
+        centre + to_world_axes(orientation, positions - centre), velocities, activations
+    )
 
 
 @pytest.mark.parametrize("name", BODIES)
 def test_lift_carries_the_weight_and_its_centre_lies_above_that_of_mass(name: str):
     body = deformable(name).body
     assert body.water is not None
-    centred = body.places - body.masses @ body.places / body.masses.sum()
+    centred = body.positions - body.masses @ body.positions / body.masses.sum()
     lifted = body.masses * body.lift
     assert lifted.sum() == pytest.approx(body.masses.sum() * body.water.buoyancy)
-    np.testing.assert_allclose(lifted @ centred / lifted.sum(), [0, 0, body.water.righting], atol=1e-12)
+    np.testing.assert_allclose(
+        lifted @ centred / lifted.sum(), [0, 0, body.water.righting], atol=1e-12
+    )
     assert (body.lift > 0).all()
 
 
@@ -71,21 +77,21 @@ def test_swimming_along_a_body_stays_upright_and_level(name: str):
     assert cloud is not None
     path = cloud.centroid(system.unpack(states)[0])[0]
     assert tilt(system, states).max() < 20
-    assert path[-1, 0] - path[0, 0] > 2 * np.ptp(system.body.places[:, 0])
-    assert np.abs(path[:, 2] - path[0, 2]).max() < 0.3 * np.ptp(system.body.places[:, 0])
+    assert path[-1, 0] - path[0, 0] > 2 * np.ptp(system.body.positions[:, 0])
+    assert np.abs(path[:, 2] - path[0, 2]).max() < 0.3 * np.ptp(system.body.positions[:, 0])
 
 
 def bar(water: Water | None, ground: Ground | None, rest_height: float) -> Body:
     """Return three mass points in a triangle, in SI units of order one."""
     return Body(
         names=("a", "b", "c"),
-        places=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.0, 0.8]]),
+        positions=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.0, 0.8]]),
         masses=np.array([1.0, 1.0, 2.0]),
         springs=np.array([[0, 1], [1, 2], [2, 0]]),
         stiffness=np.full(3, 500.0),
         damping=np.zeros(3),
         muscles=np.zeros((3, 0)),
-        pushes=np.zeros((3, 0)),
+        external_forces=np.zeros((3, 0)),
         faces=np.zeros((0, 4), int),
         water=water,
         ground=ground,
@@ -95,7 +101,7 @@ def bar(water: Water | None, ground: Ground | None, rest_height: float) -> Body:
 
 def test_springs_are_stretched_only_where_the_body_is_carried():
     falling = bar(None, None, 0.0)
-    floating = bar(Water(push=0.0, righting=0.1), None, 0.0)
+    floating = bar(Water(face_drag=0.0, righting=0.1), None, 0.0)
     too_deep = bar(None, Ground(1000.0, 0.0, 0.5, 0.1), -0.5)
     carried = bar(None, Ground(1000.0, 0.0, 0.5, 0.1), -4.0 * 9.81 / 2000)
     for body in (falling, too_deep):

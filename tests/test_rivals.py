@@ -10,8 +10,13 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, load_system, stand_upright
-from neuroanimator.bench.baselines.budgeted_cost import BLOWN_UP, Pricing
-from neuroanimator.bench.baselines.fast_physics import LANES, SimulatedPhysics, cheapest_scheme, fast_physics
+from neuroanimator.bench.baselines.budgeted_cost import BLOWN_UP, CostEvaluator
+from neuroanimator.bench.baselines.fast_physics import (
+    LANES,
+    SimulatedPhysics,
+    cheapest_scheme,
+    fast_physics,
+)
 from neuroanimator.bench.baselines.ilqr import linearised
 from neuroanimator.bench.baselines.race import RIVALS, Race, race
 from neuroanimator.control.descent.parametrisation import EachStep, Spline
@@ -41,12 +46,16 @@ def test_every_rival_lowers_j_on_the_true_pendulum(name: str, shipped: Emulator)
     assert found.cost < 0.9 * found.curve[0].cost
     PENDULUM.check_controls(found.controls)
     states = play(PENDULUM, PENDULUM.rest[None], found.controls[None], DT, found.scheme).states[0]
-    assert found.cost == pytest.approx(objective_cost(UPRIGHT, shipped, states, found.controls), rel=1e-5)
+    assert found.cost == pytest.approx(
+        objective_cost(UPRIGHT, shipped, states, found.controls), rel=1e-5
+    )
 
 
 @pytest.mark.parametrize("name", sorted(RIVALS))
 def test_the_same_seed_gives_the_same_race(name: str):
-    first, again = ([(row.physics_steps, row.cost) for row in run(name, seconds=0.7).curve] for _ in range(2))
+    first, again = (
+        [(row.physics_steps, row.cost) for row in run(name, seconds=0.7).curve] for _ in range(2)
+    )
     shared = min(len(first), len(again))
     assert shared > 2
     assert first[:shared] == again[:shared]
@@ -74,7 +83,12 @@ def test_a_race_ends_at_its_target():
 
 
 def test_curves_fall_while_time_and_physics_steps_rise():
-    curve = np.array([(row.seconds, row.physics_steps, row.cost) for row in run("nelder-mead", seconds=0.5).curve])
+    curve = np.array(
+        [
+            (row.seconds, row.physics_steps, row.cost)
+            for row in run("nelder-mead", seconds=0.5).curve
+        ]
+    )
     assert (np.diff(curve[:, :2], axis=0) >= 0).all()
     assert (np.diff(curve[:, 2]) < 0).all()
 
@@ -86,44 +100,60 @@ def test_the_jacobian_of_ilqr_is_the_finite_difference_of_the_physics(name: str,
     dt, start = 50 * system.physics_dt, np.array(system.rest)
     if name == "lander":
         start[2], start[3:7] = start[2] + 10, np.array([0.5, 0.5, 0.5, 0.5])
-    goal = UPRIGHT if name == "pendulum" else reach_state(system.structure, system.rest, system.goals["pad"])
-    parameters = Spline.of(steps, 4, system.bounds)
+    goal = (
+        UPRIGHT
+        if name == "pendulum"
+        else reach_state(system.structure, system.rest, system.goals["pad"])
+    )
+    parametrisation = Spline.of(steps, 4, system.bounds)
     physics = fast_physics(system, system.scheme, dt, start, steps)
-    pricing = Pricing(physics, goal, parameters, dt, start, system.bounds.largest, 1)
-    z = np.random.default_rng(0).normal(size=parameters.size) * 0.5
+    pricing = CostEvaluator(physics, goal, parametrisation, dt, start, system.bounds.magnitude, 1)
+    z = np.random.default_rng(0).normal(size=parametrisation.size) * 0.5
     found = linearised(pricing, z)[1]
     with jax.enable_x64(True):
-        wanted = differences(system, goal, parameters, dt, start, z)
+        wanted = differences(system, goal, parametrisation, dt, start, z)
     assert found.shape == wanted.shape
     assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()
 
 
 def differences(
-    system: System, goal: Objective, parameters: Spline, dt: float, start: np.ndarray, z: np.ndarray
+    system: System,
+    goal: Objective,
+    parametrisation: Spline,
+    dt: float,
+    start: np.ndarray,
+    z: np.ndarray,
 ) -> np.ndarray:
     """Return central differences (R, Z) of the residuals on the physics, all in float64."""
-    step, limit = 1e-4, jnp.asarray(system.bounds.largest)
+    step, limit = 1e-4, jnp.asarray(system.bounds.magnitude)
 
     def residuals(z: np.ndarray) -> np.ndarray:
-        controls = parameters.controls(jnp.asarray(z))
+        controls = parametrisation.controls(jnp.asarray(z))
         states = play(system, start[None], np.asarray(controls)[None], dt, system.scheme).states[0]
         return np.asarray(goal.residuals(Trajectory(jnp.asarray(states), controls, limit, dt)))
 
-    return np.stack([(residuals(z + step * e) - residuals(z - step * e)) / 2 / step for e in np.eye(len(z))], axis=1)
+    return np.stack(
+        [(residuals(z + step * e) - residuals(z - step * e)) / 2 / step for e in np.eye(len(z))],
+        axis=1,
+    )
 
 
 def test_a_motion_costs_the_same_alone_and_among_others():
     zs = np.random.default_rng(0).normal(size=(7, PARAMETERS.size))
     physics = fast_physics(PENDULUM, PENDULUM.truth, DT, PENDULUM.rest, STEPS, 8)
-    pricing = Pricing(physics, UPRIGHT, PARAMETERS, DT, PENDULUM.rest, PENDULUM.bounds.largest, 8)
-    np.testing.assert_allclose(pricing.costs(zs), [pricing.costs(z[None])[0] for z in zs], rtol=1e-6)
+    pricing = CostEvaluator(
+        physics, UPRIGHT, PARAMETERS, DT, PENDULUM.rest, PENDULUM.bounds.magnitude, 8
+    )
+    np.testing.assert_allclose(
+        pricing.costs(zs), [pricing.costs(z[None])[0] for z in zs], rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("name", ["pendulum", "pendulum-passive"])
 @pytest.mark.parametrize("count", [1, 3])
 def test_fast_mujoco_moves_as_the_system_does(name: str, count: int):
     system, rng = load_system(name), np.random.default_rng(0)
-    controls = rng.uniform(-1, 1, (count, 6, system.control.size)) * system.bounds.largest
+    controls = rng.uniform(-1, 1, (count, 6, system.control.size)) * system.bounds.magnitude
     fast = fast_physics(system, system.truth, DT, system.rest, 6, 4)
     slow = SimulatedPhysics(system, system.truth, DT, system.rest, 6, 4)
     for _ in range(2):
@@ -133,7 +163,7 @@ def test_fast_mujoco_moves_as_the_system_does(name: str, count: int):
 
 def test_bodies_side_by_side_move_as_by_the_slow_physics():
     cube, rng = load_system("cube"), np.random.default_rng(0)
-    controls = rng.uniform(-1, 1, (LANES + 3, 6, cube.control.size)) * cube.bounds.largest
+    controls = rng.uniform(-1, 1, (LANES + 3, 6, cube.control.size)) * cube.bounds.magnitude
     starts = np.repeat(cube.rest[None], len(controls), axis=0)
     slow = cube.simulate(starts, controls, DT, scheme=cube.scheme).states
     fast = fast_physics(cube, cube.scheme, DT, cube.rest, 6, 2 * LANES)
@@ -148,10 +178,18 @@ def test_bodies_side_by_side_move_as_by_the_slow_physics():
 def test_controls_that_blow_the_physics_up_cost_most():
     cube = load_system("cube")
     wild = replace(cube.scheme, dt=DT)
-    parameters = EachStep.of(20, cube.bounds)
+    parametrisation = EachStep.of(20, cube.bounds)
     physics = fast_physics(cube, wild, DT, cube.rest, 20, LANES)
-    pricing = Pricing(physics, Objective.of(effort()), parameters, DT, cube.rest, cube.bounds.largest, LANES)
-    zs = np.ones((3, parameters.size))
+    pricing = CostEvaluator(
+        physics,
+        Objective.of(effort()),
+        parametrisation,
+        DT,
+        cube.rest,
+        cube.bounds.magnitude,
+        LANES,
+    )
+    zs = np.ones((3, parametrisation.size))
     assert not play(cube, cube.rest[None], pricing.controls(zs[:1]), DT, wild).is_alive.any()
     assert (pricing.costs(zs) == BLOWN_UP).all()
     assert (pricing.costs(zs[:1]) == BLOWN_UP).all()
@@ -159,7 +197,10 @@ def test_controls_that_blow_the_physics_up_cost_most():
 
 def test_the_cheapest_scheme_is_one_of_the_two_a_user_would_take():
     assert cheapest_scheme(PENDULUM, DT, PENDULUM.rest) in (PENDULUM.scheme, PENDULUM.truth)
-    assert cheapest_scheme(load_system("cube"), DT, load_system("cube").rest) == load_system("cube").scheme
+    assert (
+        cheapest_scheme(load_system("cube"), DT, load_system("cube").rest)
+        == load_system("cube").scheme
+    )
 
 
 def test_ilqr_steps_the_physics_in_a_way_that_mujoco_can_differentiate():
@@ -169,8 +210,22 @@ def test_ilqr_steps_the_physics_in_a_way_that_mujoco_can_differentiate():
 
 
 def test_unknown_rivals_and_systems_without_derivatives_are_refused_by_name():
-    with pytest.raises(ArgumentError, match="No rival called 'magic'. Rivals: annealing, cma-es, ilqr, nelder-mead."):
+    with pytest.raises(
+        ArgumentError,
+        match="No rival called 'magic'. Rivals: annealing, cma-es, ilqr, nelder-mead.",
+    ):
         run("magic")
     cube = load_system("cube")
-    with pytest.raises(ArgumentError, match="ilqr: wanted a MuJoCo system driven by its own motors, came cube."):
-        race("ilqr", cube, Objective.of(effort()), EachStep.of(4, cube.bounds), DT, cube.rest, target=0.0, seconds=1.0)
+    with pytest.raises(
+        ArgumentError, match="ilqr: wanted a MuJoCo system driven by its own motors, came cube."
+    ):
+        race(
+            "ilqr",
+            cube,
+            Objective.of(effort()),
+            EachStep.of(4, cube.bounds),
+            DT,
+            cube.rest,
+            target=0.0,
+            seconds=1.0,
+        )

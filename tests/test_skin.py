@@ -40,7 +40,7 @@ def a_box_skeleton() -> tuple[Skeleton, np.ndarray]:
     cube = a_body("fish")
     corners = np.array([[x, y, z] for z in (0.1, 0.5) for x in (0.2, -0.2) for y in (0.3, -0.3)])
     body = copy.copy(cube.body)
-    object.__setattr__(body, "places", corners)
+    object.__setattr__(body, "positions", corners)
     object.__setattr__(body, "names", tuple(f"corner_{i}" for i in range(8)))
     return body_skeleton(body, Box(kind="box", face=(0.8, 0.2, 0.1), margin=0.01)), corners.ravel()
 
@@ -52,7 +52,9 @@ def skeletons() -> list[tuple[Skeleton, np.ndarray]]:
 
 def moved(points: np.ndarray) -> np.ndarray:
     """Return points (..., 3) turned and carried off."""
-    return np.array([3.0, -2.0, 1.0]) + rotate(np.broadcast_to(TURN, (*points.shape[:-1], 4)), points)
+    return np.array([3.0, -2.0, 1.0]) + rotate(
+        np.broadcast_to(TURN, (*points.shape[:-1], 4)), points
+    )
 
 
 def test_at_rest_the_skin_is_the_mesh_it_was_made_from_wherever_the_body_rests():
@@ -67,7 +69,7 @@ def test_moving_all_mass_points_rigidly_moves_the_skin_rigidly():
     rng = np.random.default_rng(0)
     for skeleton, rest in skeletons():
         mesh = skin_mesh(skeleton)
-        count = 1 + max(bone.follow.last_entry for bone in skeleton.bones if bone.follow)
+        count = 1 + max(bone.binding.last_entry for bone in skeleton.bones if bone.binding)
         bent = rest.copy()
         bent[:count] += rng.normal(size=count) * 0.01 * np.ptp(mesh.points)
         elsewhere = bent.copy()
@@ -80,7 +82,9 @@ def test_a_skin_is_smooth_closed_and_looks_outward():
     for skeleton, _ in skeletons():
         mesh = skin_mesh(skeleton)
         assert 200 < len(mesh.points) < 2000
-        edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
+        edges = np.concatenate(
+            [mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]]
+        )
         directed = {tuple(edge) for edge in edges.tolist()}
         assert len(directed) == len(edges)
         assert all((b, a) in directed for a, b in directed)
@@ -118,14 +122,16 @@ def test_a_swimmers_bones_are_named_from_nose_to_tail():
 def test_a_box_has_the_volume_of_a_box_without_its_edges():
     surface, _ = box_surface(np.array([1.0, 1.0, 1.0]), 1e-6)
     corners = surface.points[surface.triangles]
-    assert (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6 == pytest.approx(8, rel=1e-4)
+    assert (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6 == pytest.approx(
+        8, rel=1e-4
+    )
 
 
 def test_a_body_without_a_skin_shows_a_ball_at_every_mass_point():
     fish = a_body("fish")
     skeleton = body_skeleton(fish.body, None)
-    places, _ = skeleton.world_poses(fish.rest[None])
-    np.testing.assert_array_equal(places[0], fish.body.places)
+    positions, _ = skeleton.world_poses(fish.rest[None])
+    np.testing.assert_array_equal(positions[0], fish.body.positions)
     assert all(bone.shapes[0].kind == "sphere" for bone in skeleton.bones)
 
 
@@ -155,24 +161,24 @@ def change(path: str, value: Any) -> Any:
 @pytest.mark.parametrize(
     "spoil",
     [
-        change("bones.0.follow.place", []),
-        change("bones.0.follow.place", [[0, 0.5]]),
-        change("bones.0.follow.place", [[-1, 1.0]]),
-        change("bones.0.follow.place", [[10**5, 1.0]]),
-        change("bones.0.follow.place", [[0.5, 1.0]]),
-        change("bones.0.follow.place", [[0, float("nan")]]),
-        change("bones.0.follow.place", [[0, 1.0]] * 400),
-        change("bones.0.follow.place", 7),
-        change("bones.0.follow.up", []),
-        change("bones.0.follow.up", [[0, 1.0]]),
-        change("bones.0.follow.sideways", [[0, 1.0]]),
-        change("bones.0.follow", [1]),
-        change("bones.0.follow", None),
+        change("bones.0.binding.position", []),
+        change("bones.0.binding.position", [[0, 0.5]]),
+        change("bones.0.binding.position", [[-1, 1.0]]),
+        change("bones.0.binding.position", [[10**5, 1.0]]),
+        change("bones.0.binding.position", [[0.5, 1.0]]),
+        change("bones.0.binding.position", [[0, float("nan")]]),
+        change("bones.0.binding.position", [[0, 1.0]] * 400),
+        change("bones.0.binding.position", 7),
+        change("bones.0.binding.up", []),
+        change("bones.0.binding.up", [[0, 1.0]]),
+        change("bones.0.binding.sideways", [[0, 1.0]]),
+        change("bones.0.binding", [1]),
+        change("bones.0.binding", None),
         change("bones.1.parent", 0),
         change("bones.0.offset", [0.0, 0.0]),
         change("bones.0.offset", [0.0, float("inf"), 0.0]),
         change("bones.0.offset", "abc"),
-        change("bones.0.turn", [1.0]),
+        change("bones.0.orientation", [1.0]),
         change("bones.0", "bone"),
         change("bones", []),
         change("bones", {"a": 1}),
@@ -200,7 +206,7 @@ def test_a_skeleton_of_rigid_bodies_reads_as_before():
     truck, size = system.skeleton, system.state.size
     rows = truck.to_json()
     assert isinstance(rows, list)
-    assert "follow" not in rows[0]
+    assert "binding" not in rows[0]
     assert Skeleton.from_json(json.loads(json.dumps(rows)), size) == truck
     moving = next(row for row in rows if row["joints"])
     moving["joints"] = [joint | {"entry": 10**6} for joint in moving["joints"]]
@@ -213,8 +219,8 @@ def test_a_skin_that_cannot_be_bound_is_refused_by_name():
     with pytest.raises(ArgumentError, match="eight mass points"):
         body_skeleton(fish.body, Box(kind="box", face=(1.0, 1.0, 1.0)))
     flat, stacked = copy.copy(fish.body), copy.copy(fish.body)
-    object.__setattr__(flat, "places", fish.body.places * [1, 1, 0])
-    object.__setattr__(stacked, "places", fish.body.places * [0, 1, 1])
+    object.__setattr__(flat, "positions", fish.body.positions * [1, 1, 0])
+    object.__setattr__(stacked, "positions", fish.body.positions * [0, 1, 1])
     skin: Skin | None = fish.skeleton.skin
     assert isinstance(skin, Swimmer)
     with pytest.raises(ArgumentError, match="above each other"):
@@ -226,13 +232,21 @@ def test_a_skin_that_cannot_be_bound_is_refused_by_name():
 def swimming(name: str, frames: int = 12) -> Clip:
     """Return a made-up motion: a body that bends sideways and drifts."""
     system, times = a_body(name), np.arange(frames) / 30
-    places = np.repeat(system.body.places[None], frames, axis=0)
-    length = np.ptp(system.body.places[:, 0])
-    wave = np.sin(9 * times[:, None] + 3 * places[..., 0] / length) * (places[..., 0] / length) ** 2
-    places[..., 1] += 0.2 * length * wave
-    places[..., 0] += times[:, None] * length
-    others = np.zeros((frames, system.state.size - places[0].size))
-    return Clip(name, system.skeleton, times, np.concatenate([places.reshape(frames, -1), others], axis=1))
+    positions = np.repeat(system.body.positions[None], frames, axis=0)
+    length = np.ptp(system.body.positions[:, 0])
+    wave = (
+        np.sin(9 * times[:, None] + 3 * positions[..., 0] / length)
+        * (positions[..., 0] / length) ** 2
+    )
+    positions[..., 1] += 0.2 * length * wave
+    positions[..., 0] += times[:, None] * length
+    others = np.zeros((frames, system.state.size - positions[0].size))
+    return Clip(
+        name,
+        system.skeleton,
+        times,
+        np.concatenate([positions.reshape(frames, -1), others], axis=1),
+    )
 
 
 @pytest.mark.parametrize("name", ANIMALS)
@@ -255,7 +269,9 @@ def skinned(document: dict, binary: bytes, frame: int) -> np.ndarray:
     for joint in skin["joints"]:
         matrix = np.eye(4)
         for channel in (c for c in animation["channels"] if c["target"]["node"] == joint):
-            output = accessor(document, binary, animation["samplers"][channel["sampler"]]["output"])[frame]
+            output = accessor(
+                document, binary, animation["samplers"][channel["sampler"]]["output"]
+            )[frame]
             if channel["target"]["path"] == "translation":
                 matrix[:3, 3] = output
             else:
@@ -263,10 +279,17 @@ def skinned(document: dict, binary: bytes, frame: int) -> np.ndarray:
         matrices.append(matrix)
     scene = np.eye(4)
     scene[:3, :3] = rotation_matrices(np.array(nodes[0]["rotation"])[[3, 0, 1, 2]])
-    bind = accessor(document, binary, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+    bind = (
+        accessor(document, binary, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+    )
     attributes = document["meshes"][0]["primitives"][0]["attributes"]
-    read = lambda key: accessor(document, binary, attributes[key])  # noqa: E731
-    blended = np.einsum("vk,vkij->vij", read("WEIGHTS_0"), (scene @ np.array(matrices) @ bind)[read("JOINTS_0")])
+
+    def read(key):
+        return accessor(document, binary, attributes[key])
+
+    blended = np.einsum(
+        "vk,vkij->vij", read("WEIGHTS_0"), (scene @ np.array(matrices) @ bind)[read("JOINTS_0")]
+    )
     points = np.concatenate([read("POSITION"), np.ones((len(read("POSITION")), 1))], axis=1)
     return np.einsum("vij,vj->vi", blended, points)[:, :3]
 

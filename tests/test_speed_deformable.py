@@ -37,7 +37,9 @@ def swims() -> HeldOut:
     assert isinstance(system, DeformableSystem)
     controls = rng.uniform(-1, 1, (4, 3, system.control.size))
     dt = 10 * system.physics_dt
-    return make_test(system, dt, system.simulate(system.sample_starts(rng, 4), controls, dt).states, controls)
+    return make_test(
+        system, dt, system.simulate(system.sample_starts(rng, 4), controls, dt).states, controls
+    )
 
 
 def test_errors_by_the_twin_are_those_of_the_physics(swims: HeldOut):
@@ -85,7 +87,7 @@ def evaluation(physics: str) -> Evaluation:
     return Evaluation(
         system="fish", substeps=50, dt=0.1, entries=["nose.x m", "nose.y m"], error_by_entry=np.full(2, 0.02),
         times=times, rollout_errors=times, self_divergence=times, sample_emulated=motion, sample_physics=motion,
-        measured_speed=speed, emulator_seconds=1e-6, baselines={}, blow_ups=0, blow_up_starts=0,
+        measured_speed=speed, emulator_seconds=1e-6, baselines={}, diverged=0, diverged_starts=0,
     )  # fmt: skip
 
 

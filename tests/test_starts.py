@@ -17,7 +17,9 @@ from neuroanimator.state.start import read_starts
 from neuroanimator.systems.system import Goal
 
 
-@pytest.mark.parametrize(("system", "goal"), [("lander", "pad"), ("pendulum", "upright"), ("truck", "bay_3")])
+@pytest.mark.parametrize(
+    ("system", "goal"), [("lander", "pad"), ("pendulum", "upright"), ("truck", "bay_3")]
+)
 def test_no_goal_is_fulfilled_where_it_starts(system: str, goal: str):
     made = load_system(system)
     assert not find_goal(made, goal)[1](goal_start(made, goal))
@@ -31,8 +33,8 @@ def test_the_lander_starts_over_its_pad_and_is_there_at_rest():
 
 
 def test_a_start_is_read_as_it_is_typed():
-    assert read_starts(["root.place=3,-2,8", " root.heading = 1.5 "]) == {
-        "root.place": (3.0, -2.0, 8.0),
+    assert read_starts(["root.position=3,-2,8", " root.heading = 1.5 "]) == {
+        "root.position": (3.0, -2.0, 8.0),
         "root.heading": (1.5,),
     }
 
@@ -40,13 +42,16 @@ def test_a_start_is_read_as_it_is_typed():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("root.place", "wanted NAME=NUMBERS such as root.place=3,-2,8"),
-        ("root.place=a,b,c", "'root.place': wanted numbers with commas between"),
-        ("root.place=", "wanted numbers with commas between"),
-        ("root.place=1,2", "'root.place' has 3 numbers [m], came 2"),
-        ("root.place=1,2,nan", "'root.place': wanted finite numbers"),
-        ("root.plce=1,2,3", "no part called 'root.plce'. Parts, how many numbers and their unit: root.place (3, m)"),
-        ("root.turn=0,0,0,0", "a quaternion of zeros turns nowhere"),
+        ("root.position", "wanted NAME=NUMBERS such as root.position=3,-2,8"),
+        ("root.position=a,b,c", "'root.position': wanted numbers with commas between"),
+        ("root.position=", "wanted numbers with commas between"),
+        ("root.position=1,2", "'root.position' has 3 numbers [m], came 2"),
+        ("root.position=1,2,nan", "'root.position': wanted finite numbers"),
+        (
+            "root.plce=1,2,3",
+            "no part called 'root.plce'. Parts, how many numbers and their unit: root.position (3, m)",
+        ),
+        ("root.orientation=0,0,0,0", "a quaternion of zeros turns nowhere"),
     ],
 )
 def test_a_start_that_makes_no_sense_is_refused_by_name(text: str, message: str):
@@ -57,24 +62,32 @@ def test_a_start_that_makes_no_sense_is_refused_by_name(text: str, message: str)
 
 def test_field_words_name_the_same_parts():
     lander = load_system("lander")
-    ours = lander.start_at({"root.place": (1, 2, 9), "root.turn": (0, 0, 0, 2)})
+    ours = lander.start_at({"root.position": (1, 2, 9), "root.orientation": (0, 0, 0, 2)})
     theirs = lander.start_at({"root.position": (1, 2, 9), "root.orientation": (0, 0, 0, 1)})
     np.testing.assert_array_equal(ours, theirs)
 
 
 def test_system_and_emulator_give_the_same_start():
     lander, emulator = load_system("lander"), Emulator.load(find_emulator("lander"))
-    parts = {"root.place": (1.0, 2.0, 9.0), "root.heading": (0.5,), "root.velocity": (0.0, 0.1, -0.2)}
+    parts = {
+        "root.position": (1.0, 2.0, 9.0),
+        "root.heading": (0.5,),
+        "root.velocity": (0.0, 0.1, -0.2),
+    }
     np.testing.assert_allclose(named_start(emulator, parts), lander.start_at(parts), atol=1e-12)
 
 
 def test_a_swimmer_is_moved_and_turned_as_a_whole():
     emulator = Emulator.load("fish")
     fish = load_system("fish")
-    parts = {"body.place": (1.0, 2.0, -0.5), "body.heading": (np.pi / 2,), "body.velocity": (0.0, 0.1, 0.0)}
+    parts = {
+        "body.position": (1.0, 2.0, -0.5),
+        "body.heading": (np.pi / 2,),
+        "body.velocity": (0.0, 0.1, 0.0),
+    }
     start = named_start(emulator, parts)
     pose = read_pose(fish.structure, start)
-    np.testing.assert_allclose(pose.place, [1, 2, -0.5], atol=1e-9)
+    np.testing.assert_allclose(pose.position, [1, 2, -0.5], atol=1e-9)
     np.testing.assert_allclose(pose.forward, [0, 1, 0], atol=1e-9)
     np.testing.assert_allclose(pose.velocity, [0, 0.1, 0], atol=1e-9)
     at_rest, moved = (np.reshape(state[:69], (23, 3)) for state in (fish.rest, start))
@@ -91,7 +104,9 @@ def test_a_goals_start_is_checked_with_its_system():
 
 def test_control_says_already_there_and_writes_nothing(cli: Cli, tmp_path: Path):
     out = tmp_path / "c.csv"
-    done = cli("control", "lander", "--goal", "pad", "--start", "root.place=0,0,1.9529", "--out", out)
+    done = cli(
+        "control", "lander", "--goal", "pad", "--start", "root.position=0,0,1.9529", "--out", out
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Already there: lander")
     assert "reached" not in done.stdout
@@ -100,7 +115,9 @@ def test_control_says_already_there_and_writes_nothing(cli: Cli, tmp_path: Path)
 
 def test_animate_starts_where_it_is_told(cli: Cli, tmp_path: Path):
     out = tmp_path / "m.csv"
-    done = cli("animate", "lander", "--start", "root.position=3,-2,8", "--seconds", "0.5", "--out", out)
+    done = cli(
+        "animate", "lander", "--start", "root.position=3,-2,8", "--seconds", "0.5", "--out", out
+    )
     assert done.returncode == 0, done.stderr
     first = out.read_text().splitlines()[1].split(",")
     assert [float(number) for number in first[1:4]] == pytest.approx([3, -2, 8])

@@ -23,24 +23,32 @@ def emulators() -> dict[str, Emulator]:
 
 
 def inputs(emulator: Emulator) -> tuple[np.ndarray, np.ndarray]:
-    bounds = emulator.identity.bounds
-    return np.array(emulator.identity.rest), bounds.middle + 0.3 * bounds.half
+    bounds = emulator.spec.bounds
+    return np.array(emulator.spec.rest), bounds.middle + 0.3 * bounds.half
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_a_step_from_python_is_the_definition_and_the_same_inside_jit(emulators: dict[str, Emulator], name: str):
+def test_a_step_from_python_is_the_definition_and_the_same_inside_jit(
+    emulators: dict[str, Emulator], name: str
+):
     emulator = emulators[name]
     state, control = inputs(emulator)
     called = emulator.step(state, control)
-    defined = plain_step(emulator, jnp.asarray(state, jnp.float32), jnp.asarray(control, jnp.float32))
+    defined = plain_step(
+        emulator, jnp.asarray(state, jnp.float32), jnp.asarray(control, jnp.float32)
+    )
     scale = np.abs(defined).max()
     np.testing.assert_allclose(called, defined, rtol=1e-5, atol=1e-5 * scale)
-    np.testing.assert_allclose(jax.jit(emulator.step)(state, control), called, rtol=1e-6, atol=1e-6 * scale)
+    np.testing.assert_allclose(
+        jax.jit(emulator.step)(state, control), called, rtol=1e-6, atol=1e-6 * scale
+    )
     assert isinstance(called, jax.Array)
     assert called.dtype == jnp.float32
 
 
-def test_steps_after_the_first_compile_nothing(emulators: dict[str, Emulator], caplog: pytest.LogCaptureFixture):
+def test_steps_after_the_first_compile_nothing(
+    emulators: dict[str, Emulator], caplog: pytest.LogCaptureFixture
+):
     emulator = emulators["truck"]
     state, control = inputs(emulator)
     emulator.step(state, control)
@@ -65,10 +73,15 @@ def test_the_gradient_of_a_step_equals_finite_differences(emulators: dict[str, E
     emulator = emulators["pendulum"]
     state = jnp.array([0.3, -0.2, 0.1, 0.5, -0.4, 0.2])
     control, weights = jnp.array([3.0, -2.0, 1.0]), jnp.arange(1.0, 7.0)
-    cost = lambda control: weights @ emulator.step(state, control)  # noqa: E731
+
+    def cost(control):
+        return weights @ emulator.step(state, control)
+
     slope = jax.grad(cost)(control)
     shift = 0.3
-    differences = [(cost(control + shift * e) - cost(control - shift * e)) / (2 * shift) for e in jnp.eye(3)]
+    differences = [
+        (cost(control + shift * e) - cost(control - shift * e)) / (2 * shift) for e in jnp.eye(3)
+    ]
     np.testing.assert_allclose(slope, differences, rtol=2e-2, atol=1e-3)
 
 
@@ -81,7 +94,9 @@ def test_vmap_of_step_is_every_step(emulators: dict[str, Emulator]):
     np.testing.assert_allclose(many, one_by_one, rtol=1e-4, atol=1e-5)
 
 
-def test_a_step_of_a_traced_emulator_has_a_gradient_with_respect_to_its_weights(emulators: dict[str, Emulator]):
+def test_a_step_of_a_traced_emulator_has_a_gradient_with_respect_to_its_weights(
+    emulators: dict[str, Emulator],
+):
     emulator = emulators["pendulum"]
     state, control = inputs(emulator)
     slope = jax.grad(lambda emulator: jnp.sum(emulator.step(state, control) ** 2))(emulator)
@@ -98,7 +113,9 @@ def test_a_step_of_a_traced_emulator_has_a_gradient_with_respect_to_its_weights(
         ([0, 0, 0, 0, 0, np.nan], np.zeros(3), "velocity[2] rad/s is not finite"),
     ],
 )
-def test_a_step_of_a_wrong_shape_says_what_was_wanted(emulators: dict[str, Emulator], state, control, message: str):
+def test_a_step_of_a_wrong_shape_says_what_was_wanted(
+    emulators: dict[str, Emulator], state, control, message: str
+):
     with pytest.raises(NeuroAnimatorError) as caught:
         emulators["pendulum"].step(state, control)
     assert message in str(caught.value)

@@ -48,7 +48,9 @@ def test_the_mirrored_motion_is_the_motion_mirrored(name: str):
     system, rng = pendulum(name), np.random.default_rng(0)
     starts = system.sample_starts(rng, 20)
     controls = rng.uniform(-1, 1, (20, 10, 3)) * system.bounds.half
-    motion, mirrored = (system.simulate(sign * starts, sign * controls, 0.05).states for sign in (1, -1))
+    motion, mirrored = (
+        system.simulate(sign * starts, sign * controls, 0.05).states for sign in (1, -1)
+    )
     np.testing.assert_allclose(mirrored, -motion, atol=1e-6)
 
 
@@ -60,7 +62,15 @@ def test_the_truth_converges_with_fourth_order_and_has_converged():
     )
     exact = system.simulate(starts, controls, 0.05, scheme=Scheme("rk4", 1e-4)).states[:, 1]
     errors = [
-        np.sqrt(np.mean((system.simulate(starts, controls, 0.05, scheme=Scheme("rk4", dt)).states[:, 1] - exact) ** 2))
+        np.sqrt(
+            np.mean(
+                (
+                    system.simulate(starts, controls, 0.05, scheme=Scheme("rk4", dt)).states[:, 1]
+                    - exact
+                )
+                ** 2
+            )
+        )
         for dt in (0.01, 0.005, 0.0025)
     ]
     assert errors[0] / errors[1] > 12
@@ -70,8 +80,13 @@ def test_the_truth_converges_with_fourth_order_and_has_converged():
 
 def test_threads_do_not_change_a_bit():
     system, rng = pendulum(), np.random.default_rng(2)
-    starts, controls = system.sample_starts(rng, 64), rng.uniform(-1, 1, (64, 5, 3)) * system.bounds.half
-    one, many = (system.simulate(starts, controls, 0.05, threads=threads).states for threads in (1, 3))
+    starts, controls = (
+        system.sample_starts(rng, 64),
+        rng.uniform(-1, 1, (64, 5, 3)) * system.bounds.half,
+    )
+    one, many = (
+        system.simulate(starts, controls, 0.05, threads=threads).states for threads in (1, 3)
+    )
     assert one.tobytes() == many.tobytes()
 
 
@@ -96,9 +111,14 @@ def test_the_motors_can_hold_the_arm_level_and_weak_ones_cannot():
 
 def test_bad_numbers_are_refused_by_name():
     system = pendulum()
-    with pytest.raises(NeuroAnimatorError, match=r"No system called 'pendlum'. Systems: cube, dolphin, fish, "):
+    with pytest.raises(
+        NeuroAnimatorError, match=r"No system called 'pendlum'. Systems: cube, dolphin, fish, "
+    ):
         load_system("pendlum")
-    with pytest.raises(NeuroAnimatorError, match=r"torque\[1\] N·m out of bounds; wanted between -14 and 14, came 15"):
+    with pytest.raises(
+        NeuroAnimatorError,
+        match=r"torque\[1\] N·m out of bounds; wanted between -14 and 14, came 15",
+    ):
         system.simulate(np.zeros((1, 6)), np.array([[[0.0, 15, 0]]]), 0.05)
     with pytest.raises(NeuroAnimatorError, match=r"state: velocity\[0\] rad/s is not finite"):
         system.simulate(np.array([[0.0, 0, 0, np.nan, 0, 0]]), np.zeros((1, 1, 3)), 0.05)

@@ -31,10 +31,15 @@ def animal(request: pytest.FixtureRequest) -> DeformableSystem:
 def rolled(system: DeformableSystem, state: np.ndarray, angle: float) -> np.ndarray:
     """Return `state` (S,) rolled to its right about its own axis by `angle` [rad]."""
     pose = read_pose(system.structure, state)
-    turn = np.array([np.cos(angle / 2), *(np.sin(angle / 2) * pose.forward)])
-    places, speeds, contractions = system.unpack(state)
-    turned = lambda vectors: rotate(np.broadcast_to(turn, (len(vectors), 4)), vectors)  # noqa: E731
-    return system.pack(turned(places - pose.place) + pose.place, turned(speeds), contractions)
+    orientation = np.array([np.cos(angle / 2), *(np.sin(angle / 2) * pose.forward)])
+    positions, velocities, activations = system.unpack(state)
+
+    def turned(vectors):
+        return rotate(np.broadcast_to(orientation, (len(vectors), 4)), vectors)
+
+    return system.pack(
+        turned(positions - pose.position) + pose.position, turned(velocities), activations
+    )
 
 
 def test_swimmers_start_nearly_level_and_upright(animal: DeformableSystem):
@@ -50,11 +55,14 @@ def test_turning_a_body_upright_changes_nothing_else(animal: DeformableSystem):
     before, after = (read_pose(animal.structure, each) for each in (state, upright))
     assert after.forward == pytest.approx([1, 0, 0], abs=1e-9)
     assert after.roll == pytest.approx(0, abs=1e-9)
-    assert after.place == pytest.approx(before.place)
+    assert after.position == pytest.approx(before.position)
     assert after.velocity @ after.forward == pytest.approx(before.velocity @ before.forward)
-    places, again = (animal.unpack(each)[0] for each in (state, upright))
-    apart = lambda points: np.linalg.norm(points[:, None] - points[None], axis=-1)  # noqa: E731
-    np.testing.assert_allclose(apart(again), apart(places), atol=1e-12)
+    positions, again = (animal.unpack(each)[0] for each in (state, upright))
+
+    def apart(points):
+        return np.linalg.norm(points[:, None] - points[None], axis=-1)
+
+    np.testing.assert_allclose(apart(again), apart(positions), atol=1e-12)
 
 
 @pytest.mark.parametrize("angle", [-2.5, -0.6, 0.6, 2.5])
@@ -62,7 +70,9 @@ def test_a_motion_that_ends_on_its_side_is_no_success(angle: float, animal: Defo
     assert animal.gait is not None
     still = np.repeat(animal.rest[None], 41, axis=0)
     assert ends_upright(animal, still, DT)
-    assert not ends_upright(animal, np.append(still, rolled(animal, animal.rest, angle)[None], axis=0), DT)
+    assert not ends_upright(
+        animal, np.append(still, rolled(animal, animal.rest, angle)[None], axis=0), DT
+    )
     for when, verdict in ((round(animal.gait.period / DT) - 1, False), (20, True)):
         shaken = still.copy()
         shaken[-1 - when] = rolled(animal, animal.rest, angle)
@@ -79,13 +89,17 @@ def flying(system: System, trial, angle: float) -> np.ndarray:
     assert isinstance(system, DeformableSystem)
     states = np.repeat(trial.start[None], 3, axis=0)
     states[1] = rolled(system, turned_upright(system, trial.start), angle)
-    states[1, 2 : 3 * len(system.body.masses) : 3] += 1.0 - read_pose(system.structure, states[1]).place[2]
+    states[1, 2 : 3 * len(system.body.masses) : 3] += (
+        1.0 - read_pose(system.structure, states[1]).position[2]
+    )
     return states
 
 
 def test_a_leap_counts_back_up_only():
     task, system = ANIMAL_TASKS[-1], load_system("dolphin")
     trial = task.draw(system, np.random.default_rng(0), 60, DT)
-    verdicts = [trial.is_success(flying(system, trial, angle)) for angle in (0.0, 0.4, 0.7, -0.7, np.pi)]
+    verdicts = [
+        trial.is_success(flying(system, trial, angle)) for angle in (0.0, 0.4, 0.7, -0.7, np.pi)
+    ]
     assert verdicts == [True, True, False, False, False]
     assert not trial.is_success(np.repeat(trial.start[None], 3, axis=0))

@@ -30,19 +30,25 @@ def test_f02_killed_and_started_again_it_ends_with_the_same_bytes(dataset: Path,
     metrics = run_folder(broken) / "metrics.jsonl"
     for lines in (1, 2):
         process = subprocess.Popen(command(dataset, broken), stdout=subprocess.DEVNULL)
-        while process.poll() is None and (not metrics.exists() or len(metrics.read_text().splitlines()) < lines):
+        while process.poll() is None and (
+            not metrics.exists() or len(metrics.read_text().splitlines()) < lines
+        ):
             time.sleep(0.005)
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
     assert subprocess.run(command(dataset, broken), stdout=subprocess.DEVNULL).returncode == 0
     assert broken.read_bytes() == whole.read_bytes()
-    checkpoints = [(run_folder(out) / "checkpoint.safetensors").read_bytes() for out in (whole, broken)]
+    checkpoints = [
+        (run_folder(out) / "checkpoint.safetensors").read_bytes() for out in (whole, broken)
+    ]
     assert checkpoints[0] == checkpoints[1]
     logs = [
         [json.loads(line) for line in (run_folder(out) / "metrics.jsonl").read_text().splitlines()]
         for out in (whole, broken)
     ]
-    assert [{**line, "seconds": 0} for line in logs[0]] == [{**line, "seconds": 0} for line in logs[1]]
+    assert [{**line, "seconds": 0} for line in logs[0]] == [
+        {**line, "seconds": 0} for line in logs[1]
+    ]
 
 
 @pytest.mark.parametrize(
@@ -53,7 +59,9 @@ def test_f02_killed_and_started_again_it_ends_with_the_same_bytes(dataset: Path,
         ({"network": "classic", "optimizer": "momentum"}, 0.6),
     ],
 )
-def test_each_network_and_optimiser_learns(settings, least_error, transitions: Transitions, tmp_path: Path):
+def test_each_network_and_optimiser_learns(
+    settings, least_error, transitions: Transitions, tmp_path: Path
+):
     reports: list[Report] = []
     config = training_config(updates=4000, batch=128, **settings)
     train(transitions, config, tmp_path / "e.safetensors", on_report=reports.append)
@@ -69,14 +77,21 @@ def test_validation_runs_are_whole_and_unseen(transitions: Transitions):
 
 def test_early_stopping_stops(transitions: Transitions, tmp_path: Path):
     config = training_config(
-        updates=100_000, patience=1, learning_rate=1.0, optimizer="momentum", widths=(8,), network="classic"
+        updates=100_000,
+        patience=1,
+        learning_rate=1.0,
+        optimizer="momentum",
+        widths=(8,),
+        network="classic",
     )
     reports: list[Report] = []
     train(transitions, config, tmp_path / "e.safetensors", on_report=reports.append)
     assert reports[-1].update < 100_000
 
 
-def test_a_run_with_other_settings_is_refused_and_untouched(transitions: Transitions, tmp_path: Path):
+def test_a_run_with_other_settings_is_refused_and_untouched(
+    transitions: Transitions, tmp_path: Path
+):
     out = tmp_path / "e.safetensors"
     config = training_config(widths=(8, 8), updates=1000, batch=16)
     train(transitions, config, out)
@@ -88,7 +103,14 @@ def test_a_run_with_other_settings_is_refused_and_untouched(transitions: Transit
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("updates", 0), ("batch", 1), ("unroll", 9), ("learning_rate", float("nan")), ("network", "deep"), ("x", 1)],
+    [
+        ("updates", 0),
+        ("batch", 1),
+        ("unroll", 9),
+        ("learning_rate", float("nan")),
+        ("network", "deep"),
+        ("x", 1),
+    ],
 )
 def test_bad_settings_are_refused_by_field(field: str, value: object):
     with pytest.raises(NeuroAnimatorError, match=field):

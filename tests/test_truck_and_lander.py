@@ -15,7 +15,9 @@ from neuroanimator.systems.system import System
 from neuroanimator.training.batches import turned_windows
 
 
-def drive(system: System, control: list[float], seconds: float, start: np.ndarray | None = None) -> np.ndarray:
+def drive(
+    system: System, control: list[float], seconds: float, start: np.ndarray | None = None
+) -> np.ndarray:
     """Return the trajectory under a constant control, from rest if no start is given."""
     controls = np.tile(control, (1, round(seconds / 0.1), 1))
     runs = system.simulate((system.rest if start is None else start)[None], controls, 0.1)
@@ -52,9 +54,11 @@ def test_the_truck_keeps_its_wheels_on_the_ground_at_full_speed_and_lock():
 def test_a_rolling_truck_loses_energy_and_comes_to_rest():
     truck = load_system("truck")
     fast = drive(truck, [2500, 0], 4.0)[-1]
-    speeds = np.abs(drive(truck, [0, 0], 20.0, fast)[:, truck.state.index("root.velocity")][:, 0])
-    assert (np.diff(speeds) < 1e-3).all()
-    assert speeds[-1] < 0.01
+    velocities = np.abs(
+        drive(truck, [0, 0], 20.0, fast)[:, truck.state.index("root.velocity")][:, 0]
+    )
+    assert (np.diff(velocities) < 1e-3).all()
+    assert velocities[-1] < 0.01
 
 
 def test_the_lander_falls_as_everything_falls_on_the_moon():
@@ -62,7 +66,9 @@ def test_the_lander_falls_as_everything_falls_on_the_moon():
     start = lander.rest.copy()
     start[2] += 50
     path = drive(lander, [0, 0, 0, 0], 3.0, start)
-    np.testing.assert_allclose(path[:, 2] - start[2], -0.5 * 1.62 * (np.arange(31) * 0.1) ** 2, atol=0.01)
+    np.testing.assert_allclose(
+        path[:, 2] - start[2], -0.5 * 1.62 * (np.arange(31) * 0.1) ** 2, atol=0.01
+    )
 
 
 def test_the_main_engine_holds_the_lander_and_jets_turn_it_about_their_own_axis():
@@ -74,9 +80,9 @@ def test_the_main_engine_holds_the_lander_and_jets_turn_it_about_their_own_axis(
     for axis in range(3):
         control = [2000 * 1.62, 0, 0, 0]
         control[1 + axis] = 500
-        spin = drive(lander, control, 1.0, start)[-1, 10:]
-        assert spin[axis] > 0.05
-        assert np.abs(np.delete(spin, axis)).max() < 1e-3
+        angular_velocity = drive(lander, control, 1.0, start)[-1, 10:]
+        assert angular_velocity[axis] > 0.05
+        assert np.abs(np.delete(angular_velocity, axis)).max() < 1e-3
 
 
 def test_a_gentle_touchdown_ends_standing():
@@ -97,8 +103,12 @@ def test_a_quarter_turn_of_the_lander_changes_nothing_but_the_names_of_its_axes(
     with jax.enable_x64(True):
         quarters = jnp.asarray(np.pi / 2 * rng.integers(1, 4, (30, 1)))
         frame = Frame.of(lander.structure, 0.1)
-        turned, held = turned_windows(lander.structure, frame, quarters, jnp.asarray(path), jnp.asarray(controls))
-    again = lander.simulate(np.asarray(turned[:, 0]), lander.bounds.clip(np.asarray(held)), 0.1).states
+        turned, held = turned_windows(
+            lander.structure, frame, quarters, jnp.asarray(path), jnp.asarray(controls)
+        )
+    again = lander.simulate(
+        np.asarray(turned[:, 0]), lander.bounds.clip(np.asarray(held)), 0.1
+    ).states
     np.testing.assert_allclose(again, turned, atol=1e-9)
     assert np.abs(np.asarray(turned) - path).max() > 0.1
 
@@ -118,7 +128,9 @@ def test_each_goal_is_a_state_that_stays(name: str):
 def test_the_truth_is_close_to_the_fine_reference(name: str):
     system, rng = load_system(name), np.random.default_rng(1)
     starts = system.sample_starts(rng, 30)
-    controls = system.bounds.middle + rng.uniform(-1, 1, (30, 5, system.control.size)) * system.bounds.half
+    controls = (
+        system.bounds.middle + rng.uniform(-1, 1, (30, 5, system.control.size)) * system.bounds.half
+    )
     settled = system.simulate(starts, controls, 0.1).states[:, -1]
     frame = Frame.of(system.structure, 0.1)
     exact, found = (

@@ -56,7 +56,9 @@ def trained(folder: Path, model: str) -> tuple[Emulator, Transitions, TrainingCo
 
 
 @pytest.fixture(scope="module")
-def with_target(tmp_path_factory: pytest.TempPathFactory) -> tuple[Emulator, Transitions, TrainingConfig]:
+def with_target(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Emulator, Transitions, TrainingConfig]:
     return trained(tmp_path_factory.mktemp("with") / "m", REACHER.replace("TARGET", TARGET))
 
 
@@ -65,8 +67,13 @@ def test_what_never_moves_is_left_out_of_errors_and_blow_ups(with_target):
     found = evaluate(emulator, data=data, effort=FAST)
     assert found.one_step_error < 0.2
     assert found.rollout_error_at(1.0) < 0.6
-    assert found.blow_ups == 0
-    assert [name.split("[")[0] for name in found.still] == ["target_x", "target_y", "target_x.speed", "target_y.speed"]
+    assert found.diverged == 0
+    assert [name.split("[")[0] for name in found.still] == [
+        "target_x",
+        "target_y",
+        "target_x.velocity",
+        "target_y.velocity",
+    ]
     assert "left out of all errors, for it never moves: target_x[0] m" in found.note
     assert found.verdict.word in ("usable", "good")
     assert judge_training(emulator, data, config).word in ("usable", "good")
@@ -108,7 +115,9 @@ def test_a_useless_emulator_gets_no_speed_up(with_target, tmp_path: Path):
 
 
 def test_a_model_in_which_nothing_moves_is_refused(tmp_path: Path):
-    frozen = REACHER.replace("TARGET", "").replace('axis="0 0 1" damping="0.05"', 'axis="0 0 1" damping="1e9"')
+    frozen = REACHER.replace("TARGET", "").replace(
+        'axis="0 0 1" damping="0.05"', 'axis="0 0 1" damping="1e9"'
+    )
     with pytest.raises(Exception, match="of its unit in a super step"):
         trained(tmp_path / "m", frozen)
 
@@ -120,20 +129,27 @@ CHEAP = {NO_CHANGE: 1.0, CONSTANT_VELOCITY: 0.8, "ridge regression": 0.01}
     ("error", "more", "word", "reason"),
     [
         (0.03, {}, "good", "one step is off by 0.03"),
-        (0.03, {"blow_ups": 0, "rollouts": 1000}, "good", "0 of 1,000 long rollouts blew up"),
-        (0.03, {"blow_ups": 5, "rollouts": 1000}, "usable", "5 of 1,000 long rollouts blew up"),
-        (0.03, {"blow_ups": 472, "rollouts": 1000}, "poor", "472 of 1,000 long rollouts blew up"),
+        (0.03, {"diverged": 0, "rollouts": 1000}, "good", "0 of 1,000 long rollouts blew up"),
+        (0.03, {"diverged": 5, "rollouts": 1000}, "usable", "5 of 1,000 long rollouts blew up"),
+        (0.03, {"diverged": 472, "rollouts": 1000}, "poor", "472 of 1,000 long rollouts blew up"),
         (0.03, {"error_after_second": 1.3}, "usable", "after a second"),
         (0.03, {"error_after_second": math.nan}, "usable", "after a second"),
         (0.2, {}, "usable", "one step is off by 0.2"),
         (0.5, {}, "poor", "predicting that speeds stay as they are by no more than 0.8"),
         (0.9, {}, "useless", "worse than predicting that speeds stay as they are (0.9 against 0.8"),
-        (2.39, {"blow_ups": 472, "rollouts": 1000}, "useless", "worse than predicting no change (2.4 against 1"),
+        (
+            2.39,
+            {"diverged": 472, "rollouts": 1000},
+            "useless",
+            "worse than predicting no change (2.4 against 1",
+        ),
         (math.nan, {}, "useless", "not even give finite numbers"),
         (math.inf, {}, "useless", "not even give finite numbers"),
     ],
 )
-def test_a_verdict_is_a_word_and_its_reason(error: float, more: dict[str, float], word: str, reason: str):
+def test_a_verdict_is_a_word_and_its_reason(
+    error: float, more: dict[str, float], word: str, reason: str
+):
     found = judge(error, CHEAP, **more)
     assert found.word == word
     assert reason in str(found)

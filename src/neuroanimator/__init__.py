@@ -14,17 +14,23 @@ if TYPE_CHECKING:
         keep_heading,
         keep_speed,
         keep_velocity,
-        keyframes,
         reach_heading,
         reach_height,
-        reach_place,
+        reach_position,
+        reach_positions,
         smoothness,
         stand_up,
         stay_upright,
         stay_within,
         travel,
     )
-    from neuroanimator.control.objective.goals import is_reached, is_upright, reach_goal, reach_state, stand_upright
+    from neuroanimator.control.objective.goals import (
+        is_reached,
+        is_upright,
+        reach_goal,
+        reach_state,
+        stand_upright,
+    )
     from neuroanimator.control.objective.objective import Objective, Term
     from neuroanimator.control.objective.obstacles import avoid
     from neuroanimator.control.policies.pilot import Pilot
@@ -38,7 +44,7 @@ if TYPE_CHECKING:
     from neuroanimator.errors import NeuroAnimatorError
     from neuroanimator.evaluation.evaluate import Effort, evaluate
     from neuroanimator.evaluation.report import write_report
-    from neuroanimator.export.comparison import write_proof
+    from neuroanimator.export.comparison import write_comparison
     from neuroanimator.export.csv_file import read_clip, write_clip
     from neuroanimator.export.film.video import write_video
     from neuroanimator.export.gltf.scene import write_glb
@@ -76,14 +82,14 @@ _HOMES = {
     "keep_heading": "control.objective.costs",
     "keep_speed": "control.objective.costs",
     "keep_velocity": "control.objective.costs",
-    "keyframes": "control.objective.costs",
+    "reach_positions": "control.objective.costs",
     "load_policy": "control.policies.policy",
     "load_system": "systems",
     "make_clip": "animation.clip",
     "reach_goal": "control.objective.goals",
     "reach_heading": "control.objective.costs",
     "reach_height": "control.objective.costs",
-    "reach_place": "control.objective.costs",
+    "reach_position": "control.objective.costs",
     "reach_state": "control.objective.goals",
     "read_clip": "export.csv_file",
     "read_diverged": "data.diverged_runs",
@@ -102,7 +108,7 @@ _HOMES = {
     "trust_files": "systems.loading",
     "write_clip": "export.csv_file",
     "write_glb": "export.gltf.scene",
-    "write_proof": "export.comparison",
+    "write_comparison": "export.comparison",
     "write_report": "evaluation.report",
     "write_video": "export.film.video",
 }
@@ -111,10 +117,10 @@ __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
     "Clip", "Effort", "Emulator", "NeuroAnimatorError", "Objective", "Pilot", "Policy", "Synthesis", "Term",
     "load_system", "trust_files", "dataset_config", "generate", "read_transitions", "read_diverged",
     "training_config", "train", "find_emulator", "evaluate", "write_report",
-    "effort", "smoothness", "reach_state", "reach_goal", "reach_place", "reach_height", "reach_heading", "keyframes",
+    "effort", "smoothness", "reach_state", "reach_goal", "reach_position", "reach_height", "reach_heading", "reach_positions",
     "follow_path", "travel", "keep_velocity", "keep_speed", "keep_heading", "stand_up", "stand_upright", "stay_upright",
     "stay_within", "avoid", "descend", "replay", "synthesise", "read_pose", "is_upright", "is_reached",
-    "load_policy", "make_clip", "read_clip", "write_clip", "write_glb", "write_proof", "write_video",
+    "load_policy", "make_clip", "read_clip", "write_clip", "write_glb", "write_comparison", "write_video",
 ]  # fmt: skip
 
 

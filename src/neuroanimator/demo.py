@@ -38,7 +38,9 @@ def run_demo(out: Path) -> dict[str, Any]:
     """Do the main job in `out` and print what was measured; return the summary also written there."""
     began = time.monotonic()
     data, seconds_data = _timed("1/5 simulate", lambda: _generate(out / "data"))
-    emulator, seconds_training = _timed("2/5 train", lambda: _train(data, out / f"{SYSTEM}.emulator.safetensors"))
+    emulator, seconds_training = _timed(
+        "2/5 train", lambda: _train(data, out / f"{SYSTEM}.emulator.safetensors")
+    )
     evaluation, _ = _timed("3/5 evaluate", lambda: evaluate(emulator, data=data))
     found, _ = _timed("4/5 swing up", lambda: _swing_up(emulator, data))
     files, _ = _timed("5/5 draw and write", lambda: _write(out, evaluation, found))
@@ -53,7 +55,7 @@ def run_demo(out: Path) -> dict[str, Any]:
         "synthesis_seconds": found.descent.seconds,
         "cost_emulator": found.outcome.cost_emulator,
         "cost_physics": found.outcome.cost_physics,
-        "upright_on_physics": is_upright(found.outcome.physical[-1]),
+        "upright_on_physics": is_upright(found.outcome.physics_states[-1]),
         "seconds_total": time.monotonic() - began,
         "files": [str(path) for path in files] + [str(out / "summary.json")],
     }
@@ -79,7 +81,9 @@ def _generate(folder: Path) -> Transitions:
 def _train(data: Transitions, path: Path) -> Emulator:
     config = training_config(updates=UPDATES)
     with progress_bar("updates", config.chunks * UPDATES_PER_CHUNK) as bar:
-        return train(data, config, path, on_report=lambda r: bar.advance_to(r.update, f"error {r.error:.4f}"))
+        return train(
+            data, config, path, on_report=lambda r: bar.advance_to(r.update, f"error {r.error:.4f}")
+        )
 
 
 def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
@@ -90,18 +94,30 @@ def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
         iterations=SWEEPS,
         corrections=CORRECTIONS,
         measures_trust=True,
-        on_refine=lambda gap: print(f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr),
+        on_refine=lambda gap: print(
+            f"    gap {gap:.2f}: learning the physics around the motion", file=sys.stderr
+        ),
     )
 
 
 def _write(out: Path, evaluation: Evaluation, found: Synthesis) -> list[Path]:
-    emulator, states = found.emulator, found.outcome.physical
-    hold = np.repeat(states[-1:] * [1, 1, 1, 0, 0, 0], round(0.5 / emulator.dt), axis=0)  # time to see it stand
+    emulator, states = found.emulator, found.outcome.physics_states
+    hold = np.repeat(
+        states[-1:] * [1, 1, 1, 0, 0, 0], round(0.5 / emulator.dt), axis=0
+    )  # time to see it stand
     clip = make_clip(emulator, np.concatenate([states, hold]))
-    files = [out / name for name in ("swing-up.glb", "swing-up.csv", "report.html", f"{SYSTEM}.emulator.safetensors")]
+    files = [
+        out / name
+        for name in (
+            "swing-up.glb",
+            "swing-up.csv",
+            "report.html",
+            f"{SYSTEM}.emulator.safetensors",
+        )
+    ]
     write_glb(clip, files[0])
     times = np.arange(len(found.descent.controls)) * emulator.dt
-    write_table(files[1], times, found.descent.controls, emulator.identity.control)
+    write_table(files[1], times, found.descent.controls, emulator.spec.control)
     write_report([evaluation], files[2], extra=[("Swing-up", _swing_up_html(found))])
     try:
         write_video(clip, out / "swing-up.mp4")
@@ -112,15 +128,22 @@ def _write(out: Path, evaluation: Evaluation, found: Synthesis) -> list[Path]:
 
 
 def _swing_up_html(found: Synthesis) -> str:
-    rows = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in outcome_rows(found))
+    rows = "".join(
+        f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in outcome_rows(found)
+    )
     return f"<table>{rows}</table>"
 
 
-def _print(summary: dict[str, Any], evaluation: Evaluation, found: Synthesis, break_even: float) -> None:
+def _print(
+    summary: dict[str, Any], evaluation: Evaluation, found: Synthesis, break_even: float
+) -> None:
     print_rows(
         [
             ("system", f"{SYSTEM}, n = {SUBSTEPS}: one super step is {evaluation.dt * 1e3:g} ms"),
-            ("one-step error", f"{summary['one_step_error']:.4f} of the change's standard deviation"),
+            (
+                "one-step error",
+                f"{summary['one_step_error']:.4f} of the change's standard deviation",
+            ),
             (
                 "rollout error after 1 s",
                 f"{summary['rollout_error_1s']:.4f} of the state's standard deviation",
@@ -128,8 +151,11 @@ def _print(summary: dict[str, Any], evaluation: Evaluation, found: Synthesis, br
             ("nominal speed-up", f"{summary['nominal_speedup']:.0f} (MuJoCo Euler, 1 ms)"),
             ("equal-error speed-up", evaluation.equal_error_text),
             ("verdict", evaluation.verdict),
-            ("blow-ups", f"{evaluation.blow_ups} of {evaluation.blow_up_starts} random starts"),
-            ("break-even", f"after {break_even / 3600:.1f} simulated hours (data and training counted)"),
+            ("blow-ups", f"{evaluation.diverged} of {evaluation.diverged_starts} random starts"),
+            (
+                "break-even",
+                f"after {break_even / 3600:.1f} simulated hours (data and training counted)",
+            ),
             *outcome_rows(found),
             ("seconds in all", f"{summary['seconds_total']:.0f}"),
             *(("file", path) for path in summary["files"]),

@@ -8,11 +8,11 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.parsing.toml_text import LARGEST_TOML, parse_toml
+from neuroanimator.parsing.toml_text import MAX_TOML, parse_toml
 from neuroanimator.storage.files import one_line, read_bounded
 from neuroanimator.text import printable
 
-LONGEST_SHOWN = 80
+MAX_SHOWN = 80
 """Characters of a key, or of what came, shown in an error."""
 
 
@@ -35,12 +35,12 @@ def first_fault(error: ValidationError) -> str:
     """Return pydantic's first complaint as one line naming the key."""
     fault = error.errors()[0]
     key = ".".join(str(part) for part in fault["loc"])
-    return f"{printable(key[:LONGEST_SHOWN])}: {fault['msg'].lower()}, came {str(fault['input'])[:LONGEST_SHOWN]!r}"
+    return f"{printable(key[:MAX_SHOWN])}: {fault['msg'].lower()}, came {str(fault['input'])[:MAX_SHOWN]!r}"
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return what a TOML file holds, not yet checked."""
-    content = read_bounded(path, LARGEST_TOML)
+    content = read_bounded(path, MAX_TOML)
     try:
         return parse_toml(content)
     except ValueError as error:
@@ -55,9 +55,9 @@ def check_table(values: dict[str, Any], label: str, table: type[BaseModel]) -> A
         raise ArgumentError(f"{label}: {first_fault(error)}.") from error
 
 
-SHORTEST_STEP = 1e-8
+MIN_STEP = 1e-8
 """[s] Of physics: times closer than a tenth of it count as the same, see `system.TIME_RESOLUTION`."""
 
 
-Step = Annotated[float, Field(ge=SHORTEST_STEP, le=0.1)]
+Step = Annotated[float, Field(ge=MIN_STEP, le=0.1)]
 """Of physics [s]."""

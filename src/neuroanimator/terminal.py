@@ -183,7 +183,9 @@ def print_table(rows: list[dict[str, object]]) -> None:
     heads = [printable(head) for head in rows[0]]
     widths = [max(len(head), *(len(row[i]) for row in texts)) for i, head in enumerate(heads)]
     for row in [heads, *texts]:
-        print("  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+        print(
+            "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+        )
 
 
 def _text(value: object) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import sys
 
-LONGEST_QUOTE = 60
+MAX_QUOTE = 60
 """Characters of foreign text an error shows."""
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
@@ -24,7 +24,7 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else _written_out(letter) for letter in text)
 
 
-def quoted(value: object, limit: int = LONGEST_QUOTE) -> str:
+def quoted(value: object, limit: int = MAX_QUOTE) -> str:
     """Return foreign text for an error: in quotes, printable, and of at most `limit` characters."""
     shown = str(value)
     if len(shown) > limit:

@@ -17,7 +17,11 @@ SHIPPED = [
 
 def shipped_path(system: str, substeps: int = 50) -> Path:
     """Return where the shipped emulator of `system` at `substeps` lies."""
-    return Path(str(resources.files("neuroanimator"))) / "emulators" / f"{system}-{substeps}.emulator.safetensors"
+    return (
+        Path(str(resources.files("neuroanimator")))
+        / "emulators"
+        / f"{system}-{substeps}.emulator.safetensors"
+    )
 
 
 def is_name(reference: str) -> bool:
@@ -43,7 +47,9 @@ POLICIES = ("dolphin", "fish")
 
 def shipped_policy(system: str) -> Path:
     """Return where the shipped policy of `system` lies."""
-    return Path(str(resources.files("neuroanimator"))) / "emulators" / f"{system}.policy.safetensors"
+    return (
+        Path(str(resources.files("neuroanimator"))) / "emulators" / f"{system}.policy.safetensors"
+    )
 
 
 def find_policy(name: str) -> Path:
@@ -53,4 +59,6 @@ def find_policy(name: str) -> Path:
         return path
     if name in POLICIES and shipped_policy(name).is_file():
         return shipped_policy(name)
-    raise BadFileError(f"No policy file '{name}', and none of that name ships. Shipped: {', '.join(POLICIES)}.")
+    raise BadFileError(
+        f"No policy file '{name}', and none of that name ships. Shipped: {', '.join(POLICIES)}."
+    )

@@ -45,7 +45,13 @@ HOSTILE_TEXTS = {
 }
 """What each would do where a name is shown."""
 
-NO_TEXTS: dict[str, Any] = {"number": 3, "list": ["arm"], "table": {"arm": 1}, "null": None, "true": True}
+NO_TEXTS: dict[str, Any] = {
+    "number": 3,
+    "list": ["arm"],
+    "table": {"arm": 1},
+    "null": None,
+    "true": True,
+}
 
 
 def forged_emulator(target: Path, change: Change, name: str = "pendulum-50") -> Path:

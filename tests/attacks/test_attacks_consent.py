@@ -49,12 +49,14 @@ kind = "python"
 file = "trap.py"
 physics = { step = 0.01, truth_step = 0.01, fine_step = 0.001 }
 state = [{ name = "place", unit = "m" }, { name = "speed", unit = "m/s" }]
-control = [{ name = "force", unit = "N", least = [-1.0], largest = [1.0] }]
+control = [{ name = "force", unit = "N", low = [-1.0], high = [1.0] }]
 """
 
-RECORDED = TOML.replace('"python"', '"recorded"').replace("trap.py", "trap.csv").split("physics")[0] + (
+RECORDED = TOML.replace('"python"', '"recorded"').replace("trap.py", "trap.csv").split("physics")[
+    0
+] + (
     'physics = { step = 0.01 }\nstate = [{ name = "place", unit = "m" }]\n'
-    'control = [{ name = "force", unit = "N", least = [-1.0], largest = [1.0] }]\n'
+    'control = [{ name = "force", unit = "N", low = [-1.0], high = [1.0] }]\n'
 )
 
 
@@ -73,20 +75,30 @@ def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def paths_to(folder: Path) -> list[str]:
     """Return every way to say where the trap lies."""
-    ways = [str(folder / "trap.toml"), "trap.toml", "./trap.toml", "inner/../trap.toml", "../folder/trap.toml"]
+    ways = [
+        str(folder / "trap.toml"),
+        "trap.toml",
+        "./trap.toml",
+        "inner/../trap.toml",
+        "../folder/trap.toml",
+    ]
     return [*ways, "trap", str(folder / "trap.py"), "file://" + str(folder / "trap.toml")]
 
 
 def test_an_emulator_whose_system_is_a_path_runs_nothing(trap: Path):
     for way in paths_to(trap):
         with pytest.raises(NeuroAnimatorError):
-            evaluate(Emulator.load(forged_emulator(trap / "e.safetensors", lambda m, way=way: m.update(system=way))))
+            evaluate(
+                Emulator.load(
+                    forged_emulator(trap / "e.safetensors", lambda m, way=way: m.update(system=way))
+                )
+            )
 
 
 def test_an_emulator_whose_system_is_a_path_finds_no_controller(trap: Path, shipped: Emulator):
     for way in paths_to(trap):
-        identity = replace(shipped.identity, system=way)
-        hostile = eqx.tree_at(lambda emulator: emulator.identity, shipped, identity)
+        spec = replace(shipped.spec, system=way)
+        hostile = eqx.tree_at(lambda emulator: emulator.spec, shipped, spec)
         for use in (system_of, evaluate, lambda emulator: synthesise_goal(emulator, "upright")):
             with pytest.raises(NeuroAnimatorError):
                 use(hostile)
@@ -95,7 +107,11 @@ def test_an_emulator_whose_system_is_a_path_finds_no_controller(trap: Path, ship
 def test_a_policy_whose_system_is_a_path_runs_nothing(trap: Path):
     for way in paths_to(trap)[:3]:
         with pytest.raises(BadFileError):
-            Policy.load(forged_policy(trap / "p.safetensors", lambda m, way=way: m["emulator"].update(system=way)))
+            Policy.load(
+                forged_policy(
+                    trap / "p.safetensors", lambda m, way=way: m["emulator"].update(system=way)
+                )
+            )
 
 
 def test_a_dataset_whose_system_is_a_path_runs_nothing(trap: Path):
@@ -121,7 +137,9 @@ def test_a_configuration_whose_system_is_a_path_simulates_nothing(trap: Path):
 
 
 def test_the_command_line_runs_nothing_for_a_strangers_emulator(trap: Path, cli: Cli):
-    path = forged_emulator(trap / "e.safetensors", lambda metadata: metadata.update(system=str(trap / "trap.toml")))
+    path = forged_emulator(
+        trap / "e.safetensors", lambda metadata: metadata.update(system=str(trap / "trap.toml"))
+    )
     result = cli("evaluate", path)
     assert result.returncode == 3
     assert result.stderr.count("\n") == 1
@@ -135,7 +153,9 @@ def carried_text(folder: Path) -> str:
 def test_a_definition_that_travels_runs_only_where_the_user_says_so(trap: Path):
     system = carried_system("trap", carried_text(trap))
     start, controls = np.zeros((1, 2)), np.ones((1, 1, 1))
-    with pytest.raises(BadFileError, match=r"made from trap\.py, .* only if you say so: .* --system PATH"):
+    with pytest.raises(
+        BadFileError, match=r"made from trap\.py, .* only if you say so: .* --system PATH"
+    ):
         system.simulate(start, controls, 0.01)
     assert not (trap / "mark").exists()
     trust_files("trap.toml")
@@ -155,7 +175,9 @@ def test_what_changed_since_it_was_allowed_is_not_run(trap: Path):
     trust_files("trap.toml")
     (trap / "trap.py").write_text(BELL.format(mark=str(trap / "mark")) + "# another\n" + STEP)
     with pytest.raises(BadFileError, match="only if you say so"):
-        carried_system("trap", carried_text(trap)).simulate(np.zeros((1, 2)), np.ones((1, 1, 1)), 0.01)
+        carried_system("trap", carried_text(trap)).simulate(
+            np.zeros((1, 2)), np.ones((1, 1, 1)), 0.01
+        )
 
 
 def test_a_lookup_allows_nothing(trap: Path):
@@ -183,7 +205,9 @@ def test_a_definition_of_another_name_is_refused(trap: Path):
 def test_recordings_beside_a_strangers_emulator_are_not_opened(trap: Path):
     (trap / "trap.toml").write_text(RECORDED)
     rows = [f"{k / 100},{k},{k % 3}" for k in range(99)]
-    (trap / "trap.csv").write_text("\n".join(["time s,state.place m,control.force N", *rows, ""]))
+    (trap / "trap.csv").write_text(
+        "\n".join(["time s,state.position m,control.force N", *rows, ""])
+    )
     with pytest.raises(BadFileError, match=r"made from trap\.csv, .* only if you say so"):
         resolve("trap.toml")
     trust_files("trap.toml")

@@ -27,10 +27,10 @@ HUGE, MANY = 1e300, 10**4000
 def put(metadata: dict[str, Any], path: str, value: Any) -> None:
     """Set the entry of `metadata` at a path such as `skeleton.0.joints.0.entry`."""
     *above, last = [int(key) if key.isdigit() else key for key in path.split(".")]
-    place: Any = metadata
+    position: Any = metadata
     for key in above:
-        place = place[key]
-    place[last] = value
+        position = position[key]
+    position[last] = value
 
 
 NUMBERS = [
@@ -50,13 +50,13 @@ NUMBERS = [
     ("network.widths", [4097]), ("network.widths", [0]), ("network.widths", [-1]), ("network.widths", [96.0, 64]),
     ("network.widths", [1] * 33), ("network.widths", "96"), ("network.widths", [MANY]), ("network.kind", ["gated"]),
     ("network.parts", [{}]), ("network.parts", 3), ("network.even", [0]),
-    ("frame.weighs", 1), ("frame.pushes", [[1.0, 0.0, 0.0]]), ("frame.pushes", [[HUGE] * 3] * 3),
+    ("frame.has_gravity", 1), ("frame.external_forces", [[1.0, 0.0, 0.0]]), ("frame.external_forces", [[HUGE] * 3] * 3),
     ("frame.probes", [[0, 0, 0, 1]]), ("frame.probes", [[0, 0, 0]]), ("frame.segments", [["plain", 7, -1, 0.0]]),
     ("frame.segments", [["plain", -1, -1, 0.0], ["plain", 7, -1, 0.0]]), ("frame.segments", [["plain", 6, -2, 0.0]]),
     ("frame.segments", [["plain", 6, -1, HUGE]]), ("frame.segments", [[["plain"], 6, -1, 0.0]]),
     ("frame.segments", [["points", 6, -1, 0.0]]), ("frame", None),
-    ("skeleton.0.offset", [0.0, 0.0]), ("skeleton.0.offset", [0.0, 0.0, HUGE]), ("skeleton.0.turn", [0.0] * 4),
-    ("skeleton.0.turn", [1.0, 1.0, 0.0, 0.0]), ("skeleton.0.parent", 0), ("skeleton.0.parent", -2),
+    ("skeleton.0.offset", [0.0, 0.0]), ("skeleton.0.offset", [0.0, 0.0, HUGE]), ("skeleton.0.orientation", [0.0] * 4),
+    ("skeleton.0.orientation", [1.0, 1.0, 0.0, 0.0]), ("skeleton.0.parent", 0), ("skeleton.0.parent", -2),
     ("skeleton.0.parent", "x"), ("skeleton.0.joints.0.entry", -1), ("skeleton.0.joints.0.entry", 6),
     ("skeleton.0.joints.0.entry", 0.5), ("skeleton.0.joints.0.axis", [0.0] * 3), ("skeleton.0.joints.0.axis", [0, 1]),
     ("skeleton.0.joints.0.anchor", [HUGE] * 3), ("skeleton.0.joints.0.reference", HUGE),
@@ -73,7 +73,9 @@ def test_a_number_no_emulator_has_is_refused(path: str, tmp_path: Path):
     for key, value in NUMBERS:
         if key != path or (key, value) == ("skeleton", []):
             continue
-        file = forged_emulator(tmp_path / "e.safetensors", lambda metadata, value=value: put(metadata, path, value))
+        file = forged_emulator(
+            tmp_path / "e.safetensors", lambda metadata, value=value: put(metadata, path, value)
+        )
         with pytest.raises(BadFileError) as caught:
             Emulator.load(file)
         assert str(caught.value).isprintable()
@@ -84,15 +86,18 @@ MODES = [
     ("modes.cloud", [[], []]), ("modes.cloud.1.0", 0.0), ("modes.cloud.1.0", 1e9),
     ("modes.cloud.0.0", [0.0, 1e300, 0.0]),
     ("modes.counts", [1, 2, 3]), ("modes.counts.0", -1), ("modes.counts.0", 10**9), ("modes.muscles", 11),
-    ("modes.response", -1.0), ("modes.response", HUGE), ("modes.mirror.0.0", 10**6), ("modes.mirror", [[0]]),
-    ("skeleton.bones.0.follow.place", [[0, 2.0]]), ("skeleton.bones.0.follow.place", [[-1, 1.0]]),
+    ("modes.time_constant", -1.0), ("modes.time_constant", HUGE), ("modes.mirror.0.0", 10**6), ("modes.mirror", [[0]]),
+    ("skeleton.bones.0.binding.position", [[0, 2.0]]), ("skeleton.bones.0.binding.position", [[-1, 1.0]]),
     ("skeleton.skin.kind", "x"), ("skeleton.skin.back", [HUGE, 0, 0]), ("gait.0", -1.0),
 ]  # fmt: skip
 
 
 def test_numbers_no_deformable_body_has_are_refused(tmp_path: Path):
     for path, value in MODES:
-        change = lambda metadata, path=path, value=value: put(metadata, path, value)  # noqa: E731
+
+        def change(metadata, path=path, value=value):
+            return put(metadata, path, value)
+
         with pytest.raises(BadFileError):
             Emulator.load(forged_emulator(tmp_path / "e.safetensors", change, "fish-50"))
 
@@ -107,7 +112,9 @@ def test_numbers_no_deformable_body_has_are_refused(tmp_path: Path):
         ("network", lambda array: array.astype(np.float64) * 1e300),
     ],
 )
-def test_weights_that_would_make_every_prediction_nan_are_refused(name: str, change: Any, tmp_path: Path):
+def test_weights_that_would_make_every_prediction_nan_are_refused(
+    name: str, change: Any, tmp_path: Path
+):
     tensors, metadata = read_tensors(find_emulator("pendulum-50"), "emulator")
     chosen = next(key for key in sorted(tensors) if name in key)
     tensors[chosen] = change(tensors[chosen])
@@ -120,18 +127,30 @@ def test_weights_that_would_make_every_prediction_nan_are_refused(name: str, cha
 @pytest.mark.parametrize(
     ("found", "advice"),
     [
-        (FORMAT - 1, f"of an older version: format {FORMAT - 1}; this one reads {FORMAT}. Make it again"),
-        (FORMAT + 1, f"of a newer version: format '{FORMAT + 1}'; this one reads {FORMAT}. Upgrade NeuroAnimator"),
+        (
+            FORMAT - 1,
+            f"of an older version: format {FORMAT - 1}; this one reads {FORMAT}. Make it again",
+        ),
+        (
+            FORMAT + 1,
+            f"of a newer version: format '{FORMAT + 1}'; this one reads {FORMAT}. Upgrade NeuroAnimator",
+        ),
         (None, "does not say its format"),
         ("3", "does not say its format"),
         (True, "does not say its format"),
     ],
 )
-def test_an_older_format_is_made_again_and_a_newer_one_asks_for_an_upgrade(found: Any, advice: str, tmp_path: Path):
-    path = forged_emulator(tmp_path / "e.safetensors", lambda metadata: metadata.update(format=found))
+def test_an_older_format_is_made_again_and_a_newer_one_asks_for_an_upgrade(
+    found: Any, advice: str, tmp_path: Path
+):
+    path = forged_emulator(
+        tmp_path / "e.safetensors", lambda metadata: metadata.update(format=found)
+    )
     with pytest.raises(BadFileError, match=advice):
         Emulator.load(path)
-    path = forged_policy(tmp_path / "p.safetensors", lambda metadata: metadata["emulator"].update(format=found))
+    path = forged_policy(
+        tmp_path / "p.safetensors", lambda metadata: metadata["emulator"].update(format=found)
+    )
     with pytest.raises(BadFileError, match=advice):
         Policy.load(path)
 
@@ -140,12 +159,34 @@ def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
     """Yield the path of everything within a JSON value."""
     if path:
         yield path
-    pairs = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for key, inner in pairs:
-        yield from leaves(inner, (*path, key))
+    pairs = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
+    for key, latent in pairs:
+        yield from leaves(latent, (*path, key))
 
 
-STRANGE = [None, True, -1, 0, 2.5, 10**30, 1e300, "", "x", "\x1b", [], [[]], {}, {"a": 1}, [1e300] * 3]
+STRANGE = [
+    None,
+    True,
+    -1,
+    0,
+    2.5,
+    10**30,
+    1e300,
+    "",
+    "x",
+    "\x1b",
+    [],
+    [[]],
+    {},
+    {"a": 1},
+    [1e300] * 3,
+]
 
 
 @pytest.mark.parametrize("name", ["pendulum-50", "lander-50", "fish-50"])
@@ -153,14 +194,14 @@ def test_any_entry_replaced_by_anything_is_read_or_refused(name: str):
     """What `blank` may raise is what `load` catches; a real parser is fuzzed, not its words."""
     metadata = read_tensors(find_emulator(name), "emulator")[1]
     del metadata["provenance"]
-    rng, places = np.random.default_rng(0), list(leaves(metadata))
+    rng, positions = np.random.default_rng(0), list(leaves(metadata))
     refused = 0
     for _ in range(100):
-        hostile, path = copy.deepcopy(metadata), places[rng.integers(len(places))]
-        inner: Any = hostile
+        hostile, path = copy.deepcopy(metadata), positions[rng.integers(len(positions))]
+        latent: Any = hostile
         for key in path[:-1]:
-            inner = inner[key]
-        inner[path[-1]] = STRANGE[rng.integers(len(STRANGE))]
+            latent = latent[key]
+        latent[path[-1]] = STRANGE[rng.integers(len(STRANGE))]
         try:
             jax.eval_shape(lambda hostile=hostile: blank(hostile))
         except FAULTS:
@@ -181,7 +222,8 @@ BOMBS = {
         "network.kind": "hierarchy",
         "network.widths": [8, 0, 8],
         "network.parts": [
-            {"name": "a", "odd": [*range(15)], "even": [], "answers": [0], "hears": [], "like": -1} for _ in range(200)
+            {"name": "a", "odd": [*range(15)], "even": [], "answers": [0], "hears": [], "like": -1}
+            for _ in range(200)
         ],
     },
 }

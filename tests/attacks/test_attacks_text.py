@@ -15,7 +15,14 @@ import numpy as np
 import pytest
 from forgery import HOSTILE_TEXTS, NO_TEXTS, forged_emulator, forged_policy
 
-from neuroanimator import Emulator, NeuroAnimatorError, find_emulator, read_clip, write_clip, write_report
+from neuroanimator import (
+    Emulator,
+    NeuroAnimatorError,
+    find_emulator,
+    read_clip,
+    write_clip,
+    write_report,
+)
 from neuroanimator.animation.clip import Clip
 from neuroanimator.codegen.c_emulator import c_program
 from neuroanimator.control.policies.policy import Policy
@@ -64,7 +71,8 @@ def test_hostile_text_in_an_emulator_is_refused(field: str, tmp_path: Path):
             continue
         try:
             path = forged_emulator(
-                tmp_path / "e.safetensors", lambda metadata, text=text: FIELDS[field](metadata, text)
+                tmp_path / "e.safetensors",
+                lambda metadata, text=text: FIELDS[field](metadata, text),
             )
         except (NeuroAnimatorError, UnicodeEncodeError, ValueError):
             continue  # not even an attacker can write it
@@ -73,11 +81,14 @@ def test_hostile_text_in_an_emulator_is_refused(field: str, tmp_path: Path):
 
 @pytest.mark.parametrize("field", ["system", "state", "bone"])
 def test_hostile_text_in_a_policy_is_refused(field: str, tmp_path: Path):
-    changes = FIELDS | {"bone": lambda metadata, text: metadata["skeleton"]["bones"][0].update(name=text)}
+    changes = FIELDS | {
+        "bone": lambda metadata, text: metadata["skeleton"]["bones"][0].update(name=text)
+    }
     for title in ("script", "formula", "escape code", "right to left", "C out of a comment"):
         text = HOSTILE_TEXTS[title]
         path = forged_policy(
-            tmp_path / "p.safetensors", lambda metadata, text=text: changes[field](metadata["emulator"], text)
+            tmp_path / "p.safetensors",
+            lambda metadata, text=text: changes[field](metadata["emulator"], text),
         )
         assert refusal(path, Policy.load), title
 
@@ -97,34 +108,36 @@ def test_a_policys_contract_is_its_own_and_nobody_elses(tmp_path: Path):
 
 
 def test_two_parts_of_one_name_are_refused(tmp_path: Path):
-    path = forged_emulator(tmp_path / "e.safetensors", lambda metadata: metadata["state"][1].__setitem__(0, "angle"))
+    path = forged_emulator(
+        tmp_path / "e.safetensors", lambda metadata: metadata["state"][1].__setitem__(0, "angle")
+    )
     assert "two parts are called 'angle'" in refusal(path)
 
 
 def renamed(emulator: Emulator, text: str) -> Emulator:
     """Return the emulator with `text` in every place that holds text."""
-    identity = emulator.identity
+    spec = emulator.spec
     layouts = [
         Layout(tuple(Slice(f"{text}{i}", part.size, text) for i, part in enumerate(layout.slices)))
-        for layout in (identity.state, identity.control)
+        for layout in (spec.state, spec.control)
     ]
-    bones = tuple(replace(bone, name=text) for bone in identity.skeleton.bones)
+    bones = tuple(replace(bone, name=text) for bone in spec.skeleton.bones)
     named = replace(
-        identity,
+        spec,
         system=text,
         state=layouts[0],
         control=layouts[1],
         definition=text,
-        skeleton=replace(identity.skeleton, bones=bones),
+        skeleton=replace(spec.skeleton, bones=bones),
     )
-    return eqx.tree_at(lambda each: each.identity, emulator, named)
+    return eqx.tree_at(lambda each: each.spec, emulator, named)
 
 
 def test_no_text_of_an_emulator_reaches_generated_c(shipped: Emulator):
     text = HOSTILE_TEXTS["C out of a comment"]
     assert c_program(renamed(shipped, text)) == c_program(shipped)
     assert "constructor" not in c_program(renamed(shipped, text))
-    assert shipped.identity.system not in c_program(shipped)
+    assert shipped.spec.system not in c_program(shipped)
 
 
 def an_evaluation(text: str) -> Evaluation:
@@ -143,12 +156,14 @@ def an_evaluation(text: str) -> Evaluation:
         measured_speed=None,
         emulator_seconds=1e-6,
         baselines={text: 0.5},
-        blow_ups=0,
-        blow_up_starts=10,
+        diverged=0,
+        diverged_starts=10,
     )
 
 
-@pytest.mark.parametrize("title", ["script", "image with a handler", "dollar", "C out of a comment"])
+@pytest.mark.parametrize(
+    "title", ["script", "image with a handler", "dollar", "C out of a comment"]
+)
 def test_a_report_holds_no_markup_but_its_own(title: str, tmp_path: Path):
     text = HOSTILE_TEXTS[title]
     write_report([an_evaluation(text)], tmp_path / "report.html")
@@ -176,7 +191,9 @@ NEVER_IN_A_TABLE = ("half a surrogate pair", "long")
 """Texts no file can hold, or no line of a table: names have at most 80 letters."""
 
 
-@pytest.mark.parametrize("title", [title for title in HOSTILE_TEXTS if title not in NEVER_IN_A_TABLE])
+@pytest.mark.parametrize(
+    "title", [title for title in HOSTILE_TEXTS if title not in NEVER_IN_A_TABLE]
+)
 def test_a_table_can_be_read_back_and_no_head_is_a_formula(title: str, tmp_path: Path):
     layout = Layout((Slice(HOSTILE_TEXTS[title], 2, "m"), Slice("plain", 1, "1")))
     path, rows = tmp_path / "table.csv", np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
@@ -190,14 +207,17 @@ def test_a_table_can_be_read_back_and_no_head_is_a_formula(title: str, tmp_path:
         assert not cell.lstrip('"').startswith(("=", "+", "-", "@", "\t"))
 
 
-def test_what_animate_writes_read_clip_reads_for_every_name_that_loads(shipped: Emulator, tmp_path: Path):
+def test_what_animate_writes_read_clip_reads_for_every_name_that_loads(
+    shipped: Emulator, tmp_path: Path
+):
     path = forged_emulator(
-        tmp_path / "e.safetensors", lambda metadata: metadata["state"][0].__setitem__(0, "left hip/x:2.Größe-1")
+        tmp_path / "e.safetensors",
+        lambda metadata: metadata["state"][0].__setitem__(0, "left hip/x:2.Größe-1"),
     )
     emulator = Emulator.load(path)
-    states = np.zeros((3, emulator.identity.state.size))
-    clip = Clip(emulator.identity.system, emulator.identity.skeleton, np.arange(3) / 30, states)
-    write_clip(clip, tmp_path / "clip.csv", emulator.identity.state)
+    states = np.zeros((3, emulator.spec.state.size))
+    clip = Clip(emulator.spec.system, emulator.spec.skeleton, np.arange(3) / 30, states)
+    write_clip(clip, tmp_path / "clip.csv", emulator.spec.state)
     np.testing.assert_allclose(read_clip(tmp_path / "clip.csv", emulator).states, states)
 
 
@@ -239,7 +259,9 @@ def test_what_a_model_calls_its_parts_is_made_harmless():
         "sensor": "[red]&#x202e;",
     }
     text = MODEL.format(**names)
-    model = compile_model(ModelFiles("m.xml", (("m.xml", base64.b64encode(text.encode()).decode()),)))
+    model = compile_model(
+        ModelFiles("m.xml", (("m.xml", base64.b64encode(text.encode()).decode()),))
+    )
     step = {"step": 0.002, "truth_step": 0.002, "fine_step": 0.0002}
     values = {"name": "m", "model": "m.xml", "physics": step, "sensors": ["_red__"]}
     system = ModelSystem(check_table(values, "m", Definition), model)
@@ -255,8 +277,10 @@ def test_every_shipped_emulator_says_the_same_after_the_checks():
         path = shipped_path(name, substeps)
         metadata = read_tensors(path, "emulator")[1]
         described = describe(Emulator.load(path))
-        assert canonical_json(described) == canonical_json({key: metadata[key] for key in described})
+        assert canonical_json(described) == canonical_json(
+            {key: metadata[key] for key in described}
+        )
 
 
 def test_shipped_names_keep_the_rules():
-    assert Emulator.load(find_emulator("fish-50")).identity.state.names[0] == "nose[0] m"
+    assert Emulator.load(find_emulator("fish-50")).spec.state.names[0] == "nose[0] m"

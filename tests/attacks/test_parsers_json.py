@@ -44,7 +44,10 @@ def with_header(header: str, payload: bytes = b"") -> bytes:
 
 BORDERS = {
     "header": ("tensors", with_header),
-    "metadata": ("tensors", lambda text: with_header(json.dumps({"__metadata__": {METADATA_KEY: text}}))),
+    "metadata": (
+        "tensors",
+        lambda text: with_header(json.dumps({"__metadata__": {METADATA_KEY: text}})),
+    ),
     "settings": ("config", str.encode),
     "definition": ("definition", str.encode),
 }
@@ -62,12 +65,16 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Refusal]:
 
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("name", TEXTS)
-def test_json_is_refused_in_a_second_and_100_megabytes(answers: dict[str, Refusal], border: str, name: str):
+def test_json_is_refused_in_a_second_and_100_megabytes(
+    answers: dict[str, Refusal], border: str, name: str
+):
     message = "" if border == "definition" or len(TEXTS[name][0]) > ANY // 2 else TEXTS[name][1]
     check_refusal(answers[f"{border}: {name}"], message)
 
 
-def entry(dtype: object = "F32", shape: object = (1,), offsets: object = (0, 4)) -> dict[str, object]:
+def entry(
+    dtype: object = "F32", shape: object = (1,), offsets: object = (0, 4)
+) -> dict[str, object]:
     return {"dtype": dtype, "shape": shape, "data_offsets": offsets}
 
 

@@ -56,8 +56,8 @@ def with_time(content: bytes) -> bytes:
 
 
 def flipped(content: bytes, mark: bytes, offset: int, value: int) -> bytes:
-    place = content.index(mark) + offset
-    return content[:place] + bytes([value]) + content[place + 1 :]
+    position = content.index(mark) + offset
+    return content[:position] + bytes([value]) + content[position + 1 :]
 
 
 PACKED = saved(compressed=True)
@@ -67,28 +67,55 @@ NPZ = {
     "no archive": (b"PK\x03\x04 and nothing more", "not a usable NPZ"),
     "cut short": (PACKED[: len(PACKED) // 2], "not a usable NPZ"),
     "a claimed shape of 4e9": (with_time(npy(CLAIM)), "claims 4,000,000,000 numbers"),
-    "a claimed shape beyond 64 bits": (with_time(npy(described(shape=f"({2**40}, {2**40})"))), "claims"),
+    "a claimed shape beyond 64 bits": (
+        with_time(npy(described(shape=f"({2**40}, {2**40})"))),
+        "claims",
+    ),
     "a negative shape": (with_time(npy(described(shape="(-3,)"))), "negative length"),
     "forty axes": (with_time(npy(described(shape="(" + "1," * 40 + ")"), bytes(8))), "40 axes"),
     "too few bytes": (with_time(npy(described(), bytes(16))), "claims 3 numbers"),
     "too many bytes": (with_time(npy(described(), bytes(32))), "claims 3 numbers"),
-    "a pickle": (with_time(npy(described("'|O'"), b"cos\nsystem\n(S'true'\ntR.")), "objects are refused"),
-    "a named column of pickles": (with_time(npy(described("[('a', '|O')]"), bytes(24))), "wanted numbers"),
+    "a pickle": (
+        with_time(npy(described("'|O'"), b"cos\nsystem\n(S'true'\ntR.")),
+        "objects are refused",
+    ),
+    "a named column of pickles": (
+        with_time(npy(described("[('a', '|O')]"), bytes(24))),
+        "wanted numbers",
+    ),
     "a header that is no dictionary": (with_time(npy("[" * 1000)), "not a usable NPZ"),
     "a header of minus signs": (with_time(npy("-" * 2000 + "1")), "not a usable NPZ"),
-    "a header without end": (with_time(npy("{'descr': '<f8', 'fortran_order': (")), "not a usable NPZ"),
+    "a header without end": (
+        with_time(npy("{'descr': '<f8', 'fortran_order': (")),
+        "not a usable NPZ",
+    ),
     "a header of a megabyte": (with_time(npy(" " * 2**20, version=(2, 0))), "not a usable NPZ"),
     "an unknown type": (with_time(npy(described("'<q9'"), bytes(24))), "not a usable NPZ"),
     "a type that is a list": (with_time(npy(described("[]"), bytes(24))), "not a usable NPZ"),
     "an unknown version": (with_time(npy(described(), bytes(24), version=(9, 0))), "version"),
     "no array": (with_time(b"hello"), "not a usable NPZ"),
-    "a zip bomb": (archive({"time.npy": bytes(64 * 2**20)}, zipfile.ZIP_DEFLATED), "bytes unpacked"),
-    "a zip bomb of another name": (archive({"a.npy": bytes(64 * 2**20)}, zipfile.ZIP_DEFLATED), "no array 'time'"),
+    "a zip bomb": (
+        archive({"time.npy": bytes(64 * 2**20)}, zipfile.ZIP_DEFLATED),
+        "bytes unpacked",
+    ),
+    "a zip bomb of another name": (
+        archive({"a.npy": bytes(64 * 2**20)}, zipfile.ZIP_DEFLATED),
+        "no array 'time'",
+    ),
     "very many members": (archive({f"{i}.npy": b"" for i in range(5_000)}), "5,000 files"),
-    "an unknown packing": (flipped(archive({"time.npy": b"1"}), b"PK\x01\x02", 10, 99), "not a usable NPZ"),
-    "a password": (flipped(flipped(saved(), b"PK\x01\x02", 8, 1), b"PK\x03\x04", 6, 1), "not a usable NPZ"),
+    "an unknown packing": (
+        flipped(archive({"time.npy": b"1"}), b"PK\x01\x02", 10, 99),
+        "not a usable NPZ",
+    ),
+    "a password": (
+        flipped(flipped(saved(), b"PK\x01\x02", 8, 1), b"PK\x03\x04", 6, 1),
+        "not a usable NPZ",
+    ),
     "a damaged stream": (flipped(DEFLATED, b"time.npy", 8, 0xFF), "not a usable NPZ"),
-    "characters that are none": (saved(state_names=np.array([0x7FFFFFFF], "<u4").view("<U1")), "holds no texts"),
+    "characters that are none": (
+        saved(state_names=np.array([0x7FFFFFFF], "<u4").view("<U1")),
+        "holds no texts",
+    ),
     "truth values for time": (saved(time=[True, False, True]), "holds bool"),
     "complex states": (saved(states=TIMES[:, None] + 1j), "wanted numbers"),
     "infinite states": (saved(states=np.full((3, 1), np.inf)), "not a finite number"),
@@ -102,8 +129,14 @@ NPZ = {
 
 HEAD = "run,time s,state.angle rad,control.torque N·m\n"
 CSV = {
-    "a cell over 131,072 characters": (HEAD + "0,0," + "1" * 140_000 + ",1\n", "characters in a line"),
-    "a quoted cell over 131,072 characters": (HEAD + '0,0,"' + "1" * 140_000 + '",1\n', "characters in a line"),
+    "a cell over 131,072 characters": (
+        HEAD + "0,0," + "1" * 140_000 + ",1\n",
+        "characters in a line",
+    ),
+    "a quoted cell over 131,072 characters": (
+        HEAD + '0,0,"' + "1" * 140_000 + '",1\n',
+        "characters in a line",
+    ),
     "one line of 20 MB": ("a" * 20_000_000, "characters in a line"),
     "very many columns": ("time s," + "state.a rad," * 5_000, "columns"),
     "a quote without end": (HEAD + '0,0,"1,1\n', "cells; wanted 4"),
@@ -111,7 +144,10 @@ CSV = {
     "half a character": (HEAD.encode() + b"0,0,\xff,1\n", "not text in UTF-8"),
     "a number of 5,000 digits": (HEAD + "0,0," + "1" * 5_000 + ",1\n", "wanted a finite number"),
     "a number beyond single precision": (HEAD + "0,0,1e300,1\n", "wanted a finite number"),
-    "100,000 runs of one row": (HEAD + "".join(f"{i},0,1,1\n" for i in range(100_000)), "one row only"),
+    "100,000 runs of one row": (
+        HEAD + "".join(f"{i},0,1,1\n" for i in range(100_000)),
+        "one row only",
+    ),
     "100,000 short rows": (HEAD + "1\n" * 100_000, "line 2: 1 cells"),
     "nothing but line breaks": ("\n" * 1_000_000, "no column 'time s'"),
     "old line breaks": (HEAD.replace("\n", "\r") + "0,0,1,1\r0,1,1\r", "line 3: 3 cells"),
@@ -129,21 +165,37 @@ CLIPS = {
 }
 
 XML = {
-    "half a million elements": ("<mujoco>" + "<a/>" * 500_000 + "</mujoco>", "more than 10,000 elements"),
+    "half a million elements": (
+        "<mujoco>" + "<a/>" * 500_000 + "</mujoco>",
+        "more than 10,000 elements",
+    ),
     "a step of almost nothing": (
         '<mujoco><option timestep="1e-300"/><worldbody><body><joint/><geom size="1"/></body></worldbody></mujoco>',
         "option timestep",
     ),
-    "a size of 5,000 digits": (f'<mujoco><size nkey="{"1" * 5_000}"/></mujoco>', "wanted a whole number"),
-    "a name of a megabyte": (f'<mujoco><plugin name="{"a" * 2**20}"/></mujoco>', "plugins run foreign code"),
+    "a size of 5,000 digits": (
+        f'<mujoco><size nkey="{"1" * 5_000}"/></mujoco>',
+        "wanted a whole number",
+    ),
+    "a name of a megabyte": (
+        f'<mujoco><plugin name="{"a" * 2**20}"/></mujoco>',
+        "plugins run foreign code",
+    ),
     "deep elements": ("<a>" * 100_000, "elements deep"),
-    "many attributes": ("<mujoco " + " ".join(f'a{i}=""' for i in range(150_000)) + "/>", "100 attributes"),
+    "many attributes": (
+        "<mujoco " + " ".join(f'a{i}=""' for i in range(150_000)) + "/>",
+        "100 attributes",
+    ),
     "a million numbers": (
-        '<mujoco><worldbody><body><joint/><geom size="' + "1 " * 1_000_000 + '"/></body></worldbody></mujoco>',
+        '<mujoco><worldbody><body><joint/><geom size="'
+        + "1 " * 1_000_000
+        + '"/></body></worldbody></mujoco>',
         "",
     ),
     "a million characters": (
-        '<mujoco><worldbody><body><joint/><geom rgba="' + "a" * 1_000_000 + '"/></body></worldbody></mujoco>',
+        '<mujoco><worldbody><body><joint/><geom rgba="'
+        + "a" * 1_000_000
+        + '"/></body></worldbody></mujoco>',
         "",
     ),
     "an entity": ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "document types"),
@@ -165,21 +217,26 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Refusal]:
     inputs = {}
     for border, name in ATTACKS:
         content = BORDERS[border][name][0]
-        inputs[f"{border}: {name}"] = (border, content.encode() if isinstance(content, str) else content)
+        inputs[f"{border}: {name}"] = (
+            border,
+            content.encode() if isinstance(content, str) else content,
+        )
     return refusals(inputs, tmp_path_factory.mktemp("inputs"))
 
 
 @pytest.mark.parametrize(("border", "name"), ATTACKS)
-def test_it_is_refused_in_a_second_and_100_megabytes(answers: dict[str, Refusal], border: str, name: str):
+def test_it_is_refused_in_a_second_and_100_megabytes(
+    answers: dict[str, Refusal], border: str, name: str
+):
     check_refusal(answers[f"{border}: {name}"], BORDERS[border][name][1])
 
 
 def test_every_flipped_byte_of_an_npz_is_refused_or_read():
     content = saved(compressed=True)
     refusals_told = []
-    for place in range(len(content)):
+    for position in range(len(content)):
         damaged = bytearray(content)
-        damaged[place] ^= 0xFF
+        damaged[position] ^= 0xFF
         try:
             read_npz(bytes(damaged), "a.npz")
         except BadFileError as error:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neuroanimator import Emulator, load_system, reach_place
+from neuroanimator import Emulator, load_system, reach_position
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Layout, Slice
@@ -76,7 +76,7 @@ def test_a_long_double_beyond_double_precision_is_not_finite():
 
 
 def test_an_emulator_refuses_text_as_state_and_complex_controls(shipped: Emulator):
-    rest, still = np.array(shipped.identity.rest), np.zeros((4, 3))
+    rest, still = np.array(shipped.spec.rest), np.zeros((4, 3))
     with pytest.raises(ArgumentError, match="state: wanted real numbers"):
         shipped.rollout(["a"] * 6, still)
     with pytest.raises(ArgumentError, match="control: wanted real numbers"):
@@ -91,8 +91,8 @@ def test_a_system_refuses_text_as_starts():
 
 
 def test_a_wish_refuses_text_as_a_place():
-    with pytest.raises(ArgumentError, match="place: wanted real numbers"):
-        reach_place(load_system("lander"), ["a", "b", "c"], within=0.1)
+    with pytest.raises(ArgumentError, match="position: wanted real numbers"):
+        reach_position(load_system("lander"), ["a", "b", "c"], within=0.1)
 
 
 @pytest.mark.parametrize("duration", [float("nan"), float("inf"), -1.0, 0.0, 1e300])
@@ -110,10 +110,17 @@ def test_a_list_on_the_command_line_is_refused_in_a_short_line(text: str):
 
 def test_no_parser_reads_around_the_guarded_places():
     source = Path(__file__).parents[2] / "src" / "neuroanimator"
-    readers = ("tomllib.load", "json.load", "np.load", "csv.reader", "zipfile.ZipFile", "safetensors.numpy.load")
+    readers = (
+        "tomllib.load",
+        "json.load",
+        "np.load",
+        "csv.reader",
+        "zipfile.ZipFile",
+        "safetensors.numpy.load",
+    )
     readers += ("model_validate_json(path", "genfromtxt", "loadtxt", "pickle")
     # What draws reads what its own parent wrote into its pipe; the others are the guarded places themselves.
-    allowed = {"reel.py", "draw_live.py"}
+    allowed = {"reel.py", "live_worker.py"}
     for path in source.rglob("*.py"):
         if path.parent.name != "parsing" and path.name not in allowed:
             text = path.read_text(encoding="utf-8")

@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from neuroanimator import NeuroAnimatorError, dataset_config, generate, read_diverged, read_transitions
+from neuroanimator import (
+    NeuroAnimatorError,
+    dataset_config,
+    generate,
+    read_diverged,
+    read_transitions,
+)
 from neuroanimator.data.transitions import CONFIG_NAME
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_tensors, write_tensors
@@ -48,7 +54,9 @@ def set_pick(value: int) -> Callable[[Tensors, dict[str, Any]], None]:
     return change
 
 
-def replace(name: str, made: Callable[[np.ndarray], np.ndarray]) -> Callable[[Tensors, dict[str, Any]], None]:
+def replace(
+    name: str, made: Callable[[np.ndarray], np.ndarray]
+) -> Callable[[Tensors, dict[str, Any]], None]:
     def change(tensors: Tensors, _: dict[str, Any]) -> None:
         tensors[name] = made(tensors[name])
 
@@ -60,27 +68,60 @@ SHARDS: dict[str, tuple[Callable[[Tensors, dict[str, Any]], object], str]] = {
     "no controls": (lambda tensors, _: tensors.pop("controls"), "tensors picks, states; wanted"),
     "no picks": (lambda tensors, _: tensors.pop("picks"), "tensors controls, states; wanted"),
     "nothing": (lambda tensors, _: tensors.clear(), "tensors none; wanted"),
-    "one more": (lambda tensors, _: tensors.update(runs=tensors["picks"][:, 0]), "runs, states; wanted"),
+    "one more": (
+        lambda tensors, _: tensors.update(runs=tensors["picks"][:, 0]),
+        "runs, states; wanted",
+    ),
     "a negative pick": (set_pick(-1), "'picks' holds -1 to"),
     "a pick beyond the run": (set_pick(37), "wanted 0 to 36"),
     "a pick far beyond the run": (set_pick(2**31 - 1), "wanted 0 to 36"),
-    "picks with fractions": (replace("picks", lambda picks: picks.astype(np.float32)), "'picks' holds float32"),
-    "states as whole numbers": (replace("states", lambda states: states.astype(np.int32)), "'states' holds int32"),
-    "states in double precision": (replace("states", lambda states: states.astype(float)), "'states' holds float64"),
-    "fewer numbers in a state": (replace("states", lambda states: states[..., :-1]), "wanted (8, 41, 6)"),
-    "another number of controls": (replace("controls", lambda controls: controls[..., :1]), "wanted (8, 40, 3)"),
+    "picks with fractions": (
+        replace("picks", lambda picks: picks.astype(np.float32)),
+        "'picks' holds float32",
+    ),
+    "states as whole numbers": (
+        replace("states", lambda states: states.astype(np.int32)),
+        "'states' holds int32",
+    ),
+    "states in double precision": (
+        replace("states", lambda states: states.astype(float)),
+        "'states' holds float64",
+    ),
+    "fewer numbers in a state": (
+        replace("states", lambda states: states[..., :-1]),
+        "wanted (8, 41, 6)",
+    ),
+    "another number of controls": (
+        replace("controls", lambda controls: controls[..., :1]),
+        "wanted (8, 40, 3)",
+    ),
     "shorter runs": (replace("states", lambda states: states[:, :-5]), "wanted (8, 41, 6)"),
     "a run less": (replace("states", lambda states: states[:-1]), "wanted (7, 40, 3)"),
     "flat states": (replace("states", np.ravel), "tensor 'states' has shape (1968,)"),
-    "one number for all": (replace("states", lambda states: states[0, 0, 0]), "tensor 'states' has shape ()"),
+    "one number for all": (
+        replace("states", lambda states: states[0, 0, 0]),
+        "tensor 'states' has shape ()",
+    ),
     "flat picks": (replace("picks", lambda picks: picks[:, 0]), "tensor 'picks' has shape (8,)"),
-    "no blow-ups told": (lambda _, metadata: metadata.pop("blow_ups"), "blow_ups is 'None'"),
-    "blow-ups in words": (lambda _, metadata: metadata.update(blow_ups="many"), "blow_ups is 'many'"),
-    "negative blow-ups": (lambda _, metadata: metadata.update(blow_ups=-1), "blow_ups is '-1'"),
-    "blow-ups that are no number": (lambda _, metadata: metadata.update(blow_ups=True), "blow_ups is 'True'"),
-    "too many blow-ups": (lambda _, metadata: metadata.update(blow_ups=3), "8 rows and 3 blow-ups; wanted 8"),
+    "no blow-ups told": (lambda _, metadata: metadata.pop("diverged"), "diverged is 'None'"),
+    "blow-ups in words": (
+        lambda _, metadata: metadata.update(diverged="many"),
+        "diverged is 'many'",
+    ),
+    "negative blow-ups": (lambda _, metadata: metadata.update(diverged=-1), "diverged is '-1'"),
+    "blow-ups that are no number": (
+        lambda _, metadata: metadata.update(diverged=True),
+        "diverged is 'True'",
+    ),
+    "too many blow-ups": (
+        lambda _, metadata: metadata.update(diverged=3),
+        "8 rows and 3 blow-ups; wanted 8",
+    ),
     "another shard": (lambda _, metadata: metadata.update(shard=1), "belongs to another dataset"),
-    "infinite states": (replace("states", lambda states: states + np.float32(np.inf)), "NaN or infinite"),
+    "infinite states": (
+        replace("states", lambda states: states + np.float32(np.inf)),
+        "NaN or infinite",
+    ),
 }
 
 
@@ -141,7 +182,11 @@ def test_a_damaged_shard_is_made_again_with_the_same_bytes(folder: Path, honest:
     ("starts", "controls", "message"),
     [
         (np.zeros((1, 5)), np.zeros((1, 40, 3)), "tensor 'starts' has shape (1, 5); wanted (1, 6)"),
-        (np.zeros((1, 6)), np.zeros((1, 40, 1)), "tensor 'controls' has shape (1, 40, 1); wanted (1, 40, 3)"),
+        (
+            np.zeros((1, 6)),
+            np.zeros((1, 40, 1)),
+            "tensor 'controls' has shape (1, 40, 1); wanted (1, 40, 3)",
+        ),
         (np.zeros((1, 6)), np.zeros((2, 40, 3)), "wanted (1, 40, 3)"),
         (np.zeros((1, 6), np.float32), np.zeros((1, 40, 3)), "'starts' holds float32"),
     ],
@@ -151,7 +196,9 @@ def test_runs_that_blew_up_are_held_against_the_system(
 ):
     config = dataset_config(system="pendulum", count=96)
     metadata = {"kind": "diverged", "config": config.hash, "shard": 0}
-    write_tensors(folder / "diverged-00000.safetensors", {"starts": starts, "controls": controls}, metadata)
+    write_tensors(
+        folder / "diverged-00000.safetensors", {"starts": starts, "controls": controls}, metadata
+    )
     with pytest.raises(BadFileError) as caught:
         read_diverged(folder)
     assert message in str(caught.value)

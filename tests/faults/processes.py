@@ -21,7 +21,9 @@ def command(*arguments: object) -> list[str]:
 
 
 def run(*arguments: object, **environment: str) -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run(command(*arguments), capture_output=True, env={**os.environ, **environment}, timeout=300)
+    return subprocess.run(
+        command(*arguments), capture_output=True, env={**os.environ, **environment}, timeout=300
+    )
 
 
 def start(folder: Path, *arguments: object, **environment: str) -> subprocess.Popen[str]:
@@ -48,7 +50,9 @@ def _caught(pid: int) -> int:
     return int(next((line.split()[1] for line in lines if line.startswith("SigCgt")), "0"), 16)
 
 
-def stopped_after(process: subprocess.Popen[str], seconds: float, number: int) -> tuple[int, str, float]:
+def stopped_after(
+    process: subprocess.Popen[str], seconds: float, number: int
+) -> tuple[int, str, float]:
     """Return (exit code, stderr, seconds it took) of a process that gets the signal after `seconds`."""
     wait_until_it_listens(process)
     time.sleep(seconds)
@@ -60,7 +64,9 @@ def stopped_after(process: subprocess.Popen[str], seconds: float, number: int) -
 
 def killed_at_random(rng: random.Random, longest: float, *arguments: object) -> bool:
     """Run the command, kill it after up to `longest` seconds; return whether it was still running then."""
-    process = subprocess.Popen(command(*arguments), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command(*arguments), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     try:
         process.wait(rng.uniform(0, longest))
     except subprocess.TimeoutExpired:
@@ -70,4 +76,6 @@ def killed_at_random(rng: random.Random, longest: float, *arguments: object) -> 
 
 def leftovers(folder: Path) -> list[Path]:
     """Return every unfinished file under `folder`."""
-    return [path for path in folder.rglob("*") if "tmp-" in path.name or path.name.startswith("build-")]
+    return [
+        path for path in folder.rglob("*") if "tmp-" in path.name or path.name.startswith("build-")
+    ]

@@ -11,7 +11,12 @@ from conftest import Cli
 
 from neuroanimator import load_system
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
-from neuroanimator.systems.rigid.warnings import shortened, warning_line, warnings_counted, warnings_heard
+from neuroanimator.systems.rigid.warnings import (
+    shortened,
+    warning_line,
+    warnings_counted,
+    warnings_heard,
+)
 
 STIFF = """\
 <mujoco model="stiff">
@@ -34,7 +39,7 @@ substeps = 5
 step = 0.02
 truth_step = 0.02
 fine_step = 0.002
-[sampling.speed]
+[sampling.velocity]
 hinge = [1e4]
 """
 
@@ -43,7 +48,9 @@ def warns(system: MujocoSystem, runs: int = 40, threads: int = 2) -> np.ndarray:
     """Return which of `runs` from impossible speeds survived."""
     starts = np.tile(system.rest, (runs, 1))
     starts[::2, system.model.nq :] = 1e12
-    return system.simulate(starts, np.zeros((runs, 5, system.control.size)), 0.05, threads=threads).is_alive
+    return system.simulate(
+        starts, np.zeros((runs, 5, system.control.size)), 0.05, threads=threads
+    ).is_alive
 
 
 def test_warnings_of_all_threads_are_counted_and_not_printed(tmp_path: Path, monkeypatch, capfd):
@@ -56,7 +63,9 @@ def test_warnings_of_all_threads_are_counted_and_not_printed(tmp_path: Path, mon
     assert warnings_heard().total() >= before + 20
     assert not list(tmp_path.iterdir())
     assert "WARNING" not in "".join(capfd.readouterr())
-    assert re.fullmatch(r"MuJoCo warned \d+ times: Nan, Inf or huge value in Q\w+ at DOF \d+.*", warning_line())
+    assert re.fullmatch(
+        r"MuJoCo warned \d+ times: Nan, Inf or huge value in Q\w+ at DOF \d+.*", warning_line()
+    )
 
 
 def test_somebody_elses_handler_is_back_afterwards_even_after_an_error():
@@ -89,4 +98,6 @@ def test_generate_says_once_what_mujoco_warned_of_and_leaves_no_log(cli: Cli, tm
     assert result.returncode == 0, result.stderr
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
     assert "WARNING" not in result.stdout
-    assert re.fullmatch(r"neuroanimator: MuJoCo warned \d+ times: Nan, .* were dropped, or .*\n", result.stderr)
+    assert re.fullmatch(
+        r"neuroanimator: MuJoCo warned \d+ times: Nan, .* were dropped, or .*\n", result.stderr
+    )

@@ -21,7 +21,9 @@ from neuroanimator.systems import load_system
 from neuroanimator.systems.fastest import play
 from neuroanimator.terminal import warn_once
 
-pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler: nothing is compiled")
+pytestmark = pytest.mark.skipif(
+    find_compiler() is None, reason="no C compiler: nothing is compiled"
+)
 
 NUMBERS = count()
 
@@ -58,7 +60,9 @@ def libraries(home: Path) -> list[Path]:
     return sorted((home / "neuroanimator" / "compiled").glob("*.so"))
 
 
-def test_a_program_is_compiled_once_and_found_again_by_another_process(home: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_program_is_compiled_once_and_found_again_by_another_process(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+):
     text, number = program()
     assert does_it(text, number)
     (made,) = libraries(home)
@@ -95,7 +99,9 @@ def test_a_library_for_another_machine_is_removed_and_made_again(home: Path):
     assert does_it(text, number)
     (made,) = libraries(home)
     raw = made.read_bytes()
-    foreign = raw[:18] + b"\xb7\x00" + raw[20:] if raw[18] != 0xB7 else raw[:18] + b"\x3e\x00" + raw[20:]
+    foreign = (
+        raw[:18] + b"\xb7\x00" + raw[20:] if raw[18] != 0xB7 else raw[:18] + b"\x3e\x00" + raw[20:]
+    )
     key = made.name.partition("-")[0]
     made.unlink()
     compiler._path(made.parent, key, foreign).write_bytes(foreign)
@@ -104,7 +110,9 @@ def test_a_library_for_another_machine_is_removed_and_made_again(home: Path):
     assert libraries(home) == [made]
 
 
-def test_a_folder_of_somebody_else_or_a_link_is_not_used(home: Path, tmp_path_factory: pytest.TempPathFactory):
+def test_a_folder_of_somebody_else_or_a_link_is_not_used(
+    home: Path, tmp_path_factory: pytest.TempPathFactory
+):
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     ours = home / "neuroanimator"
     for make in (
@@ -113,7 +121,11 @@ def test_a_folder_of_somebody_else_or_a_link_is_not_used(home: Path, tmp_path_fa
         lambda: (ours.mkdir(), ours.chmod(0o770)),
         lambda: (ours.mkdir(), (ours / "compiled").symlink_to(elsewhere)),
         lambda: ours.write_text("a file"),
-        lambda: (ours.mkdir(), os.chown(ours, 1234, 1234)) if os.getuid() == 0 else ours.symlink_to(elsewhere),
+        lambda: (
+            (ours.mkdir(), os.chown(ours, 1234, 1234))
+            if os.getuid() == 0
+            else ours.symlink_to(elsewhere)
+        ),
     ):
         make()
         forget()
@@ -133,7 +145,9 @@ def test_a_folder_others_could_swap_is_not_used(home: Path):
 
 
 @pytest.mark.parametrize("said", ["relative/folder", "/dev/null", "/proc/nothing"])
-def test_a_home_that_cannot_be_written_to_costs_nothing(said: str, home: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_home_that_cannot_be_written_to_costs_nothing(
+    said: str, home: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setenv("XDG_CACHE_HOME", said)
     monkeypatch.setenv("HOME", "/proc/nothing")
     text, number = program()
@@ -141,7 +155,10 @@ def test_a_home_that_cannot_be_written_to_costs_nothing(said: str, home: Path, m
 
 
 def test_where_programs_may_not_run_another_folder_serves(home: Path):
-    if os.getuid() != 0 or subprocess.run(["mount", "-t", "tmpfs", "-o", "noexec", "none", home]).returncode:
+    if (
+        os.getuid() != 0
+        or subprocess.run(["mount", "-t", "tmpfs", "-o", "noexec", "none", home]).returncode
+    ):
         pytest.skip("only root may mount a disk that programs may not run from")
     try:
         home.chmod(0o700)
@@ -163,7 +180,9 @@ FAILING = {
 
 
 @pytest.mark.parametrize("kind", FAILING)
-def test_a_compiler_that_is_none_costs_one_line(kind: str, home: Path, monkeypatch: pytest.MonkeyPatch, capfd):
+def test_a_compiler_that_is_none_costs_one_line(
+    kind: str, home: Path, monkeypatch: pytest.MonkeyPatch, capfd
+):
     monkeypatch.setattr(build, "PATIENCE", 0.5)
     monkeypatch.setattr(build, "VERSION_PATIENCE", 0.5)
     content = FAILING[kind]
@@ -206,7 +225,9 @@ def test_many_processes_compile_the_same_thing_at_once(home: Path):
     assert len(list(libraries(home)[0].parent.iterdir())) == 1
 
 
-def test_what_a_killed_compile_left_is_removed_next_time(home: Path, monkeypatch: pytest.MonkeyPatch):
+def test_what_a_killed_compile_left_is_removed_next_time(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+):
     slow = home / "slow"
     slow.write_text('#!/bin/sh\ncase "$1" in --version) exit 0;; esac\nsleep 20\n')
     slow.chmod(0o700)
@@ -214,16 +235,16 @@ def test_what_a_killed_compile_left_is_removed_next_time(home: Path, monkeypatch
     folder = home / "neuroanimator" / "compiled"
     while not list(folder.glob("build-*/program.c")):
         time.sleep(0.01)
-    (place,) = folder.glob("build-*")
-    os.utime(place, (0, 0))
+    (position,) = folder.glob("build-*")
+    os.utime(position, (0, 0))
     assert does_it(*program())
-    assert place.exists(), "it belongs to a process that lives"
+    assert position.exists(), "it belongs to a process that lives"
     process.send_signal(signal.SIGKILL)
     process.wait()
     time.sleep(0.1)
-    os.utime(place, (0, 0))
+    os.utime(position, (0, 0))
     own = folder / "building plans"
     own.mkdir()
     assert does_it(*program())
-    assert not place.exists()
+    assert not position.exists()
     assert own.exists()

@@ -28,18 +28,24 @@ def kill_and_resume(dataset: Path, folder: Path, tally: Tally, kills: int, longe
     check_same(dataset, folder, tally)
 
 
-def test_f01_killed_and_started_again_it_ends_with_the_same_bytes(dataset: Path, tmp_path: Path, tally: Tally):
+def test_f01_killed_and_started_again_it_ends_with_the_same_bytes(
+    dataset: Path, tmp_path: Path, tally: Tally
+):
     kill_and_resume(dataset, tmp_path, tally, kills=3, longest=2.0)
     assert tally.tried
 
 
 @pytest.mark.endurance
-def test_f01_killed_twenty_times_it_ends_with_the_same_bytes(dataset: Path, tmp_path: Path, tally: Tally):
+def test_f01_killed_twenty_times_it_ends_with_the_same_bytes(
+    dataset: Path, tmp_path: Path, tally: Tally
+):
     for number in range(4):
         kill_and_resume(dataset, tmp_path / str(number), tally, kills=5, longest=4.0)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
-def test_f20_the_bytes_do_not_depend_on_threads(threads: int, dataset: Path, tmp_path: Path, tally: Tally):
+def test_f20_the_bytes_do_not_depend_on_threads(
+    threads: int, dataset: Path, tmp_path: Path, tally: Tally
+):
     generate(dataset_config(system="pendulum", count=6000), tmp_path, threads=threads)
     check_same(dataset, tmp_path, tally)

@@ -15,7 +15,9 @@ SMALL = ("--widths", "16,16", "--updates", "20000", "--batch", "16")
 
 
 @pytest.mark.endurance
-def test_f02_killed_at_many_moments_it_ends_with_the_same_bytes(dataset: Path, tmp_path: Path, tally: Tally):
+def test_f02_killed_at_many_moments_it_ends_with_the_same_bytes(
+    dataset: Path, tmp_path: Path, tally: Tally
+):
     whole, broken = tmp_path / "whole.safetensors", tmp_path / "broken.safetensors"
     assert run("train", dataset, "--out", whole, *SMALL).returncode == 0
     rng = random.Random(0)
@@ -24,6 +26,7 @@ def test_f02_killed_at_many_moments_it_ends_with_the_same_bytes(dataset: Path, t
     assert run("train", dataset, "--out", broken, *SMALL).returncode == 0
     tally.expect(broken, whole.read_bytes())
     tally.expect(
-        run_folder(broken) / "checkpoint.safetensors", (run_folder(whole) / "checkpoint.safetensors").read_bytes()
+        run_folder(broken) / "checkpoint.safetensors",
+        (run_folder(whole) / "checkpoint.safetensors").read_bytes(),
     )
     assert not leftovers(tmp_path)

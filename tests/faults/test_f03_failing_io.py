@@ -19,7 +19,7 @@ from neuroanimator import NeuroAnimatorError, dataset_config, generate
 from neuroanimator.errors import ResourceError
 from neuroanimator.storage.files import append_line, write_whole
 
-MOST_CALLS = 200
+MAX_CALLS = 200
 
 
 class FailingDisk:
@@ -30,7 +30,9 @@ class FailingDisk:
         for name in ("fsync", "replace", "mkdir"):
             monkeypatch.setattr(os, name, self._failing(getattr(os, name)))
         opened = builtins.open
-        monkeypatch.setattr(builtins, "open", lambda *inputs, **named: self._file(opened(*inputs, **named)))
+        monkeypatch.setattr(
+            builtins, "open", lambda *inputs, **named: self._file(opened(*inputs, **named))
+        )
 
     @property
     def has_failed(self) -> bool:
@@ -54,16 +56,16 @@ class FailingDisk:
         write = file.write
 
         class Short:
-            def __enter__(inner):  # noqa: N805
-                return inner
+            def __enter__(latent):  # noqa: N805
+                return latent
 
-            def __exit__(inner, *error):  # noqa: N805
+            def __exit__(latent, *error):  # noqa: N805
                 file.close()
 
-            def __getattr__(inner, name):  # noqa: N805
+            def __getattr__(latent, name):  # noqa: N805
                 return getattr(file, name)
 
-            def write(inner, content):  # noqa: N805
+            def write(latent, content):  # noqa: N805
                 try:
                     self.count()
                 except OSError:
@@ -87,7 +89,7 @@ def complaint(work: Callable[[], object]) -> str:
 @pytest.mark.parametrize("code", [errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS])
 def test_f03_a_write_that_fails_leaves_the_old_file(code: int, tmp_path: Path, tally: Tally):
     path, old, new = tmp_path / "file.bin", b"old" * 1000, b"new" * 2000
-    for fails_at in range(1, MOST_CALLS):
+    for fails_at in range(1, MAX_CALLS):
         write_whole(path, old)
         with pytest.MonkeyPatch.context() as monkeypatch:
             disk = FailingDisk(monkeypatch, fails_at, code)
@@ -109,7 +111,7 @@ def test_f03_a_generation_that_fails_anywhere_is_resumed(tmp_path: Path, tally: 
     config = dataset_config(system="pendulum", count=24)
     generate(config, tmp_path / "whole")
     whole = {path.name: path.read_bytes() for path in (tmp_path / "whole").glob("*.*s*")}
-    for fails_at in range(1, MOST_CALLS):
+    for fails_at in range(1, MAX_CALLS):
         folder = tmp_path / str(fails_at)
         with pytest.MonkeyPatch.context() as monkeypatch:
             disk = FailingDisk(monkeypatch, fails_at, errno.ENOSPC)

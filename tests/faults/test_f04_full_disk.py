@@ -22,7 +22,10 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A disk of 256 kB: less than half of the dataset."""
     disk = tmp_path / "disk"
     disk.mkdir()
-    if os.getuid() != 0 or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "none", disk]).returncode:
+    if (
+        os.getuid() != 0
+        or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "none", disk]).returncode
+    ):
         pytest.skip("only root may mount a small disk; the limit on a file's size is tested")
     yield disk
     subprocess.run(["umount", disk], check=True)

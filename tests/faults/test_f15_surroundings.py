@@ -15,7 +15,9 @@ NO_HOME = {"HOME": None, "XDG_CACHE_HOME": None}
 SHUT = {"HOME": "/proc/nothing", "XDG_CACHE_HOME": "/proc/nothing"}
 
 
-def run_in(surroundings: dict[str, str | None], folder: Path, *arguments: str) -> subprocess.CompletedProcess[bytes]:
+def run_in(
+    surroundings: dict[str, str | None], folder: Path, *arguments: str
+) -> subprocess.CompletedProcess[bytes]:
     environment = {**os.environ, **surroundings}
     present = {key: value for key, value in environment.items() if value is not None}
     program = [sys.executable, "-c", MAIN, *arguments]
@@ -26,8 +28,19 @@ def test_f15_files_are_utf_8_whatever_the_locale(tmp_path: Path):
     folder = tmp_path / "ein Ordner für Gelände"
     folder.mkdir()
     controls = folder / "c.csv"
-    controls.write_text("time s,torque[0] N·m,torque[1] N·m,torque[2] N·m\n0,0,0,0\n0.05,0,1,0\n", encoding="utf-8")
-    made = run_in({**ASCII, **NO_HOME}, folder, "animate", "pendulum", "--controls", "c.csv", "--out", "größe.csv")
+    controls.write_text(
+        "time s,torque[0] N·m,torque[1] N·m,torque[2] N·m\n0,0,0,0\n0.05,0,1,0\n", encoding="utf-8"
+    )
+    made = run_in(
+        {**ASCII, **NO_HOME},
+        folder,
+        "animate",
+        "pendulum",
+        "--controls",
+        "c.csv",
+        "--out",
+        "größe.csv",
+    )
     assert made.returncode == 0, made.stderr
     assert "rad/s" in (folder / "größe.csv").read_text(encoding="utf-8")
 

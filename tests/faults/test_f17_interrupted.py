@@ -27,8 +27,14 @@ VERBS: dict[str, tuple[list[object], str]] = {
     "train": (["train", "pendulum", "--out", "e.safetensors"], GOES_ON),
     "demo": (["demo", "--out", "out"], GOES_ON),
     "control": (["control", "pendulum", "--out", "c.csv", "--starts", "8"], WHOLE),
-    "animate": (["animate", "fish", "--seconds", "300", "--out", "clip.glb", "--out", "clip.mp4"], WHOLE),
-    "evaluate": (["evaluate", "fish-50", "lander-50", "truck-50", "--report", "report.html"], WHOLE),
+    "animate": (
+        ["animate", "fish", "--seconds", "300", "--out", "clip.glb", "--out", "clip.mp4"],
+        WHOLE,
+    ),
+    "evaluate": (
+        ["evaluate", "fish-50", "lander-50", "truck-50", "--report", "report.html"],
+        WHOLE,
+    ),
     "new": (["new", "Humanoid-v5"], WHOLE),
 }
 
@@ -50,7 +56,9 @@ def stop_once(folder: Path, verb: str, seconds: float, number: int, tally: Tally
     assert not leftovers(folder)
 
 
-@pytest.mark.parametrize(("verb", "seconds"), [("control", 0.0), ("generate", 3.0), ("train", 0.5), ("new", 0.2)])
+@pytest.mark.parametrize(
+    ("verb", "seconds"), [("control", 0.0), ("generate", 3.0), ("train", 0.5), ("new", 0.2)]
+)
 def test_f17_a_verb_ends_with_one_line(verb: str, seconds: float, tmp_path: Path, tally: Tally):
     number = signal.SIGTERM if verb == "train" else signal.SIGINT
     stop_once(tmp_path, verb, seconds, number, tally)
@@ -63,7 +71,9 @@ def test_f17_a_verb_ends_at_any_moment(verb: str, tmp_path: Path, tally: Tally):
     for number in range(20):
         folder = tmp_path / str(number)
         folder.mkdir()
-        stop_once(folder, verb, rng.uniform(0, 20), rng.choice([signal.SIGINT, signal.SIGTERM]), tally)
+        stop_once(
+            folder, verb, rng.uniform(0, 20), rng.choice([signal.SIGINT, signal.SIGTERM]), tally
+        )
 
 
 IN_A_CALLBACK = """
@@ -110,7 +120,9 @@ main.main()
 
 def test_f17_a_compiler_ends_too(tmp_path: Path):
     compiler, number = tmp_path / "cc", tmp_path / "number"
-    compiler.write_text(f'#!/bin/sh\ncase "$1" in --version) exit 0;; esac\necho $$ > {number}\nexec sleep 30\n')
+    compiler.write_text(
+        f'#!/bin/sh\ncase "$1" in --version) exit 0;; esac\necho $$ > {number}\nexec sleep 30\n'
+    )
     compiler.chmod(0o700)
     surroundings = {**os.environ, "CC": str(compiler), "XDG_CACHE_HOME": str(tmp_path)}
     command = ["env", "--default-signal=INT", sys.executable, "-c", IN_A_COMPILER]
@@ -131,7 +143,9 @@ def test_f17_what_was_told_to_ignore_ctrl_c_ignores_it(tmp_path: Path):
     assert subprocess.run(command, env=os.environ.copy()).returncode == 0
 
 
-def test_f17_stopped_and_started_again_it_ends_with_the_same_bytes(dataset: Path, tmp_path: Path, tally: Tally):
+def test_f17_stopped_and_started_again_it_ends_with_the_same_bytes(
+    dataset: Path, tmp_path: Path, tally: Tally
+):
     arguments = ("generate", "pendulum", "--count", "6000", "--out", tmp_path)
     for seconds in (0.2, 1.5):
         tally.tried += stopped_after(start(tmp_path, *arguments), seconds, signal.SIGINT)[0] == 130

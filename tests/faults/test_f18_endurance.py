@@ -15,7 +15,7 @@ from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.zoo import SHIPPED
 
 BLOCK = 10_000
-MOST_GROWTH = 0.05
+MAX_GROWTH = 0.05
 CLOSE = 1e-5
 """Of the largest number in a state: both are float32."""
 
@@ -30,13 +30,15 @@ def resident() -> float:
 @pytest.mark.parametrize("name", ["pendulum-50", "fish-50"])
 def test_f18_a_million_steps_take_no_more_memory_than_ten_thousand(name: str):
     emulator = Emulator.load(find_emulator(name))
-    identity = emulator.identity
+    spec = emulator.spec
     rng = np.random.default_rng(0)
-    state = np.asarray(identity.rest, np.float32)
+    state = np.asarray(spec.rest, np.float32)
 
     def advance(state: np.ndarray) -> np.ndarray:
-        share = rng.uniform(-1, 1, (BLOCK, identity.control.size)).astype(np.float32)
-        return np.asarray(emulator.rollout(state, identity.bounds.middle + share * identity.bounds.half))[-1]
+        share = rng.uniform(-1, 1, (BLOCK, spec.control.size)).astype(np.float32)
+        return np.asarray(emulator.rollout(state, spec.bounds.middle + share * spec.bounds.half))[
+            -1
+        ]
 
     for _ in range(3):
         state = advance(state)
@@ -44,7 +46,7 @@ def test_f18_a_million_steps_take_no_more_memory_than_ten_thousand(name: str):
     for _ in range(1_000_000 // BLOCK):
         state = advance(state)
     assert np.isfinite(state).all()
-    assert resident() < (1 + MOST_GROWTH) * before
+    assert resident() < (1 + MAX_GROWTH) * before
 
 
 @pytest.mark.endurance
@@ -52,11 +54,11 @@ def test_f18_a_million_steps_take_no_more_memory_than_ten_thousand(name: str):
 @pytest.mark.parametrize("name", [f"{system}-{substeps}" for system, substeps in sorted(SHIPPED)])
 def test_f19_c_and_jax_say_the_same_of_a_thousand_inputs(name: str, tally: Tally):
     emulator = Emulator.load(find_emulator(name))
-    program, identity = c_emulator(emulator), emulator.identity
+    program, spec = c_emulator(emulator), emulator.spec
     assert program is not None
     rng = np.random.default_rng(0)
-    held = identity.bounds.middle + rng.uniform(-1, 1, (1000, identity.control.size)) * identity.bounds.half
-    states = np.asarray(emulator.rollout(identity.rest, held), np.float32)[:-1]
+    held = spec.bounds.middle + rng.uniform(-1, 1, (1000, spec.control.size)) * spec.bounds.half
+    states = np.asarray(emulator.rollout(spec.rest, held), np.float32)[:-1]
     starts, controls = emulator.encode(states), emulator.encode_control(held.astype(np.float32))
     advance = jax.jit(jax.vmap(lambda start, control: emulator.advance(start, control)))
     expected = np.asarray(advance(starts, controls))

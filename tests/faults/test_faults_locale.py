@@ -10,14 +10,19 @@ from pathlib import Path
 import pytest
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-LATIN = {"PYTHONIOENCODING": "latin-1", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+LATIN = {
+    "PYTHONIOENCODING": "latin-1",
+    "LC_ALL": "C",
+    "PYTHONUTF8": "0",
+    "PYTHONCOERCECLOCALE": "0",
+}
 
 DOOR = """name = "door"
 kind = "python"
 file = "door.py"
 physics = { step = 0.01, truth_step = 0.01, fine_step = 0.001 }
 state = [{ name = "angle", unit = "rad" }]
-control = [{ name = "torque", unit = "N·m", least = [-1.0], largest = [1.0] }]
+control = [{ name = "torque", unit = "N·m", low = [-1.0], high = [1.0] }]
 """
 
 READ_BACK = """
@@ -32,14 +37,22 @@ assert system.control.slices[0].unit == "N\\xb7m"
 """
 
 
-def run(code: str, folder: Path, locale: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[bytes]:
+def run(
+    code: str, folder: Path, locale: dict[str, str], *arguments: str
+) -> subprocess.CompletedProcess[bytes]:
     command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, cwd=folder, env={**os.environ, **locale}, capture_output=True, timeout=300)
+    return subprocess.run(
+        command, cwd=folder, env={**os.environ, **locale}, capture_output=True, timeout=300
+    )
 
 
-@pytest.mark.parametrize(("locale", "shown"), [(ASCII, rb"torque [N\xb7m]"), (LATIN, b"torque [N\xb7m]")])
+@pytest.mark.parametrize(
+    ("locale", "shown"), [(ASCII, rb"torque [N\xb7m]"), (LATIN, b"torque [N\xb7m]")]
+)
 def test_info_works_whatever_the_locale(locale: dict[str, str], shown: bytes, tmp_path: Path):
-    result = run("from neuroanimator.cli.main import main; main()", tmp_path, locale, "info", "pendulum-50")
+    result = run(
+        "from neuroanimator.cli.main import main; main()", tmp_path, locale, "info", "pendulum-50"
+    )
     assert result.returncode == 0, result.stderr
     assert shown in result.stdout
 

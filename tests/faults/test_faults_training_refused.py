@@ -9,32 +9,46 @@ from conftest import Cli
 
 from neuroanimator import NeuroAnimatorError, load_system, train, training_config
 from neuroanimator.data.transitions import Transitions
-from neuroanimator.emulator.networks import WIDEST_LAYER, check_widths
+from neuroanimator.emulator.networks import MAX_LAYER, check_widths
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Layout, Slice
 
 
 def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(cli: Cli, tmp_path: Path):
-    result = cli("train", "pendulum", "--widths", WIDEST_LAYER + 2, "--out", tmp_path / "e.safetensors")
+    result = cli(
+        "train", "pendulum", "--widths", MAX_LAYER + 2, "--out", tmp_path / "e.safetensors"
+    )
     assert result.returncode == 2
-    assert f"wanted at most {WIDEST_LAYER} units in a hidden layer, came {WIDEST_LAYER + 2}" in result.stderr
+    assert (
+        f"wanted at most {MAX_LAYER} units in a hidden layer, came {MAX_LAYER + 2}" in result.stderr
+    )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_widest_layer_that_is_read_may_be_trained():
-    check_widths("gated", (WIDEST_LAYER, 1))
-    assert training_config(widths=(WIDEST_LAYER,), network="classic").widths == (WIDEST_LAYER,)
+    check_widths("gated", (MAX_LAYER, 1))
+    assert training_config(widths=(MAX_LAYER,), network="classic").widths == (MAX_LAYER,)
     with pytest.raises(ArgumentError, match="at most 32 hidden layers"):
         training_config(widths=(8,) * 33)
 
 
-def test_an_emulator_that_could_not_be_read_back_is_not_trained(transitions: Transitions, tmp_path: Path):
+def test_an_emulator_that_could_not_be_read_back_is_not_trained(
+    transitions: Transitions, tmp_path: Path
+):
     system = load_system("pendulum")
     system.state = Layout((Slice("angle", 3, "rad"), Slice("velocity, mean", 3, "rad/s")))
     unnamed = Transitions(
-        transitions.config, system, transitions.states, transitions.controls, transitions.run, transitions.blow_ups
+        transitions.config,
+        system,
+        transitions.states,
+        transitions.controls,
+        transitions.run,
+        transitions.diverged,
     )
     settings = training_config(updates=10_000_000, widths=(8,))  # hours, were it begun
-    with pytest.raises(NeuroAnimatorError, match="could not be read back .* state: wanted a name .*'velocity, mean'"):
+    with pytest.raises(
+        NeuroAnimatorError,
+        match="could not be read back .* state: wanted a name .*'velocity, mean'",
+    ):
         train(unnamed, settings, tmp_path / "e.safetensors")
     assert not list(tmp_path.glob("**/*.safetensors"))

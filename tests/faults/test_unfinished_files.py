@@ -13,7 +13,7 @@ from tally import Tally
 
 from neuroanimator import NeuroAnimatorError, dataset_config, generate
 from neuroanimator.storage.files import write_whole
-from neuroanimator.storage.unfinished import LONGEST_WRITE, UNFINISHED, remove_stale, unfinished
+from neuroanimator.storage.unfinished import MAX_WRITE, UNFINISHED, remove_stale, unfinished
 
 OWN = [
     "notes.tmp-1",
@@ -62,7 +62,7 @@ def test_what_another_machine_began_is_given_up_after_a_day(tmp_path: Path):
     path.touch()
     remove_stale(tmp_path)
     assert path.exists()
-    old = time.time() - 2 * LONGEST_WRITE
+    old = time.time() - 2 * MAX_WRITE
     os.utime(path, (old, old))
     remove_stale(tmp_path)
     assert not path.exists()

@@ -18,16 +18,16 @@ PARSERS = sorted(folder.name for folder in CORPUS.iterdir())
 
 ROOT = Path(__file__).parents[2]
 
-LEAST_SECONDS = 1
+MIN_SECONDS = 1
 
 
-MOST_KEPT = 12_000
+MAX_KEPT = 12_000
 """[bytes] Of new inputs kept for one parser, the shortest first."""
 
 
 def keep(parser: str, found: Path) -> None:
     """Add the inputs that took a new way to the parser's corpus, as far as there is room."""
-    room = MOST_KEPT - sum(path.stat().st_size for path in (CORPUS / parser).glob("found-*"))
+    room = MAX_KEPT - sum(path.stat().st_size for path in (CORPUS / parser).glob("found-*"))
     for path in sorted(found.iterdir(), key=lambda path: path.stat().st_size):
         content = path.read_bytes()
         room -= len(content)
@@ -40,7 +40,9 @@ def fuzz(parser: str, seconds: int, crashes: Path, *, is_kept: bool) -> bool:
     """Return whether `parser` got through `seconds` [s] without a crash; says how many inputs it had."""
     with tempfile.TemporaryDirectory() as found:
         command = [sys.executable, "-m", "fuzz.one", parser, str(seconds), str(crashes), found]
-        result = subprocess.run(command, cwd=ROOT / "tests", capture_output=True, text=True, errors="replace")
+        result = subprocess.run(
+            command, cwd=ROOT / "tests", capture_output=True, text=True, errors="replace"
+        )
         count = len(list(Path(found).iterdir()))
         if is_kept:
             keep(parser, Path(found))
@@ -54,15 +56,23 @@ def fuzz(parser: str, seconds: int, crashes: Path, *, is_kept: bool) -> bool:
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--seconds", type=int, default=600, help="of fuzzing, all parsers together")
+    options.add_argument(
+        "--seconds", type=int, default=600, help="of fuzzing, all parsers together"
+    )
     options.add_argument("--parser", choices=PARSERS, help="this one alone")
-    options.add_argument("--crashes", type=Path, default=ROOT / "out" / "crashes", help="where their inputs go")
-    options.add_argument("--keep", action="store_true", help="add what took a new way to the corpus")
+    options.add_argument(
+        "--crashes", type=Path, default=ROOT / "out" / "crashes", help="where their inputs go"
+    )
+    options.add_argument(
+        "--keep", action="store_true", help="add what took a new way to the corpus"
+    )
     given = options.parse_args()
     parsers = [given.parser] if given.parser else PARSERS
     given.crashes.mkdir(parents=True, exist_ok=True)
-    each = max(LEAST_SECONDS, given.seconds // len(parsers))
-    crashed = [parser for parser in parsers if not fuzz(parser, each, given.crashes, is_kept=given.keep)]
+    each = max(MIN_SECONDS, given.seconds // len(parsers))
+    crashed = [
+        parser for parser in parsers if not fuzz(parser, each, given.crashes, is_kept=given.keep)
+    ]
     if crashed:
         sys.exit(f"Crashed: {', '.join(crashed)}. The inputs are in {given.crashes}.")
 

@@ -17,12 +17,12 @@ from typing import NamedTuple
 CEILING = 1024 * 2**20
 """[bytes] What a child may add to its address space: more ends in MemoryError instead of a full machine."""
 
-MOST_SECONDS = 1.0
+MAX_SECONDS = 1.0
 """[s] Of the process's own time, which a busy machine does not lengthen much."""
 
-MOST_MEGABYTES = 100
+MAX_MEGABYTES = 100
 
-LONGEST_MESSAGE = 500
+MAX_MESSAGE = 500
 """Characters: a line on a wide terminal, and a long path."""
 
 PATIENCE = 600
@@ -52,7 +52,9 @@ def refusals(inputs: dict[str, tuple[str, bytes]], folder: Path) -> dict[str, Re
         arguments += [parser, str(path)]
     command = [sys.executable, "-m", "fuzz.measure", *arguments]
     tests = Path(__file__).parents[1]
-    result = subprocess.run(command, cwd=tests, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    result = subprocess.run(
+        command, cwd=tests, capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
     assert result.returncode == 0, result.stderr[-2000:]
     lines = result.stdout.splitlines()
     return {name: Refusal(**json.loads(line)) for name, line in zip(inputs, lines, strict=True)}
@@ -63,9 +65,9 @@ def check_refusal(answer: Refusal, message: str) -> None:
     assert answer.is_ours, answer
     assert message in answer.message
     assert "\n" not in answer.message
-    assert len(answer.message) < LONGEST_MESSAGE
-    assert answer.seconds < MOST_SECONDS
-    assert answer.megabytes < MOST_MEGABYTES
+    assert len(answer.message) < MAX_MESSAGE
+    assert answer.seconds < MAX_SECONDS
+    assert answer.megabytes < MAX_MEGABYTES
 
 
 def _answer(parser: str, content: bytes) -> Refusal:
@@ -103,7 +105,11 @@ def main() -> None:
 
 
 def _limit() -> None:
-    pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 0
+    pages = (
+        int(Path("/proc/self/statm").read_text().split()[0])
+        if Path("/proc/self/statm").exists()
+        else 0
+    )
     if pages:
         most = pages * resource.getpagesize() + CEILING
         resource.setrlimit(resource.RLIMIT_AS, (most, most))

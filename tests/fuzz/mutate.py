@@ -21,15 +21,15 @@ def changed_json(content: bytes, seed: int) -> bytes | None:
         return None
     rng = random.Random(seed)
     root = [value]
-    places = _places(root)
-    parent, key = rng.choice(places)
+    positions = _places(root)
+    parent, key = rng.choice(positions)
     way = rng.randrange(4)
     if way == 0 and parent is not root:
         del parent[key]
     elif way == 1 and isinstance(parent, list):
         parent.append(parent[key])
     elif way == 2:
-        other, name = rng.choice(places)
+        other, name = rng.choice(positions)
         parent[key] = json.loads(json.dumps(other[name]))
     else:
         parent[key] = rng.choice(ODD)

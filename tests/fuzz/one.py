@@ -19,10 +19,10 @@ from fuzz.seeds import CORPUS
 LONGEST = 4096
 """Bytes of an input: faults that need more are tested one by one, in `tests/attacks`."""
 
-MOST_SECONDS = 2.0
+MAX_SECONDS = 2.0
 """[s] Of this process's own time for one input; twice what is promised, as instrumented code is slower."""
 
-MOST_MEMORY = 200
+MAX_MEMORY = 200
 """[MiB] Beyond what the imports take; twice what is promised, as the fuzzer's own tables grow too."""
 
 PATIENCE = 100
@@ -36,7 +36,7 @@ def watched(name: str, try_parser: Callable[[str, bytes], str]) -> Callable[[byt
         began = time.process_time()
         try_parser(name, content)
         spent = time.process_time() - began
-        assert spent < MOST_SECONDS, f"took {spent:.1f} s"
+        assert spent < MAX_SECONDS, f"took {spent:.1f} s"
 
     return one_input
 
@@ -52,7 +52,7 @@ def by_coverage(name: str, seconds: int, crashes: Path, found: Path) -> None:
         f"-max_total_time={seconds}",
         f"-max_len={LONGEST}",
         f"-timeout={PATIENCE}",
-        f"-rss_limit_mb={usual + MOST_MEMORY}",
+        f"-rss_limit_mb={usual + MAX_MEMORY}",
         f"-artifact_prefix={crashes}/{name}-",
         "-verbosity=0",
         "-print_final_stats=1",
@@ -96,7 +96,9 @@ def changed(rng: random.Random, corpus: list[bytes]) -> bytes:
         last = min(len(content), first + rng.randint(0, 8))
         other = rng.choice(corpus)
         start = rng.randint(0, len(other))
-        piece = rng.choice((b"", rng.randbytes(2), bytes(content[first:last]) * 2, other[start : start + 16]))
+        piece = rng.choice(
+            (b"", rng.randbytes(2), bytes(content[first:last]) * 2, other[start : start + 16])
+        )
         content[first:last] = piece
     return bytes(content[:LONGEST])
 

@@ -42,12 +42,12 @@ step = 0.02
 [[state]]
 name = "angle"
 unit = "rad"
-look = "sine"
+feature = "sine"
 [[control]]
 name = "torque"
 unit = "N·m"
-least = [-1.0]
-largest = [1.0]
+low = [-1.0]
+high = [1.0]
 """
 FUNCTION = (
     STEP.replace('"recorded"', '"python"')
@@ -56,16 +56,16 @@ FUNCTION = (
 )
 WISHES = """system = "lander"
 seconds = 2.0
-parameters = "spline"
-[[wishes]]
-kind = "reach_place"
-place = [1, 2, 3]
+parametrisation = "spline"
+[[costs]]
+kind = "reach_position"
+position = [1, 2, 3]
 within = 0.1
-[[wishes]]
+[[costs]]
 kind = "avoid"
-zones = [{ place = [0.2, 0], radius = 0.5 }]
+zones = [{ position = [0.2, 0], radius = 0.5 }]
 margin = 1
-[[wishes]]
+[[costs]]
 kind = "effort"
 """
 RECORDING = """run,time s,state.angle rad,control.torque N·m
@@ -89,18 +89,31 @@ def seeds() -> dict[str, dict[str, bytes]]:
     np.savez(plain, **arrays, **names, run=np.zeros(3, int))
     np.savez_compressed(packed, **arrays, **names)
     _, metadata = read_tensors(shipped_path("pendulum"), "emulator")
-    parts = {key: metadata[key] for key in ("bounds", "features", "network", "frame", "rest", "rates", "state", "dt")}
+    parts = {
+        key: metadata[key]
+        for key in ("bounds", "features", "network", "frame", "rest", "rates", "state", "dt")
+    }
     shard = {
-        "tensors": {"states": ["F32", [2, 41, 6], 0], "controls": ["F32", [2, 40, 3], 0], "picks": ["I32", [2, 12], 1]},
-        "metadata": {"blow_ups": 0},
+        "tensors": {
+            "states": ["F32", [2, 41, 6], 0],
+            "controls": ["F32", [2, 40, 3], 0],
+            "picks": ["I32", [2, 12], 1],
+        },
+        "metadata": {"diverged": 0},
     }
     small = CORPUS.parent / "small.safetensors"
-    write_tensors(small, {"w": np.ones((2, 1), np.float32), "n": np.arange(2, dtype=np.int32)}, {"kind": "emulator"})
+    write_tensors(
+        small,
+        {"w": np.ones((2, 1), np.float32), "n": np.arange(2, dtype=np.int32)},
+        {"kind": "emulator"},
+    )
     sealed = small.read_bytes()
     small.unlink()
     text = json.dumps({"definition": {"name": "a", "model": "m.xml", "physics": {"step": 0.01, "truth_step": 0.01,
         "fine_step": 0.001}}, "files": {"main": "m.xml", "files": {"m.xml": "PGEvPg=="}}})  # fmt: skip
-    setting = json.dumps({"system": "pendulum", "substeps": 50, "count": 24, "picks": 12, "seed": 0})
+    setting = json.dumps(
+        {"system": "pendulum", "substeps": 50, "count": 24, "picks": 12, "seed": 0}
+    )
     return {
         "clip": {"good": b"time s,angle[0] rad,angle[1] rad,speed[0] rad/s\n0,1,2,3\n0.1,1,2,3\n"},
         "config": {"good": setting.encode()},

@@ -14,7 +14,12 @@ import numpy as np
 
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.control.synthesis.objective_file import read_objective
-from neuroanimator.data.transitions import DatasetConfig, claim_folder, read_config, read_transitions
+from neuroanimator.data.transitions import (
+    DatasetConfig,
+    claim_folder,
+    read_config,
+    read_transitions,
+)
 from neuroanimator.definitions.carried import TABLES
 from neuroanimator.emulator.artifact import load
 from neuroanimator.errors import NeuroAnimatorError
@@ -114,10 +119,12 @@ def dataset(content: bytes) -> None:
         try:
             dtype, shape, number = row
             if np.prod([float(length) for length in shape]) < 100_000:
-                arrays[name] = np.full(shape, number, {"F32": "f4", "F64": "f8", "I32": "i4"}[dtype])
+                arrays[name] = np.full(
+                    shape, number, {"F32": "f4", "F64": "f8", "I32": "i4"}[dtype]
+                )
         except (ValueError, TypeError, KeyError, OverflowError):
             continue
-    metadata = {"kind": "shard", "config": settings.hash, "shard": 0, "blow_ups": 0}
+    metadata = {"kind": "shard", "config": settings.hash, "shard": 0, "diverged": 0}
     given = values.get("metadata") if isinstance(values, dict) else None
     path = settings.shard_path(folder, 0)
     try:

@@ -19,22 +19,38 @@ from fuzz.targets import TARGETS, try_parser
 SECONDS = 26
 """[s] Of fuzzing in all; with the imports half a minute."""
 
-LARGEST_CORPUS = 300_000
+MAX_CORPUS = 300_000
 """[bytes]"""
 
 
 @pytest.mark.parametrize("parser", TARGETS)
 def test_every_input_of_the_corpus_is_read_or_refused_in_one_line(parser: str):
-    answers = {path.name: try_parser(parser, path.read_bytes()) for path in sorted((CORPUS / parser).iterdir())}
+    answers = {
+        path.name: try_parser(parser, path.read_bytes())
+        for path in sorted((CORPUS / parser).iterdir())
+    }
     assert answers
 
 
 @pytest.mark.parametrize("parser", TARGETS)
 def test_a_parser_takes_random_input(parser: str, tmp_path: Path):
-    command = [sys.executable, "-m", "fuzz", "--seconds", str(SECONDS // len(TARGETS)), "--parser", parser]
+    command = [
+        sys.executable,
+        "-m",
+        "fuzz",
+        "--seconds",
+        str(SECONDS // len(TARGETS)),
+        "--parser",
+        parser,
+    ]
     tests = Path(__file__).parents[1]
     result = subprocess.run(
-        [*command, "--crashes", str(tmp_path)], cwd=tests, capture_output=True, text=True, errors="replace", timeout=300
+        [*command, "--crashes", str(tmp_path)],
+        cwd=tests,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=300,
     )
     assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-1000:]
     assert "inputs" in result.stdout
@@ -74,7 +90,7 @@ def test_the_seeds_are_files_users_have():
 
 
 def test_the_corpus_is_small():
-    assert sum(path.stat().st_size for path in CORPUS.rglob("*") if path.is_file()) < LARGEST_CORPUS
+    assert sum(path.stat().st_size for path in CORPUS.rglob("*") if path.is_file()) < MAX_CORPUS
 
 
 def test_json_is_changed_into_json():

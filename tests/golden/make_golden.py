@@ -38,16 +38,18 @@ def small_emulator(system: str, **settings: Any) -> Emulator:
 
 def emulator_case(emulator: Emulator) -> dict[str, Any]:
     """Return a start, controls and the trajectory under them."""
-    rng, identity = np.random.default_rng(1), emulator.identity
-    start = np.array(identity.rest) + rng.normal(size=identity.state.size) * 0.1
-    controls = identity.bounds.middle + identity.bounds.half * rng.uniform(-1, 1, (STEPS, identity.control.size))
+    rng, spec = np.random.default_rng(1), emulator.spec
+    start = np.array(spec.rest) + rng.normal(size=spec.state.size) * 0.1
+    controls = spec.bounds.middle + spec.bounds.half * rng.uniform(
+        -1, 1, (STEPS, spec.control.size)
+    )
     states = np.asarray(emulator.rollout(start, controls), float)
     return {"start": start.tolist(), "controls": controls.tolist(), "states": states.tolist()}
 
 
 def policy_case(policy: Policy) -> dict[str, Any]:
     """Return states, phases, commands and the controls for them."""
-    rng, rest = np.random.default_rng(2), np.array(policy.emulator.identity.rest)
+    rng, rest = np.random.default_rng(2), np.array(policy.emulator.spec.rest)
     states = rest + rng.normal(size=(STEPS, len(rest))) * 0.003
     phases, commands = rng.uniform(0, 6, STEPS), rng.uniform(RANGES.low, RANGES.high, (STEPS, 4))
     controls = controls_of(policy, states, phases, commands)
@@ -55,19 +57,30 @@ def policy_case(policy: Policy) -> dict[str, Any]:
     return {**inputs, "controls": controls.tolist()}
 
 
-def controls_of(policy: Policy, states: np.ndarray, phases: np.ndarray, commands: np.ndarray) -> np.ndarray:
+def controls_of(
+    policy: Policy, states: np.ndarray, phases: np.ndarray, commands: np.ndarray
+) -> np.ndarray:
     """Return the controls (B, C) of `policy` for bodies in `states` (B, S)."""
-    inner = jnp.asarray(policy.emulator.encode(np.asarray(states, float)), jnp.float32)
+    latent = jnp.asarray(policy.emulator.encode(np.asarray(states, float)), jnp.float32)
     numbers = [jnp.asarray(each, jnp.float32) for each in (phases, commands)]
-    return np.asarray(jax.vmap(policy.control)(inner, *numbers), float)
+    return np.asarray(jax.vmap(policy.control)(latent, *numbers), float)
 
 
 def main() -> None:
     """Write the files."""
-    save(small_emulator("pendulum", widths=(6, 4)), EMULATOR, {"made by": "tests/golden/make_golden.py"})
-    fish = small_emulator("fish", widths=(4,), place_modes=3, speed_modes=3)
-    save_policy(fresh_policy(fish, RANGES, (4,), seed=7), POLICY, {"made by": "tests/golden/make_golden.py"})
-    cases = {"emulator": emulator_case(Emulator.load(EMULATOR)), "policy": policy_case(Policy.load(POLICY))}
+    save(
+        small_emulator("pendulum", widths=(6, 4)),
+        EMULATOR,
+        {"made by": "tests/golden/make_golden.py"},
+    )
+    fish = small_emulator("fish", widths=(4,), position_modes=3, velocity_modes=3)
+    save_policy(
+        fresh_policy(fish, RANGES, (4,), seed=7), POLICY, {"made by": "tests/golden/make_golden.py"}
+    )
+    cases = {
+        "emulator": emulator_case(Emulator.load(EMULATOR)),
+        "policy": policy_case(Policy.load(POLICY)),
+    }
     PREDICTIONS.write_text(json.dumps(cases) + "\n")
 
 

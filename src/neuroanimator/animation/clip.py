@@ -40,21 +40,30 @@ class Clip:
 
 
 def make_clip(
-    emulator: Emulator, states: np.ndarray, *, rate: float = 30.0, interpolation: str = "hermite", source: str = ""
+    emulator: Emulator,
+    states: np.ndarray,
+    *,
+    rate: float = 30.0,
+    interpolation: str = "hermite",
+    source: str = "",
 ) -> Clip:
     """Return the clip of a trajectory (T+1, S) at `rate` frames a second; `source` says what made it."""
     if interpolation not in INTERPOLATIONS:
         raise ArgumentError(
             f"No interpolation called '{interpolation}'. Interpolations: {', '.join(sorted(INTERPOLATIONS))}."
         )
-    identity = emulator.identity
-    states = identity.state.check(states, "state")
+    spec = emulator.spec
+    states = spec.state.check(states, "state")
     if not 0 < rate <= FASTEST_RATE:
-        raise ArgumentError(f"rate: wanted between 0 and {FASTEST_RATE:g} frames a second, came {rate}.")
-    duration = (len(states) - 1) * identity.dt
+        raise ArgumentError(
+            f"rate: wanted between 0 and {FASTEST_RATE:g} frames a second, came {rate}."
+        )
+    duration = (len(states) - 1) * spec.dt
     frames = max(1, int(duration * rate + 1e-6))
     times = np.arange(frames + 1) / rate
     times = times[times <= duration + 1e-9] if frames > 1 else np.array([0.0, duration])
-    turns = emulator.frame.turns if emulator.modes is None else ()  # mass points have no quaternions to keep
-    between = INTERPOLATIONS[interpolation](states, identity.dt, times, identity.rates, turns)
-    return Clip(identity.system, identity.skeleton, times, between, identity.definition, source)
+    orientations = (
+        emulator.frame.orientations if emulator.modes is None else ()
+    )  # mass points have no quaternions to keep
+    between = INTERPOLATIONS[interpolation](states, spec.dt, times, spec.rates, orientations)
+    return Clip(spec.system, spec.skeleton, times, between, spec.definition, source)

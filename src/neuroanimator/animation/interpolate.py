@@ -11,33 +11,35 @@ Pairs = tuple[tuple[int, int], ...]
 
 
 def interpolate_linear(
-    states: np.ndarray, dt: float, times: np.ndarray, rates: Pairs = (), turns: Pairs = ()
+    states: np.ndarray, dt: float, times: np.ndarray, rates: Pairs = (), orientations: Pairs = ()
 ) -> np.ndarray:
     """Return states (F, S) at `times` [s] on straight lines between states (T, S) `dt` apart, as in 1998."""
-    states = _nearest_signs(states, turns)
+    states = _nearest_signs(states, orientations)
     index, share = _locate(states, dt, times)
-    return _unit(states[index] * (1 - share) + states[index + 1] * share, turns)
+    return _unit(states[index] * (1 - share) + states[index + 1] * share, orientations)
 
 
 def interpolate_hermite(
-    states: np.ndarray, dt: float, times: np.ndarray, rates: Pairs = (), turns: Pairs = ()
+    states: np.ndarray, dt: float, times: np.ndarray, rates: Pairs = (), orientations: Pairs = ()
 ) -> np.ndarray:
     """Return states (F, S) at `times` [s] on cubics that also have the known velocities.
 
     `rates` holds (i, j) where entry j is the time derivative of entry i; the positions i follow
-    the cubic, the velocities j its derivative, all other entries straight lines. `turns` holds (i, j)
+    the cubic, the velocities j its derivative, all other entries straight lines. `orientations` holds (i, j)
     where a quaternion begins at i and its angular velocity, in the body's frame, at j: its four
     numbers follow cubics too (q̇ = ½ q ω) and are made a unit quaternion again.
     """
-    states = _nearest_signs(states, turns)
+    states = _nearest_signs(states, orientations)
     index, share = _locate(states, dt, times)
     found = states[index] * (1 - share) + states[index + 1] * share
     s = share[:, 0]
-    for turn, spin in turns:
-        spins = np.concatenate([np.zeros((len(states), 1)), states[:, spin : spin + 3]], axis=1)
-        quaternions = states[:, turn : turn + 4]
+    for orientation, angular_velocity in orientations:
+        spins = np.concatenate(
+            [np.zeros((len(states), 1)), states[:, angular_velocity : angular_velocity + 3]], axis=1
+        )
+        quaternions = states[:, orientation : orientation + 4]
         slopes = multiply(quaternions, spins) / 2 * dt
-        found[:, turn : turn + 4] = _cubic(
+        found[:, orientation : orientation + 4] = _cubic(
             s[:, None], quaternions[index], quaternions[index + 1], slopes[index], slopes[index + 1]
         )
     if rates:
@@ -47,22 +49,33 @@ def interpolate_hermite(
         v0, v1 = before[:, velocities] * dt, after[:, velocities] * dt
         found[:, positions] = _cubic(share, p0, p1, v0, v1)
         slope = (
-            6 * (share**2 - share) * (p0 - p1) + (3 * share**2 - 4 * share + 1) * v0 + (3 * share**2 - 2 * share) * v1
+            6 * (share**2 - share) * (p0 - p1)
+            + (3 * share**2 - 4 * share + 1) * v0
+            + (3 * share**2 - 2 * share) * v1
         )
         found[:, velocities] = slope / dt
-    return _unit(found, turns)
+    return _unit(found, orientations)
 
 
-def _cubic(s: np.ndarray, p0: np.ndarray, p1: np.ndarray, v0: np.ndarray, v1: np.ndarray) -> np.ndarray:
+def _cubic(
+    s: np.ndarray, p0: np.ndarray, p1: np.ndarray, v0: np.ndarray, v1: np.ndarray
+) -> np.ndarray:
     """Return Hermite's cubic at shares `s`, its ends p and their slopes v per interval."""
-    return (2 * s**3 - 3 * s**2 + 1) * p0 + (s**3 - 2 * s**2 + s) * v0 + (3 * s**2 - 2 * s**3) * p1 + (s**3 - s**2) * v1
+    return (
+        (2 * s**3 - 3 * s**2 + 1) * p0
+        + (s**3 - 2 * s**2 + s) * v0
+        + (3 * s**2 - 2 * s**3) * p1
+        + (s**3 - s**2) * v1
+    )
 
 
-def _nearest_signs(states: np.ndarray, turns: Pairs) -> np.ndarray:
+def _nearest_signs(states: np.ndarray, orientations: Pairs) -> np.ndarray:
     """Return `states` with each quaternion's sign the one nearest to the quaternion before."""
     states = np.array(states, dtype=float)
-    for turn, _ in turns:
-        states[:, turn : turn + 4] = continuous(states[:, turn : turn + 4])
+    for orientation, _ in orientations:
+        states[:, orientation : orientation + 4] = continuous(
+            states[:, orientation : orientation + 4]
+        )
     return states
 
 
@@ -73,9 +86,11 @@ def continuous(quaternions: np.ndarray) -> np.ndarray:
     return np.concatenate([quaternions[:1], quaternions[1:] * signs])
 
 
-def _unit(states: np.ndarray, turns: Pairs) -> np.ndarray:
-    for turn, _ in turns:
-        states[:, turn : turn + 4] /= np.linalg.norm(states[:, turn : turn + 4], axis=1, keepdims=True)
+def _unit(states: np.ndarray, orientations: Pairs) -> np.ndarray:
+    for orientation, _ in orientations:
+        states[:, orientation : orientation + 4] /= np.linalg.norm(
+            states[:, orientation : orientation + 4], axis=1, keepdims=True
+        )
     return states
 
 

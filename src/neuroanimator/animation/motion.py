@@ -14,7 +14,7 @@ from neuroanimator.state.start import quaternion_entries, start_state
 
 LONGEST = 3600.0
 """[s] Longest random motion; an hour."""
-FIRST_BEND, LARGEST_BEND = 0.02, 0.15
+FIRST_BEND, MAX_BEND = 0.02, 0.15
 """Of the controls' range: by how much a swimmer bends its back to keep its depth, tried at first and at most."""
 SECANTS = 4
 """Tries at that bend: a few centimetres after five seconds."""
@@ -32,7 +32,9 @@ GRAVITY = 9.81
 """[m/s²]"""
 
 
-def random_motion(emulator: Emulator, seconds: float, seed: int, start: np.ndarray | None = None) -> np.ndarray:
+def random_motion(
+    emulator: Emulator, seconds: float, seed: int, start: np.ndarray | None = None
+) -> np.ndarray:
     """Return a trajectory (T+1, S) under random, never idle controls, from `start` (S,).
 
     Without a start it begins at rest; free hinges start anywhere. With the seed 0 and no start it is a motion to look
@@ -40,26 +42,28 @@ def random_motion(emulator: Emulator, seconds: float, seed: int, start: np.ndarr
     alone.
     """
     if not emulator.dt <= seconds <= LONGEST:
-        raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")
+        raise ArgumentError(
+            f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}."
+        )
     if seed < 0:
         raise ArgumentError(f"seed: wanted 0 or more, came {seed}.")
-    rng, identity = np.random.default_rng(seed), emulator.identity
+    rng, spec = np.random.default_rng(seed), emulator.spec
     is_shown = seed == 0 and start is None
     if start is None:
-        start = np.array(identity.rest)
+        start = np.array(spec.rest)
         positions = _free_hinges(emulator)
         start[positions] = rng.uniform(-np.pi / 2, np.pi / 2, len(positions))
     steps = int(np.ceil(seconds / emulator.dt - 1e-9))
-    if seed == 0 and identity.gait is not None:
-        controls = identity.gait.controls(steps, emulator.dt, identity.bounds)
+    if seed == 0 and spec.gait is not None:
+        controls = spec.gait.controls(steps, emulator.dt, spec.bounds)
         if is_shown and _swims_under_a_surface(emulator):
             start = _dived(emulator, start)
             controls = _level_swim(emulator, start, controls)
     elif is_shown and _is_soft_on_ground(emulator):
         start = _thrown(emulator, start)
-        controls = np.repeat(identity.bounds.middle[None], steps, axis=0)
+        controls = np.repeat(spec.bounds.middle[None], steps, axis=0)
     else:
-        controls = sample_controls(rng, steps, emulator.dt, identity.bounds, identity.gait)
+        controls = sample_controls(rng, steps, emulator.dt, spec.bounds, spec.gait)
     return np.asarray(emulator.rollout(start, controls), float)
 
 
@@ -67,8 +71,10 @@ def _free_hinges(emulator: Emulator) -> np.ndarray:
     """Return the state entries of hinges that are at 0 at rest; a body of mass points has none."""
     if emulator.modes is not None:
         return np.array([], int)
-    angles = np.asarray(emulator.features.angles).any(axis=0) & (np.array(emulator.identity.rest) == 0)
-    positions = np.array([position for position, _ in emulator.identity.rates], int)  # int even where there are none
+    angles = np.asarray(emulator.features.angles).any(axis=0) & (np.array(emulator.spec.rest) == 0)
+    positions = np.array(
+        [position for position, _ in emulator.spec.rates], int
+    )  # int even where there are none
     return np.intersect1d(np.flatnonzero(angles), positions)
 
 
@@ -82,12 +88,12 @@ def _level_swim(emulator: Emulator, start: np.ndarray, controls: np.ndarray) -> 
 
     The bend is what is added to the muscles in the sense of the gait, found by secants.
     """
-    identity = emulator.identity
-    assert identity.gait is not None
-    sense = np.sign(identity.gait.amplitudes) * identity.bounds.half
+    spec = emulator.spec
+    assert spec.gait is not None
+    sense = np.sign(spec.gait.amplitudes) * spec.bounds.half
 
     def risen(bend: float) -> float:
-        states = np.array(emulator.rollout(start, identity.bounds.clip(controls + bend * sense)), float)
+        states = np.array(emulator.rollout(start, spec.bounds.clip(controls + bend * sense)), float)
         heights = [_points(emulator, state)[0][:, 2].mean() for state in (states[0], states[-1])]
         return float(heights[1] - heights[0])
 
@@ -99,42 +105,44 @@ def _level_swim(emulator: Emulator, start: np.ndarray, controls: np.ndarray) -> 
             break
         slope = (rise - rise_before) / (bend - last)
         last, rise_before = bend, rise
-        bend = float(np.clip(bend - rise / slope, -LARGEST_BEND, LARGEST_BEND))
-    return identity.bounds.clip(controls + bend * sense)
+        bend = float(np.clip(bend - rise / slope, -MAX_BEND, MAX_BEND))
+    return spec.bounds.clip(controls + bend * sense)
 
 
 def _dived(emulator: Emulator, start: np.ndarray) -> np.ndarray:
     """Return `start` (S,) of a swimmer moved down under the water's surface."""
-    places, _ = _points(emulator, start)
-    length = float(np.ptp(places, axis=0).max())
-    places[:, 2] += _level(emulator) - DIVE * length - places[:, 2].mean()
+    positions, _ = _points(emulator, start)
+    length = float(np.ptp(positions, axis=0).max())
+    positions[:, 2] += _level(emulator) - DIVE * length - positions[:, 2].mean()
     return start
 
 
 def _thrown(emulator: Emulator, start: np.ndarray) -> np.ndarray:
     """Return `start` (S,) of a soft body turned, above the ground, and flying: up, forward and spinning."""
     assert emulator.modes is not None
-    places, speeds = _points(emulator, start)
-    size = float(np.ptp(places, axis=0).max())
+    positions, velocities = _points(emulator, start)
+    size = float(np.ptp(positions, axis=0).max())
     reach = np.asarray(emulator.modes.reach)
-    centre = places.mean(axis=0)
-    turn = multiply(_about(0, TOSS_TURN[0]), _about(1, TOSS_TURN[1]))
-    offsets = rotate(np.broadcast_to(turn, (len(places), 4)), places - centre)
+    centre = positions.mean(axis=0)
+    orientation = multiply(_about(0, TOSS_TURN[0]), _about(1, TOSS_TURN[1]))
+    offsets = rotate(np.broadcast_to(orientation, (len(positions), 4)), positions - centre)
     fall = np.sqrt(GRAVITY * TOSS * size)  # half the height is climbed: v² = 2 g (TOSS / 2) size
     velocity = np.array([0.6 * fall, 0.15 * fall, fall])
     velocity *= min(1.0, WELL_WITHIN * float(reach[2]) / float(np.linalg.norm(velocity)))
-    spin = TOSS_SPIN * min(1.0, WELL_WITHIN * float(reach[3]) / float(np.linalg.norm(TOSS_SPIN)))
-    places[:] = centre + np.array([0.0, 0.0, TOSS / 2 * size]) + offsets
-    speeds[:] = velocity + np.cross(spin, offsets)
+    angular_velocity = TOSS_SPIN * min(
+        1.0, WELL_WITHIN * float(reach[3]) / float(np.linalg.norm(TOSS_SPIN))
+    )
+    positions[:] = centre + np.array([0.0, 0.0, TOSS / 2 * size]) + offsets
+    velocities[:] = velocity + np.cross(angular_velocity, offsets)
     return start
 
 
 def _is_soft_on_ground(emulator: Emulator) -> bool:
     """Return whether this is a body of mass points that at rest lies wholly above the level its heights count from."""
-    if emulator.modes is None or not emulator.frame.weighs or emulator.frame.is_immersed:
+    if emulator.modes is None or not emulator.frame.has_gravity or emulator.frame.is_immersed:
         return False
-    places, _ = _points(emulator, np.array(emulator.identity.rest))
-    return float(places[:, 2].min()) > _level(emulator) - 0.05 * float(np.ptp(places[:, 2]))
+    positions, _ = _points(emulator, np.array(emulator.spec.rest))
+    return float(positions[:, 2].min()) > _level(emulator) - 0.05 * float(np.ptp(positions[:, 2]))
 
 
 def _level(emulator: Emulator) -> float:
@@ -159,17 +167,21 @@ def _about(axis: int, angle: float) -> np.ndarray:
 
 def named_start(emulator: Emulator, parts: Mapping[str, Sequence[float]]) -> np.ndarray:
     """Return the state of rest (S,) with the numbers of each of `parts` in their places; see `start_state`."""
-    identity, modes = emulator.identity, emulator.modes
-    turns = quaternion_entries(emulator.frame.segments) if modes is None else ()
+    spec, modes = emulator.spec, emulator.modes
+    orientations = quaternion_entries(emulator.frame.segments) if modes is None else ()
     cloud = None if modes is None else modes.cloud
-    return start_state(identity.state, identity.rest, parts, turns=turns, cloud=cloud)
+    return start_state(spec.state, spec.rest, parts, orientations=orientations, cloud=cloud)
 
 
-def controlled_motion(emulator: Emulator, controls: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+def controlled_motion(
+    emulator: Emulator, controls: np.ndarray, start: np.ndarray | None = None
+) -> np.ndarray:
     """Return the trajectory (T+1, S) from `start` (S,), or from rest, under `controls` (T, C).
 
     Raises ArgumentError for controls out of bounds.
     """
-    identity = emulator.identity
-    controls = identity.bounds.check(identity.control.check(controls, "control"), identity.control.names)
-    return np.asarray(emulator.rollout(np.array(identity.rest) if start is None else start, controls), float)
+    spec = emulator.spec
+    controls = spec.bounds.check(spec.control.check(controls, "control"), spec.control.names)
+    return np.asarray(
+        emulator.rollout(np.array(spec.rest) if start is None else start, controls), float
+    )

@@ -29,8 +29,12 @@ class Surface(NamedTuple):
 def joined(surfaces: list[Surface]) -> Surface:
     """Return several surfaces as one."""
     firsts = np.cumsum([0, *(len(surface.points) for surface in surfaces)])
-    triangles = [surface.triangles + first for surface, first in zip(surfaces, firsts, strict=False)]
-    return Surface(np.concatenate([surface.points for surface in surfaces]), np.concatenate(triangles))
+    triangles = [
+        surface.triangles + first for surface, first in zip(surfaces, firsts, strict=False)
+    ]
+    return Surface(
+        np.concatenate([surface.points for surface in surfaces]), np.concatenate(triangles)
+    )
 
 
 def normals_of(surface: Surface) -> np.ndarray:
@@ -54,7 +58,7 @@ def body_surface(sections: np.ndarray) -> Surface:
 
 def fin_surface(edge: np.ndarray, thickness: float) -> Surface:
     """Return the blade behind the leading `edge` (K, 4): x, y, z, chord; `thickness` over chord."""
-    curve = _smooth(np.asarray(edge, float), lambda end, inner: 2 * end - inner)
+    curve = _smooth(np.asarray(edge, float), lambda end, latent: 2 * end - latent)
     points, chord = curve[:, :3], np.abs(curve[:, 3])
     along = np.gradient(points, axis=0)
     side = np.cross(along, [1.0, 0.0, 0.0])
@@ -69,7 +73,9 @@ def ball_surface(centre: np.ndarray, radius: float) -> Surface:
     """Return a ball whose poles lie along Y."""
     polar = np.linspace(0, np.pi, 8)[:, None]
     around = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    parts = np.broadcast_arrays(np.sin(polar) * np.cos(around), np.cos(polar), np.sin(polar) * np.sin(around))
+    parts = np.broadcast_arrays(
+        np.sin(polar) * np.cos(around), np.cos(polar), np.sin(polar) * np.sin(around)
+    )
     return _lofted(centre + radius * np.stack(parts, axis=-1))
 
 
@@ -129,23 +135,28 @@ def _catmull_rom(knots: np.ndarray, at: np.ndarray, times: np.ndarray) -> np.nda
         following = []
         for i in range(4 - reach):
             first, last = (at[i], at[i + reach]) if reach < 3 else (at[1], at[2])
-            following.append((level[i] * (last - times) + level[i + 1] * (times - first)) / (last - first))
+            following.append(
+                (level[i] * (last - times) + level[i + 1] * (times - first)) / (last - first)
+            )
         level = following
     return level[0]
 
 
-def _beyond(end: np.ndarray, inner: np.ndarray) -> np.ndarray:
+def _beyond(end: np.ndarray, latent: np.ndarray) -> np.ndarray:
     """Return the section beyond the end of a body: through a tip the other side comes out, so that it is round."""
     if abs(end[1]) > SMALLEST or abs(end[2] - end[3]) > SMALLEST:
-        return 2 * end - inner
-    return np.array([inner[0], -inner[1], inner[3], inner[2]])
+        return 2 * end - latent
+    return np.array([latent[0], -latent[1], latent[3], latent[2]])
 
 
 def _lofted(rings: np.ndarray) -> Surface:
     """Return the closed surface through `rings` (K, R, 3); each end is a tip or closed by a fan of triangles."""
     first, last = rings[0], rings[-1]
-    inner = rings[int(np.ptp(first, axis=0).max() < SMALLEST) : len(rings) - int(np.ptp(last, axis=0).max() < SMALLEST)]
-    count, size = inner.shape[:2]
+    latent = rings[
+        int(np.ptp(first, axis=0).max() < SMALLEST) : len(rings)
+        - int(np.ptp(last, axis=0).max() < SMALLEST)
+    ]
+    count, size = latent.shape[:2]
     here, following = np.arange(size), np.roll(np.arange(size), -1)
     band = np.concatenate([
         np.stack([here, following, here + size], axis=1),
@@ -156,7 +167,9 @@ def _lofted(rings: np.ndarray) -> Surface:
     start = np.stack([following, here, np.full(size, front)], axis=1)
     last_ring = size * (count - 1)
     end = np.stack([here + last_ring, following + last_ring, np.full(size, rear)], axis=1)
-    points = np.concatenate([inner.reshape(-1, 3), first.mean(axis=0)[None], last.mean(axis=0)[None]])
+    points = np.concatenate(
+        [latent.reshape(-1, 3), first.mean(axis=0)[None], last.mean(axis=0)[None]]
+    )
     return _outward(Surface(points, np.concatenate([bands, start, end])))
 
 

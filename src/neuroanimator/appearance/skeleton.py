@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator.appearance.binding import Follow, follow_from_json, followed
+from neuroanimator.appearance.binding import Binding, binding_from_json, bound_pose
 from neuroanimator.appearance.skin import Skin, skin_from_json, skin_to_json
 from neuroanimator.parsing.names import check_label
 from neuroanimator.parsing.numbers import number, numbers, whole
@@ -20,20 +20,20 @@ JOINT_KINDS = ("hinge", "slide", "ball", "free")
 SHAPE_KINDS = ("capsule", "box", "sphere", "ellipsoid", "cylinder")
 SHAPE_SIZES = {"capsule": 2, "box": 3, "sphere": 1, "ellipsoid": 3, "cylinder": 2}
 """How many sizes each kind of shape needs; MuJoCo gives every shape three."""
-MOST_SIZES = 3
+MAX_SIZES = 3
 JOINT_SIZES = {"ball": 4, "free": 7}
 """State entries a joint reads, if more than one."""
-MOST_BONES = 500
+MAX_BONES = 500
 """A skeleton may come from a stranger, and every bone is drawn; a model has at most as many bodies."""
-MOST_PIECES = 5000
+MAX_PIECES = 5000
 """Most joints, and most shapes, of one bone: the world of a model may have many."""
-MOST_ENTRIES = 10**9
+MAX_ENTRIES = 10**9
 """State entries a joint may read up to, before the state's own size is known."""
-FARTHEST = 1e6
+MAX_DISTANCE = 1e6
 """[m] Largest place and size drawn."""
-LARGEST_VALUE = 1e9
+MAX_VALUE = 1e9
 """[rad or m] Of a joint at its reference."""
-HARDLY_OFF_UNIT = 1e-3
+UNIT_TOLERANCE = 1e-3
 """How far a quaternion or an axis read from a file may be off the length of 1."""
 
 
@@ -61,8 +61,8 @@ class Shape:
     """One of `SHAPE_KINDS`."""
     size: Numbers
     """[m] Radius and half length along Z (capsule, cylinder), radius (sphere), half axes (box, ellipsoid)."""
-    place: Numbers
-    turn: Numbers
+    position: Numbers
+    orientation: Numbers
     """Quaternion wxyz in the body's frame."""
     colour: Numbers
     """Red, green, blue, opacity, each 0 to 1."""
@@ -77,17 +77,17 @@ class Bone:
     """Index of the bone it hangs from; -1 for the world."""
     offset: Numbers
     """Its origin in the parent's frame [m], joints at their references."""
-    turn: Numbers
+    orientation: Numbers
     """Quaternion wxyz in the parent's frame, joints at their references."""
     joints: tuple[Joint, ...]
     shapes: tuple[Shape, ...]
-    follow: Follow | None = None
-    """Mass points it goes with, instead of joints; it then hangs from the world, `offset` and `turn` are at rest."""
+    binding: Binding | None = None
+    """Mass points it goes with, instead of joints; it then hangs from the world, `offset` and `orientation` are at rest."""
 
     @property
     def is_moving(self) -> bool:
         """Whether anything moves it against its parent."""
-        return bool(self.joints) or self.follow is not None
+        return bool(self.joints) or self.binding is not None
 
 
 @dataclass(frozen=True)
@@ -109,17 +109,19 @@ class Skeleton:
     def local_poses(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return places (T, B, 3) [m] and quaternions wxyz (T, B, 4), each in its parent's frame, for states (T, S)."""
         poses = [_local_pose(bone, states) for bone in self.bones]
-        return np.stack([place for place, _ in poses], axis=1), np.stack([turn for _, turn in poses], axis=1)
+        return np.stack([position for position, _ in poses], axis=1), np.stack(
+            [orientation for _, orientation in poses], axis=1
+        )
 
     def world_poses(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return places (T, B, 3) [m] and quaternions wxyz (T, B, 4) in the world, for states (T, S)."""
-        places, turns = self.local_poses(states)
+        positions, orientations = self.local_poses(states)
         for i, bone in enumerate(self.bones):
             if bone.parent >= 0:
-                above = turns[:, bone.parent]
-                places[:, i] = places[:, bone.parent] + rotate(above, places[:, i])
-                turns[:, i] = multiply(above, turns[:, i])
-        return places, turns
+                above = orientations[:, bone.parent]
+                positions[:, i] = positions[:, bone.parent] + rotate(above, positions[:, i])
+                orientations[:, i] = multiply(above, orientations[:, i])
+        return positions, orientations
 
     def to_json(self) -> list[dict[str, Any]] | dict[str, Any]:
         """Return plain dictionaries, one per bone; under a skin, in a dictionary with it."""
@@ -142,76 +144,86 @@ def _skeleton_from_json(described: Any, state_size: int | None) -> Skeleton:
     described = described if isinstance(described, dict) else {"bones": described, "skin": None}
     if {*described} != {"bones", "skin"} or not isinstance(described["bones"], list):
         raise ValueError("skeleton: wanted bones and a skin")
-    if len(described["bones"]) > MOST_BONES:
-        raise ValueError(f"skeleton: {len(described['bones'])} bones; wanted at most {MOST_BONES}")
+    if len(described["bones"]) > MAX_BONES:
+        raise ValueError(f"skeleton: {len(described['bones'])} bones; wanted at most {MAX_BONES}")
     bones = tuple(_bone_from_json(row, i) for i, row in enumerate(described["bones"]))
     last = max((entry for bone in bones for entry in _entries_read(bone)), default=0)
     if state_size is not None and last > state_size:
         raise ValueError(f"skeleton: reads {last} state entries of {state_size}")
     skin = None if described["skin"] is None else skin_from_json(described["skin"])
-    if skin is not None and (any(bone.follow is None for bone in bones) or not skin.fits([b.offset for b in bones])):
+    if skin is not None and (
+        any(bone.binding is None for bone in bones) or not skin.fits([b.offset for b in bones])
+    ):
         raise ValueError("skeleton: a skin needs other bones, which follow mass points")
     return Skeleton(bones, skin)
 
 
 def _bone_to_json(bone: Bone) -> dict[str, Any]:
     row = asdict(bone)
-    follow = row.pop("follow")
-    return row if follow is None else row | {"follow": follow.model_dump(mode="json")}
+    binding = row.pop("binding")
+    return row if binding is None else row | {"binding": binding.model_dump(mode="json")}
 
 
-def _bone_from_json(row: Any, place: int) -> Bone:
-    row = {"follow": None, **row} if isinstance(row, dict) else row
+def _bone_from_json(row: Any, position: int) -> Bone:
+    row = {"binding": None, **row} if isinstance(row, dict) else row
     _check_keys(row, Bone)
-    name = check_label(row["name"], f"bone {place}")
+    name = check_label(row["name"], f"bone {position}")
     label = f"bone '{name}'"
     joints = tuple(_joint_from_json(joint, label) for joint in _pieces(row["joints"], label))
     shapes = tuple(_shape_from_json(shape, label) for shape in _pieces(row["shapes"], label))
-    follow = None if row["follow"] is None else follow_from_json(row["follow"])
-    parent = whole(row["parent"], f"{label}: parent", -1, place - 1)
-    if follow is not None and (joints or parent >= 0):
+    binding = None if row["binding"] is None else binding_from_json(row["binding"])
+    parent = whole(row["parent"], f"{label}: parent", -1, position - 1)
+    if binding is not None and (joints or parent >= 0):
         raise ValueError(f"{label} follows mass points and has joints or a parent")
-    offset, turn = _place(row["offset"], label), _unit_vector(row["turn"], label, 4)
-    return Bone(name, parent, offset, turn, joints, shapes, follow)
+    offset, orientation = _place(row["offset"], label), _unit_vector(row["orientation"], label, 4)
+    return Bone(name, parent, offset, orientation, joints, shapes, binding)
 
 
 def _joint_from_json(row: Any, label: str) -> Joint:
     _check_keys(row, Joint, JOINT_KINDS)
     return Joint(
         kind=row["kind"],
-        entry=whole(row["entry"], f"{label}: entry", 0, MOST_ENTRIES),
+        entry=whole(row["entry"], f"{label}: entry", 0, MAX_ENTRIES),
         axis=_unit_vector(row["axis"], label, 3),
         anchor=_place(row["anchor"], label),
-        reference=number(row["reference"], f"{label}: reference", -LARGEST_VALUE, LARGEST_VALUE),
+        reference=number(row["reference"], f"{label}: reference", -MAX_VALUE, MAX_VALUE),
     )
 
 
 def _shape_from_json(row: Any, label: str) -> Shape:
     _check_keys(row, Shape, SHAPE_KINDS)
-    size = numbers(row["size"], f"{label}: size", most=FARTHEST)
+    size = numbers(row["size"], f"{label}: size", most=MAX_DISTANCE)
     colour = numbers(row["colour"], f"{label}: colour", 4, 1)
-    if not SHAPE_SIZES[row["kind"]] <= len(size) <= MOST_SIZES:
+    if not SHAPE_SIZES[row["kind"]] <= len(size) <= MAX_SIZES:
         raise ValueError(f"{label}: a {row['kind']} with {len(size)} sizes")
     if min(size) < 0 or min(colour) < 0:
         raise ValueError(f"{label}: wanted sizes and colours of 0 or more")
-    return Shape(row["kind"], size, _place(row["place"], label), _unit_vector(row["turn"], label, 4), colour)
+    return Shape(
+        row["kind"],
+        size,
+        _place(row["position"], label),
+        _unit_vector(row["orientation"], label, 4),
+        colour,
+    )
 
 
 def _place(value: Any, label: str) -> Numbers:
-    return numbers(value, f"{label}: place", 3, FARTHEST)
+    return numbers(value, f"{label}: place", 3, MAX_DISTANCE)
 
 
 def _unit_vector(value: Any, label: str, size: int) -> Numbers:
     """Return an axis, or a quaternion; a length of 0 would make poses NaN."""
     vector = numbers(value, f"{label}: axis or turn", size, 2.0)
-    if abs(np.linalg.norm(vector) - 1) > HARDLY_OFF_UNIT:
-        raise ValueError(f"{label}: wanted an axis or a turn of length 1, came {quoted(list(vector))}")
+    if abs(np.linalg.norm(vector) - 1) > UNIT_TOLERANCE:
+        raise ValueError(
+            f"{label}: wanted an axis or a turn of length 1, came {quoted(list(vector))}"
+        )
     return vector
 
 
 def _pieces(rows: Any, label: str) -> list[Any]:
-    if not isinstance(rows, list) or len(rows) > MOST_PIECES:
-        raise ValueError(f"{label}: wanted lists of at most {MOST_PIECES} joints and shapes")
+    if not isinstance(rows, list) or len(rows) > MAX_PIECES:
+        raise ValueError(f"{label}: wanted lists of at most {MAX_PIECES} joints and shapes")
     return rows
 
 
@@ -220,35 +232,44 @@ def _check_keys(row: Any, kind: type, valid: tuple[str, ...] = ()) -> None:
     if not isinstance(row, dict) or {*row} != {field.name for field in fields(kind)}:
         raise ValueError(f"skeleton: a {kind.__name__.lower()} has other fields than expected")
     if valid and row["kind"] not in valid:
-        raise ValueError(f"skeleton: no {kind.__name__.lower()} of the kind {quoted(row['kind'])} is known")
+        raise ValueError(
+            f"skeleton: no {kind.__name__.lower()} of the kind {quoted(row['kind'])} is known"
+        )
 
 
 def _entries_read(bone: Bone) -> list[int]:
     """Return how many state entries there must be at least for each thing that moves `bone`."""
     ends = [joint.entry + JOINT_SIZES.get(joint.kind, 1) for joint in bone.joints]
-    return ends if bone.follow is None else [*ends, bone.follow.last_entry + 1]
+    return ends if bone.binding is None else [*ends, bone.binding.last_entry + 1]
 
 
 def _local_pose(bone: Bone, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (places (T, 3), quaternions (T, 4)) of a bone in its parent's frame, joint after joint as MuJoCo does."""
-    if bone.follow is not None:
-        return followed(bone.follow, states)
-    place = np.broadcast_to(np.array(bone.offset), (len(states), 3))
-    turn = np.broadcast_to(np.array(bone.turn), (len(states), 4))
+    if bone.binding is not None:
+        return bound_pose(bone.binding, states)
+    position = np.broadcast_to(np.array(bone.offset), (len(states), 3))
+    orientation = np.broadcast_to(np.array(bone.orientation), (len(states), 4))
     for joint in bone.joints:
         value = states[:, joint.entry]
         if joint.kind == "free":
-            place, turn = states[:, joint.entry : joint.entry + 3], _unit(states, joint.entry + 3)
+            position, orientation = (
+                states[:, joint.entry : joint.entry + 3],
+                _unit(states, joint.entry + 3),
+            )
         elif joint.kind == "slide":
             way = (value - joint.reference)[:, None] * np.array(joint.axis)
-            place = place + rotate(turn, way)
+            position = position + rotate(orientation, way)
         else:
-            anchor = np.broadcast_to(np.array(joint.anchor), place.shape)
-            fixed = place + rotate(turn, anchor)
-            own = _unit(states, joint.entry) if joint.kind == "ball" else _about(joint.axis, value - joint.reference)
-            turn = multiply(turn, own)
-            place = fixed - rotate(turn, anchor)
-    return place, turn
+            anchor = np.broadcast_to(np.array(joint.anchor), position.shape)
+            fixed = position + rotate(orientation, anchor)
+            own = (
+                _unit(states, joint.entry)
+                if joint.kind == "ball"
+                else _about(joint.axis, value - joint.reference)
+            )
+            orientation = multiply(orientation, own)
+            position = fixed - rotate(orientation, anchor)
+    return position, orientation
 
 
 def _unit(states: np.ndarray, entry: int) -> np.ndarray:

@@ -25,14 +25,16 @@ Length = Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]
 Size = Annotated[float, Field(ge=0, le=1e3, allow_inf_nan=False)]
 """[m]"""
 
-MOST_SECTIONS, MOST_FINS = 40, 12
+MAX_SECTIONS, MAX_FINS = 40, 12
 """A skin may come from a stranger, and its triangles grow with these."""
 
 
 class Fin(Table):
     """A thin blade: fin, fluke or flipper."""
 
-    edge: tuple[tuple[Length, Length, Length, Size], ...] = Field(min_length=2, max_length=MOST_SECTIONS)
+    edge: tuple[tuple[Length, Length, Length, Size], ...] = Field(
+        min_length=2, max_length=MAX_SECTIONS
+    )
     """From one end of the blade to the other: x, y, z of its leading edge, and how far it reaches behind it."""
     thickness: Annotated[float, Field(gt=0, le=1)] = 0.12
     """Over how far it reaches behind its edge."""
@@ -48,15 +50,17 @@ class Swimmer(Table):
     belly: Colour
     fin: Colour | None = None
     """Of the fins; the back's if not given."""
-    sections: tuple[tuple[Length, Size, Length, Length], ...] = Field(min_length=3, max_length=MOST_SECTIONS)
+    sections: tuple[tuple[Length, Size, Length, Length], ...] = Field(
+        min_length=3, max_length=MAX_SECTIONS
+    )
     """From nose to tail: x, half the width, top and bottom; one without any size ends in a rounded tip."""
-    fins: tuple[Fin, ...] = Field((), max_length=MOST_FINS)
+    fins: tuple[Fin, ...] = Field((), max_length=MAX_FINS)
     eye: tuple[Length, Length, Length, Size] | None = None
     """Of the left eye: place and radius."""
 
     def fits(self, bones: Sequence[Sequence[float]]) -> bool:
         """Return whether this skin can be bound to bones at these places."""
-        return len({place[0] for place in bones}) > 1
+        return len({position[0] for position in bones}) > 1
 
 
 class Box(Table):

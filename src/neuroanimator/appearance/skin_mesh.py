@@ -53,8 +53,10 @@ def skin_mesh(skeleton: Skeleton) -> SkinMesh:
     """Return the skin around the bones of `skeleton`, which has one."""
     skin = skeleton.skin
     assert skin is not None
-    places = np.array([bone.offset for bone in skeleton.bones])
-    surface, shades, (bones, weights) = _swimmer(skin, places) if isinstance(skin, Swimmer) else _box(skin, places)
+    positions = np.array([bone.offset for bone in skeleton.bones])
+    surface, shades, (bones, weights) = (
+        _swimmer(skin, positions) if isinstance(skin, Swimmer) else _box(skin, positions)
+    )
     return SkinMesh(surface.points, normals_of(surface), surface.triangles, bones, weights, shades)
 
 
@@ -63,22 +65,29 @@ def colours_of(skin: Skin, shades: np.ndarray) -> np.ndarray:
     if isinstance(skin, Box):
         stops, colours = [0.0, 1.0], [skin.face, skin.rim or skin.face]
     else:
-        stops, colours = [BELLY, BACK, FIN, EYE, PUPIL], [skin.belly, skin.back, skin.fin or skin.back, *EYE_COLOURS]
-    return np.stack([np.interp(shades, stops, channel) for channel in zip(*colours, strict=True)], axis=-1)
+        stops, colours = (
+            [BELLY, BACK, FIN, EYE, PUPIL],
+            [skin.belly, skin.back, skin.fin or skin.back, *EYE_COLOURS],
+        )
+    return np.stack(
+        [np.interp(shades, stops, channel) for channel in zip(*colours, strict=True)], axis=-1
+    )
 
 
 def posed(skeleton: Skeleton, mesh: SkinMesh, states: np.ndarray) -> np.ndarray:
     """Return the points (T, V, 3) of the skin [m] for states (T, S): every point carried by its bones."""
-    places, turns = skeleton.world_poses(states)
+    positions, orientations = skeleton.world_poses(states)
     found = np.zeros((len(states), *mesh.points.shape))
     for i, bone in enumerate(skeleton.bones):
-        own = rotate_back(np.array(bone.turn)[None], mesh.points - np.array(bone.offset))
-        carried = places[:, i, None] + rotate(turns[:, i, None], own[None])
+        own = rotate_back(np.array(bone.orientation)[None], mesh.points - np.array(bone.offset))
+        carried = positions[:, i, None] + rotate(orientations[:, i, None], own[None])
         found += np.where(mesh.bones == i, mesh.weights, 0.0).sum(axis=1)[:, None] * carried
     return found
 
 
-def _swimmer(skin: Swimmer, places: np.ndarray) -> tuple[Surface, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+def _swimmer(
+    skin: Swimmer, positions: np.ndarray
+) -> tuple[Surface, np.ndarray, tuple[np.ndarray, np.ndarray]]:
     body = body_surface(np.array(skin.sections))
     parts = [(body, _countershade(body, np.array(skin.sections)))]
     for fin in skin.fins:
@@ -86,7 +95,11 @@ def _swimmer(skin: Swimmer, places: np.ndarray) -> tuple[Surface, np.ndarray, tu
     if skin.eye is not None:
         parts += _eyes(*skin.eye)
     surface = joined([part for part, _ in parts])
-    return surface, np.concatenate([shades for _, shades in parts]), _along_spine(surface.points[:, 0], places[:, 0])
+    return (
+        surface,
+        np.concatenate([shades for _, shades in parts]),
+        _along_spine(surface.points[:, 0], positions[:, 0]),
+    )
 
 
 def _fins(fin: Fin) -> list[Surface]:
@@ -121,13 +134,17 @@ def _along_spine(at: np.ndarray, stations: np.ndarray) -> tuple[np.ndarray, np.n
     return bones, np.stack([1 - weight, weight, 0 * weight, 0 * weight], axis=1)
 
 
-def _box(skin: Box, places: np.ndarray) -> tuple[Surface, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+def _box(
+    skin: Box, positions: np.ndarray
+) -> tuple[Surface, np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Return a box around eight corners; bone 4a + 2b + c is the one at the a-th end of X, b-th of Y, c-th of Z."""
-    centre = (places.min(axis=0) + places.max(axis=0)) / 2
-    half = np.ptp(places, axis=0) / 2 + skin.margin
+    centre = (positions.min(axis=0) + positions.max(axis=0)) / 2
+    half = np.ptp(positions, axis=0) / 2 + skin.margin
     surface, sharp = box_surface(half, skin.rounding * half.min())
     near = np.stack([(1 - sharp) / 2, (1 + sharp) / 2], axis=1)
-    weights = (near[:, :, None, None, 0] * near[:, None, :, None, 1] * near[:, None, None, :, 2]).reshape(-1, 8)
+    weights = (
+        near[:, :, None, None, 0] * near[:, None, :, None, 1] * near[:, None, None, :, 2]
+    ).reshape(-1, 8)
     bones = np.argsort(-weights, axis=1, kind="stable")[:, :INFLUENCES]
     kept = np.take_along_axis(weights, bones, axis=1)
     rim = np.sort(np.abs(sharp), axis=1)[:, 1]

@@ -15,7 +15,7 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.reference_shape import points_of
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.deformable.mass_spring import Motion, inner_energy, strains
+from neuroanimator.systems.deformable.mass_spring import Motion, internal_energy, strains
 
 BLOCK = 500
 """Super steps rolled out at once."""
@@ -48,9 +48,11 @@ def measures(system: DeformableSystem, states: np.ndarray | jax.Array) -> jax.Ar
     parts = points_of(rows[:, :size]), points_of(rows[:, size : 2 * size]), rows[:, 2 * size :]
     motion = Motion(*(jnp.moveaxis(part, 0, -1) for part in parts))
     seen = cloud.own_frame(parts[0])[2]
-    shape = jnp.sqrt(jnp.mean(jnp.sum((seen - jnp.asarray(cloud.places)) ** 2, axis=-1), axis=-1))
-    strain = jnp.abs(strains(system.body, motion.places)).max(axis=0)
-    found = jnp.stack([strain, inner_energy(system.body, motion), shape])
+    shape = jnp.sqrt(
+        jnp.mean(jnp.sum((seen - jnp.asarray(cloud.positions)) ** 2, axis=-1), axis=-1)
+    )
+    strain = jnp.abs(strains(system.body, motion.positions)).max(axis=0)
+    found = jnp.stack([strain, internal_energy(system.body, motion), shape])
     return found.reshape(3, *states.shape[:-1])
 
 
@@ -68,15 +70,19 @@ def measure_long_run(
 ) -> LongRun:
     """Return how far bodies stray under random swimming, against the states `training` (N, S) showed."""
     rng = np.random.default_rng(seed)
-    known = np.asarray(jax.jit(lambda states: measures(system, states))(jnp.asarray(training, jnp.float32)))
-    inner = jnp.asarray(emulator.encode(sample_starts(system, rng, starts)), jnp.float32)
-    way = partial(follow_corrected, emulator, correction=correction, every=every, is_bounded=is_bounded)
+    known = np.asarray(
+        jax.jit(lambda states: measures(system, states))(jnp.asarray(training, jnp.float32))
+    )
+    latent = jnp.asarray(emulator.encode(sample_starts(system, rng, starts)), jnp.float32)
+    way = partial(
+        follow_corrected, emulator, correction=correction, every=every, is_bounded=is_bounded
+    )
     decode = emulator.decode
-    roll = eqx.filter_jit(lambda inner, controls: _block(way, decode, system, inner, controls))
+    roll = eqx.filter_jit(lambda latent, controls: _block(way, decode, system, latent, controls))
     largest, late = np.zeros((3, starts)), []
     for done in range(0, steps, BLOCK):
         controls = sample_control_runs(rng, starts, BLOCK, emulator.dt, system)
-        inner, seen = roll(inner, jnp.asarray(emulator.encode_control(controls), jnp.float32))
+        latent, seen = roll(latent, jnp.asarray(emulator.encode_control(controls), jnp.float32))
         seen = np.asarray(seen)
         largest = np.maximum(largest, np.where(np.isfinite(seen), seen, np.inf).max(axis=2))
         late += [seen] if done + BLOCK > 0.9 * steps else []
@@ -92,7 +98,7 @@ def measure_long_run(
     )
 
 
-def _block(way, decode, system, inner, controls):
+def _block(way, decode, system, latent, controls):
     """Return (states at the end, measures (3, B, looks)) of a block of super steps."""
-    path = jax.vmap(way)(inner, controls)
+    path = jax.vmap(way)(latent, controls)
     return path[:, -1], measures(system, decode(path[:, LOOKED_AT - 1 :: LOOKED_AT]))

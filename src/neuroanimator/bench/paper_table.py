@@ -15,9 +15,22 @@ from neuroanimator.codegen.c_emulator import CEmulator
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.transitions import RUN_STEPS, Transitions, dataset_config
 from neuroanimator.emulator.emulator import Emulator, rollout
-from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, root_mean_square, system_of
+from neuroanimator.evaluation.accuracy import (
+    held_out_runs,
+    one_step_error,
+    root_mean_square,
+    system_of,
+)
 from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, evaluate
-from neuroanimator.evaluation.speed import IN_C, IN_JAX, PHYSICS_STEPS, compiled, interleaved, one_core, program_in_c
+from neuroanimator.evaluation.speed import (
+    IN_C,
+    IN_JAX,
+    PHYSICS_STEPS,
+    compiled,
+    interleaved,
+    one_core,
+    program_in_c,
+)
 from neuroanimator.evaluation.speed_mass_spring import BATCH_STEPS, c_batch_players
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.training.config import UPDATES_PER_CHUNK
@@ -44,7 +57,9 @@ class TableRow:
     evaluations: list[Evaluation]
 
 
-def measure_row(emulators: list[Emulator], chunk_seconds: float, effort: Effort = THOROUGH) -> TableRow:
+def measure_row(
+    emulators: list[Emulator], chunk_seconds: float, effort: Effort = THOROUGH
+) -> TableRow:
     """Return the row of emulators that differ in their training seed alone, each tested on runs of its own.
 
     There are at least `effort.rounds` rounds of unseen runs and timings, so that there are quartiles of both.
@@ -54,7 +69,12 @@ def measure_row(emulators: list[Emulator], chunk_seconds: float, effort: Effort 
     examples = few_transitions(shipped)
     again = replace(effort, starts=0)  # blow-ups are counted once
     found = [
-        evaluate(emulators[seed % len(emulators)], data=examples, effort=again if seed else effort, seed=seed)
+        evaluate(
+            emulators[seed % len(emulators)],
+            data=examples,
+            effort=again if seed else effort,
+            seed=seed,
+        )
         for seed in range(max(effort.rounds, len(emulators)))
     ]
     rows, program = [each.row() for each in found], program_in_c(shipped)
@@ -76,11 +96,16 @@ def measure_row(emulators: list[Emulator], chunk_seconds: float, effort: Effort 
         "break_even_hours": break_even_hours(shipped, first, chunk_seconds),
         "seeds": len(emulators),
         "rounds": len(found),
-        "blow_ups": sum(each.blow_ups for each in found),
-        "blow_up_starts": sum(each.blow_up_starts for each in found),
+        "diverged": sum(each.diverged for each in found),
+        "blow_up_starts": sum(each.diverged_starts for each in found),
         **latency(shipped),
-        **{f"us_in_batch_{batch}": batch_microseconds(shipped, program, batch) for batch in BATCHES},
-        **{f"physics_us_in_batch_{batch}": physics_batch_microseconds(shipped, batch) for batch in BATCHES},
+        **{
+            f"us_in_batch_{batch}": batch_microseconds(shipped, program, batch) for batch in BATCHES
+        },
+        **{
+            f"physics_us_in_batch_{batch}": physics_batch_microseconds(shipped, batch)
+            for batch in BATCHES
+        },
     }
     return TableRow(figures, found)
 
@@ -105,12 +130,12 @@ def quartiles(values: list[float]) -> str:
 
 def few_transitions(emulator: Emulator) -> Transitions:
     """Return enough transitions of the emulator's system to fit cheap predictors to."""
-    identity = emulator.identity
+    spec = emulator.spec
     return simulate_transitions(
         dataset_config(
-            system=identity.system,
-            definition=identity.definition,
-            substeps=identity.substeps,
+            system=spec.system,
+            definition=spec.definition,
+            substeps=spec.substeps,
             count=BASELINE_EXAMPLES,
             picks=36,
         )
@@ -119,14 +144,20 @@ def few_transitions(emulator: Emulator) -> Transitions:
 
 def shifted_error(emulator: Emulator, effort: Effort) -> float:
     """Return the one-step error under controls training hardly saw: full range, another at every super step."""
-    test = held_out_runs(emulator, count=effort.runs, seconds=RUN_STEPS * emulator.dt, is_shifted=True)
+    test = held_out_runs(
+        emulator, count=effort.runs, seconds=RUN_STEPS * emulator.dt, is_shifted=True
+    )
     return float(root_mean_square(one_step_error(emulator, test)))
 
 
 def divergence_at(evaluation: Evaluation, seconds: float) -> float:
     """Return how far the physics at its own step has strayed from fine physics after `seconds` [s]."""
     assert evaluation.self_divergence is not None
-    return float(evaluation.self_divergence[min(round(seconds / evaluation.dt), len(evaluation.self_divergence) - 1)])
+    return float(
+        evaluation.self_divergence[
+            min(round(seconds / evaluation.dt), len(evaluation.self_divergence) - 1)
+        ]
+    )
 
 
 def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: float) -> float:
@@ -136,9 +167,13 @@ def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: 
     """
     recipe, speed, system = RECIPES[evaluation.system], evaluation.speed, system_of(emulator)
     runs = recipe.data(evaluation.system, evaluation.substeps).runs
-    per_step = next(o.seconds for o in speed.opponents if o.scheme == system.truth) / system.truth.steps(emulator.dt)
+    per_step = next(
+        o.seconds for o in speed.opponents if o.scheme == system.truth
+    ) / system.truth.steps(emulator.dt)
     data_seconds = runs * RUN_STEPS * system.truth.steps(emulator.dt) * per_step
-    training_seconds = chunk_seconds * recipe.training(evaluation.substeps).updates / UPDATES_PER_CHUNK
+    training_seconds = (
+        chunk_seconds * recipe.training(evaluation.substeps).updates / UPDATES_PER_CHUNK
+    )
     saved = (speed.physics_seconds * evaluation.substeps - speed.emulator_seconds) / emulator.dt
     return (data_seconds + training_seconds) / saved / 3600
 
@@ -146,7 +181,7 @@ def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: 
 def latency(emulator: Emulator) -> dict[str, float]:
     """Return the 50th and 99th percentile of one super step called from Python [µs]: mostly the call."""
     step = emulator.step
-    state, control = jnp.asarray(emulator.identity.rest), jnp.zeros(emulator.identity.control.size)
+    state, control = jnp.asarray(emulator.spec.rest), jnp.zeros(emulator.spec.control.size)
     spans = []
     with one_core():
         step(state, control).block_until_ready()  # compiles
@@ -154,7 +189,10 @@ def latency(emulator: Emulator) -> dict[str, float]:
             began = time.perf_counter()
             step(state, control).block_until_ready()
             spans.append((time.perf_counter() - began) * 1e6)
-    return {"call_p50_us": float(np.percentile(spans, 50)), "call_p99_us": float(np.percentile(spans, 99))}
+    return {
+        "call_p50_us": float(np.percentile(spans, 50)),
+        "call_p99_us": float(np.percentile(spans, 99)),
+    }
 
 
 def batch_microseconds(
@@ -165,12 +203,16 @@ def batch_microseconds(
     The faster counts; `program` is the emulator in C, if there is one: it keeps the last states only, as physics does.
     """
     run = compiled(emulator, jax.vmap(rollout, (None, 0, 0)))
-    states = jnp.tile(jnp.asarray(emulator.identity.rest), (batch, 1))
-    controls = jnp.tile(jnp.asarray(emulator.identity.bounds.middle, jnp.float32), (batch, steps, 1))
+    states = jnp.tile(jnp.asarray(emulator.spec.rest), (batch, 1))
+    controls = jnp.tile(jnp.asarray(emulator.spec.bounds.middle, jnp.float32), (batch, steps, 1))
     run(states, controls).block_until_ready()
-    players: dict[str, Callable[[], Any]] = {IN_JAX: lambda: run(states, controls).block_until_ready()}
+    players: dict[str, Callable[[], Any]] = {
+        IN_JAX: lambda: run(states, controls).block_until_ready()
+    }
     if program is not None:
-        one = program.player(*(np.asarray(each) for each in emulator.encode_motion(states[0], controls[0])))
+        one = program.player(
+            *(np.asarray(each) for each in emulator.encode_motion(states[0], controls[0]))
+        )
         players[IN_C] = lambda: [one() for _ in range(batch)]
     with one_core():
         spans = interleaved(players, repeats)

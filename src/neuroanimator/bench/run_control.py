@@ -49,7 +49,7 @@ class Thoroughness:
 
 QUICK = Thoroughness(trials=10, races=1, patience=5.0, cosines=1)
 THOROUGH = Thoroughness(trials=100, races=5, patience=20.0, cosines=10)
-LEAST_SECONDS = 0.5
+MIN_SECONDS = 0.5
 """[s] A rival gets at least this."""
 
 
@@ -64,7 +64,7 @@ class Solved:
     @property
     def is_success(self) -> bool:
         """Whether the true physics did it."""
-        return self.trial.is_success(self.found.outcome.physical)
+        return self.trial.is_success(self.found.outcome.physics_states)
 
 
 def chosen_tasks(names: str | None) -> list[Task]:
@@ -72,11 +72,15 @@ def chosen_tasks(names: str | None) -> list[Task]:
     wanted = names.split(",") if names else list(TASKS)
     unknown = [name for name in wanted if name not in TASKS]
     if unknown:
-        raise ArgumentError(f"bench: no task called {', '.join(unknown)}. Tasks: {', '.join(TASKS)}.")
+        raise ArgumentError(
+            f"bench: no task called {', '.join(unknown)}. Tasks: {', '.join(TASKS)}."
+        )
     return [TASKS[name] for name in wanted]
 
 
-def run_control_bench(tasks: list[Task], out: Path, effort: Thoroughness) -> tuple[list[dict[str, Any]], list[Path]]:
+def run_control_bench(
+    tasks: list[Task], out: Path, effort: Thoroughness
+) -> tuple[list[dict[str, Any]], list[Path]]:
     """Return (a row per task and method, files written)."""
     rows, panels = [], []
     with progress_bar("tasks", len(tasks)) as bar:
@@ -93,18 +97,28 @@ def run_control_bench(tasks: list[Task], out: Path, effort: Thoroughness) -> tup
 
 def measure_task(task: Task, effort: Thoroughness) -> tuple[list[dict[str, Any]], Panel]:
     """Return the emulator's row and its rivals', and its first race; compiling is not counted on either side."""
-    solver = Solver.of(task, load_system(task.system), Emulator.load(find_emulator(f"{task.system}-{task.substeps}")))
+    solver = Solver.of(
+        task,
+        load_system(task.system),
+        Emulator.load(find_emulator(f"{task.system}-{task.substeps}")),
+    )
     solver.solve(solver.draw(WARM_UP_TRIAL), is_warm_up=True)
     solved = []
     for number in range(effort.trials):
         trial = solver.draw(number)
         solved.append(Solved(trial, *solver.solve(trial)))
     won = [each for each in solved if each.is_success][: effort.races] or solved[: effort.races]
-    races = {name: [run_race(name, solver, each, effort) for each in won] for name in rivals_of(solver)}
-    cosines = [solver.cosine(each.trial, number) for number, each in enumerate(solved[: effort.cosines])]
+    races = {
+        name: [run_race(name, solver, each, effort) for each in won] for name in rivals_of(solver)
+    }
+    cosines = [
+        solver.cosine(each.trial, number) for number, each in enumerate(solved[: effort.cosines])
+    ]
     ours = own_row(solver, solved, cosines) | speed_up(won, races)
     rows = [ours, *(rival_row(task, name, won, found) for name, found in races.items())]
-    return rows, Panel(task.name, won[0].found, won[0].seconds, [found[0] for found in races.values()])
+    return rows, Panel(
+        task.name, won[0].found, won[0].seconds, [found[0] for found in races.values()]
+    )
 
 
 def rivals_of(solver: Solver) -> list[str]:
@@ -115,8 +129,8 @@ def rivals_of(solver: Solver) -> list[str]:
 def run_race(name: str, solver: Solver, solved: Solved, effort: Thoroughness) -> Race:
     """Return how a rival fares in a trial, racing for the J the emulator led to, from the same first guess."""
     return race(
-        name, solver.system, solved.trial.objective, solver.parameters, solver.emulator.dt, solved.trial.start,
-        target=solved.found.outcome.cost_physics, seconds=max(LEAST_SECONDS, effort.patience * solved.seconds),
+        name, solver.system, solved.trial.objective, solver.parametrisation, solver.emulator.dt, solved.trial.start,
+        target=solved.found.outcome.cost_physics, seconds=max(MIN_SECONDS, effort.patience * solved.seconds),
         first=solved.trial.first,
     )  # fmt: skip
 
@@ -170,9 +184,13 @@ def rival_row(task: Task, name: str, won: list[Solved], races: list[Race]) -> di
         "success_rate": float(np.mean([found.is_reached for found in races])),
         "iterations_median": float(np.median([found.evaluations for found in races])),
         "corrections_median": "",
-        "seconds_median": float(np.median([found.reached_seconds or found.seconds for found in races])),
+        "seconds_median": float(
+            np.median([found.reached_seconds or found.seconds for found in races])
+        ),
         "seconds_quartiles": quartiles([found.reached_seconds or found.seconds for found in races]),
-        "physics_steps_median": float(np.median([found.reached_steps or found.physics_steps for found in races])),
+        "physics_steps_median": float(
+            np.median([found.reached_steps or found.physics_steps for found in races])
+        ),
         "j_physics_median": float(np.median([found.cost for found in races])),
         "gradient_cosine_median": "",
         "replan_p99_ms": "",

@@ -29,14 +29,18 @@ def chosen_rows(systems: str | None, substeps: str | None) -> Wanted:
     names = systems.split(",") if systems else [system for system, _ in SHIPPED]
     counts = substeps.split(",") if substeps else [str(n) for _, n in SHIPPED]
     chosen = [(system, n) for system, n in sorted(SHIPPED) if system in names and str(n) in counts]
-    unknown = {*names} - {system for system, _ in SHIPPED} | ({*counts} - {str(n) for _, n in SHIPPED})
+    unknown = {*names} - {system for system, _ in SHIPPED} | (
+        {*counts} - {str(n) for _, n in SHIPPED}
+    )
     if unknown or not chosen:
         valid = ", ".join(f"{system}-{n}" for system, n in sorted(SHIPPED))
         raise ArgumentError(f"bench: no rows for {', '.join(sorted(unknown))}. Rows: {valid}.")
     return chosen
 
 
-def run_table(wanted: Wanted, out: Path, *, is_quick: bool, seeds: int) -> tuple[list[dict[str, Any]], list[Path]]:
+def run_table(
+    wanted: Wanted, out: Path, *, is_quick: bool, seeds: int
+) -> tuple[list[dict[str, Any]], list[Path]]:
     """Return (one dictionary per row, files written); further training seeds are cooked in `out` and kept."""
     rows, chunk_seconds = [], {}
     with progress_bar("rows", len(wanted)) as bar:
@@ -46,7 +50,9 @@ def run_table(wanted: Wanted, out: Path, *, is_quick: bool, seeds: int) -> tuple
             emulators += [cook(system, n, out, seed=seed)[0] for seed in range(1, seeds)]
             if system not in chunk_seconds:
                 chunk_seconds[system] = time_chunk(emulators[0], RECIPES[system].training(n))
-            rows.append(measure_row(emulators, chunk_seconds[system], QUICK if is_quick else THOROUGH))
+            rows.append(
+                measure_row(emulators, chunk_seconds[system], QUICK if is_quick else THOROUGH)
+            )
     figures = [row.figures for row in rows]
     table, plot = out / "table1.csv", out / "work-precision.png"
     write_csv(table, figures)
@@ -59,11 +65,11 @@ def describe_machine() -> str:
     cpu = platform.machine()
     if Path("/proc/cpuinfo").exists():
         lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
-        cpu = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), cpu)
+        cpu = next(
+            (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), cpu
+        )
     packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "mujoco", "numpy"))
-    return (
-        f"{cpu}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}, {packages}, float32"
-    )
+    return f"{cpu}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}, {packages}, float32"
 
 
 def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
@@ -72,5 +78,7 @@ def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
     text.write(f"# {describe_machine()}\n")
     writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
     writer.writeheader()
-    writer.writerows({key: f"{v:.5g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows)
+    writer.writerows(
+        {key: f"{v:.5g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows
+    )
     write_whole(path, text.getvalue().encode())

@@ -27,25 +27,27 @@ SOFTER, MORE_DAMPED = 0.5, 4.0
 
 def relaxed(emulator: Emulator, body: Body, steps: int = 3) -> Correction:
     """Return the correction by `steps` explicit steps of the true springs, softened and more damped."""
-    soft = replace(body, stiffness=SOFTER * body.stiffness, damping=MORE_DAMPED * body.damping, water=None)
+    soft = replace(
+        body, stiffness=SOFTER * body.stiffness, damping=MORE_DAMPED * body.damping, water=None
+    )
     dt = 0.5 * largest_step(soft)
     size = 3 * len(body.masses)
 
-    def correct(inner: Float[Array, " I"]) -> Float[Array, " I"]:
-        state = emulator.decode(inner)
-        contractions = state[2 * size :]
-        motion = Motion(points_of(state[:size]), points_of(state[size : 2 * size]), contractions)
-        found = advance(soft, "symplectic", dt, steps, motion, contractions)
-        flat = jnp.concatenate([flat_of(found.places), flat_of(found.speeds), contractions])
+    def correct(latent: Float[Array, " I"]) -> Float[Array, " I"]:
+        state = emulator.decode(latent)
+        activations = state[2 * size :]
+        motion = Motion(points_of(state[:size]), points_of(state[size : 2 * size]), activations)
+        found = advance(soft, "symplectic", dt, steps, motion, activations)
+        flat = jnp.concatenate([flat_of(found.positions), flat_of(found.velocities), activations])
         fresh = emulator.encode(flat)
-        return jnp.concatenate([inner[:RIGID], fresh[RIGID:]])
+        return jnp.concatenate([latent[:RIGID], fresh[RIGID:]])
 
     return correct
 
 
 def follow_corrected(
     emulator: Emulator,
-    inner: Float[Array, " I"],
+    latent: Float[Array, " I"],
     controls: Float[Array, "T C"],
     correction: Correction | None,
     every: int = 1,
@@ -54,12 +56,12 @@ def follow_corrected(
 ) -> Float[Array, "T I"]:
     """Return `follow`, corrected after `every` super steps; T must be a multiple of it."""
     if correction is None:
-        return follow(emulator, inner, controls, is_bounded=is_bounded)
+        return follow(emulator, latent, controls, is_bounded=is_bounded)
 
-    def stretch(inner: Float[Array, " I"], held: Float[Array, "K C"]) -> tuple[Array, Array]:
-        path = follow(emulator, inner, held, is_bounded=is_bounded)
+    def stretch(latent: Float[Array, " I"], held: Float[Array, "K C"]) -> tuple[Array, Array]:
+        path = follow(emulator, latent, held, is_bounded=is_bounded)
         last = correction(path[-1])
         return last, path.at[-1].set(last)
 
-    _, paths = jax.lax.scan(stretch, inner, controls.reshape(-1, every, controls.shape[-1]))
+    _, paths = jax.lax.scan(stretch, latent, controls.reshape(-1, every, controls.shape[-1]))
     return paths.reshape(controls.shape[0], -1)

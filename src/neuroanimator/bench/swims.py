@@ -17,15 +17,17 @@ class Swims:
 
     shape: np.ndarray
     """Rms distance of mass points, each body seen in its own frame, over the standard deviation of the true shapes."""
-    place: np.ndarray
+    position: np.ndarray
     """Distance of the centroids over the way the true one has come."""
-    turn: np.ndarray
+    orientation: np.ndarray
     """Angle between the two [rad]."""
     way: np.ndarray
     """The way the true centroid has come [m]."""
 
 
-def compare_swims(emulator: Emulator, system: DeformableSystem, runs: int, steps: int, seed: int = 5) -> Swims:
+def compare_swims(
+    emulator: Emulator, system: DeformableSystem, runs: int, steps: int, seed: int = 5
+) -> Swims:
     """Return the errors of `runs` random swims of `steps` super steps, unseen in training."""
     rng = np.random.default_rng([seed, 2**31])
     starts = sample_starts(system, rng, runs)
@@ -35,15 +37,15 @@ def compare_swims(emulator: Emulator, system: DeformableSystem, runs: int, steps
     found = np.asarray(emulator.rollout(starts[alive], controls[alive], may_diverge=True), float)
     cloud = system.structure.cloud
     assert cloud is not None
-    (centre, turn, seen), (centre_found, turn_found, seen_found) = (
+    (centre, orientation, seen), (centre_found, turn_found, seen_found) = (
         cloud.own_frame(system.unpack(states)[0]) for states in (true.states[alive], found)
     )
     spread = np.sqrt(np.mean(np.sum((seen - seen.mean(axis=(0, 1))) ** 2, axis=-1)))
     way = np.cumsum(np.linalg.norm(np.diff(centre, axis=1, prepend=centre[:, :1]), axis=2), axis=1)
-    cosine = np.clip(np.abs(np.sum(turn * turn_found, axis=-1)), 0, 1)
+    cosine = np.clip(np.abs(np.sum(orientation * turn_found, axis=-1)), 0, 1)
     return Swims(
         shape=np.sqrt(np.mean(np.sum((seen - seen_found) ** 2, axis=-1), axis=-1)) / spread,
-        place=np.linalg.norm(centre - centre_found, axis=2) / np.maximum(way, 1e-9),
-        turn=2 * np.arccos(cosine),
+        position=np.linalg.norm(centre - centre_found, axis=2) / np.maximum(way, 1e-9),
+        orientation=2 * np.arccos(cosine),
         way=way,
     )

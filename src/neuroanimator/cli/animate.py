@@ -15,15 +15,21 @@ SIZE = "{}x{}".format(*USUAL_SIZE)
 SIZE_HELP = "Width x height of a film [pixels]."
 CAMERA_HELP = "Of a film: " + "; ".join(f"{name} ({does})" for name, does in CAMERAS.items()) + "."
 
-START_HELP = "Part of the state to start with, such as root.place=3,-2,8; may be given several times."
+START_HELP = (
+    "Part of the state to start with, such as root.position=3,-2,8; may be given several times."
+)
 
 
 def run(
     emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
-    out: Annotated[list[Path], typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times.")],
+    out: Annotated[
+        list[Path],
+        typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times."),
+    ],
     seconds: Annotated[float, typer.Option(help="Length of a random motion [s].")] = 5.0,
     controls: Annotated[
-        Path | None, typer.Option(help="CSV of controls, as 'control' writes; from rest, or --start.")
+        Path | None,
+        typer.Option(help="CSV of controls, as 'control' writes; from rest, or --start."),
     ] = None,
     start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
     seed: Annotated[int, typer.Option(help="Seed of start and controls.")] = 0,
@@ -48,10 +54,16 @@ def run(
     with phase("emulating"):
         begin = named_start(model, read_starts(start)) if start else None
         if controls:
-            states = controlled_motion(model, read_table(controls, model.identity.control)[1], begin)
+            states = controlled_motion(model, read_table(controls, model.spec.control)[1], begin)
         else:
             states = random_motion(model, seconds, seed, begin)
     clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="emulator")
     with phase("drawing"):
         export_clip(clip, model, out, film)
-    print_rows([("frames", len(clip.times)), ("seconds", f"{clip.times[-1]:.2f}"), *(("file", path) for path in out)])
+    print_rows(
+        [
+            ("frames", len(clip.times)),
+            ("seconds", f"{clip.times[-1]:.2f}"),
+            *(("file", path) for path in out),
+        ]
+    )

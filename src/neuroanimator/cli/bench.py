@@ -11,21 +11,34 @@ EXAMPLE = "neuroanimator bench --table1 --quick"
 
 
 def run(
-    table1: Annotated[bool, typer.Option("--table1", help="The table of 1998: every system, every n.")] = False,
+    table1: Annotated[
+        bool, typer.Option("--table1", help="The table of 1998: every system, every n.")
+    ] = False,
     control: Annotated[
-        bool, typer.Option("--control", help="Controllers by task, and their rivals on the true physics.")
+        bool,
+        typer.Option(
+            "--control", help="Controllers by task, and their rivals on the true physics."
+        ),
     ] = False,
     tasks: Annotated[
-        str | None, typer.Option(help="Only these tasks of --control, such as fish-turn,truck-park.")
+        str | None,
+        typer.Option(help="Only these tasks of --control, such as fish-turn,truck-park."),
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="n = 50, one seed, fewer runs, starts and races: minutes.")
+        bool,
+        typer.Option("--quick", help="n = 50, one seed, fewer runs, starts and races: minutes."),
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
-    systems: Annotated[str | None, typer.Option(help="Only these systems, such as truck,lander.")] = None,
+    systems: Annotated[
+        str | None, typer.Option(help="Only these systems, such as truck,lander.")
+    ] = None,
     substeps: Annotated[str | None, typer.Option(help="Only these n, such as 25,50.")] = None,
-    seeds: Annotated[int, typer.Option(help="Training seeds; all but the first are trained, for hours.")] = 1,
-    out: Annotated[Path, typer.Option(help="Folder for table, plot and trainings.")] = Path("out/bench"),
+    seeds: Annotated[
+        int, typer.Option(help="Training seeds; all but the first are trained, for hours.")
+    ] = 1,
+    out: Annotated[Path, typer.Option(help="Folder for table, plot and trainings.")] = Path(
+        "out/bench"
+    ),
 ) -> None:
     """Measure accuracy and speed of every system, print the table, write CSV and a work-precision plot."""
     from json import dumps
@@ -44,9 +57,16 @@ def run(
     if json:
         print(dumps(figures, indent=2))
         return
-    shown = ("system", "substeps", "one_step_error", "nominal_speedup", "nominal_1998", "equal_error_speedup")
+    shown = (
+        "system",
+        "substeps",
+        "one_step_error",
+        "nominal_speedup",
+        "nominal_1998",
+        "equal_error_speedup",
+    )
     shown += ("equal_error_rival", "emulator_us", "rollout_error_1s", "rollout_error_5s")
-    shown += ("break_even_hours", "blow_ups", "verdict")
+    shown += ("break_even_hours", "diverged", "verdict")
     print_table([{key: row[key] for key in shown} for row in figures])
     print_rows([("file", path) for path in files])
 
@@ -61,7 +81,14 @@ def _run_control(tasks: str | None, quick: bool, json: bool, out: Path) -> None:
     if json:
         print(dumps(rows, indent=2))
         return
-    shown = ("task", "method", "success_rate", "iterations_median", "seconds_median", "j_physics_median")
+    shown = (
+        "task",
+        "method",
+        "success_rate",
+        "iterations_median",
+        "seconds_median",
+        "j_physics_median",
+    )
     shown += ("speedup_over_best_rival", "best_rival", "gradient_cosine_median", "replan_p99_ms")
     print_table([{key: row[key] for key in shown} for row in rows])
     print_rows([("file", path) for path in files])

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from neuroanimator.systems.system import System
 
 EXAMPLE = "neuroanimator control pendulum --goal upright --seconds 1.5 --out swing-up.csv"
-MOST_PARTS_TOLD = 6
+MAX_PARTS_TOLD = 6
 """Of a start, by name: more than these are a swimmer's mass points."""
-SHORTEST_PHASE_TOLD = 0.1
+MIN_PHASE_TOLD = 0.1
 """[s]"""
 # Written out, as is the default of iterations: looking them up would load JAX before it is needed; a test compares.
 START_HELP = (
-    "Part of the state a goal is reached from, such as root.place=3,-2,8; may be given several times. "
+    "Part of the state a goal is reached from, such as root.position=3,-2,8; may be given several times. "
     "The goal's own start if not given."
 )
 METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
@@ -37,31 +37,51 @@ def run(
     emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
     out: Annotated[Path, typer.Option(help="CSV file for the controls.")],
     goal: Annotated[
-        str | None, typer.Option(help="What to achieve; a system's only goal if not given. 'list' names the goals.")
+        str | None,
+        typer.Option(
+            help="What to achieve; a system's only goal if not given. 'list' names the goals."
+        ),
     ] = None,
-    objective: Annotated[Path | None, typer.Option(help="TOML file of wishes, instead of a goal.")] = None,
+    objective: Annotated[
+        Path | None, typer.Option(help="TOML file of wishes, instead of a goal.")
+    ] = None,
     seconds: Annotated[
-        float | None, typer.Option(help="Length of a motion to a goal [s]; the goal's own if not given.")
+        float | None,
+        typer.Option(help="Length of a motion to a goal [s]; the goal's own if not given."),
     ] = None,
     start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
     method: Annotated[str, typer.Option(help=METHOD_HELP)] = "gauss-newton",
     iterations: Annotated[
-        int, typer.Option(help="Backward sweeps of a descent; up to five corrections take two more each.")
+        int,
+        typer.Option(
+            help="Backward sweeps of a descent; up to five corrections take two more each."
+        ),
     ] = 18,
     starts: Annotated[
-        int | None, typer.Option(help="First guesses descended from, side by side; 1, or the file's, if not given.")
+        int | None,
+        typer.Option(
+            help="First guesses descended from, side by side; 1, or the file's, if not given."
+        ),
     ] = None,
-    effort_weight: Annotated[float | None, typer.Option(help="Weight of effort in a goal's J; 1 if not given.")] = None,
+    effort_weight: Annotated[
+        float | None, typer.Option(help="Weight of effort in a goal's J; 1 if not given.")
+    ] = None,
     system: Annotated[
         Path | None,
-        typer.Option(help="Your TOML file: its goals may be new, and its step function may then run; see 'new'."),
+        typer.Option(
+            help="Your TOML file: its goals may be new, and its step function may then run; see 'new'."
+        ),
     ] = None,
     data: Annotated[
-        Path | None, typer.Option(help="Dataset folder to refine with; simulated anew if not given.")
+        Path | None,
+        typer.Option(help="Dataset folder to refine with; simulated anew if not given."),
     ] = None,
-    log: Annotated[Path | None, typer.Option(help="JSON Lines file for J of every iteration.")] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="JSON Lines file for J of every iteration.")
+    ] = None,
     glb: Annotated[
-        Path | None, typer.Option(help="GLB file for the motion on the physics, the emulator's as a ghost.")
+        Path | None,
+        typer.Option(help="GLB file for the motion on the physics, the emulator's as a ghost."),
     ] = None,
 ) -> None:
     """Find a controller by gradient descent through the emulator, then replay it on the true physics."""
@@ -130,17 +150,26 @@ def _search(
     system = own or system_of(emulator)
     check_same_system(emulator, system)
     if objective is None:
-        return _search_goal(emulator, system, goal or usual_goal(system), seconds, effort_weight, starts)
+        return _search_goal(
+            emulator, system, goal or usual_goal(system), seconds, effort_weight, starts
+        )
     if (goal, seconds, effort_weight, starts) != (None, None, None, []):
         raise ArgumentError(
             "objective: its file says all that --goal, --seconds, --start and --effort-weight do. Leave these out."
         )
     wanted = read_objective(objective, system)
-    return _Search(partial(synthesise_wanted, emulator, wanted), start_in_words(system, wanted.start))
+    return _Search(
+        partial(synthesise_wanted, emulator, wanted), start_in_words(system, wanted.start)
+    )
 
 
 def _search_goal(
-    emulator: Emulator, system: System, goal: str, seconds: float | None, effort_weight: float | None, starts: list[str]
+    emulator: Emulator,
+    system: System,
+    goal: str,
+    seconds: float | None,
+    effort_weight: float | None,
+    starts: list[str],
 ) -> _Search | str:
     from neuroanimator.control.objective.goals import find_goal, goal_start
     from neuroanimator.control.synthesis.synthesise import synthesise_goal
@@ -152,10 +181,18 @@ def _search_goal(
     if verdict(start):
         return (
             f"Already there: {system.name} at its start ({words}) fulfils the goal '{goal}'. Nothing to find, nothing "
-            "written. Name another start, such as --start root.place=3,-2,8."
+            "written. Name another start, such as --start root.position=3,-2,8."
         )
     weight = 1.0 if effort_weight is None else effort_weight
-    find = partial(synthesise_goal, emulator, goal, seconds, start=start, effort_weight=weight, goals_from=system)
+    find = partial(
+        synthesise_goal,
+        emulator,
+        goal,
+        seconds,
+        start=start,
+        effort_weight=weight,
+        goals_from=system,
+    )
     return _Search(find, words)
 
 
@@ -165,8 +202,10 @@ def start_in_words(system: System, start: np.ndarray) -> str:
     for part in system.state.slices:
         numbers = start[system.state.index(part.name)]
         if (numbers != system.rest[system.state.index(part.name)]).any():
-            told.append(f"{part.name} {', '.join(f'{number:.4g}' for number in numbers)} {part.unit}")
-    if len(told) > MOST_PARTS_TOLD:
+            told.append(
+                f"{part.name} {', '.join(f'{number:.4g}' for number in numbers)} {part.unit}"
+            )
+    if len(told) > MAX_PARTS_TOLD:
         return f"{len(told)} parts of the state other than at rest"
     return "; ".join(told) or "at rest"
 
@@ -176,7 +215,9 @@ def _time_rows(began: float) -> list[tuple[str, object]]:
     from neuroanimator.terminal import phase_seconds
 
     phases = sorted(phase_seconds().items(), key=lambda item: -item[1])
-    told = ", ".join(f"{name} {seconds:.1f}" for name, seconds in phases if seconds >= SHORTEST_PHASE_TOLD)
+    told = ", ".join(
+        f"{name} {seconds:.1f}" for name, seconds in phases if seconds >= MIN_PHASE_TOLD
+    )
     total = f"{time.perf_counter() - began:.1f} s"
     return [("time in all", f"{total}: {told}" if told else total)]
 
@@ -184,12 +225,12 @@ def _time_rows(began: float) -> list[tuple[str, object]]:
 def _write(found: Synthesis, out: Path, glb: Path | None) -> None:
     import numpy as np
 
-    from neuroanimator.export.comparison import write_proof
+    from neuroanimator.export.comparison import write_comparison
     from neuroanimator.export.csv_file import write_table
     from neuroanimator.terminal import phase
 
     controls, emulator = found.descent.controls, found.emulator
-    write_table(out, np.arange(len(controls)) * emulator.dt, controls, emulator.identity.control)
+    write_table(out, np.arange(len(controls)) * emulator.dt, controls, emulator.spec.control)
     if glb:
         with phase("drawing"):
-            write_proof(emulator, found.outcome, glb)
+            write_comparison(emulator, found.outcome, glb)

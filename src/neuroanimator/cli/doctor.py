@@ -21,7 +21,10 @@ def run() -> None:
     print_rows(
         [
             ("Python", platform.python_version()),
-            *((name, version(name)) for name in ("neuroanimator", "jax", "equinox", "mujoco", "numpy")),
+            *(
+                (name, version(name))
+                for name in ("neuroanimator", "jax", "equinox", "mujoco", "numpy")
+            ),
             ("JAX runs on", ", ".join(str(device) for device in jax.devices())),
             ("video drawn by", backend or HOW_TO_GET_GL),
             (

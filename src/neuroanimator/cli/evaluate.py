@@ -11,20 +11,33 @@ EXAMPLE = "neuroanimator evaluate pendulum-25 pendulum-50 pendulum-100 --report 
 
 
 def run(
-    emulators: Annotated[list[str], typer.Argument(help="Emulator files or names; a system with --sweep.")],
-    data: Annotated[Path | None, typer.Option(help="Dataset folder, to compare with cheap predictors too.")] = None,
+    emulators: Annotated[
+        list[str], typer.Argument(help="Emulator files or names; a system with --sweep.")
+    ],
+    data: Annotated[
+        Path | None, typer.Option(help="Dataset folder, to compare with cheap predictors too.")
+    ] = None,
     system: Annotated[
-        Path | None, typer.Option(help="Your TOML file, whose step function may then run; see 'new'.")
+        Path | None,
+        typer.Option(help="Your TOML file, whose step function may then run; see 'new'."),
     ] = None,
     report: Annotated[Path | None, typer.Option(help="HTML file with plots.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
-    sweep: Annotated[bool, typer.Option("--sweep", help="Which n? Train several and compare.")] = False,
+    sweep: Annotated[
+        bool, typer.Option("--sweep", help="Which n? Train several and compare.")
+    ] = False,
     substeps: Annotated[str, typer.Option(help="Sweep: the n to try.")] = "25,50,100",
-    tolerance: Annotated[float, typer.Option(help="Sweep: largest error wanted, of how far a run gets.")] = 0.1,
-    seconds: Annotated[float, typer.Option(help="Sweep: after how long the error counts [s].")] = 1.0,
+    tolerance: Annotated[
+        float, typer.Option(help="Sweep: largest error wanted, of how far a run gets.")
+    ] = 0.1,
+    seconds: Annotated[
+        float, typer.Option(help="Sweep: after how long the error counts [s].")
+    ] = 1.0,
     count: Annotated[int, typer.Option(help="Sweep: transitions each n is trained on.")] = 50_000,
     updates: Annotated[int, typer.Option(help="Sweep: weight updates of each n.")] = 20_000,
-    out: Annotated[Path, typer.Option(help="Sweep: folder for data and emulators.")] = Path("out/sweep"),
+    out: Annotated[Path, typer.Option(help="Sweep: folder for data and emulators.")] = Path(
+        "out/sweep"
+    ),
 ) -> None:
     """Measure emulators on unseen runs against fine physics, and their speed against it; or choose n by --sweep."""
     if sweep:
@@ -32,7 +45,9 @@ def run(
     return _evaluate(emulators, data, system, report, json)
 
 
-def _evaluate(emulators: list[str], data: Path | None, system: Path | None, report: Path | None, json: bool) -> None:
+def _evaluate(
+    emulators: list[str], data: Path | None, system: Path | None, report: Path | None, json: bool
+) -> None:
     from json import dumps
 
     from neuroanimator.terminal import phase, print_table, progress_bar
@@ -68,7 +83,14 @@ def _evaluate(emulators: list[str], data: Path | None, system: Path | None, repo
 
 
 def _sweep(
-    systems: list[str], substeps: str, tolerance: float, seconds: float, count: int, updates: int, out: Path, json: bool
+    systems: list[str],
+    substeps: str,
+    tolerance: float,
+    seconds: float,
+    count: int,
+    updates: int,
+    out: Path,
+    json: bool,
 ) -> None:
     from dataclasses import asdict
     from json import dumps
@@ -80,7 +102,9 @@ def _sweep(
     from neuroanimator.terminal import print_table, progress_bar
 
     if len(systems) != 1:
-        raise ArgumentError(f"evaluate --sweep: wanted one system or TOML file, came {len(systems)}.")
+        raise ArgumentError(
+            f"evaluate --sweep: wanted one system or TOML file, came {len(systems)}."
+        )
     if systems[0].endswith(".toml"):
         trust_files(systems[0])
     counts, done = whole_numbers("substeps", substeps), 0
@@ -91,7 +115,15 @@ def _sweep(
             done += 1
             bar.advance_to(done)
 
-        rows = sweep(systems[0], counts, out, seconds=seconds, transitions=count, updates=updates, on_row=on_row)
+        rows = sweep(
+            systems[0],
+            counts,
+            out,
+            seconds=seconds,
+            transitions=count,
+            updates=updates,
+            on_row=on_row,
+        )
     best = largest_within(rows, tolerance)
     if json:
         return print(dumps([{**asdict(row), "path": str(row.path)} for row in rows], indent=2))

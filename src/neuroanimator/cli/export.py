@@ -15,7 +15,10 @@ EXAMPLE = "neuroanimator export swing.csv --emulator pendulum --out swing.glb"
 def run(
     clip: Annotated[Path, typer.Argument(help="CSV clip written by 'animate'.")],
     emulator: Annotated[str, typer.Option(help="Emulator file or name the clip belongs to.")],
-    out: Annotated[list[Path], typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times.")],
+    out: Annotated[
+        list[Path],
+        typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times."),
+    ],
     size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
 ) -> None:

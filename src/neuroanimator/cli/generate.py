@@ -10,11 +10,16 @@ import typer
 if TYPE_CHECKING:
     from neuroanimator.data.transitions import DatasetConfig
 
-EXAMPLE = "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0 --out data/pendulum"
+EXAMPLE = (
+    "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0 --out data/pendulum"
+)
 
 
 def run(
-    system: Annotated[str, typer.Argument(help="System to simulate, see 'list'; or your own TOML file, see 'new'.")],
+    system: Annotated[
+        str,
+        typer.Argument(help="System to simulate, see 'list'; or your own TOML file, see 'new'."),
+    ],
     out: Annotated[Path, typer.Option(help="Folder for the shards.")],
     substeps: Annotated[
         int | None, typer.Option(help="Physics steps n in a super step; the system's own, or 50.")
@@ -22,7 +27,8 @@ def run(
     count: Annotated[int, typer.Option(help="Transitions to make.")] = 100_000,
     seed: Annotated[int, typer.Option(help="Seed of starts and controls.")] = 0,
     threads: Annotated[
-        int | None, typer.Option(help="Threads; 0 or not given: all cores. The bytes do not depend on it.")
+        int | None,
+        typer.Option(help="Threads; 0 or not given: all cores. The bytes do not depend on it."),
     ] = None,
 ) -> None:
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
@@ -37,13 +43,15 @@ def run(
             trust_files(system)
         name, definition, usual = resolve(system)
     chosen = usual if substeps is None else substeps
-    config = dataset_config(system=name, definition=definition, substeps=chosen, count=count, seed=seed)
-    blow_ups = generate_with_bar(config, out, threads)
-    kept = [("to be replayed from", out / PATTERN)] if blow_ups else []
+    config = dataset_config(
+        system=name, definition=definition, substeps=chosen, count=count, seed=seed
+    )
+    diverged = generate_with_bar(config, out, threads)
+    kept = [("to be replayed from", out / PATTERN)] if diverged else []
     print_rows(
         [
-            ("transitions", (config.runs - blow_ups) * config.picks),
-            ("runs blown up and dropped", blow_ups),
+            ("transitions", (config.runs - diverged) * config.picks),
+            ("runs blown up and dropped", diverged),
             *kept,
             ("shards", config.shards),
             ("folder", out),
@@ -84,6 +92,8 @@ def ensure_data(reference: str, emulator: Path) -> Path:
     if reference.endswith(".toml"):
         trust_files(reference)
     name, definition, usual = resolve(reference)
-    folder = emulator.with_name(emulator.name.removesuffix(".safetensors").removesuffix(".emulator") + ".data")
+    folder = emulator.with_name(
+        emulator.name.removesuffix(".safetensors").removesuffix(".emulator") + ".data"
+    )
     generate_with_bar(dataset_config(system=name, definition=definition, substeps=usual), folder)
     return folder

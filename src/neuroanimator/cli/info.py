@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "neuroanimator info pendulum-50"
 
-MOST_PARTS = 6
+MAX_PARTS = 6
 """Parts of a state or control that are named; of the others only the number is told."""
 
 Rows = list[tuple[str, object]]
@@ -20,7 +20,10 @@ Rows = list[tuple[str, object]]
 
 def run(
     file: Annotated[
-        str, typer.Argument(help="Emulator or policy file, folder made by 'generate', or name of a shipped emulator.")
+        str,
+        typer.Argument(
+            help="Emulator or policy file, folder made by 'generate', or name of a shipped emulator."
+        ),
     ],
     json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
 ) -> None:
@@ -56,8 +59,8 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("file", path.name),
         ("system", metadata["system"]),
         ("super step", f"{metadata['dt'] * 1e3:g} ms ({metadata['substeps']} physics steps)"),
-        ("state", summary_of(model.identity.state)),
-        ("control", summary_of(model.identity.control)),
+        ("state", summary_of(model.spec.state)),
+        ("control", summary_of(model.spec.control)),
         ("control bounds", bounds_of(*metadata["bounds"])),
         ("network", f"{network['kind']} {'x'.join(map(str, network['widths']))}"),
         ("numbers stored", f"{sum(array.size for array in tensors_of(model).values()):,}"),
@@ -75,13 +78,13 @@ def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
     path = find_policy(str(path))
     policy = load_policy(path)
     metadata = read_tensors(path, "policy")[1]
-    identity = policy.emulator.identity
+    spec = policy.emulator.spec
     rows: Rows = [
         ("file", path.name),
-        ("policy for", f"{identity.system}, n = {identity.substeps}: a command every {identity.dt * 1e3:g} ms"),
+        ("policy for", f"{spec.system}, n = {spec.substeps}: a command every {spec.dt * 1e3:g} ms"),
         ("command", summary_of(COMMAND)),
         ("command bounds", bounds_of(*metadata["ranges"])),
-        ("control", summary_of(identity.control)),
+        ("control", summary_of(spec.control)),
         ("network", "x".join(map(str, metadata["widths"]))),
         ("sha256", metadata["sha256"]),
     ]
@@ -107,9 +110,16 @@ def _dataset(folder: Path) -> tuple[dict[str, Any], Rows]:
 
 def summary_of(layout: Layout) -> str:
     """Return the size of a layout and its parts with their units: the first few by name, the others by number."""
-    parts = [f"{part.name} [{part.unit}]" + (f" x {part.size}" if part.size > 1 else "") for part in layout.slices]
-    left_out = len(parts) - MOST_PARTS
-    shown = parts if left_out <= 1 else [*parts[:MOST_PARTS], f"and {left_out} more parts (--json names them)"]
+    parts = [
+        f"{part.name} [{part.unit}]" + (f" x {part.size}" if part.size > 1 else "")
+        for part in layout.slices
+    ]
+    left_out = len(parts) - MAX_PARTS
+    shown = (
+        parts
+        if left_out <= 1
+        else [*parts[:MAX_PARTS], f"and {left_out} more parts (--json names them)"]
+    )
     return f"{layout.size} number{'s' if layout.size != 1 else ''}: {', '.join(shown)}"
 
 

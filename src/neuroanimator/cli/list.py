@@ -20,4 +20,7 @@ def run() -> None:
     print_rows((f"  {system}-{n}", f"leaps {n} physics steps at a time") for system, n in present)
     print("\nReady-made policies (Python: find_policy, load_policy)")
     held = [system for system in POLICIES if shipped_policy(system).is_file()]
-    print_rows((f"  {system}", f"swims by commands, speed and turn, through {system}-50") for system in held)
+    print_rows(
+        (f"  {system}", f"swims by commands, speed and turn, through {system}-50")
+        for system in held
+    )

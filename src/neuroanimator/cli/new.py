@@ -18,7 +18,9 @@ def run(
             "step(state, control, dt), or recordings in CSV or NPZ."
         ),
     ],
-    out: Annotated[Path | None, typer.Option(help="TOML file to write; beside the model if not given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="TOML file to write; beside the model if not given.")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
 ) -> None:
     """Check a model and write how an emulator should see it: a TOML file to read, edit and generate from."""
@@ -32,8 +34,14 @@ def run(
     print_rows(
         [
             ("system", definition.name),
-            ("super step", f"{definition.substeps} physics steps, {definition.substeps * definition.physics.step:g} s"),
+            (
+                "super step",
+                f"{definition.substeps} physics steps, {definition.substeps * definition.physics.step:g} s",
+            ),
             ("written", path),
-            ("next", f"edit {path}, then: neuroanimator train {path} --out {definition.name}.emulator.safetensors"),
+            (
+                "next",
+                f"edit {path}, then: neuroanimator train {path} --out {definition.name}.emulator.safetensors",
+            ),
         ]
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from neuroanimator.errors import ArgumentError
 
-LONGEST_SHOWN = 40
+MAX_SHOWN = 40
 """Characters of a text shown in an error."""
 
 
@@ -13,4 +13,6 @@ def whole_numbers(name: str, text: str) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split(","))
     except ValueError as error:
-        raise ArgumentError(f"{name}: wanted numbers such as 96,64, came {text[:LONGEST_SHOWN]!r}.") from error
+        raise ArgumentError(
+            f"{name}: wanted numbers such as 96,64, came {text[:MAX_SHOWN]!r}."
+        ) from error

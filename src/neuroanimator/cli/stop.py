@@ -98,7 +98,11 @@ def _show_what_was_printed() -> None:
 def _say_so() -> None:
     verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
     goes_on = verb in RESUMABLE or "--sweep" in sys.argv
-    line = "Started again, it goes on where it stopped." if goes_on else "No file was left half-written."
+    line = (
+        "Started again, it goes on where it stopped."
+        if goes_on
+        else "No file was left half-written."
+    )
     # A terminal has shown '^C', and the bar has hidden the cursor.
     before = "\r\n\x1b[?25h" if os.isatty(2) else ""
     os.write(2, f"{before}neuroanimator: Stopped. {line}\n".encode())

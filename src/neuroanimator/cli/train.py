@@ -11,16 +11,30 @@ EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors
 
 
 def run(
-    data: Annotated[str, typer.Argument(help="Folder made by 'generate', a system, or your own TOML file.")],
+    data: Annotated[
+        str, typer.Argument(help="Folder made by 'generate', a system, or your own TOML file.")
+    ],
     out: Annotated[Path, typer.Option(help="File for the emulator.")],
-    config: Annotated[Path | None, typer.Option(help="TOML file with any of the settings below.")] = None,
-    network: Annotated[str | None, typer.Option(help="gated (default), classic (1998), hierarchy, glu.")] = None,
-    widths: Annotated[str | None, typer.Option(help="Units in each layer: 96,64; of a hierarchy 64,0,24.")] = None,
-    optimizer: Annotated[str | None, typer.Option(help="muon (default), adam, or momentum as in 1998.")] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="TOML file with any of the settings below.")
+    ] = None,
+    network: Annotated[
+        str | None, typer.Option(help="gated (default), classic (1998), hierarchy, glu.")
+    ] = None,
+    widths: Annotated[
+        str | None, typer.Option(help="Units in each layer: 96,64; of a hierarchy 64,0,24.")
+    ] = None,
+    optimizer: Annotated[
+        str | None, typer.Option(help="muon (default), adam, or momentum as in 1998.")
+    ] = None,
     learning_rate: Annotated[float | None, typer.Option(help="Highest learning rate.")] = None,
-    updates: Annotated[int | None, typer.Option(help="Weight updates (default 40000, half a minute).")] = None,
+    updates: Annotated[
+        int | None, typer.Option(help="Weight updates (default 40000, half a minute).")
+    ] = None,
     batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,
-    unroll: Annotated[int | None, typer.Option(help="Super steps the last updates look ahead, 1 to 4.")] = None,
+    unroll: Annotated[
+        int | None, typer.Option(help="Super steps the last updates look ahead, 1 to 4.")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of weights, split and batches.")] = None,
 ) -> None:
     """Train an emulator; of a system or a TOML file the data is generated first.
@@ -38,7 +52,12 @@ def run(
         from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
         from neuroanimator.training.train import Report, run_folder, train
 
-    named = {"network": network, "optimizer": optimizer, "learning_rate": learning_rate, "updates": updates}
+    named = {
+        "network": network,
+        "optimizer": optimizer,
+        "learning_rate": learning_rate,
+        "updates": updates,
+    }
     named |= {"batch": batch, "unroll": unroll, "seed": seed}
     named |= {"widths": whole_numbers("widths", widths) if widths is not None else None}
     settings: dict[str, Any] = read_toml(config) if config else {}
@@ -50,11 +69,19 @@ def run(
 
         def on_report(report: Report) -> None:
             last[:] = [report]
-            bar.advance_to(report.update, f"error {report.error:.4f}, {report.update / report.seconds:,.0f}/s")
+            bar.advance_to(
+                report.update, f"error {report.error:.4f}, {report.update / report.seconds:,.0f}/s"
+            )
 
         emulator = train(transitions, checked, out, on_report=on_report)
-    rows: list[tuple[str, object]] = [("emulator", out), ("metrics", run_folder(out) / "metrics.jsonl")]
+    rows: list[tuple[str, object]] = [
+        ("emulator", out),
+        ("metrics", run_folder(out) / "metrics.jsonl"),
+    ]
     if last:
-        rows += [("one-step error (validation)", f"{last[0].error:.4f}"), ("updates", last[0].update)]
+        rows += [
+            ("one-step error (validation)", f"{last[0].error:.4f}"),
+            ("updates", last[0].update),
+        ]
     rows += [("verdict", judge_training(emulator, transitions, checked))]
     print_rows(rows)

@@ -11,7 +11,9 @@ from typer.core import TyperGroup
 
 from neuroanimator.errors import ArgumentError
 
-UsageError: type[Exception] = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "UsageError")
+UsageError: type[Exception] = next(
+    kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "UsageError"
+)
 """What typer raises for a wrong command line; it gives it no public name of its own."""
 
 
@@ -40,5 +42,9 @@ def usage_in_one_line() -> Iterator[None]:
         said = str(getattr(error, "format_message", error.__str__)()).rstrip(".")
         stop = "" if said.endswith("?") else "."
         context = getattr(error, "ctx", None)
-        command = f"neuroanimator {context.info_name}" if context is not None and context.parent else "neuroanimator"
+        command = (
+            f"neuroanimator {context.info_name}"
+            if context is not None and context.parent
+            else "neuroanimator"
+        )
         raise ArgumentError(f"{said}{stop} '{command} --help' shows what there is.") from error

@@ -6,7 +6,19 @@ from typing import Annotated
 
 import typer
 
-from neuroanimator.cli import animate, bench, control, demo, doctor, evaluate, export, generate, info, new, train
+from neuroanimator.cli import (
+    animate,
+    bench,
+    control,
+    demo,
+    doctor,
+    evaluate,
+    export,
+    generate,
+    info,
+    new,
+    train,
+)
 from neuroanimator.cli import list as list_
 from neuroanimator.cli.usage import Verbs
 
@@ -41,7 +53,10 @@ def print_version(is_wanted: bool) -> None:
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and end.")
+        bool,
+        typer.Option(
+            "--version", callback=print_version, is_eager=True, help="Print the version and end."
+        ),
     ] = False,
 ) -> None:
     """Learn a physics model once, then animate and control it at a fraction of the cost."""

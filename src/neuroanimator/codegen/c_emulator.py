@@ -26,13 +26,13 @@ def c_program(emulator: Emulator) -> str:
 
     Only numbers and names of our own are written: none of the text an emulator carries reaches a compiler.
     """
-    start, controls = emulator.encode_motion(emulator.identity.rest, emulator.identity.bounds.middle)
-    (inner,), (control,) = start.shape, controls.shape
-    return f"""/* A super step of {float(emulator.dt):g} s: {inner} numbers, {control} controls. */
-{HEAD}{c_function("super_step", emulator.advance, (inner,), (control,))}
+    start, controls = emulator.encode_motion(emulator.spec.rest, emulator.spec.bounds.middle)
+    (latent,), (control,) = start.shape, controls.shape
+    return f"""/* A super step of {float(emulator.dt):g} s: {latent} numbers, {control} controls. */
+{HEAD}{c_function("super_step", emulator.advance, (latent,), (control,))}
 /* `steps` super steps under (steps, {control}) controls; `after` has the last. */
 void play(const float *before, const float *controls, long steps, float *after) {{
-float now[{inner}];
+float now[{latent}];
 memcpy(now, before, sizeof now);
 for (long t = 0; t < steps; t++) super_step(now, controls + t * {control}, now);
 memcpy(after, now, sizeof now);
@@ -82,12 +82,18 @@ def c_emulator(emulator: Emulator) -> CEmulator | None:
 
 def _check(program: CEmulator, emulator: Emulator) -> None:
     """Compare one super step from each state of a random motion, as long as it stays finite."""
-    identity = emulator.identity
-    share = np.random.default_rng(0).uniform(-1, 1, (CHECKED_STEPS, identity.control.size))
-    start, controls = emulator.encode_motion(identity.rest, identity.bounds.middle + share * identity.bounds.half)
-    states = np.asarray(jnp.concatenate([start[None], eqx.filter_jit(follow)(emulator, start, controls)]))
+    spec = emulator.spec
+    share = np.random.default_rng(0).uniform(-1, 1, (CHECKED_STEPS, spec.control.size))
+    start, controls = emulator.encode_motion(
+        spec.rest, spec.bounds.middle + share * spec.bounds.half
+    )
+    states = np.asarray(
+        jnp.concatenate([start[None], eqx.filter_jit(follow)(emulator, start, controls)])
+    )
     finite = states[: int(np.isfinite(states).all(axis=1).cumprod().sum())]
     pairs = zip(finite[:-1], np.asarray(controls)[: len(finite) - 1, None], strict=True)
     found = np.stack([finite[0], *(program.play(*each) for each in pairs)])
     if not np.allclose(found, finite, rtol=TOLERANCE, atol=TOLERANCE * np.abs(finite).max()):
-        raise NeuroAnimatorError(f"{identity.system}: the generated C does not do what the emulator does in JAX.")
+        raise NeuroAnimatorError(
+            f"{spec.system}: the generated C does not do what the emulator does in JAX."
+        )

@@ -9,7 +9,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from neuroanimator.codegen.program import FEW, WIDTH, Addresses, Operation, Program, UnsupportedError
+from neuroanimator.codegen.program import (
+    FEW,
+    WIDTH,
+    Addresses,
+    Operation,
+    Program,
+    UnsupportedError,
+)
 
 ELEMENTWISE = {
     "neg": "-{0}", "sqrt": "sqrtf({0})", "rsqrt": "1.0f / sqrtf({0})", "exp": "expf({0})", "log": "logf({0})",
@@ -52,7 +59,9 @@ class Writer:
         """Yield the lines of C that do `operation`; UnsupportedError if there is no C for it."""
         if operation.name == "div" and (operation.inputs[1] < 0).all():
             inverse = self.program.constant(1 / self.program.value_of(operation.inputs[1]))
-            yield from self._each("{0} * {1}", replace(operation, inputs=(operation.inputs[0], inverse)))
+            yield from self._each(
+                "{0} * {1}", replace(operation, inputs=(operation.inputs[0], inverse))
+            )
         elif operation.name in ELEMENTWISE:
             yield from self._each(ELEMENTWISE[operation.name], operation)
         elif operation.name == "integer_pow":
@@ -74,14 +83,21 @@ class Writer:
             numbers = self.program.constants[block]
             yield f"static const float {self.prefix}{block}[{len(numbers)}] __attribute__((aligned({4 * WIDTH}))) = {{"
             for first in range(0, len(numbers), WIDTH):
-                yield ",".join(float(number).hex() + "f" for number in numbers[first : first + WIDTH]) + ","
+                yield (
+                    ",".join(float(number).hex() + "f" for number in numbers[first : first + WIDTH])
+                    + ","
+                )
             yield "};"
 
     def _each(self, formula: str, operation: Operation) -> Iterator[str]:
-        inputs = [np.broadcast_to(each, operation.output.shape).ravel() for each in operation.inputs]
+        inputs = [
+            np.broadcast_to(each, operation.output.shape).ravel() for each in operation.inputs
+        ]
         return self._elementwise(formula, inputs, operation.output.ravel())
 
-    def _elementwise(self, formula: str, inputs: list[Addresses], output: Addresses) -> Iterator[str]:
+    def _elementwise(
+        self, formula: str, inputs: list[Addresses], output: Addresses
+    ) -> Iterator[str]:
         """Yield a loop for every run in which all inputs (N,) are neighbours, or one and the same."""
         for first, last in self._runs([*inputs, output]):
             if last - first <= FEW:
@@ -127,15 +143,18 @@ class Writer:
         axes = tuple(operation.params["axes"])
         rest = [axis for axis in range(operation.inputs[0].ndim) if axis not in axes]
         rows = operation.inputs[0].transpose(*rest, *axes).reshape(operation.output.size, -1)
-        for place, row in zip(operation.output.ravel(), rows, strict=True):
+        for address, row in zip(operation.output.ravel(), rows, strict=True):
             yield f"{{ float s = {neutral};"
             for first, last in self._runs([row]):
                 if last - first <= FEW:
-                    yield from (f"s = {formula.format('s', self._at(address))};" for address in row[first:last])
+                    yield from (
+                        f"s = {formula.format('s', self._at(address))};"
+                        for address in row[first:last]
+                    )
                 else:
                     entry = self._in_loop(row[first:last])
                     yield f"for (int i = 0; i < {last - first}; i++) s = {formula.format('s', entry)};"
-            yield f"{self._at(place)} = s; }}"
+            yield f"{self._at(address)} = s; }}"
 
     def _products(self, operation: Operation) -> Iterator[str]:
         """Yield products of (M, K) and (K, N), one for each entry of a batch."""
@@ -155,9 +174,9 @@ class Writer:
                 yield from self._weighted(row, weights, sums)
             return
         for row, sums in zip(left, output, strict=True):
-            for column, place in zip(right.T, sums, strict=True):
+            for column, address in zip(right.T, sums, strict=True):
                 terms = (f"{self._at(a)} * {self._at(b)}" for a, b in zip(row, column, strict=True))
-                yield f"{self._at(place)} = {' + '.join(terms)};"
+                yield f"{self._at(address)} = {' + '.join(terms)};"
 
     def _weighted(self, row: Addresses, weights: np.ndarray, sums: Addresses) -> Iterator[str]:
         """Yield a vector times constant weights (K, N): sums stay in registers, weights are read in their order.

@@ -113,7 +113,9 @@ class _Tracer:
     def run(self, closed: ClosedJaxpr, shapes: tuple[tuple[int, ...], ...]) -> Program:
         program = self.program
         program.inputs = [program.room(shape) for shape in shapes]
-        found = self._jaxpr(closed.jaxpr, [np.asarray(const) for const in closed.consts], list(program.inputs))
+        found = self._jaxpr(
+            closed.jaxpr, [np.asarray(const) for const in closed.consts], list(program.inputs)
+        )
         program.outputs = [self._addresses(each) for each in found]
         program.operations = list(_needed(program))
         return program
@@ -122,18 +124,33 @@ class _Tracer:
         """Return the outputs; values are Addresses, or _Known."""
         known: dict[Var, Any] = dict(zip(jaxpr.constvars, map(_wrap, consts), strict=True))
         known |= dict(zip(jaxpr.invars, inputs, strict=True))
-        read = lambda atom: _Known(np.asarray(atom.val)) if isinstance(atom, Literal) else known[atom]  # noqa: E731
+
+        def read(atom):
+            return _Known(np.asarray(atom.val)) if isinstance(atom, Literal) else known[atom]
+
         for eqn in jaxpr.eqns:
-            known |= dict(zip(eqn.outvars, self._equation(eqn, [read(atom) for atom in eqn.invars]), strict=True))
+            known |= dict(
+                zip(
+                    eqn.outvars,
+                    self._equation(eqn, [read(atom) for atom in eqn.invars]),
+                    strict=True,
+                )
+            )
         return [read(atom) for atom in jaxpr.outvars]
 
     def _equation(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
-        inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
-        if inner is not None and eqn.primitive.name not in ("scan", "while", "cond"):
-            is_closed = isinstance(inner, ClosedJaxpr)
-            return self._jaxpr(inner.jaxpr if is_closed else inner, list(inner.consts) if is_closed else [], inputs)
+        latent = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
+        if latent is not None and eqn.primitive.name not in ("scan", "while", "cond"):
+            is_closed = isinstance(latent, ClosedJaxpr)
+            return self._jaxpr(
+                latent.jaxpr if is_closed else latent,
+                list(latent.consts) if is_closed else [],
+                inputs,
+            )
         if all(isinstance(each, _Known) for each in inputs):
-            return [_Known(np.asarray(each)) for each in _bind(eqn, [each.numbers for each in inputs])]
+            return [
+                _Known(np.asarray(each)) for each in _bind(eqn, [each.numbers for each in inputs])
+            ]
         if eqn.primitive.name in MOVES:
             return self._moved(eqn, inputs)
         return [self._computed(eqn, inputs)]
@@ -149,9 +166,9 @@ class _Tracer:
         moved = 1 if name in ("gather", "dynamic_slice") else len(inputs)
         if not all(isinstance(each, _Known) for each in inputs[moved:]):
             raise UnsupportedError(f"{name} at places that are computed")
-        places = [jnp.asarray(self._addresses(each), jnp.int32) for each in inputs[:moved]]
+        positions = [jnp.asarray(self._addresses(each), jnp.int32) for each in inputs[:moved]]
         rest = [jnp.asarray(each.numbers) for each in inputs[moved:]]
-        return [np.asarray(each, int) for each in _bind(eqn, [*places, *rest])]
+        return [np.asarray(each, int) for each in _bind(eqn, [*positions, *rest])]
 
     def _computed(self, eqn: JaxprEqn, inputs: list[Any]) -> Addresses:
         output = self.program.room(eqn.outvars[0].aval.shape)

@@ -36,16 +36,33 @@ class NoCompilerError(CompilerError):
     """What is called a compiler is no program, or does not end: not to be tried again."""
 
 
-def build_library(text: str, command: list[str], flag_sets: tuple[tuple[str, ...], ...], folder: Path) -> bytes:
+def build_library(
+    text: str, command: list[str], flag_sets: tuple[tuple[str, ...], ...], folder: Path
+) -> bytes:
     """Return the shared library of the C program `text`, made in `folder` with the first flags the compiler knows."""
-    with _build_folder(folder) as place:
-        source, unlinked, library = (place / f"program.{suffix}" for suffix in ("c", "o", "so"))
+    with _build_folder(folder) as work_folder:
+        source, unlinked, library = (
+            work_folder / f"program.{suffix}" for suffix in ("c", "o", "so")
+        )
         source.write_text(text, encoding="utf-8")
         # Linked apart, without -ffast-math: with it the library would flush small numbers in the whole process.
         link = [*command, "-shared", str(unlinked), "-o", str(library), "-lm"]
         for flags in flag_sets:
-            compile_ = [*command, "-std=gnu11", *flags, "-fPIC", "-c", str(source), "-o", str(unlinked)]
-            if _succeeds(compile_, place) and _succeeds(link, place) and library.is_file():
+            compile_ = [
+                *command,
+                "-std=gnu11",
+                *flags,
+                "-fPIC",
+                "-c",
+                str(source),
+                "-o",
+                str(unlinked),
+            ]
+            if (
+                _succeeds(compile_, work_folder)
+                and _succeeds(link, work_folder)
+                and library.is_file()
+            ):
                 return library.read_bytes()
     raise CompilerError(f"{command[0]} failed")
 
@@ -58,10 +75,10 @@ def compiler_version(program: str) -> str:
     return said.decode(errors="replace")
 
 
-def _succeeds(command: list[str], place: Path) -> bool:
+def _succeeds(command: list[str], work_folder: Path) -> bool:
     # What a compiler leaves behind when it is killed lies in the folder that goes.
-    surroundings = os.environ | {"TMPDIR": str(place), "LC_ALL": "C"}
-    with _started(command, stdout=subprocess.DEVNULL, cwd=place, env=surroundings) as process:
+    surroundings = os.environ | {"TMPDIR": str(work_folder), "LC_ALL": "C"}
+    with _started(command, stdout=subprocess.DEVNULL, cwd=work_folder, env=surroundings) as process:
         return process.wait(PATIENCE) == 0
 
 
@@ -70,7 +87,9 @@ def _started(command: list[str], **options: Any) -> Iterator[subprocess.Popen[by
     """Run `command` while the block waits for it; if the block fails it is killed, with all it started."""
     nothing = subprocess.DEVNULL
     try:
-        process = subprocess.Popen[bytes](command, stdin=nothing, stderr=nothing, start_new_session=True, **options)
+        process = subprocess.Popen[bytes](
+            command, stdin=nothing, stderr=nothing, start_new_session=True, **options
+        )
     except OSError as error:
         raise NoCompilerError(f"{command[0]}: {error.strerror}") from error
     try:
@@ -89,26 +108,30 @@ def _started(command: list[str], **options: Any) -> Iterator[subprocess.Popen[by
 @contextmanager
 def _build_folder(folder: Path) -> Iterator[Path]:
     """Yield a folder to build in. While its builder lives it is locked, so that nobody else removes it."""
-    with tempfile.TemporaryDirectory(prefix=BUILD, dir=folder, ignore_cleanup_errors=True) as place:
-        handle = os.open(place, os.O_RDONLY)
+    with tempfile.TemporaryDirectory(
+        prefix=BUILD, dir=folder, ignore_cleanup_errors=True
+    ) as work_folder:
+        handle = os.open(work_folder, os.O_RDONLY)
         try:
-            with suppress(OSError):  # a disk of another machine that knows no locks: there, age decides
+            with suppress(
+                OSError
+            ):  # a disk of another machine that knows no locks: there, age decides
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield Path(place)
+            yield Path(work_folder)
         finally:
             os.close(handle)
 
 
 def remove_abandoned_builds(folder: Path) -> None:
     """Remove what killed builders left in `folder`."""
-    for place in folder.glob(f"{BUILD}*"):
+    for work_folder in folder.glob(f"{BUILD}*"):
         with suppress(OSError):
-            if time.time() - place.stat().st_mtime > SETTLED and _is_unlocked(place):
-                shutil.rmtree(place, ignore_errors=True)
+            if time.time() - work_folder.stat().st_mtime > SETTLED and _is_unlocked(work_folder):
+                shutil.rmtree(work_folder, ignore_errors=True)
 
 
-def _is_unlocked(place: Path) -> bool:
-    handle = os.open(place, os.O_RDONLY)
+def _is_unlocked(work_folder: Path) -> bool:
+    handle = os.open(work_folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

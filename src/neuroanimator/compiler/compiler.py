@@ -136,4 +136,6 @@ def _processor() -> str:
     """Return what -march=native depends on, as far as it can be told."""
     about = Path("/proc/cpuinfo")
     lines = about.read_text(errors="replace").splitlines() if about.exists() else []
-    return platform.machine() + next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    return platform.machine() + next(
+        (line for line in lines if line.startswith(("flags", "Features"))), ""
+    )

@@ -21,7 +21,9 @@ PATTERN = "diverged-*.safetensors"
 """Names of these files in a dataset's folder; one for each shard that had such runs."""
 
 
-def write_diverged(folder: Path, config: DatasetConfig, shard: int, starts: np.ndarray, controls: np.ndarray) -> None:
+def write_diverged(
+    folder: Path, config: DatasetConfig, shard: int, starts: np.ndarray, controls: np.ndarray
+) -> None:
     """Write the starts (B, S) and controls (B, T, C) of a shard's runs that blew up; nothing if none did.
 
     Raises BadFileError if other such runs are there already; a damaged file is made again.
@@ -35,7 +37,9 @@ def write_diverged(folder: Path, config: DatasetConfig, shard: int, starts: np.n
     if there:
         is_same = all(np.array_equal(there.get(name, np.nan), tensors[name]) for name in tensors)
         if not is_same or not _belongs(there, metadata, config, shard):
-            raise BadFileError(f"{path} holds other runs than this dataset's. Move it away, and generate again.")
+            raise BadFileError(
+                f"{path} holds other runs than this dataset's. Move it away, and generate again."
+            )
     elif len(starts):
         write_tensors(path, tensors, {"kind": KIND, "config": config.hash, "shard": shard})
 
@@ -81,6 +85,12 @@ def _path(folder: Path, shard: int) -> Path:
     return folder / PATTERN.replace("*", f"{shard:05d}")
 
 
-def _belongs(tensors: dict[str, np.ndarray], metadata: dict[str, object], config: DatasetConfig, shard: int) -> bool:
+def _belongs(
+    tensors: dict[str, np.ndarray], metadata: dict[str, object], config: DatasetConfig, shard: int
+) -> bool:
     named = (metadata.get("config"), metadata.get("shard")) == (config.hash, shard)
-    return named and set(tensors) == {"starts", "controls"} and len(tensors["starts"]) == len(tensors["controls"])
+    return (
+        named
+        and set(tensors) == {"starts", "controls"}
+        and len(tensors["starts"]) == len(tensors["controls"])
+    )

@@ -13,7 +13,13 @@ from neuroanimator.data import transitions
 from neuroanimator.data.diverged_runs import has_diverged, write_diverged
 from neuroanimator.data.recorded_windows import cut_shard, write_held_out
 from neuroanimator.data.sampling import sample_control_runs, sample_starts, with_idle_runs
-from neuroanimator.data.transitions import DatasetConfig, Transitions, claim_folder, gather_transitions, read_shard
+from neuroanimator.data.transitions import (
+    DatasetConfig,
+    Transitions,
+    claim_folder,
+    gather_transitions,
+    read_shard,
+)
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.storage.files import locked, write_tensors
 from neuroanimator.storage.unfinished import remove_stale
@@ -39,13 +45,13 @@ def generate(
     with locked(folder):
         claim_folder(folder, config)
         remove_stale(folder)
-        blow_ups = 0
+        diverged = 0
         for shard in range(config.shards):
-            blow_ups += _ensure_shard(system, config, folder, shard, cores)
+            diverged += _ensure_shard(system, config, folder, shard, cores)
             on_shard()
         if isinstance(system, RecordedSystem):
             write_held_out(system, config, folder)
-    return blow_ups
+    return diverged
 
 
 def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> Transitions:
@@ -53,7 +59,7 @@ def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> T
     cores = _checked_threads(threads)
     system = carried_system(config.system, config.definition)
     made = (make_shard(system, config, shard, cores) for shard in range(config.shards))
-    return gather_transitions(config, system, ((shard.tensors, shard.blow_ups) for shard in made))
+    return gather_transitions(config, system, ((shard.tensors, shard.diverged) for shard in made))
 
 
 def _checked_threads(threads: int | None) -> int:
@@ -74,23 +80,25 @@ class Shard(NamedTuple):
     """(B, T, C) of the runs that blew up."""
 
     @property
-    def blow_ups(self) -> int:
+    def diverged(self) -> int:
         """How many runs blew up."""
         return len(self.starts)
 
 
-def _ensure_shard(system: System, config: DatasetConfig, folder: Path, shard: int, threads: int) -> int:
+def _ensure_shard(
+    system: System, config: DatasetConfig, folder: Path, shard: int, threads: int
+) -> int:
     try:
-        blow_ups = read_shard(folder, config, system, shard)[1]["blow_ups"]
-        if has_diverged(folder, config, shard, blow_ups):
-            return blow_ups
+        diverged = read_shard(folder, config, system, shard)[1]["diverged"]
+        if has_diverged(folder, config, shard, diverged):
+            return diverged
     except BadFileError:
         pass
     made = make_shard(system, config, shard, threads)
     write_diverged(folder, config, shard, made.starts, made.controls)
-    metadata = {"kind": "shard", "config": config.hash, "shard": shard, "blow_ups": made.blow_ups}
+    metadata = {"kind": "shard", "config": config.hash, "shard": shard, "diverged": made.diverged}
     write_tensors(config.shard_path(folder, shard), made.tensors, metadata)
-    return made.blow_ups
+    return made.diverged
 
 
 def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) -> Shard:
@@ -116,8 +124,8 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
 
 def sample_picks(rng: np.random.Generator, count: int) -> np.ndarray:
     """Return the `count` super steps of one run that become examples, 1 to 5 apart (eq. 8)."""
-    last = transitions.RUN_STEPS - transitions.LONGEST_UNROLL
-    largest = transitions.LARGEST_GAP * transitions.PICKS_PER_RUN // count
+    last = transitions.RUN_STEPS - transitions.MAX_UNROLL
+    largest = transitions.MAX_GAP * transitions.PICKS_PER_RUN // count
     while True:
         gaps = rng.integers(1, largest + 1, count)
         picks = np.cumsum(gaps) - 1

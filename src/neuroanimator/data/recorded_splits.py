@@ -41,7 +41,9 @@ def cut_stretches(system: RecordedSystem, length: int) -> tuple[list[Stretch], l
                 f"{system.file}, {origin}: a run of {rows} rows; wanted at least {length} for so long a super step. "
                 "Use a smaller --substeps, or leave the run out."
             )
-    found = [stretch for run in range(len(system.rows)) for stretch in _cut_run(system, run, length)]
+    found = [
+        stretch for run in range(len(system.rows)) for stretch in _cut_run(system, run, length)
+    ]
     if len(found) < FEWEST_STRETCHES:
         raise BadFileError(
             f"{system.file}: {sum(system.rows)} rows are too few to learn from and to test on; "

@@ -13,7 +13,7 @@ import numpy as np
 from neuroanimator.data.recorded_splits import Stretch, cut_stretches
 from neuroanimator.data.transitions import (
     HELD_OUT_NAME,
-    LONGEST_UNROLL,
+    MAX_UNROLL,
     RUN_STEPS,
     RUNS_PER_SHARD,
     DatasetConfig,
@@ -27,7 +27,9 @@ def cut_shard(system: RecordedSystem, config: DatasetConfig, shard: int) -> dict
     """Return the tensors of shard number `shard`: a function of its arguments and the recordings alone."""
     learn, _ = cut_stretches(system, window_length(config.substeps))
     counts = np.array([stretch.windows(window_length(config.substeps)) for stretch in learn])
-    order = np.random.default_rng([config.seed, 2]).permutation(counts.sum())[: config.runs * config.picks]
+    order = np.random.default_rng([config.seed, 2]).permutation(counts.sum())[
+        : config.runs * config.picks
+    ]
     each = RUNS_PER_SHARD * config.picks
     chosen = order[shard * each : (shard + 1) * each]
     ends = np.cumsum(counts)
@@ -35,7 +37,9 @@ def cut_shard(system: RecordedSystem, config: DatasetConfig, shard: int) -> dict
     offsets = chosen - (ends - counts)[number]
     runs = unwrapped(system)
     windows = [
-        super_steps(runs, learn[i]._replace(start=learn[i].start + offset), config.substeps, LONGEST_UNROLL)
+        super_steps(
+            runs, learn[i]._replace(start=learn[i].start + offset), config.substeps, MAX_UNROLL
+        )
         for i, offset in zip(number.tolist(), offsets.tolist(), strict=True)
     ]
     return {
@@ -72,9 +76,17 @@ def write_held_out(system: RecordedSystem, config: DatasetConfig, folder: Path) 
     fitting = [(stretch.stop - stretch.start - 1) // config.substeps for stretch in test]
     steps, runs = min(RUN_STEPS, *fitting), unwrapped(system)
     pieces = [
-        super_steps(runs, stretch._replace(start=stretch.start + k * steps * config.substeps), config.substeps, steps)
+        super_steps(
+            runs,
+            stretch._replace(start=stretch.start + k * steps * config.substeps),
+            config.substeps,
+            steps,
+        )
         for stretch, fits in zip(test, fitting, strict=True)
         for k in range(fits // steps)
     ]
-    tensors = {"states": np.stack([s for s, _ in pieces]), "controls": np.stack([c for _, c in pieces])}
+    tensors = {
+        "states": np.stack([s for s, _ in pieces]),
+        "controls": np.stack([c for _, c in pieces]),
+    }
     write_tensors(folder / HELD_OUT_NAME, tensors, {"kind": "held-out", "config": config.hash})

@@ -19,10 +19,10 @@ WAVES = 3
 FASTEST_WAVE = 1.5
 """[Hz] Motors of arms and muscles of animals seldom reverse faster."""
 
-SMALLEST_SCALE = 0.2
+MIN_SCALE = 0.2
 """Least share of the controls' range a run uses: an idle control teaches nothing."""
 
-LONGEST_HOLD = 0.6
+MAX_HOLD = 0.6
 """[s] Longest a held control stays."""
 
 GAIT_SHARE = 0.4
@@ -47,7 +47,9 @@ class Driven(Protocol):
         ...
 
 
-def sample_starts(system: System, rng: np.random.Generator, count: int, threads: int = 1) -> np.ndarray:
+def sample_starts(
+    system: System, rng: np.random.Generator, count: int, threads: int = 1
+) -> np.ndarray:
     """Return `count` random states (count, S) as they occur in use: after some warm-up, if the system has one."""
     starts = system.sample_starts(rng, count)
     if system.warm_up <= 0:
@@ -64,12 +66,18 @@ WARM_UP_SUBSTEPS = 50
 """Physics steps a control is held for while warming up."""
 
 
-def sample_control_runs(rng: np.random.Generator, count: int, steps: int, dt: float, driven: Driven) -> np.ndarray:
+def sample_control_runs(
+    rng: np.random.Generator, count: int, steps: int, dt: float, driven: Driven
+) -> np.ndarray:
     """Return the controls (count, steps, C) of `count` runs of `driven`, see `sample_controls`."""
-    return np.stack([sample_controls(rng, steps, dt, driven.bounds, driven.gait) for _ in range(count)])
+    return np.stack(
+        [sample_controls(rng, steps, dt, driven.bounds, driven.gait) for _ in range(count)]
+    )
 
 
-def with_idle_runs(rng: np.random.Generator, controls: np.ndarray, bounds: Bounds, share: float) -> np.ndarray:
+def with_idle_runs(
+    rng: np.random.Generator, controls: np.ndarray, bounds: Bounds, share: float
+) -> np.ndarray:
     """Return the controls (B, T, C), a `share` of the runs without control from a random super step on."""
     count, steps, _ = controls.shape
     ends = np.where(rng.random(count) < share, rng.integers(0, steps, count), steps)
@@ -85,24 +93,34 @@ def sample_controls(
         return _steered(rng, steps, dt, bounds, gait)
     kind, size = rng.random(), len(bounds.half)
     if kind < SMOOTH_SHARE:
-        fastest = FASTEST_WAVE if gait is None else max(FASTEST_WAVE, FASTER_THAN_GAIT / gait.period)
+        fastest = (
+            FASTEST_WAVE if gait is None else max(FASTEST_WAVE, FASTER_THAN_GAIT / gait.period)
+        )
         shape = _smooth(rng, steps, dt, size, fastest)
     elif kind < SMOOTH_SHARE + HELD_SHARE:
         shape = _held(rng, steps, dt, size)
     else:
         shape = rng.uniform(-1, 1, (steps, size))
-    return bounds.middle + shape * rng.uniform(SMALLEST_SCALE, 1) * bounds.half
+    return bounds.middle + shape * rng.uniform(MIN_SCALE, 1) * bounds.half
 
 
-def _steered(rng: np.random.Generator, steps: int, dt: float, bounds: Bounds, gait: Gait) -> np.ndarray:
+def _steered(
+    rng: np.random.Generator, steps: int, dt: float, bounds: Bounds, gait: Gait
+) -> np.ndarray:
     """Return the gait at a random tempo and strength, with slow random offsets that steer."""
     start = int(rng.integers(0, max(1, round(gait.period / dt))))
-    moves = gait.controls(start + steps, dt, bounds, tempo=rng.uniform(0.6, 1.4), strength=rng.uniform(0.2, 1.2))
-    offset = _smooth(rng, steps, dt, len(bounds.half), 0.5 / gait.period) * rng.uniform(0, STRONGEST_STEERING)
+    moves = gait.controls(
+        start + steps, dt, bounds, tempo=rng.uniform(0.6, 1.4), strength=rng.uniform(0.2, 1.2)
+    )
+    offset = _smooth(rng, steps, dt, len(bounds.half), 0.5 / gait.period) * rng.uniform(
+        0, STRONGEST_STEERING
+    )
     return bounds.clip(moves[start:] + offset * bounds.half)
 
 
-def _smooth(rng: np.random.Generator, steps: int, dt: float, size: int, fastest: float) -> np.ndarray:
+def _smooth(
+    rng: np.random.Generator, steps: int, dt: float, size: int, fastest: float
+) -> np.ndarray:
     """Sums of sinusoids, pressed into ±1 so that strong ones saturate as optimised controls do."""
     time = np.arange(steps) * dt
     frequency = rng.uniform(min(0.1, fastest / 2), fastest, (WAVES, 1, size))
@@ -112,6 +130,6 @@ def _smooth(rng: np.random.Generator, steps: int, dt: float, size: int, fastest:
 
 
 def _held(rng: np.random.Generator, steps: int, dt: float, size: int) -> np.ndarray:
-    hold = int(rng.integers(2, max(3, round(LONGEST_HOLD / dt) + 1)))
+    hold = int(rng.integers(2, max(3, round(MAX_HOLD / dt) + 1)))
     values = rng.uniform(-1, 1, (steps // hold + 1, size))
     return np.repeat(values, hold, axis=0)[:steps]

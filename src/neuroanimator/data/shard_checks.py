@@ -21,8 +21,14 @@ class Wanted(NamedTuple):
 
 def largest_size(wanted: dict[str, Wanted], rows: int) -> int:
     """Return how many bytes the tensors take if the open length is `rows`."""
-    counts = [math.prod(rows if length is None else length for length in shape) for _, shape in wanted.values()]
-    return sum(count * np.dtype(dtype).itemsize for count, (dtype, _) in zip(counts, wanted.values(), strict=True))
+    counts = [
+        math.prod(rows if length is None else length for length in shape)
+        for _, shape in wanted.values()
+    ]
+    return sum(
+        count * np.dtype(dtype).itemsize
+        for count, (dtype, _) in zip(counts, wanted.values(), strict=True)
+    )
 
 
 def check_tensors(path: Path, tensors: dict[str, np.ndarray], wanted: dict[str, Wanted]) -> int:
@@ -44,7 +50,10 @@ def check_tensors(path: Path, tensors: dict[str, np.ndarray], wanted: dict[str, 
 def check_range(path: Path, name: str, array: np.ndarray, least: int, largest: int) -> None:
     """Refuse whole numbers outside `least` to `largest`: negative ones would count from the end."""
     if array.size and (array.min() < least or array.max() > largest):
-        refuse(path, f"tensor '{name}' holds {array.min()} to {array.max()}; wanted {least} to {largest}")
+        refuse(
+            path,
+            f"tensor '{name}' holds {array.min()} to {array.max()}; wanted {least} to {largest}",
+        )
 
 
 def whole_number(path: Path, metadata: dict[str, Any], key: str, largest: int) -> int:

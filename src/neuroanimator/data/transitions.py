@@ -18,32 +18,46 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from neuroanimator.data.recorded_splits import cut_stretches
-from neuroanimator.data.shard_checks import Wanted, check_range, check_tensors, largest_size, refuse, whole_number
-from neuroanimator.definitions.carried import LARGEST_TEXT
+from neuroanimator.data.shard_checks import (
+    Wanted,
+    check_range,
+    check_tensors,
+    largest_size,
+    refuse,
+    whole_number,
+)
+from neuroanimator.definitions.carried import MAX_TEXT
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.parsing.names import SystemName
-from neuroanimator.storage.files import HEADER_LIMIT, canonical_json, one_line, read_bounded, read_tensors, write_whole
+from neuroanimator.storage.files import (
+    HEADER_LIMIT,
+    canonical_json,
+    one_line,
+    read_bounded,
+    read_tensors,
+    write_whole,
+)
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 from neuroanimator.tables import first_fault
 
 CONFIG_NAME = "dataset.json"
-LARGEST_CONFIG = 2 * 2**20
+MAX_CONFIG = 2 * 2**20
 """[bytes] A definition, twice escaped, and a few numbers."""
 RUN_STEPS = 40
 """Length of a run in super steps."""
 PICKS_PER_RUN = 12
 """Training examples per run if nothing else is said: on average every third super step."""
-LARGEST_GAP = 5
+MAX_GAP = 5
 """Super steps between two of these picks, at most (eq. 8); between more of them less."""
-LONGEST_UNROLL = 4
+MAX_UNROLL = 4
 """Super steps that follow every pick within its run."""
 RUNS_PER_SHARD = 256
-LONGEST_SHOWN = 60
+MAX_SHOWN = 60
 """Characters of a setting shown in an error; a definition has thousands."""
-LARGEST_HELD_OUT = 512 * 2**20
+MAX_HELD_OUT = 512 * 2**20
 """[bytes] No larger than the recordings these runs come from."""
 HELD_OUT_NAME = "held-out.safetensors"
 """Runs of recordings kept for the test; simulated systems make their tests anew."""
@@ -62,7 +76,7 @@ class DatasetConfig(BaseModel):
     idle_share: float = Field(0.1, ge=0, le=1)
     """Share of runs whose controls cease somewhere: bodies come to rest, and emulators should know how."""
     seed: int = Field(0, ge=0, lt=2**31)
-    definition: str = Field("", max_length=LARGEST_TEXT)
+    definition: str = Field("", max_length=MAX_TEXT)
     """What a user's own system can be made from again; empty for one that comes with the package."""
     mujoco: str = Field(mujoco.__version__, pattern=r"^[0-9A-Za-z.+-]{1,40}$")
 
@@ -108,7 +122,7 @@ def dataset_config(**values: Any) -> DatasetConfig:
 
 def window_length(substeps: int) -> int:
     """Return how many physics steps' states a window spans, both ends included."""
-    return LONGEST_UNROLL * substeps + 1
+    return MAX_UNROLL * substeps + 1
 
 
 def most_windows(system: RecordedSystem, config: DatasetConfig) -> int:
@@ -129,25 +143,38 @@ def claim_folder(folder: Path, config: DatasetConfig) -> None:
     held = read_config(folder)
     if held != config:
         old, new = held.model_dump(), config.model_dump()
-        short = lambda value: "another" if len(str(value)) > LONGEST_SHOWN else value  # noqa: E731
+
+        def short(value):
+            return "another" if len(str(value)) > MAX_SHOWN else value
+
         changes = ", ".join(
-            f"{key} {short(old[key])} there, {short(new[key])} asked" for key in new if old[key] != new[key]
+            f"{key} {short(old[key])} there, {short(new[key])} asked"
+            for key in new
+            if old[key] != new[key]
         )
-        raise BadFileError(f"{folder} holds another dataset ({changes}). Choose another --out, or the same values.")
+        raise BadFileError(
+            f"{folder} holds another dataset ({changes}). Choose another --out, or the same values."
+        )
 
 
 def read_config(folder: Path) -> DatasetConfig:
     """Return the configuration of the dataset in `folder`."""
     path = folder / CONFIG_NAME
     if not path.exists():
-        raise BadFileError(f"{folder} is not a dataset: no {CONFIG_NAME}. Make one with 'generate'.")
-    content = read_bounded(path, LARGEST_CONFIG)
+        raise BadFileError(
+            f"{folder} is not a dataset: no {CONFIG_NAME}. Make one with 'generate'."
+        )
+    content = read_bounded(path, MAX_CONFIG)
     try:
-        return DatasetConfig.model_validate(parse_json_object(content, LARGEST_CONFIG))
+        return DatasetConfig.model_validate(parse_json_object(content, MAX_CONFIG))
     except ValidationError as error:
-        raise BadFileError(f"{path} is damaged: {first_fault(error)}. Generate the dataset again.") from error
+        raise BadFileError(
+            f"{path} is damaged: {first_fault(error)}. Generate the dataset again."
+        ) from error
     except ValueError as error:
-        raise BadFileError(f"{path} is damaged: {one_line(error)}. Generate the dataset again.") from error
+        raise BadFileError(
+            f"{path} is damaged: {one_line(error)}. Generate the dataset again."
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -155,7 +182,7 @@ class Transitions:
     """A dataset in memory: windows of consecutive super steps, one per pick.
 
     `states` (N, H+1, S), `controls` (N, H, C), `run` (N,): which run each window comes from.
-    H is `LONGEST_UNROLL`; the first step of a window is its training example.
+    H is `MAX_UNROLL`; the first step of a window is its training example.
     """
 
     config: DatasetConfig
@@ -163,7 +190,7 @@ class Transitions:
     states: np.ndarray
     controls: np.ndarray
     run: np.ndarray
-    blow_ups: int
+    diverged: int
     held_out: tuple[np.ndarray, np.ndarray] | None = None
     """(states (B, T+1, S), controls (B, T, C)) kept for the test; of recordings only."""
 
@@ -173,7 +200,7 @@ class Transitions:
     def where(self, mask: np.ndarray) -> Transitions:
         """Return the windows `mask` (N,) selects."""
         parts = self.states[mask], self.controls[mask], self.run[mask]
-        return Transitions(self.config, self.system, *parts, self.blow_ups, self.held_out)
+        return Transitions(self.config, self.system, *parts, self.diverged, self.held_out)
 
 
 def read_transitions(folder: Path) -> Transitions:
@@ -181,15 +208,19 @@ def read_transitions(folder: Path) -> Transitions:
     config = read_config(folder)
     system = carried_system(config.system, config.definition)
     shards = (read_shard(folder, config, system, shard) for shard in range(config.shards))
-    found = gather_transitions(config, system, ((tensors, metadata["blow_ups"]) for tensors, metadata in shards))
+    found = gather_transitions(
+        config, system, ((tensors, metadata["diverged"]) for tensors, metadata in shards)
+    )
     is_recorded = isinstance(system, RecordedSystem)
     return replace(found, held_out=read_held_out(folder, config, system)) if is_recorded else found
 
 
-def read_held_out(folder: Path, config: DatasetConfig, system: System) -> tuple[np.ndarray, np.ndarray]:
+def read_held_out(
+    folder: Path, config: DatasetConfig, system: System
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (states (B, T+1, S), controls (B, T, C)) of the recorded runs kept for the test."""
     path = folder / HELD_OUT_NAME
-    tensors, metadata = read_tensors(path, "held-out", LARGEST_HELD_OUT)
+    tensors, metadata = read_tensors(path, "held-out", MAX_HELD_OUT)
     if metadata.get("config") != config.hash:
         raise BadFileError(f"{path} belongs to another dataset. Generate into an empty folder.")
     controls = tensors.get("controls", np.zeros(0))
@@ -207,12 +238,12 @@ def gather_transitions(
     config: DatasetConfig, system: System, shards: Iterable[tuple[dict[str, np.ndarray], int]]
 ) -> Transitions:
     """Return the transitions in `shards`, pairs of tensors and blow-ups in order of their number."""
-    windows, blow_ups = [], 0
+    windows, diverged = [], 0
     for shard, (tensors, dropped) in enumerate(shards):
         windows.append(windows_of(tensors, shard))
-        blow_ups += dropped
+        diverged += dropped
     states, controls, run = (np.concatenate([part[i] for part in windows]) for i in range(3))
-    return Transitions(config, system, states, controls, run, blow_ups)
+    return Transitions(config, system, states, controls, run, diverged)
 
 
 def read_shard(
@@ -227,11 +258,11 @@ def read_shard(
     tensors, metadata = read_tensors(path, "shard", HEADER_LIMIT + largest_size(wanted, rows))
     if metadata.get("config") != config.hash or metadata.get("shard") != shard:
         raise BadFileError(f"{path} belongs to another dataset. Generate into an empty folder.")
-    blow_ups = whole_number(path, metadata, "blow_ups", runs)
+    diverged = whole_number(path, metadata, "diverged", runs)
     found = check_tensors(path, tensors, wanted)
-    if found + blow_ups != rows:
-        refuse(path, f"{found:,} rows and {blow_ups:,} blow-ups; wanted {rows:,} together")
-    check_range(path, "picks", tensors["picks"], 0, tensors["controls"].shape[1] - LONGEST_UNROLL)
+    if found + diverged != rows:
+        refuse(path, f"{found:,} rows and {diverged:,} blow-ups; wanted {rows:,} together")
+    check_range(path, "picks", tensors["picks"], 0, tensors["controls"].shape[1] - MAX_UNROLL)
     return tensors, metadata
 
 
@@ -247,20 +278,22 @@ def wanted_of_runs(system: System, config: DatasetConfig) -> dict[str, Wanted]:
 def wanted_of_recordings(system: System) -> dict[str, Wanted]:
     """Return what a shard of windows cut out of recordings holds."""
     return {
-        "states": Wanted(np.float32, (None, LONGEST_UNROLL + 1, system.state.size)),
-        "controls": Wanted(np.float32, (None, LONGEST_UNROLL, system.control.size)),
+        "states": Wanted(np.float32, (None, MAX_UNROLL + 1, system.state.size)),
+        "controls": Wanted(np.float32, (None, MAX_UNROLL, system.control.size)),
         "picks": Wanted(np.int32, (None, 1)),
         "runs": Wanted(np.int32, (None,)),
     }
 
 
-def windows_of(tensors: dict[str, np.ndarray], shard: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def windows_of(
+    tensors: dict[str, np.ndarray], shard: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (states (N, H+1, S), controls (N, H, C), run (N,)): the windows at a shard's picks."""
     states, controls, picks = tensors["states"], tensors["controls"], tensors["picks"]
     rows = np.arange(len(states))[:, None, None]
-    steps = picks[:, :, None] + np.arange(LONGEST_UNROLL + 1)
+    steps = picks[:, :, None] + np.arange(MAX_UNROLL + 1)
     numbers = tensors.get("runs", np.arange(len(states)) + shard * RUNS_PER_SHARD)
     run = np.repeat(numbers, picks.shape[1])
-    windows = states[rows, steps].reshape(-1, LONGEST_UNROLL + 1, states.shape[-1])
-    held = controls[rows, steps[..., :-1]].reshape(-1, LONGEST_UNROLL, controls.shape[-1])
+    windows = states[rows, steps].reshape(-1, MAX_UNROLL + 1, states.shape[-1])
+    held = controls[rows, steps[..., :-1]].reshape(-1, MAX_UNROLL, controls.shape[-1])
     return windows, held, run

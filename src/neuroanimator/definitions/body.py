@@ -34,7 +34,7 @@ NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 Pair = tuple[PartName, PartName]
 
 
-MOST_NODES, MOST_SPRINGS = 300, 3000
+MAX_NODES, MAX_SPRINGS = 300, 3000
 """A definition may come from a stranger, and costs grow with these."""
 
 
@@ -54,7 +54,7 @@ class SpringTable(Table):
 
     stiffness: Positive
     damping: NotNegative
-    pairs: tuple[Pair, ...] = Field(min_length=1, max_length=MOST_SPRINGS)
+    pairs: tuple[Pair, ...] = Field(min_length=1, max_length=MAX_SPRINGS)
 
 
 class MuscleTable(Table):
@@ -62,7 +62,7 @@ class MuscleTable(Table):
 
     shorten: Annotated[float, Field(gt=0, lt=0.9)]
     """Share of its length by which a muscle shortens or lengthens."""
-    response: Annotated[float, Field(ge=0, le=10)] = 0.0
+    time_constant: Annotated[float, Field(ge=0, le=10)] = 0.0
     """[s] Time constant with which it follows its control."""
     springs: dict[PartName, tuple[Pair, ...]] = Field(min_length=1, max_length=100)
     """Per control, the springs it shortens."""
@@ -71,7 +71,7 @@ class MuscleTable(Table):
 class WaterTable(Table):
     """See `body.Water`."""
 
-    push: NotNegative
+    face_drag: NotNegative
     drag: NotNegative = 0.0
     buoyancy: Annotated[float, Field(ge=0, le=10)] = 1.0
     surface: Finite | None = None
@@ -103,9 +103,9 @@ class BodySampling(Table):
     """Share of starts at rest, where most motions begin."""
     warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
     """Starts are taken from this first stretch of random driving [s]."""
-    speed: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
+    velocity: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     """Standard deviation of the speeds along the body's own axes [m/s]."""
-    spin: NotNegative = 0.0
+    angular_velocity: NotNegative = 0.0
     """Standard deviation of each angular velocity [rad/s]."""
     tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
     """Standard deviation of the tilt [rad], where weight is felt; without weight a body starts turned anyhow."""
@@ -128,13 +128,13 @@ class BodyDefinition(Table):
     """[m] Added to the height of every node where the body is put at rest: a swimmer rests under the surface."""
     springs: dict[PartName, SpringTable] = Field(min_length=1, max_length=50)
     muscles: MuscleTable | None = None
-    pushes: dict[PartName, tuple[Finite, Finite, Finite]] = Field({})
+    external_forces: dict[PartName, tuple[Finite, Finite, Finite]] = Field(default={})
     """Per control, the force [N] on the whole body at control 1; for bodies without muscles."""
     faces: tuple[Annotated[tuple[PartName, ...], Field(min_length=3, max_length=4)], ...] = ()
     """Corners of the parts of the skin that push water, counterclockwise from outside."""
-    mirror: dict[PartName, PartName] = Field({})
+    mirror: dict[PartName, PartName] = Field(default={})
     """Per mass point or control on the left its partner on the right, if the body has such a mirror."""
-    groups: dict[PartName, tuple[PartName, ...]] = Field({})
+    groups: dict[PartName, tuple[PartName, ...]] = Field(default={})
     """Segments of the body, each a list of mass points; every one belongs to exactly one."""
     water: WaterTable | None = None
     ground: GroundTable | None = None
@@ -144,9 +144,9 @@ class BodyDefinition(Table):
     skin: SkinTable | None = None
     """What is drawn; without it, a ball at every mass point."""
     sampling: BodySampling = BodySampling()
-    goals: dict[SystemName, GoalTable] = Field({})
+    goals: dict[SystemName, GoalTable] = Field(default={})
 
 
 def control_names(definition: BodyDefinition) -> list[str]:
     """Return the names of the controls in order."""
-    return list(definition.muscles.springs if definition.muscles else definition.pushes)
+    return list(definition.muscles.springs if definition.muscles else definition.external_forces)

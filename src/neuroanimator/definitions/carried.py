@@ -20,7 +20,7 @@ from neuroanimator.parsing.numbers import listed, whole
 from neuroanimator.tables import check_table
 from neuroanimator.text import quoted
 
-LARGEST_TEXT = 512 * 1024
+MAX_TEXT = 512 * 1024
 """Largest JSON text of a system [bytes]: an emulator file carries it in its header."""
 
 TABLES: dict[str, type[Any]] = {
@@ -33,10 +33,10 @@ TABLES: dict[str, type[Any]] = {
 
 SHA256 = r"[0-9a-f]{64}"
 
-MOST_ROWS = 10**9
+MAX_ROWS = 10**9
 """Of one recorded run."""
 
-LONGEST_ORIGIN = 40
+MAX_ORIGIN = 40
 """Characters that say where in its file a recorded run begins."""
 
 DAMAGED = "The system's definition is damaged"
@@ -56,16 +56,18 @@ def kind_of(values: Any) -> str:
     """Return the kind of system a table defines; ArgumentError lists the kinds."""
     name = values.get("kind", "mujoco") if isinstance(values, dict) else values
     if not isinstance(name, str) or name not in TABLES:
-        raise ArgumentError(f"kind: no kind of system called {quoted(name)}. Kinds: {', '.join(TABLES)}.")
+        raise ArgumentError(
+            f"kind: no kind of system called {quoted(name)}. Kinds: {', '.join(TABLES)}."
+        )
     return name
 
 
 def read_definition_text(text: str) -> Written:
     """Return what `text` says; ArgumentError or BadFileError names what is wrong with it."""
-    if len(text) > LARGEST_TEXT:
-        raise BadFileError(f"{DAMAGED}: {len(text):,} characters; wanted at most {LARGEST_TEXT:,}.")
+    if len(text) > MAX_TEXT:
+        raise BadFileError(f"{DAMAGED}: {len(text):,} characters; wanted at most {MAX_TEXT:,}.")
     try:
-        values = parse_json_object(text, LARGEST_TEXT)
+        values = parse_json_object(text, MAX_TEXT)
         definition, files = values["definition"], values["files"]
     except (ValueError, KeyError, TypeError) as error:
         raise BadFileError(f"{DAMAGED}. Make the dataset or emulator again.") from error
@@ -85,14 +87,14 @@ def _check_files(kind: str, files: Any) -> None:
     if not isinstance(files["sha256"], str) or not re.fullmatch(SHA256, files["sha256"]):
         raise ValueError(f"files.sha256: wanted 64 hex digits, came {quoted(files['sha256'])}")
     if kind == "recorded":
-        listed(files["rows"], "files.rows", lambda count, what: whole(count, what, 1, MOST_ROWS))
+        listed(files["rows"], "files.rows", lambda count, what: whole(count, what, 1, MAX_ROWS))
         listed(files["origins"], "files.origins", _check_origin)
         if len(files["rows"]) != len(files["origins"]):
             raise ValueError(f"files: {len(files['rows'])} runs, {len(files['origins'])} origins")
 
 
 def _check_origin(value: Any, what: str) -> str:
-    if not isinstance(value, str) or not value.isprintable() or len(value) > LONGEST_ORIGIN:
+    if not isinstance(value, str) or not value.isprintable() or len(value) > MAX_ORIGIN:
         raise ValueError(f"{what}: wanted where a run begins, came {quoted(value)}")
     return value
 

@@ -9,15 +9,15 @@ from pydantic import Field
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.parts import ControlPart, StatePart
 from neuroanimator.parsing.names import FileName, SystemName
-from neuroanimator.tables import SHORTEST_STEP, Share, Table
+from neuroanimator.tables import MIN_STEP, Share, Table
 
 
 class FunctionPhysics(Table):
     """The steps a Python function is called with [s]; see `System.scheme`, `truth` and `fine`."""
 
-    step: Annotated[float, Field(ge=SHORTEST_STEP, le=10)]
-    truth_step: Annotated[float, Field(ge=SHORTEST_STEP, le=10)]
-    fine_step: Annotated[float, Field(ge=SHORTEST_STEP, le=10)]
+    step: Annotated[float, Field(ge=MIN_STEP, le=10)]
+    truth_step: Annotated[float, Field(ge=MIN_STEP, le=10)]
+    fine_step: Annotated[float, Field(ge=MIN_STEP, le=10)]
 
 
 class StartSampling(Table):
@@ -40,4 +40,4 @@ class PythonDefinition(Table):
     state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
     control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
     sampling: StartSampling = StartSampling()
-    goals: dict[SystemName, GoalTable] = Field({})
+    goals: dict[SystemName, GoalTable] = Field(default={})

@@ -15,9 +15,9 @@ class GoalTable(Table):
     seconds: Annotated[float, Field(gt=0, le=60)] = 2.0
     site: str = ""
     """A site of the model where a free root should be, at rest and turned as the site is."""
-    reach: dict[str, tuple[Finite, ...]] = Field({})
+    reach: dict[str, tuple[Finite, ...]] = Field(default={})
     """Parts of the state and their wanted values."""
-    start: dict[str, tuple[Finite, ...]] = Field({})
+    start: dict[str, tuple[Finite, ...]] = Field(default={})
     """Parts of the state a motion to this goal starts with, if nothing else is said; others are as at rest."""
-    within: dict[str, Positive] = Field({})
+    within: dict[str, Positive] = Field(default={})
     """How far off each of these parts may be; 0.1 of its unit if not said."""

@@ -20,7 +20,7 @@ from neuroanimator.parsing.names import FileName, PartName, SystemName
 from neuroanimator.tables import Finite, Share, Step, Table
 
 Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
-Look = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
+Feature = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
 
 
 class Physics(Table):
@@ -41,9 +41,9 @@ class FrameTable(Table):
     """Whether its height matters."""
     probes: tuple[tuple[Finite, Finite, Finite, Finite], ...] = ()
     """Round parts of its body whose height over the ground matters: x, y, z, radius [m]."""
-    fold: Annotated[int, Field(ge=1, le=64)] = 1
+    symmetry_order: Annotated[int, Field(ge=1, le=64)] = 1
     """How many turns about its own Z axis make a whole one, each of which leaves the body as it was."""
-    fold_controls: tuple[tuple[str, str], ...] = ()
+    symmetry_controls: tuple[tuple[str, str], ...] = ()
     """Pairs of controls that turn with it, as X and Y do: torques about X and Y."""
     planar: Annotated[tuple[str, ...], Field(max_length=3)] = ()
     """Joints x, y and heading of a root that moves in a plane, where place and heading do not matter."""
@@ -62,9 +62,9 @@ class Sampling(Table):
     """Least and largest height of a free root over its place at rest [m]."""
     tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
     """Standard deviation of a free root's tilt [rad]."""
-    position: dict[str, Annotated[float, Field(ge=0, le=1e4)]] = Field({})
+    position: dict[str, Annotated[float, Field(ge=0, le=1e4)]] = Field(default={})
     """Per hinge or slide: half the width of the uniform spread [rad or m]; a ball's standard deviation [rad]."""
-    speed: dict[str, tuple[Annotated[float, Field(ge=0, le=1e4)], ...]] = Field({})
+    velocity: dict[str, tuple[Annotated[float, Field(ge=0, le=1e4)], ...]] = Field(default={})
     """Per joint: standard deviation of each of its speeds [rad/s or m/s]; a root's along its own axes."""
 
 
@@ -77,14 +77,14 @@ class Definition(Table):
     kind: Literal["mujoco"] = "mujoco"
     model: FileName
     physics: Physics
-    state: dict[str, Look] = Field({})
+    state: dict[str, Feature] = Field(default={})
     """Per joint, how the network sees it."""
-    control: dict[str, tuple[Finite, Finite]] = Field({})
+    control: dict[str, tuple[Finite, Finite]] = Field(default={})
     """Per actuator, its least and largest value."""
     sensors: tuple[str, ...] = ()
     """Sensors that are emulated too."""
     frame: FrameTable = FrameTable()
-    groups: dict[PartName, tuple[str, ...]] = Field({})
+    groups: dict[PartName, tuple[str, ...]] = Field(default={})
     """Per limb or other part of the body its joints, no joint twice; of a hierarchy's networks."""
     sampling: Sampling = Sampling()
-    goals: dict[SystemName, GoalTable] = Field({})
+    goals: dict[SystemName, GoalTable] = Field(default={})

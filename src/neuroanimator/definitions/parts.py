@@ -16,7 +16,7 @@ class StatePart(Table):
     name: PartName
     unit: str
     size: int = Field(1, ge=1, le=256)
-    look: Literal["plain", "sine", "cyclic"] = "plain"
+    feature: Literal["plain", "sine", "cyclic"] = "plain"
     """How the network sees it: as it is; by sine and cosine; or not at all, for it does not matter where it is."""
     rate: str = ""
     """The part that is its rate of change; empty if none is."""
@@ -31,5 +31,5 @@ class ControlPart(Table):
 
     name: PartName
     unit: str
-    least: tuple[Finite, ...] = Field(min_length=1, max_length=256)
-    largest: tuple[Finite, ...] = Field(min_length=1, max_length=256)
+    low: tuple[Finite, ...] = Field(min_length=1, max_length=256)
+    high: tuple[Finite, ...] = Field(min_length=1, max_length=256)

@@ -8,13 +8,13 @@ from pydantic import Field
 
 from neuroanimator.definitions.parts import ControlPart, StatePart
 from neuroanimator.parsing.names import FileName, SystemName
-from neuroanimator.tables import SHORTEST_STEP, Table
+from neuroanimator.tables import MIN_STEP, Table
 
 
 class RecordedPhysics(Table):
     """How often recordings were sampled."""
 
-    step: Annotated[float, Field(ge=SHORTEST_STEP, le=3600)]
+    step: Annotated[float, Field(ge=MIN_STEP, le=3600)]
 
 
 class RecordedDefinition(Table):

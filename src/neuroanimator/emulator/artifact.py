@@ -9,11 +9,11 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from neuroanimator.appearance.skeleton import HARDLY_OFF_UNIT, Skeleton
+from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
 from neuroanimator.definitions.carried import check_carried
-from neuroanimator.emulator.emulator import Domain, Emulator, Identity
+from neuroanimator.emulator.emulator import Domain, Emulator, EmulatorSpec
 from neuroanimator.emulator.features import Features
-from neuroanimator.emulator.networks import NETWORKS, WIDEST_LAYER, make_network
+from neuroanimator.emulator.networks import MAX_LAYER, NETWORKS, make_network
 from neuroanimator.emulator.networks.hierarchy import parts_from_json, parts_to_json
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.shape_modes import Modes
@@ -28,25 +28,25 @@ from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.text import printable, quoted
 
-FORMAT = 4
+FORMAT = 5
 """Raised whenever an older reader would misunderstand a file."""
 
-MOST_SUBSTEPS = 1000
+MAX_SUBSTEPS = 1000
 """As many as a definition or a dataset may ask for."""
 
-SHORTEST_STEP, LONGEST_STEP = 1e-9, 3600.0
+MIN_STEP, MAX_STEP = 1e-9, 3600.0
 """[s] Of one physics step, or of one interval of recordings; times closer than the first are the same time."""
 
-MOST_PROBES = 256
+MAX_PROBES = 256
 """Round parts whose height an emulator is shown: each is a feature."""
 
-FARTHEST = 1e6
+MAX_DISTANCE = 1e6
 """[m] Largest coordinate of a probe."""
 
 TRIAL_NAME = "trial.emulator.safetensors"
 """Of a file that is there for a moment before a training."""
 
-LONGEST_FAULT = 300
+MAX_FAULT = 300
 """Characters of an error that are shown."""
 
 
@@ -65,7 +65,9 @@ def with_tensors(tree: Any, tensors: dict[str, np.ndarray]) -> Any:
         raise ValueError(f"tensor {quoted(wrong)} is missing or not expected")
     for name, (_, leaf) in zip(names, paths, strict=True):
         if tensors[name].shape != leaf.shape:
-            raise ValueError(f"tensor '{name}' has shape {tensors[name].shape}; wanted {leaf.shape}")
+            raise ValueError(
+                f"tensor '{name}' has shape {tensors[name].shape}; wanted {leaf.shape}"
+            )
         if tensors[name].dtype.kind != leaf.dtype.kind:
             raise ValueError(f"tensor '{name}' holds {tensors[name].dtype}; wanted {leaf.dtype}")
         if leaf.dtype.kind == "f" and (np.abs(tensors[name]) > np.finfo(np.float32).max).any():
@@ -76,7 +78,9 @@ def with_tensors(tree: Any, tensors: dict[str, np.ndarray]) -> Any:
 
 def save(emulator: Emulator, path: Path, provenance: dict[str, Any] | None = None) -> None:
     """Write `emulator`; `provenance` says what it was trained on and how (any JSON)."""
-    write_tensors(path, tensors_of(emulator), {**describe(emulator), "provenance": provenance or {}})
+    write_tensors(
+        path, tensors_of(emulator), {**describe(emulator), "provenance": provenance or {}}
+    )
 
 
 def check_readable(emulator: Emulator, folder: Path, provenance: dict[str, Any]) -> None:
@@ -89,36 +93,38 @@ def check_readable(emulator: Emulator, folder: Path, provenance: dict[str, Any])
         save(emulator, trial, provenance)
         load(trial)
     except BadFileError as error:
-        raise ArgumentError(f"Such an emulator could not be read back once it is trained: {error}") from error
+        raise ArgumentError(
+            f"Such an emulator could not be read back once it is trained: {error}"
+        ) from error
     finally:
         trial.unlink(missing_ok=True)
 
 
 def describe(emulator: Emulator) -> dict[str, Any]:
     """Return the metadata that, with the tensors, makes up the emulator."""
-    identity, features, network = emulator.identity, emulator.features, emulator.network
+    spec, features, network = emulator.spec, emulator.features, emulator.network
     kind = next(name for name, maker in NETWORKS.items() if type(network) is maker)
     return {
         "kind": "emulator",
         "format": FORMAT,
-        "system": identity.system,
-        "state": identity.state.to_json(),
-        "control": identity.control.to_json(),
-        "bounds": [list(identity.bounds.low), list(identity.bounds.high)],
-        "definition": identity.definition,
-        "rest": list(identity.rest),
-        "gait": None if identity.gait is None else identity.gait.to_json(),
-        "substeps": identity.substeps,
-        "dt": identity.dt,
-        "skeleton": identity.skeleton.to_json(),
-        "rates": [list(pair) for pair in identity.rates],
+        "system": spec.system,
+        "state": spec.state.to_json(),
+        "control": spec.control.to_json(),
+        "bounds": [list(spec.bounds.low), list(spec.bounds.high)],
+        "definition": spec.definition,
+        "rest": list(spec.rest),
+        "gait": None if spec.gait is None else spec.gait.to_json(),
+        "substeps": spec.substeps,
+        "dt": spec.dt,
+        "skeleton": spec.skeleton.to_json(),
+        "rates": [list(pair) for pair in spec.rates],
         "modes": None if emulator.modes is None else emulator.modes.to_json(),
         "frame": {
             "segments": segments_to_json(emulator.frame.segments),
             "probes": [list(probe) for probe in emulator.frame.probes],
-            "weighs": emulator.frame.weighs,
+            "has_gravity": emulator.frame.has_gravity,
             "is_immersed": emulator.frame.is_immersed,
-            "pushes": [list(row) for row in emulator.frame.pushes],
+            "external_forces": [list(row) for row in emulator.frame.external_forces],
         },
         "features": {
             "rows": features.angles.shape[0],
@@ -144,7 +150,9 @@ def load(path: Path) -> Emulator:
         emulator = with_tensors(jax.eval_shape(lambda: blank(metadata)), tensors)
         check_arrays(emulator)
     except FAULTS as error:
-        raise BadFileError(f"{path} is not a usable emulator: {first_line(error)}. Make it again.") from error
+        raise BadFileError(
+            f"{path} is not a usable emulator: {first_line(error)}. Make it again."
+        ) from error
     return emulator
 
 
@@ -158,20 +166,35 @@ def check_arrays(emulator: Emulator) -> None:
     if any((np.asarray(scale) <= 0).any() for scale in divisors):
         raise ValueError("normaliser or modes: wanted scales above 0")
     changes = [emulator.normaliser.change_scale, emulator.normaliser.unit]
-    if any((np.asarray(scale) < 0).any() for scale in changes):  # zero: what never moves stands still
+    if any(
+        (np.asarray(scale) < 0).any() for scale in changes
+    ):  # zero: what never moves stands still
         raise ValueError("normaliser: wanted scales of at least 0")
 
 
-FAULTS = (KeyError, TypeError, ValueError, IndexError, ArithmeticError, RecursionError, AttributeError, BadFileError)
+FAULTS = (
+    KeyError,
+    TypeError,
+    ValueError,
+    IndexError,
+    ArithmeticError,
+    RecursionError,
+    AttributeError,
+    BadFileError,
+)
 """What reading metadata that a stranger wrote may end in."""
 
 
 def check_format(path: Path, found: Any, wanted: int) -> None:
     """Refuse a file of another format; say whether the file or this program is the older one."""
     if isinstance(found, bool) or not isinstance(found, int) or found < 1:
-        raise BadFileError(f"{path} does not say its format; this version reads {wanted}. Make it again.")
+        raise BadFileError(
+            f"{path} does not say its format; this version reads {wanted}. Make it again."
+        )
     if found < wanted:
-        raise BadFileError(f"{path} is of an older version: format {found}; this one reads {wanted}. Make it again.")
+        raise BadFileError(
+            f"{path} is of an older version: format {found}; this one reads {wanted}. Make it again."
+        )
     if found > wanted:
         raise BadFileError(
             f"{path} is of a newer version: format {quoted(found)}; this one reads {wanted}. Upgrade NeuroAnimator."
@@ -182,7 +205,7 @@ def first_line(error: Exception) -> str:
     """Return what `error` says as one line, of which whatever comes from the file is harmless to show."""
     if isinstance(error, KeyError):
         return f"it has no {quoted(error.args[0])}"
-    text = " ".join(str(error).split())[:LONGEST_FAULT].rstrip(".")
+    text = " ".join(str(error).split())[:MAX_FAULT].rstrip(".")
     return printable(text) or type(error).__name__
 
 
@@ -194,50 +217,65 @@ def read_metadata(path: Path) -> dict[str, Any]:
 def blank(metadata: dict[str, Any]) -> Emulator:
     """Return an emulator of the described structure with zeros for weights."""
     zeros = jax.numpy.zeros
-    identity = _identity(metadata)
-    state, control = identity.state, identity.control
+    spec = _spec(metadata)
+    state, control = spec.state, spec.control
     described, layers = metadata["features"], metadata["network"]
-    modes = None if metadata["modes"] is None else Modes.from_json(metadata["modes"], state.size, control.size)
-    inner = state.size if modes is None else modes.size
-    plain = entries(described["plain"], "features: plain", inner)
-    rows = whole(described["rows"], "features: rows", 0, WIDEST_LAYER)
-    widths = listed(layers["widths"], "widths", lambda width, what: whole(width, what, 0, WIDEST_LAYER))
-    frame = _frame(metadata["frame"], inner, control.size, identity.dt)
-    others, changes = frame.local_size + frame.control_size(control.size), frame.change_size(inner)
+    modes = (
+        None
+        if metadata["modes"] is None
+        else Modes.from_json(metadata["modes"], state.size, control.size)
+    )
+    latent = state.size if modes is None else modes.size
+    plain = entries(described["plain"], "features: plain", latent)
+    rows = whole(described["rows"], "features: rows", 0, MAX_LAYER)
+    widths = listed(
+        layers["widths"], "widths", lambda width, what: whole(width, what, 0, MAX_LAYER)
+    )
+    frame = _frame(metadata["frame"], latent, control.size, spec.dt)
+    others, changes = frame.local_size + frame.control_size(control.size), frame.change_size(latent)
     seen = len(plain) + others
     even, even_out = _rising(described["even"], seen), _rising(layers["even"], changes)
     parts = parts_from_json(layers["parts"])
-    features = Features(zeros((rows, inner)), plain, flag(described["is_odd"], "features: is_odd"), even)
-    network = make_network(layers["kind"], *features.sizes(others), changes, widths, jax.random.key(0), even_out, parts)
+    features = Features(
+        zeros((rows, latent)), plain, flag(described["is_odd"], "features: is_odd"), even
+    )
+    network = make_network(
+        layers["kind"], *features.sizes(others), changes, widths, jax.random.key(0), even_out, parts
+    )
     if (getattr(network, "even", ()), getattr(network, "parts", ())) != (even_out, parts):
         raise ValueError(f"network: {quoted(layers['kind'])} has no even answers or no parts")
     return Emulator(
         frame=frame,
         features=features,
-        normaliser=Normaliser(zeros(seen), zeros(seen), zeros(changes), zeros(changes), zeros(changes)),
+        normaliser=Normaliser(
+            zeros(seen), zeros(seen), zeros(changes), zeros(changes), zeros(changes)
+        ),
         network=network,
         domain=Domain(zeros(seen), zeros(seen)),
-        identity=identity,
+        spec=spec,
         modes=modes,
     )
 
 
-def _identity(metadata: dict[str, Any]) -> Identity:
+def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
     """Return what the emulator stands for: its text held to the rules of definitions, its numbers finite."""
     state = Layout.from_json(metadata["state"], "state")
     control = Layout.from_json(metadata["control"], "control")
-    substeps = whole(metadata["substeps"], "substeps", 1, MOST_SUBSTEPS)
-    dt = number(metadata["dt"], "dt", SHORTEST_STEP * substeps, LONGEST_STEP * substeps)
+    substeps = whole(metadata["substeps"], "substeps", 1, MAX_SUBSTEPS)
+    dt = number(metadata["dt"], "dt", MIN_STEP * substeps, MAX_STEP * substeps)
     system, definition = check_system_name(metadata["system"]), metadata["definition"]
     if not isinstance(definition, str):
         raise ValueError("definition: wanted a text")
     if definition:
         check_carried(system, definition, substeps, dt)
-    index = lambda entry, what: whole(entry, what, 0, state.size - 1)  # noqa: E731
+
+    def index(entry, what):
+        return whole(entry, what, 0, state.size - 1)
+
     rates = listed(metadata["rates"], "rates", lambda pair, what: listed(pair, what, index, 2))
     if len({position for position, _ in rates}) < len(rates):
         raise ValueError("rates: an entry has two")
-    return Identity(
+    return EmulatorSpec(
         system=system,
         state=state,
         control=control,
@@ -258,8 +296,10 @@ def _rest(values: Any, state: Layout) -> tuple[float, ...]:
     for part in state.slices:
         if part.unit == "quaternion":
             norm = np.linalg.norm(rest[state.index(part.name)])
-            if abs(norm - 1) > HARDLY_OFF_UNIT:
-                raise ValueError(f"rest: '{part.name}' is a quaternion of length {norm:g}; wanted 1")
+            if abs(norm - 1) > UNIT_TOLERANCE:
+                raise ValueError(
+                    f"rest: '{part.name}' is a quaternion of length {norm:g}; wanted 1"
+                )
     return rest
 
 
@@ -273,9 +313,11 @@ def _rising(values: Any, size: int) -> tuple[int, ...]:
 
 def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float) -> Frame:
     segments = segments_from_json(described["segments"])
-    probes = listed(described["probes"], "frame: probes", lambda row, what: numbers(row, what, 4, FARTHEST))
-    if len(probes) > MOST_PROBES:
-        raise ValueError(f"frame: {len(probes)} probes; wanted at most {MOST_PROBES}")
+    probes = listed(
+        described["probes"], "frame: probes", lambda row, what: numbers(row, what, 4, MAX_DISTANCE)
+    )
+    if len(probes) > MAX_PROBES:
+        raise ValueError(f"frame: {len(probes)} probes; wanted at most {MAX_PROBES}")
     if segments and sum(segment.size for segment in segments) != state_size:
         raise ValueError("frame: its segments do not fill the state")
     if any("point" in segment.kind for segment in segments):
@@ -284,10 +326,14 @@ def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float)
         raise ValueError("frame: a rate lies outside the state")
     if probes and {"position", "quaternion", "velocity"} - {segment.kind for segment in segments}:
         raise ValueError("frame: probes need a root that moves freely")
-    pushes = listed(described["pushes"], "frame: pushes", lambda row, what: numbers(row, what, controls))
-    if len(pushes) not in (0, 3):
+    external_forces = listed(
+        described["external_forces"],
+        "frame: pushes",
+        lambda row, what: numbers(row, what, controls),
+    )
+    if len(external_forces) not in (0, 3):
         raise ValueError("frame: wanted pushes along three axes, or none")
-    weighs = flag(described["weighs"], "frame: weighs")
+    has_gravity = flag(described["has_gravity"], "frame: weighs")
     is_immersed = flag(described["is_immersed"], "frame: is_immersed")
     spheres = tuple((x, y, z, r) for x, y, z, r in probes)
-    return Frame(segments, spheres, dt, weighs, is_immersed, pushes=pushes)
+    return Frame(segments, spheres, dt, has_gravity, is_immersed, external_forces=external_forces)

@@ -71,7 +71,14 @@ class Step:
     Unlike a bound method of a module it can be hashed, as `jax.jit` asks of what it compiles.
     """
 
-    def __init__(self, function: Callable[..., Array], emulator: Any, state: Layout, control: Layout, kind: np.dtype):
+    def __init__(
+        self,
+        function: Callable[..., Array],
+        emulator: Any,
+        state: Layout,
+        control: Layout,
+        kind: np.dtype,
+    ):
         """`function` (emulator, state, control) → the next state; `kind` is the type of the emulator's numbers."""
         self._function = function
         self._emulator = emulator
@@ -82,9 +89,13 @@ class Step:
         self.__doc__ = type(self).__call__.__doc__
 
     def __repr__(self) -> str:
-        return f"step(state {self._state_shape}, control {self._control_shape}) of {self._emulator!r}"
+        return (
+            f"step(state {self._state_shape}, control {self._control_shape}) of {self._emulator!r}"
+        )
 
-    def __call__(self, state: Float[ArrayLike, " S"], control: Float[ArrayLike, " C"]) -> Float[Array, " S"]:
+    def __call__(
+        self, state: Float[ArrayLike, " S"], control: Float[ArrayLike, " C"]
+    ) -> Float[Array, " S"]:
         """Return the state (S,) one super step after `state` (S,) under `control` (C,). Differentiable.
 
         Raises ArgumentError for wrong shapes, and for numbers that are not finite where they do not come from JAX.
@@ -93,7 +104,9 @@ class Step:
         control = self._checked(control, self._control, self._control_shape, "control")
         return call_compiled(self._function, self._emulator, state, control)
 
-    def _checked(self, vector: ArrayLike, layout: Layout, shape: tuple[int, ...], label: str) -> Any:
+    def _checked(
+        self, vector: ArrayLike, layout: Layout, shape: tuple[int, ...], label: str
+    ) -> Any:
         if isinstance(vector, jax.Array) and vector.shape == shape:
             return vector  # Looking at its numbers would wait for them, and a tracer has none.
         if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:

@@ -29,7 +29,7 @@ UNROLL = 4
 """Super steps compiled into one loop body: 10 % faster than one; eight gain nothing more."""
 
 
-LARGEST_NUMBER = 1e6
+MAX_MAGNITUDE = 1e6
 """Of a state: beyond it a super step's change is lost in the rounding of float32."""
 
 COVERED_MARGIN = 0.02
@@ -63,7 +63,7 @@ class Domain(eqx.Module):
         return jnp.clip(plain, self.low, self.high)
 
 
-class Identity(eqx.Module):
+class EmulatorSpec(eqx.Module):
     """What an emulator stands for: fixed facts, no weights."""
 
     system: str = eqx.field(static=True)
@@ -93,14 +93,14 @@ class Emulator(eqx.Module):
     normaliser: Normaliser
     network: Network
     domain: Domain
-    identity: Identity
+    spec: EmulatorSpec
     modes: Modes | None = None
     """Of a deformable body: the few numbers the super step is made in."""
 
     @property
     def dt(self) -> float:
         """Time one super step covers [s]."""
-        return self.identity.dt
+        return self.spec.dt
 
     @property
     def step(self) -> Step:
@@ -109,16 +109,18 @@ class Emulator(eqx.Module):
         A function that can be called from Python, where it is compiled at the first call, and given to `jax.jit`,
         `jax.grad` and `jax.vmap`.
         """
-        identity, kind = self.identity, self.normaliser.change_scale.dtype
-        return Step(step, self, identity.state, identity.control, kind)
+        spec, kind = self.spec, self.normaliser.change_scale.dtype
+        return Step(step, self, spec.state, spec.control, kind)
 
-    def advance(self, inner: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " I"]:
+    def advance(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> Float[Array, " I"]:
         """Return `step` in the numbers it is made in: those of `encode` and `encode_control`.
 
         A deformable body's shape and speed, and the numbers a network is shown of any other state, are kept within
         what training showed.
         """
-        following = self.leap(inner, control)
+        following = self.leap(latent, control)
         return self._kept(following) if self.modes is None else self.modes.bounded(following)
 
     def _kept(self, state: Float[Array, " S"]) -> Float[Array, " S"]:
@@ -130,20 +132,20 @@ class Emulator(eqx.Module):
         seen = self.features.plain_of(state)
         return self.features.with_plain(state, jnp.clip(seen, low, high))
 
-    def leap(self, inner: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " I"]:
-        """Return what the network makes of `inner`: `advance` before anything is kept within bounds."""
-        plain = self.normaliser.forward(self.domain.clip(self.seen(inner, control)))
-        change = self.normaliser.inverse(self.network(*self.features.streams(inner, plain)))
-        return self.frame.apply(inner, change, control)
+    def leap(self, latent: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " I"]:
+        """Return what the network makes of `latent`: `advance` before anything is kept within bounds."""
+        plain = self.normaliser.forward(self.domain.clip(self.seen(latent, control)))
+        change = self.normaliser.inverse(self.network(*self.features.streams(latent, plain)))
+        return self.frame.apply(latent, change, control)
 
     def rest_streams(self) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
         """Return what the network sees at rest without control; left and right are alike there, to the last bit."""
-        identity = self.identity
-        inner = self.encode(np.array(identity.rest))
-        control = self.encode_control(identity.bounds.idle)
-        seen = jnp.asarray(self.seen(inner, control), jnp.float32)
+        spec = self.spec
+        latent = self.encode(np.array(spec.rest))
+        control = self.encode_control(spec.bounds.idle)
+        seen = jnp.asarray(self.seen(latent, control), jnp.float32)
         plain = self.normaliser.forward(self.domain.clip(seen))
-        odd, even = self.features.streams(jnp.asarray(inner, jnp.float32), plain)
+        odd, even = self.features.streams(jnp.asarray(latent, jnp.float32), plain)
         return (jnp.zeros_like(odd), even) if self.features.is_odd else (odd, even)
 
     def at_rest(self, streams: tuple[Float[Array, " O"], Float[Array, " E"]]) -> Emulator:
@@ -158,39 +160,47 @@ class Emulator(eqx.Module):
         """Return (..., I) the numbers in which the super step is made: of a deformable body few, else the state."""
         return state if self.modes is None else self.modes.encode(state)
 
-    def decode(self, inner: Numbers) -> Numbers:
-        """Return the states (..., S) of `inner` (..., I)."""
-        return inner if self.modes is None else self.modes.decode(inner)
+    def decode(self, latent: Numbers) -> Numbers:
+        """Return the states (..., S) of `latent` (..., I)."""
+        return latent if self.modes is None else self.modes.decode(latent)
 
     def encode_control(self, control: Numbers) -> Numbers:
         """Return the controls (..., C) as `advance` takes them."""
         return control if self.modes is None else self.modes.encode_control(control)
 
-    def encode_motion(self, state: ArrayLike, controls: ArrayLike) -> tuple[Float[Array, " I"], Float[Array, "*T C"]]:
+    def encode_motion(
+        self, state: ArrayLike, controls: ArrayLike
+    ) -> tuple[Float[Array, " I"], Float[Array, "*T C"]]:
         """Return a start (S,) and the controls (..., C) from there on as `advance` takes them, in float32."""
         return self.encode(as_jax(state)), self.encode_control(as_jax(controls))
 
-    def seen(self, inner: Numbers, control: Numbers) -> Numbers:
+    def seen(self, latent: Numbers, control: Numbers) -> Numbers:
         """Return (..., K) what the network sees besides sines and cosines, not yet normalised: no place, no heading."""
-        return self.features.plain_of(inner, self.frame.local(inner), self.frame.seen_control(inner, control))
+        return self.features.plain_of(
+            latent, self.frame.local(latent), self.frame.seen_control(latent, control)
+        )
 
     def plain_of(self, state: Numbers, control: Numbers) -> Numbers:
         """Return (..., K) what the network sees of a state (..., S) and a control (..., C), not yet normalised."""
         return self.seen(self.encode(state), self.encode_control(control))
 
-    def rollout(self, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool = False) -> Float[Array, "*B T+1 S"]:
+    def rollout(
+        self, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool = False
+    ) -> Float[Array, "*B T+1 S"]:
         """Return the trajectory from `state` (S,) under `controls` (T, C), the start included.
 
         A batch is `state` (B, S) with `controls` (B, T, C). With `may_diverge`, numbers that are not finite are
         returned where the motion comes to that.
 
-        Raises ArgumentError for wrong shapes, for numbers that are not finite or larger than `LARGEST_NUMBER`, and
+        Raises ArgumentError for wrong shapes, for numbers that are not finite or larger than `MAX_MAGNITUDE`, and
         for states no motion follows from; DivergedError where a motion ends in numbers that are not finite.
         """
         state, controls = self._checked(state, controls)
         if not controls.shape[-2]:
             return state[..., None, :]
-        found = call_compiled(_quick_rollouts if state.ndim == 2 else _quick_rollout, self, state, controls)
+        found = call_compiled(
+            _quick_rollouts if state.ndim == 2 else _quick_rollout, self, state, controls
+        )
         if not may_diverge:
             self._check_finite(np.asarray(found))
         return found
@@ -201,7 +211,7 @@ class Emulator(eqx.Module):
         if not is_broken.any():
             return
         *_, step, entry = np.argwhere(is_broken)[np.argmin(np.argwhere(is_broken)[:, -2])]
-        name = self.identity.state.names[entry]
+        name = self.spec.state.names[entry]
         if step <= 1:
             raise ArgumentError(
                 f"state: no motion follows from it: after one super step {name} is not finite. Give a state that the "
@@ -219,18 +229,18 @@ class Emulator(eqx.Module):
 
         Raises ArgumentError for wrong shapes.
         """
-        state = self.identity.state.check_shape(state, "state")
-        control = self.identity.control.check_shape(control, "control")
-        if not (np.abs(state) <= LARGEST_NUMBER).all() or not np.isfinite(control).all():
+        state = self.spec.state.check_shape(state, "state")
+        control = self.spec.control.check_shape(control, "control")
+        if not (np.abs(state) <= MAX_MAGNITUDE).all() or not np.isfinite(control).all():
             return False
-        if not self.identity.bounds.contain(control):
+        if not self.spec.bounds.contain(control):
             return False
         with np.errstate(all="ignore"):  # huge numbers overflow on their way, and are not covered
             return bool(self.covers_encoded(self.encode(state)))
 
-    def covers_encoded(self, inner: Numbers) -> Numbers:
+    def covers_encoded(self, latent: Numbers) -> Numbers:
         """Return (...) the same of states in the numbers of `encode` (..., I), whatever the control; inside jit too."""
-        return self.domain.covers(self.features.plain_of(inner, self.frame.local(inner)))
+        return self.domain.covers(self.features.plain_of(latent, self.frame.local(latent)))
 
     def save(self, path: str | Path) -> None:
         """Write the emulator as one `.safetensors` file."""
@@ -250,66 +260,78 @@ class Emulator(eqx.Module):
         return load(file)
 
     def __repr__(self) -> str:
-        identity = self.identity
+        spec = self.spec
         kind = type(self.network).__name__.lower()
         widths = "x".join(map(str, self.network.widths))
         return (
-            f'Emulator("{identity.system}", {identity.substeps} substeps, dt {identity.dt:g} s, '
-            f"{identity.state.size} states, {identity.control.size} controls, {kind} {widths})"
+            f'Emulator("{spec.system}", {spec.substeps} substeps, dt {spec.dt:g} s, '
+            f"{spec.state.size} states, {spec.control.size} controls, {kind} {widths})"
         )
 
     def _checked(self, state: ArrayLike, controls: ArrayLike) -> tuple[Array, Array]:
-        state = self.identity.state.check(state, "state")
-        controls = self.identity.control.check(controls, "control")
-        if state.ndim not in (1, 2) or controls.ndim != state.ndim + 1 or state.shape[:-1] != controls.shape[:-2]:
+        state = self.spec.state.check(state, "state")
+        controls = self.spec.control.check(controls, "control")
+        if (
+            state.ndim not in (1, 2)
+            or controls.ndim != state.ndim + 1
+            or state.shape[:-1] != controls.shape[:-2]
+        ):
             raise ArgumentError(
                 f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "
                 f"came {state.shape} with {controls.shape}."
             )
-        too_large = np.abs(state) > LARGEST_NUMBER
+        too_large = np.abs(state) > MAX_MAGNITUDE
         if too_large.any():
-            place = tuple(np.argwhere(too_large)[0])
+            index = tuple(np.argwhere(too_large)[0])
             raise ArgumentError(
-                f"state: {self.identity.state.names[place[-1]]} is {state[place]:g}; wanted a magnitude of at most "
-                f"{LARGEST_NUMBER:g}. Start nearer to where you look."
+                f"state: {self.spec.state.names[index[-1]]} is {state[index]:g}; wanted a magnitude of at most "
+                f"{MAX_MAGNITUDE:g}. Start nearer to where you look."
             )
         kind = self.normaliser.change_scale.dtype
         return as_jax(state, kind), as_jax(controls, kind)
 
 
-def step(emulator: Emulator, state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " S"]:
+def step(
+    emulator: Emulator, state: Float[Array, " S"], control: Float[Array, " C"]
+) -> Float[Array, " S"]:
     """Return the state one super step after `state`. For use inside jit, grad and vmap."""
-    inner = emulator.encode(state)
-    return emulator.decode(emulator.advance(inner, emulator.encode_control(control)))
+    latent = emulator.encode(state)
+    return emulator.decode(emulator.advance(latent, emulator.encode_control(control)))
 
 
 def rollout(
-    emulator: Emulator, state: Float[Array, " S"], controls: Float[Array, "T C"], *, unroll: int = UNROLL
+    emulator: Emulator,
+    state: Float[Array, " S"],
+    controls: Float[Array, "T C"],
+    *,
+    unroll: int = UNROLL,
 ) -> Float[Array, "T+1 S"]:
     """Return the trajectory from `state`, start included. For use inside jit, grad and vmap."""
-    inner = follow(emulator, emulator.encode(state), emulator.encode_control(controls), unroll=unroll)
-    return jnp.concatenate([state[None], emulator.decode(inner)])
+    latent = follow(
+        emulator, emulator.encode(state), emulator.encode_control(controls), unroll=unroll
+    )
+    return jnp.concatenate([state[None], emulator.decode(latent)])
 
 
 def follow(
     emulator: Emulator,
-    inner: Float[Array, " I"],
+    latent: Float[Array, " I"],
     controls: Float[Array, "T C"],
     *,
     is_bounded: bool = True,
     unroll: int = UNROLL,
 ) -> Float[Array, "T I"]:
-    """Return the trajectory after `inner`, all in the numbers in which the super step is made.
+    """Return the trajectory after `latent`, all in the numbers in which the super step is made.
 
     Training follows the network alone: what bounds do to a stray body teaches nothing.
     """
     one = emulator.advance if is_bounded else emulator.leap
 
-    def advance(inner, control):
-        following = one(inner, control)
+    def advance(latent, control):
+        following = one(latent, control)
         return following, following
 
-    return jax.lax.scan(advance, inner, controls, unroll=unroll)[1]
+    return jax.lax.scan(advance, latent, controls, unroll=unroll)[1]
 
 
 def _quick_rollout(emulator: Emulator, state: Array, controls: Array) -> Array:

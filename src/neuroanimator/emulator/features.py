@@ -48,11 +48,13 @@ class Features(eqx.Module):
         """Return (..., K) what enters as it is, not yet normalised: plain entries of `state` (..., S), `others`."""
         return state.__array_namespace__().concat([*_runs(state, self.plain), *others], axis=-1)
 
-    def with_plain(self, state: Float[Array, " S"], values: Float[Array, " P"]) -> Float[Array, " S"]:
+    def with_plain(
+        self, state: Float[Array, " S"], values: Float[Array, " P"]
+    ) -> Float[Array, " S"]:
         """Return `state` with its plain entries replaced by `values`."""
         size = state.shape[0]
-        places = {entry: size + i for i, entry in enumerate(self.plain)}
-        order = tuple(places.get(entry, entry) for entry in range(size))
+        slots = {entry: size + i for i, entry in enumerate(self.plain)}
+        order = tuple(slots.get(entry, entry) for entry in range(size))
         return reordered(jnp.concatenate([state, values]), order)  # a scatter there is no C for
 
     def streams(

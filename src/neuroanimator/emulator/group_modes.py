@@ -32,8 +32,10 @@ def fit_grouped_modes(structure: Structure, states: np.ndarray, local: int) -> G
     """Return modes in which every segment has its centre's three, and `local` more for places and for speeds."""
     assert structure.cloud is not None
     _, shapes, swings = seen_in_frame(structure.cloud, np.asarray(states, float))
-    (places, own_q), (speeds, own_p) = (_grouped(structure, samples, local) for samples in (shapes, swings))
-    return GroupedModes(modes_along(structure, places, speeds, states), own_q, own_p)
+    (positions, own_q), (velocities, own_p) = (
+        _grouped(structure, samples, local) for samples in (shapes, swings)
+    )
+    return GroupedModes(modes_along(structure, positions, velocities, states), own_q, own_p)
 
 
 def _grouped(structure: Structure, seen: np.ndarray, local: int) -> tuple[Basis, list[Owner]]:
@@ -48,10 +50,14 @@ def _grouped(structure: Structure, seen: np.ndarray, local: int) -> tuple[Basis,
         own = samples[:, rows] - samples[:, rows] @ centre @ centre.T
         turned = None if reflect is None else reflect[np.ix_(rows, rows)]
         if turned is not None and not np.allclose(turned @ turned.T, np.eye(len(rows))):
-            raise ArgumentError(f"groups.{group.name}: it must hold both partners of every pair the mirror swaps.")
+            raise ArgumentError(
+                f"groups.{group.name}: it must hold both partners of every pair the mirror swaps."
+            )
         basis = principal(own, min(local, len(rows) - 3), turned)
         for column, way in enumerate(basis.directions.T):
-            (odd if column < basis.odd else even).append((_wide(way, rows, samples), Owner(number, False)))
+            (odd if column < basis.odd else even).append(
+                (_wide(way, rows, samples), Owner(number, False))
+            )
         for axis, way in enumerate(centre.T):
             is_odd = reflect is None or axis == 1
             (odd if is_odd else even).append((_wide(way, rows, samples), Owner(number, True)))

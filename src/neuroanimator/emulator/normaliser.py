@@ -5,7 +5,7 @@ from __future__ import annotations
 import equinox as eqx
 from jaxtyping import Array, Float
 
-SMALLEST_CHANGE = 1e-6
+MIN_CHANGE = 1e-6
 """[of its unit] What changes by less in a super step never moves: rounding would be taken for motion, and learnt."""
 
 

@@ -29,7 +29,9 @@ def principal(samples: np.ndarray, count: int, reflect: np.ndarray | None) -> Ba
     A `count` of 0 stands for as many as leave out `LEFT_OUT` of the variation.
     """
     size = samples.shape[1]
-    signs, ways = (np.full(size, -1.0), np.eye(size)) if reflect is None else np.linalg.eigh(reflect)
+    signs, ways = (
+        (np.full(size, -1.0), np.eye(size)) if reflect is None else np.linalg.eigh(reflect)
+    )
     odd, even = (_leading(samples, ways[:, signs * sign > 0], centred=sign > 0) for sign in (-1, 1))
     if reflect is None:
         odd = _leading(samples, ways, centred=True)

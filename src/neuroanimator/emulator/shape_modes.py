@@ -16,10 +16,16 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.pca import Basis, mixing, principal, reflection
 from neuroanimator.parsing.numbers import entries, listed, number, numbers, whole
-from neuroanimator.state.layout import MOST_NUMBERS
-from neuroanimator.state.reference_shape import Cloud, flat_of, points_of, seen_by, shown_by
+from neuroanimator.state.layout import MAX_NUMBERS
+from neuroanimator.state.reference_shape import (
+    Cloud,
+    flat_of,
+    points_of,
+    to_body_axes,
+    to_world_axes,
+)
 from neuroanimator.state.rotation import Numbers, cross
-from neuroanimator.state.structure import LONGEST_RESPONSE, Mirror, Segment, Structure
+from neuroanimator.state.structure import MAX_RESPONSE, Mirror, Segment, Structure
 
 RIGID = 13
 """Numbers of the frame: place, quaternion, velocity, spin."""
@@ -27,10 +33,10 @@ RIGID = 13
 HARDLY_EXCEEDED = 0.9995
 """Share of the training states within the reach of the modes."""
 
-FARTHEST, SHARES_OFF = 1e6, 1e-6
+MAX_DISTANCE, SHARES_OFF = 1e6, 1e-6
 """Of a cloud read from a file: the largest coordinate [m], and how far the sum of shares may be off 1."""
 
-SMALLEST_SPREAD, TINY = 1e-9, 1e-12
+MIN_SPREAD, TINY = 1e-9, 1e-12
 """Modes that never vary, and motions that stand still, are not divided by zero."""
 
 
@@ -41,12 +47,12 @@ class Modes(eqx.Module):
     places and of speeds are kept apart, because what bends is not what swings.
     """
 
-    places: Float[Array, "3*N Q"]
+    positions: Float[Array, "3*N Q"]
     """Orthonormal; how the shape differs from the mean one, per mode of places [m]."""
-    speeds: Float[Array, "3*N P"]
+    velocities: Float[Array, "3*N P"]
     """Orthonormal; how mass points move besides the frame's motion, per mode of speeds [m/s]."""
-    mean_place: Float[Array, " 3*N"]
-    mean_speed: Float[Array, " 3*N"]
+    mean_position: Float[Array, " 3*N"]
+    mean_velocity: Float[Array, " 3*N"]
     spread: Float[Array, " Q+P"]
     """Standard deviation of every mode in training, in their order within the few numbers."""
     reach: Float[Array, " 4"]
@@ -54,12 +60,12 @@ class Modes(eqx.Module):
     spin [rad/s]."""
     cloud: Cloud = eqx.field(static=True)
     mirror: Mirror | None = eqx.field(static=True)
-    odd_places: int = eqx.field(static=True)
+    odd_positions: int = eqx.field(static=True)
     """How many modes of places are odd; they come first."""
-    odd_speeds: int = eqx.field(static=True)
+    odd_velocities: int = eqx.field(static=True)
     muscles: int = eqx.field(static=True)
     """How many contractions belong to the state."""
-    response: float = eqx.field(static=True)
+    time_constant: float = eqx.field(static=True)
     """[s] Time constant of the muscles."""
 
     @property
@@ -70,18 +76,27 @@ class Modes(eqx.Module):
     def to_json(self) -> dict[str, Any]:
         """Return what, with the arrays, makes up the modes."""
         return {
-            "cloud": [list(self.cloud.places), list(self.cloud.masses)],
-            "mirror": None if self.mirror is None else [list(self.mirror.points), list(self.mirror.controls)],
-            "counts": [self.places.shape[1], self.speeds.shape[1], self.odd_places, self.odd_speeds],
+            "cloud": [list(self.cloud.positions), list(self.cloud.masses)],
+            "mirror": None
+            if self.mirror is None
+            else [list(self.mirror.points), list(self.mirror.controls)],
+            "counts": [
+                self.positions.shape[1],
+                self.velocities.shape[1],
+                self.odd_positions,
+                self.odd_velocities,
+            ],
             "muscles": self.muscles,
-            "response": self.response,
+            "time_constant": self.time_constant,
         }
 
     @classmethod
     def from_json(cls, described: dict[str, Any], states: int, controls: int) -> Modes:
         """Return the modes `to_json` wrote, arrays zero; ValueError unless they fit `states` and `controls`."""
         cloud = _cloud_from_json(described["cloud"])
-        counts = listed(described["counts"], "modes", lambda count, what: whole(count, what, 0, MOST_NUMBERS), 4)
+        counts = listed(
+            described["counts"], "modes", lambda count, what: whole(count, what, 0, MAX_NUMBERS), 4
+        )
         q, p, odd_q, odd_p = counts
         size = 3 * cloud.count
         muscles = whole(described["muscles"], "modes: muscles", 0, controls)
@@ -91,94 +106,115 @@ class Modes(eqx.Module):
         mirror = None
         if described["mirror"] is not None:
             points, drives = described["mirror"]
-            mirror = Mirror(entries(points, "modes: mirror", cloud.count), entries(drives, "modes: mirror", controls))
+            mirror = Mirror(
+                entries(points, "modes: mirror", cloud.count),
+                entries(drives, "modes: mirror", controls),
+            )
             if not _swaps(mirror.points, cloud.count) or not _swaps(mirror.controls, controls):
                 raise ValueError("modes: a mirror that does not pair left and right")
         bases = jnp.zeros((size, q)), jnp.zeros((size, p)), jnp.zeros(size), jnp.zeros(size)
         arrays = *bases, jnp.zeros(q + p), jnp.zeros(4)
-        response = number(described["response"], "modes: response", 0, LONGEST_RESPONSE)
-        return cls(*arrays, cloud, mirror, odd_q, odd_p, muscles, response)
+        time_constant = number(described["time_constant"], "modes: response", 0, MAX_RESPONSE)
+        return cls(*arrays, cloud, mirror, odd_q, odd_p, muscles, time_constant)
 
     def encode(self, state: Numbers) -> Numbers:
         """Return (..., I) the few numbers of `state` (..., S)."""
         xp = state.__array_namespace__()
         rigid, shape, swing = seen_in_frame(self.cloud, state)
-        q = (shape - _like(self.mean_place, state)) @ _like(self.places, state)
-        p = (swing - _like(self.mean_speed, state)) @ _like(self.speeds, state)
+        q = (shape - _like(self.mean_position, state)) @ _like(self.positions, state)
+        p = (swing - _like(self.mean_velocity, state)) @ _like(self.velocities, state)
         pulled = self.encode_control(state[..., 2 * shape.shape[-1] :])
         return xp.concat([*rigid, *self._ordered(q, p), pulled], axis=-1)
 
-    def decode(self, inner: Numbers) -> Numbers:
-        """Return the states (..., S) closest to what `inner` (..., I) says."""
-        xp = inner.__array_namespace__()
-        centre, turn, velocity, spin = inner[..., :3], inner[..., 3:7], inner[..., 7:10], inner[..., 10:RIGID]
-        q, p = self._parted(inner)
-        seen = points_of(_like(self.mean_place, inner) + q @ _like(self.places, inner).mT)
-        flow = points_of(_like(self.mean_speed, inner) + p @ _like(self.speeds, inner).mT)
-        flow = flow + cross(spin[..., None, :], seen)
-        places = centre[..., None, :] + shown_by(turn, seen)
-        speeds = velocity[..., None, :] + shown_by(turn, flow)
-        contractions = self.decode_control(inner[..., RIGID + self.count :])
-        return xp.concat([flat_of(places), flat_of(speeds), contractions], axis=-1)
+    def decode(self, latent: Numbers) -> Numbers:
+        """Return the states (..., S) closest to what `latent` (..., I) says."""
+        xp = latent.__array_namespace__()
+        centre, orientation, velocity, angular_velocity = (
+            latent[..., :3],
+            latent[..., 3:7],
+            latent[..., 7:10],
+            latent[..., 10:RIGID],
+        )
+        q, p = self._parted(latent)
+        seen = points_of(_like(self.mean_position, latent) + q @ _like(self.positions, latent).mT)
+        flow = points_of(_like(self.mean_velocity, latent) + p @ _like(self.velocities, latent).mT)
+        flow = flow + cross(angular_velocity[..., None, :], seen)
+        positions = centre[..., None, :] + to_world_axes(orientation, seen)
+        velocities = velocity[..., None, :] + to_world_axes(orientation, flow)
+        activations = self.decode_control(latent[..., RIGID + self.count :])
+        return xp.concat([flat_of(positions), flat_of(velocities), activations], axis=-1)
 
     @property
     def count(self) -> int:
         """How many modes there are, of places and of speeds together."""
-        return self.places.shape[1] + self.speeds.shape[1]
+        return self.positions.shape[1] + self.velocities.shape[1]
 
     def _ordered(self, q: Numbers, p: Numbers) -> list[Numbers]:
-        a, b = self.odd_places, self.odd_speeds
+        a, b = self.odd_positions, self.odd_velocities
         return [q[..., :a], p[..., :b], q[..., a:], p[..., b:]]
 
-    def _parted(self, inner: Numbers) -> tuple[Numbers, Numbers]:
-        xp = inner.__array_namespace__()
-        a, b, q = self.odd_places, self.odd_speeds, self.places.shape[1]
-        modes = inner[..., RIGID : RIGID + self.count]
+    def _parted(self, latent: Numbers) -> tuple[Numbers, Numbers]:
+        xp = latent.__array_namespace__()
+        a, b, q = self.odd_positions, self.odd_velocities, self.positions.shape[1]
+        modes = latent[..., RIGID : RIGID + self.count]
         even_places = modes[..., a + b : b + q]
         return (
             xp.concat([modes[..., :a], even_places], axis=-1),
             xp.concat([modes[..., a : a + b], modes[..., b + q :]], axis=-1),
         )
 
-    def bounded(self, inner: Float[Array, " I"]) -> Float[Array, " I"]:
-        """Return `inner` (I,) with shape, swing, speed and spin shrunk to what training showed, if they are beyond it.
+    def bounded(self, latent: Float[Array, " I"]) -> Float[Array, " I"]:
+        """Return `latent` (I,) with shape, swing, speed and spin shrunk to what training showed, if they are beyond it.
 
         It keeps a body in shape for ever: see `docs/decisions/0008-bodies-in-few-numbers.md`.
         """
-        velocity, spin, modes = self._limited(inner)
-        squares = self._squares(velocity, spin, modes / self.spread)
-        kept = [jnp.minimum(1.0, self.reach[i] / jnp.sqrt(square + TINY)) for i, square in enumerate(squares)]
+        velocity, angular_velocity, modes = self._limited(latent)
+        squares = self._squares(velocity, angular_velocity, modes / self.spread)
+        kept = [
+            jnp.minimum(1.0, self.reach[i] / jnp.sqrt(square + TINY))
+            for i, square in enumerate(squares)
+        ]
         shrunk = modes * jnp.where(self._is_place(), kept[0], kept[1])
-        parts = inner[:7], velocity * kept[2], spin * kept[3], shrunk, inner[RIGID + self.count :]
+        parts = (
+            latent[:7],
+            velocity * kept[2],
+            angular_velocity * kept[3],
+            shrunk,
+            latent[RIGID + self.count :],
+        )
         return jnp.concatenate(parts)
 
-    def _limited(self, inner: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-        """Return velocity (..., 3), spin (..., 3) and modes (..., K) of `inner` (..., I): what has a reach."""
-        return inner[..., 7:10], inner[..., 10:RIGID], inner[..., RIGID : RIGID + self.count]
+    def _limited(self, latent: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+        """Return velocity (..., 3), spin (..., 3) and modes (..., K) of `latent` (..., I): what has a reach."""
+        return latent[..., 7:10], latent[..., 10:RIGID], latent[..., RIGID : RIGID + self.count]
 
-    def _squares(self, velocity: Numbers, spin: Numbers, modes: Numbers) -> tuple[Numbers, ...]:
+    def _squares(
+        self, velocity: Numbers, angular_velocity: Numbers, modes: Numbers
+    ) -> tuple[Numbers, ...]:
         """Return the squares (...) of what `reach` limits, in its order; `modes` in standard deviations."""
         xp, size, shape = modes.__array_namespace__(), modes**2, self._is_place()
         return (
             xp.mean(size, axis=-1, where=shape),
             xp.mean(size, axis=-1, where=~shape),
             xp.sum(velocity**2, axis=-1),
-            xp.sum(spin**2, axis=-1),
+            xp.sum(angular_velocity**2, axis=-1),
         )
 
     def _is_place(self) -> np.ndarray:
         """Return (K,) which modes, in their order within the few numbers, are of places."""
-        q, p = self.places.shape[1], self.speeds.shape[1]
-        a, b = self.odd_places, self.odd_speeds
+        q, p = self.positions.shape[1], self.velocities.shape[1]
+        a, b = self.odd_positions, self.odd_velocities
         return np.repeat([True, False, True, False], [a, b, q - a, p - b])
 
     def with_reach(self, states: np.ndarray) -> Modes:
         """Return the modes with spread and reach of the bodies in `states` (B, S)."""
-        velocity, spin, modes = self._limited(self.encode(np.asarray(states, float)))
-        spread = np.maximum(modes.std(axis=0), SMALLEST_SPREAD)
-        squares = self._squares(velocity, spin, modes / spread)
+        velocity, angular_velocity, modes = self._limited(self.encode(np.asarray(states, float)))
+        spread = np.maximum(modes.std(axis=0), MIN_SPREAD)
+        squares = self._squares(velocity, angular_velocity, modes / spread)
         reach = np.array([np.quantile(np.sqrt(square), HARDLY_EXCEEDED) for square in squares])
-        return replace(self, spread=jnp.asarray(spread, jnp.float32), reach=jnp.asarray(reach, jnp.float32))
+        return replace(
+            self, spread=jnp.asarray(spread, jnp.float32), reach=jnp.asarray(reach, jnp.float32)
+        )
 
     def encode_control(self, control: Numbers) -> Numbers:
         """Return (..., C) what left and right do oppositely, then what they do alike."""
@@ -201,16 +237,16 @@ class Modes(eqx.Module):
             Segment("plain", 3 + self.count),
         ]
         if self.muscles:
-            segments.append(Segment("follower", self.muscles, response=self.response))
+            segments.append(Segment("lag", self.muscles, time_constant=self.time_constant))
         return Structure(
             angles=(),
             rates=(),
             plain=tuple(range(10, self.size)),
             segments=tuple(segments),
             probes=whole.probes,
-            weighs=whole.weighs,
+            has_gravity=whole.has_gravity,
             is_immersed=whole.is_immersed,
-            pushes=whole.pushes,
+            external_forces=whole.external_forces,
         )
 
     def odd_changes(self) -> tuple[bool, ...]:
@@ -224,11 +260,11 @@ class Modes(eqx.Module):
         assert self.mirror is not None
         differences = mixing(self.mirror)[1]
         sides = tuple(i < differences for i in range(len(self.mirror.controls)))
-        seen = (*(along if whole.weighs else ()), *along, *(False,) * probes)
+        seen = (*(along if whole.has_gravity else ()), *along, *(False,) * probes)
         return (*about, *self._odd_modes(), *(sides if self.muscles else ()), *seen, *sides)
 
     def _odd_modes(self) -> tuple[bool, ...]:
-        odd = self.odd_places + self.odd_speeds
+        odd = self.odd_positions + self.odd_velocities
         return tuple(i < odd for i in range(self.count))
 
 
@@ -238,16 +274,23 @@ def _like(numbers: Numbers, state: Numbers) -> Numbers:
 
 def _cloud_from_json(row: Any) -> Cloud:
     """Return the cloud; its masses are shares of the whole, so each is above 0 and they add up to 1."""
-    places, masses = row
+    positions, masses = row
     shares = numbers(masses, "modes: masses", most=1)
     if not shares or min(shares) <= 0 or abs(sum(shares) - 1) > SHARES_OFF:
         raise ValueError("modes: wanted masses as shares of the whole, each above 0")
-    points = listed(places, "modes: places", lambda place, what: numbers(place, what, 3, FARTHEST), len(shares))
+    points = listed(
+        positions,
+        "modes: places",
+        lambda position, what: numbers(position, what, 3, MAX_DISTANCE),
+        len(shares),
+    )
     return Cloud(tuple((x, y, z) for x, y, z in points), shares)
 
 
 def _swaps(partners: tuple[int, ...], count: int) -> bool:
-    return len(partners) == count and all(0 <= p < count and partners[p] == i for i, p in enumerate(partners))
+    return len(partners) == count and all(
+        0 <= p < count and partners[p] == i for i, p in enumerate(partners)
+    )
 
 
 def seen_in_frame(cloud: Cloud, state: Numbers) -> tuple[list[Numbers], Numbers, Numbers]:
@@ -256,41 +299,49 @@ def seen_in_frame(cloud: Cloud, state: Numbers) -> tuple[list[Numbers], Numbers,
     The shape (..., 3N) [m] is where mass points are, the swing (..., 3N) [m/s] how they move besides the frame.
     """
     size = 3 * cloud.count
-    places, speeds = points_of(state[..., :size]), points_of(state[..., size : 2 * size])
-    centre, turn, seen = cloud.own_frame(places)
-    velocity = cloud.centroid(speeds)
-    flow = seen_by(turn, speeds - velocity[..., None, :])
-    spin = cloud.spin(seen, flow)
-    return [centre, turn, velocity, spin], flat_of(seen), flat_of(flow - cross(spin[..., None, :], seen))
+    positions, velocities = points_of(state[..., :size]), points_of(state[..., size : 2 * size])
+    centre, orientation, seen = cloud.own_frame(positions)
+    velocity = cloud.centroid(velocities)
+    flow = to_body_axes(orientation, velocities - velocity[..., None, :])
+    angular_velocity = cloud.angular_velocity(seen, flow)
+    return (
+        [centre, orientation, velocity, angular_velocity],
+        flat_of(seen),
+        flat_of(flow - cross(angular_velocity[..., None, :], seen)),
+    )
 
 
-def fit_modes(structure: Structure, states: np.ndarray, place_modes: int, speed_modes: int) -> Modes:
+def fit_modes(
+    structure: Structure, states: np.ndarray, position_modes: int, velocity_modes: int
+) -> Modes:
     """Return the modes in which the bodies in `states` (B, S) vary most."""
     assert structure.cloud is not None
     _, shapes, swings = seen_in_frame(structure.cloud, np.asarray(states, float))
     reflect = None if structure.mirror is None else reflection(structure.mirror)
     most = shapes.shape[1]
-    places = principal(shapes, min(place_modes, most), reflect)
-    speeds = principal(swings, min(speed_modes, most), reflect)
-    return modes_along(structure, places, speeds, states)
+    positions = principal(shapes, min(position_modes, most), reflect)
+    velocities = principal(swings, min(velocity_modes, most), reflect)
+    return modes_along(structure, positions, velocities, states)
 
 
-def modes_along(structure: Structure, places: Basis, speeds: Basis, states: np.ndarray) -> Modes:
+def modes_along(
+    structure: Structure, positions: Basis, velocities: Basis, states: np.ndarray
+) -> Modes:
     """Return the modes in these directions, with spread and reach of the bodies in `states` (B, S)."""
     assert structure.cloud is not None
-    followers = [segment for segment in structure.segments if segment.kind == "follower"]
+    followers = [segment for segment in structure.segments if segment.kind == "lag"]
     modes = Modes(
-        places=jnp.asarray(places.directions, jnp.float32),
-        speeds=jnp.asarray(speeds.directions, jnp.float32),
-        mean_place=jnp.asarray(places.mean, jnp.float32),
-        mean_speed=jnp.asarray(speeds.mean, jnp.float32),
-        spread=jnp.ones(places.directions.shape[1] + speeds.directions.shape[1]),
+        positions=jnp.asarray(positions.directions, jnp.float32),
+        velocities=jnp.asarray(velocities.directions, jnp.float32),
+        mean_position=jnp.asarray(positions.mean, jnp.float32),
+        mean_velocity=jnp.asarray(velocities.mean, jnp.float32),
+        spread=jnp.ones(positions.directions.shape[1] + velocities.directions.shape[1]),
         reach=jnp.ones(4),
         cloud=structure.cloud,
         mirror=structure.mirror,
-        odd_places=places.odd,
-        odd_speeds=speeds.odd,
+        odd_positions=positions.odd,
+        odd_velocities=velocities.odd,
         muscles=sum(segment.size for segment in followers),
-        response=followers[0].response if followers else 0.0,
+        time_constant=followers[0].time_constant if followers else 0.0,
     )
     return modes.with_reach(states)

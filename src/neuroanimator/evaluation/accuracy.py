@@ -12,7 +12,7 @@ import numpy as np
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.transitions import RUN_STEPS, Transitions
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.normaliser import SMALLEST_CHANGE
+from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems import carried_system
@@ -26,7 +26,7 @@ HELD_OUT_SECONDS = 5.0
 
 HELD_OUT_RUNS = 32
 
-MOST_TRANSITIONS = 1_600
+MAX_TRANSITIONS = 1_600
 """Super steps on which one-step errors are measured; the physics must take each by every scheme."""
 
 
@@ -45,7 +45,7 @@ class HeldOut:
 
     What never moves has none, and no error: see `moves`.
     """
-    most_transitions: int = MOST_TRANSITIONS
+    most_transitions: int = MAX_TRANSITIONS
 
     @property
     def frame(self) -> Frame:
@@ -55,7 +55,7 @@ class HeldOut:
     @property
     def moves(self) -> np.ndarray:
         """(V,) whether each number of a change varies at all: a target that stands still has no error to speak of."""
-        return self.change_scale >= SMALLEST_CHANGE
+        return self.change_scale >= MIN_CHANGE
 
     def relative(self, off: np.ndarray) -> np.ndarray:
         """Return the errors `off` (..., V) of what moves, over the standard deviation of its change."""
@@ -86,16 +86,21 @@ class HeldOut:
         They are the same at every call, so that all physics is timed from the same ones.
         """
         rng = np.random.default_rng(0)
-        rows, steps = rng.integers(0, len(self.states), count), rng.integers(0, self.controls.shape[1], count)
+        rows, steps = (
+            rng.integers(0, len(self.states), count),
+            rng.integers(0, self.controls.shape[1], count),
+        )
         return self.states[rows, steps], self.controls[rows, steps]
 
 
 def system_of(emulator: Emulator) -> System:
     """Return the physics `emulator` stands for; BadFileError if that has another state or control."""
-    identity = emulator.identity
-    system = carried_system(identity.system, identity.definition)
-    if (system.state, system.control) != (identity.state, identity.control):
-        raise BadFileError(f"The emulator says it is of {system.name}, which has another state or control.")
+    spec = emulator.spec
+    system = carried_system(spec.system, spec.definition)
+    if (system.state, system.control) != (spec.state, spec.control):
+        raise BadFileError(
+            f"The emulator says it is of {system.name}, which has another state or control."
+        )
     return system
 
 
@@ -111,26 +116,30 @@ def held_out_runs(
 
     Shifted ones use the full range and another control at every super step: training seldom saw such.
     """
-    identity, rng = emulator.identity, np.random.default_rng([HELD_OUT_SEED, seed])
+    spec, rng = emulator.spec, np.random.default_rng([HELD_OUT_SEED, seed])
     system = system_of(emulator)
-    steps = round(seconds / identity.dt)
+    steps = round(seconds / spec.dt)
     threads = os.cpu_count() or 1
     starts = sample_starts(system, rng, count, threads)
-    controls = sample_control_runs(rng, count, steps, identity.dt, system)
+    controls = sample_control_runs(rng, count, steps, spec.dt, system)
     if is_shifted:
         controls = system.bounds.middle + rng.uniform(-1, 1, controls.shape) * system.bounds.half
-    runs = system.simulate(starts, controls, identity.dt, scheme=system.fine, threads=threads)
-    return make_test(system, identity.dt, runs.states[runs.is_alive], controls[runs.is_alive])
+    runs = system.simulate(starts, controls, spec.dt, scheme=system.fine, threads=threads)
+    return make_test(system, spec.dt, runs.states[runs.is_alive], controls[runs.is_alive])
 
 
 def make_test(system: System, dt: float, states: np.ndarray, controls: np.ndarray) -> HeldOut:
     """Return the runs (B, T+1, S) under controls (B, T, C) as a test; refuse runs in which nothing happens."""
     if not len(states):
-        raise ArgumentError(f"{system.name}: every test run blew up in the physics itself. Use a smaller step.")
+        raise ArgumentError(
+            f"{system.name}: every test run blew up in the physics itself. Use a smaller step."
+        )
     changes = Frame.of(system.structure, dt).difference(states[:, :-1], states[:, 1:])
     test = HeldOut(system, dt, states, controls, changes.std(axis=(0, 1)))
     if not test.moves.any():
-        raise ArgumentError(f"{system.name}: nothing changes by {SMALLEST_CHANGE:g} of its unit in a super step.")
+        raise ArgumentError(
+            f"{system.name}: nothing changes by {MIN_CHANGE:g} of its unit in a super step."
+        )
     return test
 
 
@@ -153,7 +162,7 @@ def rollout_error(frame: Frame, found: np.ndarray, truth: np.ndarray) -> np.ndar
     What gets nowhere is left out.
     """
     reach = root_mean_square(frame.difference(truth[:, :1], truth), axis=(0, 1))
-    moves = reach >= SMALLEST_CHANGE
+    moves = reach >= MIN_CHANGE
     return root_mean_square(frame.difference(truth, found)[..., moves] / reach[moves], axis=(0, 2))
 
 
@@ -176,16 +185,20 @@ def runs_error(test: HeldOut, runs: Runs) -> float:
 
 def recorded_runs(emulator: Emulator, data: Transitions | None) -> HeldOut:
     """Return the runs of `data` that were kept for the test; of an emulator of recordings."""
-    identity = emulator.identity
+    spec = emulator.spec
     if data is None or data.held_out is None:
         raise ArgumentError(
-            f"data: {identity.system} was learnt from recordings; the test needs those that 'generate' kept apart. "
+            f"data: {spec.system} was learnt from recordings; the test needs those that 'generate' kept apart. "
             "Pass its folder: --data."
         )
     dt = data.config.substeps * data.system.physics_dt
-    if (data.system.state, data.system.control) != (identity.state, identity.control) or abs(dt - identity.dt) > 1e-9:
-        raise ArgumentError(f"data: other state, control or super step than the emulator's of {identity.system}.")
-    return make_test(data.system, identity.dt, *data.held_out)
+    if (data.system.state, data.system.control) != (spec.state, spec.control) or abs(
+        dt - spec.dt
+    ) > 1e-9:
+        raise ArgumentError(
+            f"data: other state, control or super step than the emulator's of {spec.system}."
+        )
+    return make_test(data.system, spec.dt, *data.held_out)
 
 
 NO_CHANGE, CONSTANT_VELOCITY = "persistence", "constant velocity"
@@ -198,9 +211,16 @@ def baselines(data: Transitions | None, test: HeldOut) -> dict[str, float]:
     frame = test.frame
     guesses = {NO_CHANGE: states, CONSTANT_VELOCITY: _coasted(test, states)}
     if data is not None:
-        first, following = np.asarray(data.states[:, 0], float), np.asarray(data.states[:, 1], float)
-        weights = _ridge(_linear_features(test, first, data.controls[:, 0]), frame.remainder(first, following))
-        guesses["ridge regression"] = frame.apply(states, _linear_features(test, states, controls) @ weights)
+        first, following = (
+            np.asarray(data.states[:, 0], float),
+            np.asarray(data.states[:, 1], float),
+        )
+        weights = _ridge(
+            _linear_features(test, first, data.controls[:, 0]), frame.remainder(first, following)
+        )
+        guesses["ridge regression"] = frame.apply(
+            states, _linear_features(test, states, controls) @ weights
+        )
     return {
         name: float(root_mean_square(test.relative(frame.difference(truth, guess)), axis=(0, 1)))
         for name, guess in guesses.items()

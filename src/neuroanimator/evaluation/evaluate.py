@@ -11,7 +11,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import (
     HELD_OUT_RUNS,
-    MOST_TRANSITIONS,
+    MAX_TRANSITIONS,
     HeldOut,
     baselines,
     held_out_runs,
@@ -32,10 +32,12 @@ from neuroanimator.terminal import phase
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import validation_mask
 
-MOST_NAMED = 6
+MAX_NAMED = 6
 """State entries named in a note."""
 
-NO_OPPONENT = "learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
+NO_OPPONENT = (
+    "learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
+)
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Effort:
 
     runs: int = HELD_OUT_RUNS
     """Unseen runs."""
-    transitions: int = MOST_TRANSITIONS
+    transitions: int = MAX_TRANSITIONS
     """Super steps on which one-step errors are measured, at most."""
     repeats: int = REPEATS
     """Timings of each side."""
@@ -87,8 +89,8 @@ class Evaluation:
     """Time of one super step [s]."""
     baselines: dict[str, float]
     """One-step errors of cheap predictors; ridge regression only with a dataset."""
-    blow_ups: int
-    blow_up_starts: int
+    diverged: int
+    diverged_starts: int
     still: list[str] = field(default_factory=list)
     """State entries that never move and are left out of all errors."""
 
@@ -98,8 +100,8 @@ class Evaluation:
         return judge(
             self.one_step_error,
             self.baselines,
-            blow_ups=self.blow_ups,
-            rollouts=self.blow_up_starts,
+            diverged=self.diverged,
+            rollouts=self.diverged_starts,
             error_after_second=self.rollout_error_at(1.0),
         )
 
@@ -112,7 +114,9 @@ class Evaluation:
             return f"none: {self.verdict.reasons[0].partition(' (')[0]}"
         speed = self.measured_speed
         rival = speed.rival.scheme
-        return f"{speed.equal_error:.1f} ({speed.physics} {rival.integrator}, {rival.dt * 1e3:.3g} ms)"
+        return (
+            f"{speed.equal_error:.1f} ({speed.physics} {rival.integrator}, {rival.dt * 1e3:.3g} ms)"
+        )
 
     @property
     def speed(self) -> Speed:
@@ -131,8 +135,8 @@ class Evaluation:
     def _note_on_errors(self) -> str:
         if not self.still:
             return ""
-        shown = ", ".join(self.still[:MOST_NAMED])
-        more = f" and {len(self.still) - MOST_NAMED} more" if len(self.still) > MOST_NAMED else ""
+        shown = ", ".join(self.still[:MAX_NAMED])
+        more = f" and {len(self.still) - MAX_NAMED} more" if len(self.still) > MAX_NAMED else ""
         return f"{self.system}: left out of all errors, for it never moves: {shown}{more}."
 
     @property
@@ -152,7 +156,9 @@ class Evaluation:
 
     def rollout_error_at(self, seconds: float) -> float:
         """Return the rollout error after `seconds` [s], to the nearest super step."""
-        return float(self.rollout_errors[min(round(seconds / self.dt), len(self.rollout_errors) - 1)])
+        return float(
+            self.rollout_errors[min(round(seconds / self.dt), len(self.rollout_errors) - 1)]
+        )
 
     def row(self) -> dict[str, str | int | float]:
         """Return the figures by their published names."""
@@ -171,7 +177,7 @@ class Evaluation:
             "emulator_us": self.emulator_seconds * 1e6,
             "emulator_jax_us": speed.jax_seconds * 1e6 if speed and speed.jax_seconds else "none",
             "physics_us": speed.physics_seconds * 1e6 if speed else "none",
-            "blow_ups": self.blow_ups,
+            "diverged": self.diverged,
             "verdict": self.verdict.word,
         }
 
@@ -190,21 +196,35 @@ def evaluate(
     effort = effort or THOROUGH
     is_recorded = isinstance(system_of(emulator), RecordedSystem)
     with phase("simulating finely"):
-        test = recorded_runs(emulator, data) if is_recorded else held_out_runs(emulator, count=effort.runs, seed=seed)
+        test = (
+            recorded_runs(emulator, data)
+            if is_recorded
+            else held_out_runs(emulator, count=effort.runs, seed=seed)
+        )
     test = replace(test, most_transitions=effort.transitions)
     among = test.transitions[0] if is_recorded else None
     with phase("emulating"):
         errors = one_step_error(emulator, test)
-        found = np.asarray(emulator.rollout(test.states[:, 0], test.controls, may_diverge=True), float)
+        found = np.asarray(
+            emulator.rollout(test.states[:, 0], test.controls, may_diverge=True), float
+        )
     with phase("timing"):
-        speed = None if is_recorded else measure_speed(emulator, test, float(root_mean_square(errors)), effort.repeats)
+        speed = (
+            None
+            if is_recorded
+            else measure_speed(emulator, test, float(root_mean_square(errors)), effort.repeats)
+        )
     with phase("looking for blow-ups"):
-        blow_ups = count_blow_ups(emulator, effort.starts, effort.steps, among=among) if effort.starts else 0
+        diverged = (
+            count_blow_ups(emulator, effort.starts, effort.steps, among=among)
+            if effort.starts
+            else 0
+        )
     return Evaluation(
-        system=emulator.identity.system,
-        substeps=emulator.identity.substeps,
+        system=emulator.spec.system,
+        substeps=emulator.spec.substeps,
         dt=emulator.dt,
-        entries=emulator.identity.state.names,
+        entries=emulator.spec.state.names,
         error_by_entry=errors,
         times=np.arange(found.shape[1]) * emulator.dt,
         rollout_errors=rollout_error(test.frame, found, test.states),
@@ -214,8 +234,8 @@ def evaluate(
         measured_speed=speed,
         emulator_seconds=speed.emulator_seconds if speed else measure_emulator(emulator),
         baselines=baselines(data, test),
-        blow_ups=blow_ups,
-        blow_up_starts=effort.starts,
+        diverged=diverged,
+        diverged_starts=effort.starts,
         still=test.still,
     )
 

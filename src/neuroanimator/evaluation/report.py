@@ -29,9 +29,15 @@ td:first-child,th:first-child{text-align:left}
 svg{max-width:100%;height:auto}p{max-width:46rem}"""
 
 
-def write_report(evaluations: list[Evaluation], path: Path, *, extra: list[tuple[str, str]] | None = None) -> None:
+def write_report(
+    evaluations: list[Evaluation], path: Path, *, extra: list[tuple[str, str]] | None = None
+) -> None:
     """Write the report of `evaluations`; `extra` adds (title, HTML) sections before the details."""
-    parts = ["<h1>NeuroAnimator: emulator against physics</h1>", _table(evaluations), _verdict(evaluations)]
+    parts = [
+        "<h1>NeuroAnimator: emulator against physics</h1>",
+        _table(evaluations),
+        _verdict(evaluations),
+    ]
     parts += [f"<h2>{html.escape(title)}</h2>{body}" for title, body in extra or []]
     for evaluation in evaluations:
         parts.append(_section(evaluation))
@@ -42,8 +48,13 @@ def write_report(evaluations: list[Evaluation], path: Path, *, extra: list[tuple
 def _table(evaluations: list[Evaluation]) -> str:
     rows = [evaluation.row() for evaluation in evaluations]
     head = "".join(f"<th>{html.escape(key.replace('_', ' '))}</th>" for key in rows[0])
-    cells = lambda row: "".join(f"<td>{_format(value)}</td>" for value in row.values())  # noqa: E731
-    return f"<table><tr>{head}</tr>" + "".join(f"<tr>{cells(row)}</tr>" for row in rows) + "</table>"
+
+    def cells(row):
+        return "".join(f"<td>{_format(value)}</td>" for value in row.values())
+
+    return (
+        f"<table><tr>{head}</tr>" + "".join(f"<tr>{cells(row)}</tr>" for row in rows) + "</table>"
+    )
 
 
 def _format(value: str | int | float) -> str:
@@ -58,14 +69,14 @@ def _sentence(e: Evaluation) -> str:
     if e.measured_speed is None:
         return (
             f"{_heading(e)} One super step costs {e.emulator_seconds * 1e6:.2f} µs. "
-            f"{NO_OPPONENT} Blow-ups: {e.blow_ups} of {e.blow_up_starts} recorded starts."
+            f"{NO_OPPONENT} Blow-ups: {e.diverged} of {e.diverged_starts} recorded starts."
         )
     speed = e.speed
     return (
         f"{_heading(e)} One super step costs {speed.emulator_seconds * 1e6:.2f} µs "
         f"in {html.escape(speed.runtime)}. "
         f"The physics' own {e.substeps} steps take {speed.nominal:.0f} times as long. {_at_equal_error(e)} "
-        f"Blow-ups: {e.blow_ups} of {e.blow_up_starts} random starts. {html.escape(e.note)}"
+        f"Blow-ups: {e.diverged} of {e.diverged_starts} random starts. {html.escape(e.note)}"
     )
 
 
@@ -92,7 +103,10 @@ def _title(e: Evaluation) -> str:
 def _section(e: Evaluation) -> str:
     figures = RECORDED_FIGURES if e.measured_speed is None else FIGURES
     body = "".join(f"{plot(partial(draw, e=e))}<p>{caption}</p>" for draw, caption in figures)
-    rows = "".join(f"<tr><td>{html.escape(name)}</td><td>{error:.3g}</td></tr>" for name, error in e.baselines.items())
+    rows = "".join(
+        f"<tr><td>{html.escape(name)}</td><td>{error:.3g}</td></tr>"
+        for name, error in e.baselines.items()
+    )
     cheap = f"<h3>Cheap predictors, one-step error</h3><table>{rows}</table>" if rows else ""
     return f"<h2>{_title(e)} (Δt = {e.dt * 1e3:g} ms)</h2>{body}{cheap}"
 
@@ -101,7 +115,9 @@ def _label(e: Evaluation) -> str:
     units = dict.fromkeys(entry.rsplit(" ", 1)[-1] for entry in e.entries[:SHOWN])
     if list(units) == ["rad"]:
         return "joint angles [rad]"
-    shown = printable(", ".join(units)).replace("$", r"\$")  # Matplotlib reads what is between dollars as formulas
+    shown = printable(", ".join(units)).replace(
+        "$", r"\$"
+    )  # Matplotlib reads what is between dollars as formulas
     return f"state [{shown}]"
 
 
@@ -143,7 +159,13 @@ def _plot_motion(axes: Axes, e: Evaluation) -> None:
 def _plot_rollout(axes: Axes, e: Evaluation) -> None:
     axes.plot(e.times[1:], e.rollout_errors[1:], color=EMULATOR, label="emulator")
     if e.self_divergence is not None and e.self_divergence.any():
-        axes.plot(e.times[1:], e.self_divergence[1:], color=QUIET, ls="--", label="physics at its own step")
+        axes.plot(
+            e.times[1:],
+            e.self_divergence[1:],
+            color=QUIET,
+            ls="--",
+            label="physics at its own step",
+        )
     axes.set(xlabel="time [s]", ylabel="rollout error", yscale="log")
     axes.legend(frameon=False)
 

@@ -32,7 +32,12 @@ from neuroanimator.evaluation.speed_function import (
     function_player,
     function_schemes,
 )
-from neuroanimator.evaluation.speed_mass_spring import PLAIN, deformable_players, deformable_schemes, twin_error
+from neuroanimator.evaluation.speed_mass_spring import (
+    PLAIN,
+    deformable_players,
+    deformable_schemes,
+    twin_error,
+)
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.functions.function_system import FUNCTION, PythonSystem
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -94,7 +99,11 @@ class Speed:
     @property
     def runtime(self) -> str:
         """What the emulator was fastest in."""
-        return "JAX" if self.jax_seconds is None or self.emulator_seconds >= self.jax_seconds else "generated C"
+        return (
+            "JAX"
+            if self.jax_seconds is None or self.emulator_seconds >= self.jax_seconds
+            else "generated C"
+        )
 
 
 class _Rivalry(NamedTuple):
@@ -121,8 +130,14 @@ def _rivalry_of(test: HeldOut) -> _Rivalry:
         return _Rivalry(physics, players, PHYSICS_STEPS, schemes, twin_error)
     assert isinstance(system, MujocoSystem)
     players = {kind: physics_player(system, test, kind) for kind in OPPONENT_INTEGRATORS}
-    schemes = {Scheme(kind, test.dt / parts) for kind in OPPONENT_INTEGRATORS for parts in OPPONENT_DIVISIONS}
-    return _Rivalry("MuJoCo", players, PHYSICS_STEPS, schemes | {system.scheme, system.truth}, scheme_error)
+    schemes = {
+        Scheme(kind, test.dt / parts)
+        for kind in OPPONENT_INTEGRATORS
+        for parts in OPPONENT_DIVISIONS
+    }
+    return _Rivalry(
+        "MuJoCo", players, PHYSICS_STEPS, schemes | {system.scheme, system.truth}, scheme_error
+    )
 
 
 @contextmanager
@@ -149,14 +164,18 @@ def measure_speed(emulator: Emulator, test: HeldOut, error: float, repeats: int 
     per_super_step = min(each[name] for name in own) / TIMED_SUPER_STEPS
     per_step = {kind: each[kind] / rivalry.steps for kind in rivalry.players}
     opponents = [
-        Opponent(scheme, rivalry.error(test, scheme), per_step[scheme.integrator] * scheme.steps(test.dt))
+        Opponent(
+            scheme, rivalry.error(test, scheme), per_step[scheme.integrator] * scheme.steps(test.dt)
+        )
         for scheme in sorted(rivalry.schemes, key=lambda scheme: (scheme.integrator, scheme.dt))
     ]
     able = [o for o in opponents if o.error <= error]
-    rival = min(able or opponents, key=lambda o: o.seconds)  # an error that is no number is no worse than any
+    rival = min(
+        able or opponents, key=lambda o: o.seconds
+    )  # an error that is no number is no worse than any
     tuned = per_step[system.scheme.integrator]
     plain = per_step.get(PLAIN, tuned)
-    nominal = plain * emulator.identity.substeps / per_super_step
+    nominal = plain * emulator.spec.substeps / per_super_step
     equal = rival.seconds / per_super_step
     return Speed(
         per_super_step,
@@ -218,14 +237,18 @@ def emulator_player(emulator: Emulator) -> Callable[[], None]:
 
 def _timed_motion(emulator: Emulator) -> tuple[Array, Array]:
     """Return a start and controls in the numbers of the super step."""
-    rng, identity = np.random.default_rng(0), emulator.identity
-    share = rng.uniform(-0.3, 0.3, (TIMED_SUPER_STEPS, identity.control.size))
-    return emulator.encode_motion(identity.rest, identity.bounds.middle + share * identity.bounds.half)
+    rng, spec = np.random.default_rng(0), emulator.spec
+    share = rng.uniform(-0.3, 0.3, (TIMED_SUPER_STEPS, spec.control.size))
+    return emulator.encode_motion(spec.rest, spec.bounds.middle + share * spec.bounds.half)
 
 
-def _last_state(emulator: Emulator, state: Float[Array, " I"], controls: Float[Array, "T C"]) -> Float[Array, " I"]:
+def _last_state(
+    emulator: Emulator, state: Float[Array, " I"], controls: Float[Array, "T C"]
+) -> Float[Array, " I"]:
     step = emulator.advance
-    return jax.lax.scan(lambda state, control: (step(state, control), None), state, controls, unroll=UNROLL)[0]
+    return jax.lax.scan(
+        lambda state, control: (step(state, control), None), state, controls, unroll=UNROLL
+    )[0]
 
 
 def compiled(emulator: Emulator, function: Callable[..., Any]) -> Callable[..., Any]:

@@ -23,7 +23,9 @@ FUNCTION_STEPS = 500
 
 def function_player(system: PythonSystem, test: HeldOut) -> Callable[[], None]:
     """Return a function that takes `FUNCTION_STEPS` steps, each from an unseen state under its control."""
-    rows = np.random.default_rng(0).integers(0, test.controls.shape[0] * test.controls.shape[1], FUNCTION_STEPS)
+    rows = np.random.default_rng(0).integers(
+        0, test.controls.shape[0] * test.controls.shape[1], FUNCTION_STEPS
+    )
     states = test.states[:, :-1].reshape(-1, system.state.size)[rows]
     controls = test.controls.reshape(-1, system.control.size)[rows]
     function, dt = system.function, system.physics_dt
@@ -33,7 +35,9 @@ def function_player(system: PythonSystem, test: HeldOut) -> Callable[[], None]:
             function(state, control, dt)
 
     for state, control in zip(states, controls, strict=True):
-        call_step(function, system.file, state, control, dt)  # a fault is told here, not while the clock runs
+        call_step(
+            function, system.file, state, control, dt
+        )  # a fault is told here, not while the clock runs
     return play
 
 
@@ -52,5 +56,9 @@ def function_schemes(system: PythonSystem, dt: float, divisions: tuple[int, ...]
 
     A function is never called with a smaller dt than its reference is: it need not know what to do with that.
     """
-    schemes = {Scheme(FUNCTION, dt / parts) for parts in divisions} | {system.scheme, system.truth, system.fine}
+    schemes = {Scheme(FUNCTION, dt / parts) for parts in divisions} | {
+        system.scheme,
+        system.truth,
+        system.fine,
+    }
     return {scheme for scheme in schemes if scheme.dt >= system.fine.dt * (1 - ROUNDING)}

@@ -23,9 +23,7 @@ PLAIN = "plain C"
 """The own scheme as one writes it down in C, reading the body from tables as MuJoCo reads its model: what is nominal.
 The fastest program for this one body, its C twin, is the opponent of equal error."""
 
-NO_COMPILER = (
-    "no C compiler was found, so the physics is timed in JAX; a C twin would be faster, and speed-ups smaller."
-)
+NO_COMPILER = "no C compiler was found, so the physics is timed in JAX; a C twin would be faster, and speed-ups smaller."
 
 BATCH_STEPS = 200
 """Physics steps of every body in one timed run of a batch."""
@@ -44,7 +42,9 @@ def deformable_players(
     length, twin = steps // stretches, c_twin(system.body)
     if twin is not None:
         dt = system.physics_dt
-        players: dict[str, Player] = {kind: twin.player(starts, controls, kind, dt, length) for kind in INTEGRATORS}
+        players: dict[str, Player] = {
+            kind: twin.player(starts, controls, kind, dt, length) for kind in INTEGRATORS
+        }
         plain = plain_player(system.body, starts, controls, dt, length)
         if plain is not None and system.scheme.integrator == "symplectic":
             players[PLAIN] = plain
@@ -52,16 +52,21 @@ def deformable_players(
     return JAX, {kind: _one_by_one(system, starts, controls, kind, length) for kind in INTEGRATORS}
 
 
-def _one_by_one(system: DeformableSystem, starts: np.ndarray, controls: np.ndarray, kind: str, steps: int) -> Player:
+def _one_by_one(
+    system: DeformableSystem, starts: np.ndarray, controls: np.ndarray, kind: str, steps: int
+) -> Player:
     run = jax_run(system, kind, steps)
     motions = [
-        (motion_of(system, start[None]), jnp.asarray(held)) for start, held in zip(starts, controls, strict=True)
+        (motion_of(system, start[None]), jnp.asarray(held))
+        for start, held in zip(starts, controls, strict=True)
     ]
     run(*motions[0])
     return lambda: jax.block_until_ready([run(*each) for each in motions])
 
 
-def jax_run(system: DeformableSystem, kind: str, steps: int) -> Callable[[Motion, jax.Array], Motion]:
+def jax_run(
+    system: DeformableSystem, kind: str, steps: int
+) -> Callable[[Motion, jax.Array], Motion]:
     """Return the JAX physics of `steps` steps of the system's own length as a compiled function."""
     return jax.jit(partial(advance, system.body, kind, system.physics_dt, steps))
 
@@ -69,7 +74,9 @@ def jax_run(system: DeformableSystem, kind: str, steps: int) -> Callable[[Motion
 def motion_of(system: DeformableSystem, states: np.ndarray) -> Motion:
     """Return states (B, S) as a motion in float32: (N, 3, B), without the batch for one body."""
     parts = (np.moveaxis(part, 0, -1) for part in system.unpack(states))
-    return Motion(*(jnp.asarray(part[..., 0] if len(states) == 1 else part, jnp.float32) for part in parts))
+    return Motion(
+        *(jnp.asarray(part[..., 0] if len(states) == 1 else part, jnp.float32) for part in parts)
+    )
 
 
 def twin_error(test: HeldOut, scheme: Scheme) -> float:
@@ -85,7 +92,9 @@ def twin_error(test: HeldOut, scheme: Scheme) -> float:
     return runs_error(test, Runs(states, system.is_sane(states)))
 
 
-def deformable_schemes(system: DeformableSystem, dt: float, divisions: tuple[int, ...]) -> set[Scheme]:
+def deformable_schemes(
+    system: DeformableSystem, dt: float, divisions: tuple[int, ...]
+) -> set[Scheme]:
     """Return the ways to step the body through `dt` [s]; the reference is among them, for it has no error."""
     schemes = {Scheme(kind, dt / parts) for kind in INTEGRATORS for parts in divisions}
     return schemes | {system.scheme, system.truth, system.fine}
@@ -97,14 +106,22 @@ def random_bodies(system: DeformableSystem, batch: int) -> tuple[np.ndarray, np.
     return system.sample_starts(rng, batch), rng.uniform(-1, 1, (batch, system.control.size))
 
 
-def c_batch_players(system: DeformableSystem, batch: int, kind: str, steps: int = BATCH_STEPS) -> dict[str, Player]:
+def c_batch_players(
+    system: DeformableSystem, batch: int, kind: str, steps: int = BATCH_STEPS
+) -> dict[str, Player]:
     """Return the C twin stepping `batch` bodies one after another and side by side; nothing without a compiler."""
     starts, controls = random_bodies(system, batch)
     twins = {"in turn": c_twin(system.body), "side by side": c_twin(system.body, lanes=LANES)}
-    return {name: twin.player(starts, controls, kind, system.physics_dt, steps) for name, twin in twins.items() if twin}
+    return {
+        name: twin.player(starts, controls, kind, system.physics_dt, steps)
+        for name, twin in twins.items()
+        if twin
+    }
 
 
-def jax_batch_player(system: DeformableSystem, batch: int, kind: str, steps: int = BATCH_STEPS) -> Player:
+def jax_batch_player(
+    system: DeformableSystem, batch: int, kind: str, steps: int = BATCH_STEPS
+) -> Player:
     """Return the JAX physics stepping `batch` bodies, already compiled."""
     starts, controls = random_bodies(system, batch)
     motion, run = motion_of(system, starts), jax_run(system, kind, steps)

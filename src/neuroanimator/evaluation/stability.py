@@ -9,7 +9,7 @@ import numpy as np
 
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.normaliser import SMALLEST_CHANGE
+from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.evaluation.accuracy import system_of
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -35,13 +35,22 @@ def count_blow_ups(
     The starts are the system's own random ones, or drawn from the states `among` (N, S). Controls are as
     random and as strong as in training, for `steps` super steps.
     """
-    identity, rng = emulator.identity, np.random.default_rng(seed)
+    spec, rng = emulator.spec, np.random.default_rng(seed)
     system = system_of(emulator)
-    drawn = sample_starts(system, rng, starts, os.cpu_count() or 1) if among is None else rng.choice(among, starts)
-    states, rest = np.asarray(drawn, np.float32), np.asarray(identity.rest, np.float32)
-    bound, fine = TOO_FAR * np.maximum(reach(emulator, steps), least_reach(emulator)), np.ones(starts, dtype=bool)
+    drawn = (
+        sample_starts(system, rng, starts, os.cpu_count() or 1)
+        if among is None
+        else rng.choice(among, starts)
+    )
+    states, rest = np.asarray(drawn, np.float32), np.asarray(spec.rest, np.float32)
+    bound, fine = (
+        TOO_FAR * np.maximum(reach(emulator, steps), least_reach(emulator)),
+        np.ones(starts, dtype=bool),
+    )
     for block in _control_blocks(emulator, rng, starts, steps):
-        path = np.asarray(emulator.rollout(np.where(fine[:, None], states, rest), block, may_diverge=True))
+        path = np.asarray(
+            emulator.rollout(np.where(fine[:, None], states, rest), block, may_diverge=True)
+        )
         seen = np.abs(emulator.plain_of(path[:, 1:], block.astype(np.float32)))
         fine &= np.isfinite(path).all(axis=(1, 2)) & (seen <= bound).all(axis=(1, 2))
         states = path[:, -1]
@@ -67,10 +76,14 @@ def reach(emulator: Emulator, steps: int) -> np.ndarray:
 def least_reach(emulator: Emulator) -> np.ndarray:
     """Return (K,) what counts as the reach of each number the network sees: more than zero for what never moves."""
     low, high = np.asarray(emulator.domain.low), np.asarray(emulator.domain.high)
-    return np.where(high - low < SMALLEST_CHANGE, STILL_REACH, 0.0)
+    return np.where(high - low < MIN_CHANGE, STILL_REACH, 0.0)
 
 
-def _control_blocks(emulator: Emulator, rng: np.random.Generator, starts: int, steps: int) -> Iterator[np.ndarray]:
+def _control_blocks(
+    emulator: Emulator, rng: np.random.Generator, starts: int, steps: int
+) -> Iterator[np.ndarray]:
     """Yield random controls (starts, at most BLOCK, C) for `steps` super steps in all."""
     for first in range(0, steps, BLOCK):
-        yield sample_control_runs(rng, starts, min(BLOCK, steps - first), emulator.dt, emulator.identity)
+        yield sample_control_runs(
+            rng, starts, min(BLOCK, steps - first), emulator.dt, emulator.spec
+        )

@@ -11,7 +11,12 @@ import numpy as np
 from neuroanimator.data.generate import generate
 from neuroanimator.data.transitions import dataset_config, read_transitions
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.accuracy import held_out_runs, one_step_error, rollout_error, root_mean_square
+from neuroanimator.evaluation.accuracy import (
+    held_out_runs,
+    one_step_error,
+    rollout_error,
+    root_mean_square,
+)
 from neuroanimator.evaluation.speed import measure_emulator
 from neuroanimator.systems.loading import resolve
 from neuroanimator.training.config import training_config
@@ -50,12 +55,16 @@ def sweep(
     name, definition, _ = resolve(reference)
     rows = []
     for substeps in sorted(set(counts)):
-        config = dataset_config(system=name, definition=definition, substeps=substeps, count=transitions)
+        config = dataset_config(
+            system=name, definition=definition, substeps=substeps, count=transitions
+        )
         folder, path = out / f"{name}-{substeps}", out / f"{name}-{substeps}.emulator.safetensors"
         generate(config, folder)
         emulator = train(read_transitions(folder), training_config(updates=updates), path)
         test = held_out_runs(emulator, count=TEST_RUNS, seconds=max(seconds, emulator.dt))
-        found = np.asarray(emulator.rollout(test.states[:, 0], test.controls, may_diverge=True), float)
+        found = np.asarray(
+            emulator.rollout(test.states[:, 0], test.controls, may_diverge=True), float
+        )
         rows.append(
             SweepRow(
                 substeps,
@@ -73,4 +82,6 @@ def largest_within(rows: list[SweepRow], tolerance: float) -> SweepRow | None:
     """Return the row of the largest n whose error is at most `tolerance`, or None."""
     if not 0 < tolerance < float("inf"):
         raise ArgumentError(f"tolerance: wanted a positive number, came {tolerance:g}.")
-    return max((row for row in rows if row.error <= tolerance), key=lambda row: row.substeps, default=None)
+    return max(
+        (row for row in rows if row.error <= tolerance), key=lambda row: row.substeps, default=None
+    )

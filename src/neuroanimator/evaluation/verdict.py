@@ -18,7 +18,10 @@ MANY_BLOW_UPS, SOME_BLOW_UPS = 0.1, 0.001
 LOST = 1.0
 """Rollout error, in how far a run gets, at which one may as well say that the run stays where it began."""
 
-IN_WORDS = {NO_CHANGE: "predicting no change", CONSTANT_VELOCITY: "predicting that speeds stay as they are"}
+IN_WORDS = {
+    NO_CHANGE: "predicting no change",
+    CONSTANT_VELOCITY: "predicting that speeds stay as they are",
+}
 
 
 @dataclass(frozen=True)
@@ -44,22 +47,22 @@ def judge(
     error: float,
     cheap: dict[str, float],
     *,
-    blow_ups: int = 0,
+    diverged: int = 0,
     rollouts: int = 0,
     error_after_second: float = 0.0,
 ) -> Verdict:
     """Return the verdict on a one-step `error`, in standard deviations of the change, that may be NaN or infinite.
 
-    `cheap` are the errors of predictors that need no emulator, `blow_ups` of so many `rollouts` left physics, and
+    `cheap` are the errors of predictors that need no emulator, `diverged` of so many `rollouts` left physics, and
     `error_after_second` is the rollout error after a second, in how far runs get.
     """
     simple = {name: value for name, value in cheap.items() if name in IN_WORDS}
     useless = _why_useless(error, simple)
     if useless:
         return Verdict(USELESS, (useless,))
-    share = blow_ups / rollouts if rollouts else 0.0
+    share = diverged / rollouts if rollouts else 0.0
     off = f"one step is off by {error:.2g} of the change's standard deviation"
-    left = f"{blow_ups:,} of {rollouts:,} long rollouts blew up"
+    left = f"{diverged:,} of {rollouts:,} long rollouts blew up"
     faults = []
     if simple and error > USABLE_SHARE * min(simple.values()):
         best = min(simple, key=lambda name: simple[name])

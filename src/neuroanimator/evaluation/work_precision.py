@@ -14,7 +14,7 @@ from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
 EMULATOR = "#e8892b"
 COLOURS = {"euler": "#2b5a94", "implicitfast": "#4fa3a0", "implicit": "#8a94a0", "rk4": "#7a4f9a"}
 COLOURS |= {"symplectic": COLOURS["euler"], "semi-implicit": COLOURS["implicitfast"]}
-LEAST_ERROR, LARGEST_ERROR = 1e-6, 2.0
+MIN_ERROR, MAX_ERROR = 1e-6, 2.0
 """Between them lie the schemes drawn: finer ones are the reference itself, coarser ones blow up."""
 PANEL = 3.4
 """[inch] Side of one panel."""
@@ -24,7 +24,9 @@ def draw_work_precision(evaluations: list[Evaluation], path: Path) -> None:
     """Draw one panel per system and n to `path`, a PNG or SVG file."""
     systems = sorted({e.system for e in evaluations})
     counts = sorted({e.substeps for e in evaluations})
-    figure = Figure(figsize=(PANEL * len(counts), PANEL * len(systems) * 0.85), layout="constrained")
+    figure = Figure(
+        figsize=(PANEL * len(counts), PANEL * len(systems) * 0.85), layout="constrained"
+    )
     panels = figure.subplots(len(systems), len(counts), squeeze=False)
     for row, system in enumerate(systems):
         for column, substeps in enumerate(counts):
@@ -50,10 +52,18 @@ def draw_work(axes: Axes, evaluations: list[Evaluation]) -> None:
     """Draw error over cost: the physics' schemes as timed in the first evaluation, and a star for each emulator."""
     speed = evaluations[0].speed
     for integrator in sorted({o.scheme.integrator for o in speed.opponents}):
-        points = sorted((o.seconds * 1e6, o.error) for o in speed.opponents if o.scheme.integrator == integrator)
-        shown = np.array([point for point in points if LEAST_ERROR < point[1] < LARGEST_ERROR]).reshape(-1, 2)
-        name = speed.physics if speed.physics == PYTHON_FUNCTION else f"{speed.physics} {integrator}"
+        points = sorted(
+            (o.seconds * 1e6, o.error) for o in speed.opponents if o.scheme.integrator == integrator
+        )
+        shown = np.array([point for point in points if MIN_ERROR < point[1] < MAX_ERROR]).reshape(
+            -1, 2
+        )
+        name = (
+            speed.physics if speed.physics == PYTHON_FUNCTION else f"{speed.physics} {integrator}"
+        )
         axes.plot(*shown.T, "o-", ms=3, lw=0.8, color=COLOURS.get(integrator), label=name)
     stars = [(e.emulator_seconds * 1e6, e.one_step_error) for e in evaluations]
     axes.plot(*np.array(stars).T, "*", ms=12, color=EMULATOR, label="emulator")
-    axes.set(xlabel="cost of one super step [µs]", ylabel="one-step error", xscale="log", yscale="log")
+    axes.set(
+        xlabel="cost of one super step [µs]", ylabel="one-step error", xscale="log", yscale="log"
+    )

@@ -10,8 +10,8 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.export.gltf.scene import write_glb
 
 
-def write_proof(emulator: Emulator, proof: Replay, path: Path) -> None:
+def write_comparison(emulator: Emulator, proof: Replay, path: Path) -> None:
     """Write the motion on the true physics as GLB, with the emulator's as a ghost beside it."""
-    physical = make_clip(emulator, proof.physical, source="physics")
-    emulated = make_clip(emulator, proof.emulated, source="emulator")
-    write_glb(physical, path, ghost=emulated)
+    physics_states = make_clip(emulator, proof.physics_states, source="physics")
+    emulator_states = make_clip(emulator, proof.emulator_states, source="emulator")
+    write_glb(physics_states, path, ghost=emulator_states)

@@ -22,7 +22,7 @@ def emulator_for(outs: list[Path], name: str) -> Emulator:
     """Return the emulator called `name`; refuse file names it cannot be exported to, before any work is done."""
     _check_formats(outs)
     emulator = Emulator.load(find_emulator(name))
-    _check_bodies(emulator.identity.skeleton, outs)
+    _check_bodies(emulator.spec.skeleton, outs)
     return emulator
 
 
@@ -36,7 +36,7 @@ def export_clip(clip: Clip, emulator: Emulator, outs: list[Path], film: Film = U
         elif path.suffix == ".mp4":
             write_video(clip, path, size=film.size, camera=film.camera)
         else:
-            write_clip(clip, path, emulator.identity.state)
+            write_clip(clip, path, emulator.spec.state)
 
 
 def _check_formats(outs: list[Path]) -> None:
@@ -49,4 +49,6 @@ def _check_bodies(skeleton: Skeleton, outs: list[Path]) -> None:
     """Refuse to draw a system that has no bodies: a step function or recordings."""
     for path in outs:
         if not skeleton.bones and path.suffix != ".csv":
-            raise ArgumentError(f"out: {path.name} shows bodies, and this system has none, only numbers. Use .csv.")
+            raise ArgumentError(
+                f"out: {path.name} shows bodies, and this system has none, only numbers. Use .csv."
+            )

@@ -13,7 +13,9 @@ from neuroanimator.errors import ResourceError
 try:
     import gymnasium
 except ImportError:
-    raise ResourceError("Gymnasium is missing. Install it with: pip install 'neuroanimator[gym]'") from None
+    raise ResourceError(
+        "Gymnasium is missing. Install it with: pip install 'neuroanimator[gym]'"
+    ) from None
 
 from neuroanimator.gym.envs import EmulatorEnv, EmulatorVectorEnv, RunningCost
 from neuroanimator.gym.models import mjcf_of
@@ -30,7 +32,10 @@ TASK_NAMES = (
 
 def register() -> None:
     """Let `gymnasium.make` make environments of shipped emulators and of tasks: `neuroanimator/fish-reach-v0`."""
-    names = {f"neuroanimator/{system}-{substeps}-v0": f"{system}-{substeps}" for system, substeps in SHIPPED}
+    names = {
+        f"neuroanimator/{system}-{substeps}-v0": f"{system}-{substeps}"
+        for system, substeps in SHIPPED
+    }
     for env_id in names.keys() - gymnasium.registry.keys():
         gymnasium.register(
             env_id,

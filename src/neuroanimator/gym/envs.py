@@ -44,26 +44,30 @@ class RunningCost(eqx.Module):
     """
 
     objective: Objective | None
-    limit: Float[Array, " C"]
+    control_scale: Float[Array, " C"]
     dt: float = eqx.field(static=True)
 
     @classmethod
     def of(cls, emulator: Emulator, objective: Objective | None = None) -> RunningCost:
         """Return the reward that fits `emulator`."""
-        return cls(objective, jnp.asarray(emulator.identity.bounds.largest, jnp.float32), emulator.dt)
+        return cls(objective, jnp.asarray(emulator.spec.bounds.magnitude, jnp.float32), emulator.dt)
 
-    def __call__(self, state: Float[Array, " S"], control: Float[Array, " C"], following: Float[Array, " S"]) -> Array:
+    def __call__(
+        self, state: Float[Array, " S"], control: Float[Array, " C"], following: Float[Array, " S"]
+    ) -> Array:
         """Return the reward of going from `state` to `following`."""
         if self.objective is None:
-            return -self.dt * jnp.sum((control / self.limit) ** 2) / 2
-        return -self.dt * self.objective(Trajectory(jnp.stack([state, following]), control[None], self.limit, 1.0))
+            return -self.dt * jnp.sum((control / self.control_scale) ** 2) / 2
+        return -self.dt * self.objective(
+            Trajectory(jnp.stack([state, following]), control[None], self.control_scale, 1.0)
+        )
 
 
 def _advance(
     emulator: Emulator,
     reward: Reward,
     state: Float[Array, " S"],
-    inner: Float[Array, " I"],
+    latent: Float[Array, " I"],
     control: Float[Array, " C"],
 ) -> tuple:
     """Return (next state, its inner numbers, reward, whether training covered the step, whether it was far away).
@@ -71,13 +75,13 @@ def _advance(
     A step is far away by where it begins, too: what it ends in is kept within the range of training.
     """
     held = emulator.encode_control(control)
-    following = emulator.advance(inner, held)
+    following = emulator.advance(latent, held)
     after = emulator.decode(following)
     low, high = emulator.domain.widened(FAR, slice(None))
-    seen = jnp.stack([emulator.seen(inner, held), emulator.seen(following, held)])
+    seen = jnp.stack([emulator.seen(latent, held), emulator.seen(following, held)])
     is_near = jnp.all((seen >= low) & (seen <= high) & jnp.isfinite(seen))
     is_far = ~(is_near & jnp.all(jnp.isfinite(after)))
-    return after, following, reward(state, control, after), emulator.covers_encoded(inner), is_far
+    return after, following, reward(state, control, after), emulator.covers_encoded(latent), is_far
 
 
 _advance_batch = eqx.filter_jit(eqx.filter_vmap(_advance, in_axes=(None, None, 0, 0, 0)))
@@ -90,7 +94,10 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": ["rgb_array"],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
@@ -110,21 +117,25 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if objective is not None and reward is not None:
             raise ArgumentError("objective and reward: both came. Give one of them.")
         if not emulator.dt <= seconds < np.inf:
-            raise ArgumentError(f"seconds: wanted at least one super step of {emulator.dt:g} s, came {seconds:g}.")
+            raise ArgumentError(
+                f"seconds: wanted at least one super step of {emulator.dt:g} s, came {seconds:g}."
+            )
         self.emulator, self.num_envs, self.noise = emulator, num_envs, noise
         self.render_mode = checked_render_mode(render_mode)
         self.metadata = {**self.metadata, "render_fps": round(1 / emulator.dt)}
-        self._camera = Camera(emulator.identity)
+        self._camera = Camera(emulator.spec)
         self.reward = reward or RunningCost.of(emulator, objective)
         self.steps = round(seconds / emulator.dt)
-        bounds = emulator.identity.bounds
+        bounds = emulator.spec.bounds
         low, high = np.array(bounds.low, np.float32), np.array(bounds.high, np.float32)
         self.single_action_space = Box(low, high, dtype=np.float32)
-        self.single_observation_space = Box(-np.inf, np.inf, (emulator.identity.state.size,), np.float32)
+        self.single_observation_space = Box(
+            -np.inf, np.inf, (emulator.spec.state.size,), np.float32
+        )
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._random = [np_random()[0] for _ in range(num_envs)]
-        self._place(np.array(emulator.identity.rest))
+        self._place(np.array(emulator.spec.rest))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -136,17 +147,23 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if unknown:
             raise ArgumentError(f"No reset option called '{unknown.pop()}'. Options: state.")
         if options:
-            self._place(self.emulator.identity.state.check(options["state"], "state"))
+            self._place(self.emulator.spec.state.check(options["state"], "state"))
         else:
-            self._place(np.stack([start_near_rest(self.emulator, self.noise, random) for random in self._random]))
+            self._place(
+                np.stack(
+                    [start_near_rest(self.emulator, self.noise, random) for random in self._random]
+                )
+            )
         return self._states.copy(), {}
 
-    def step(self, actions: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Return (states (B, S), rewards, terminated, truncated, info), each (B,), after `actions` (B, C)."""
-        states, inner, rewards, is_covered, is_far = _advance_batch(
+        states, latent, rewards, is_covered, is_far = _advance_batch(
             self.emulator, self.reward, self._states, self._inner, self._controls(actions)
         )
-        is_new, self._states, self._inner = self._has_ended, np.array(states), np.array(inner)
+        is_new, self._states, self._inner = self._has_ended, np.array(states), np.array(latent)
         for row in np.flatnonzero(is_new):
             self._states[row] = start_near_rest(self.emulator, self.noise, self._random[row])
             self._inner[row] = self.emulator.encode(self._states[row])
@@ -178,10 +195,12 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _controls(self, actions: ArrayLike) -> np.ndarray:
         """Return `actions` (B, C), brought within the bounds as a motor would."""
-        controls = self.emulator.identity.control.check(actions, "action")
+        controls = self.emulator.spec.control.check(actions, "action")
         if controls.shape != self.action_space.shape:
-            raise ArgumentError(f"action: wanted shape {self.action_space.shape}, came {controls.shape}.")
-        return self.emulator.identity.bounds.clip(controls).astype(np.float32)
+            raise ArgumentError(
+                f"action: wanted shape {self.action_space.shape}, came {controls.shape}."
+            )
+        return self.emulator.spec.bounds.clip(controls).astype(np.float32)
 
 
 @final
@@ -191,11 +210,11 @@ class EmulatorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     An episode starts near rest, or where `reset(options={"state": ...})` says. It is truncated after
     `seconds`, and terminated where the state is no number or far (`FAR`) outside what the emulator was
     trained on. `info["covered"]` says whether training covered the step. Actions are clipped to the bounds.
-    Observations have no bounds, since a free body may go anywhere: `emulator.identity.state` names each
+    Observations have no bounds, since a free body may go anywhere: `emulator.spec.state` names each
     number and its unit. The tasks of `gym_tasks` see the body from its own frame, within bounds.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (Gymnasium's own declaration)
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"]}
 
     def __init__(
         self,
@@ -229,7 +248,13 @@ class EmulatorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Return (state (S,), reward, terminated, truncated, info) after `action` (C,) was held for a super step."""
         states, rewards, terminated, truncated, info = self._envs.step(np.asarray(action)[None])
         is_covered = bool(info["covered"][0])
-        return states[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), {"covered": is_covered}
+        return (
+            states[0],
+            float(rewards[0]),
+            bool(terminated[0]),
+            bool(truncated[0]),
+            {"covered": is_covered},
+        )
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return a picture (H, W, 3) in uint8 if `render_mode` is `rgb_array`; ResourceError if none can be drawn."""
@@ -246,8 +271,10 @@ def start_near_rest(emulator: Emulator, noise: float, random: np.random.Generato
 
     A deformable body is moved by what noise does to its few numbers, which cannot show rest itself exactly.
     """
-    frame = replace(emulator.frame, dt=0.0)  # noise is drawn around rest as it is, not as it would coast
-    unit, rest = np.asarray(emulator.normaliser.unit, float), np.array(emulator.identity.rest)
+    frame = replace(
+        emulator.frame, dt=0.0
+    )  # noise is drawn around rest as it is, not as it would coast
+    unit, rest = np.asarray(emulator.normaliser.unit, float), np.array(emulator.spec.rest)
     changes = np.stack([np.zeros_like(unit), noise * unit * random.normal(size=unit.shape)])
     still, moved = emulator.decode(frame.apply(np.tile(emulator.encode(rest), (2, 1)), changes))
     return rest + (moved - still)

@@ -32,7 +32,9 @@ def _model_name(env_id: str) -> str | None:
     # Read, not imported: these modules need an imaging library that nothing else here does.
     tree = ast.parse(source.read_text(encoding="utf-8") if source.is_file() else "")
     for signature in (node for node in ast.walk(tree) if isinstance(node, ast.arguments)):
-        for argument, default in zip(reversed(signature.args), reversed(signature.defaults), strict=False):
+        for argument, default in zip(
+            reversed(signature.args), reversed(signature.defaults), strict=False
+        ):
             if argument.arg == "xml_file":
                 return ast.literal_eval(default)
     return None

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film.live import Camera, checked_render_mode
-from neuroanimator.gym.episodes import FARTHEST, Sight, observe, start_episodes, step_episodes
+from neuroanimator.gym.episodes import MAX_DISTANCE, Sight, observe, start_episodes, step_episodes
 from neuroanimator.systems import load_system
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.tasks.rigid import RIGID_TASKS
@@ -43,7 +43,10 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": ["rgb_array"],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(self, task: str, num_envs: int = 1, render_mode: str | None = None):
         """Make it from the name of a task, such as `fish-reach`."""
@@ -58,15 +61,19 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.emulator = Emulator.load(find_emulator(f"{self.task.system}-{self.task.substeps}"))
         self.metadata = {**self.metadata, "render_fps": round(1 / self.emulator.dt)}
         self.steps = round(self.task.seconds / self.emulator.dt)
-        self._scale = body_length(self.system) if isinstance(self.system, DeformableSystem) else RIGID_SIZE
+        self._scale = (
+            body_length(self.system) if isinstance(self.system, DeformableSystem) else RIGID_SIZE
+        )
         self._drawn: dict[int, Trial] = {}
         self._random = [np_random()[0] for _ in range(num_envs)]
-        self._camera = Camera(self.emulator.identity)
+        self._camera = Camera(self.emulator.spec)
         self._begin([0] * num_envs)
-        bounds = self.emulator.identity.bounds
+        bounds = self.emulator.spec.bounds
         low, high = np.array(bounds.low, np.float32), np.array(bounds.high, np.float32)
         self.single_action_space = Box(low, high, dtype=np.float32)
-        self.single_observation_space = Box(-FARTHEST, FARTHEST, (self._observed().shape[1],), np.float32)
+        self.single_observation_space = Box(
+            -MAX_DISTANCE, MAX_DISTANCE, (self._observed().shape[1],), np.float32
+        )
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
@@ -80,14 +87,27 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if unknown:
             raise ArgumentError(f"No reset option called '{unknown.pop()}'. Options: trial.")
         drawn = [draw_number(random) for random in self._random]
-        self._begin(drawn if not options else np.broadcast_to(_numbers(options["trial"]), self.num_envs).tolist())
-        return self._observed(), {"trial": np.array(self._numbers), "_trial": np.ones(self.num_envs, bool)}
+        self._begin(
+            drawn
+            if not options
+            else np.broadcast_to(_numbers(options["trial"]), self.num_envs).tolist()
+        )
+        return self._observed(), {
+            "trial": np.array(self._numbers),
+            "_trial": np.ones(self.num_envs, bool),
+        }
 
-    def step(self, actions: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Return (observations (B, O), rewards, terminated, truncated, info), each (B,), after `actions` (B, C)."""
         is_new = self._has_ended
         episodes, rewards, is_covered, is_far = step_episodes(
-            self.emulator, self._objectives, self._episodes, jnp.asarray(self._steps), self._controls(actions)
+            self.emulator,
+            self._objectives,
+            self._episodes,
+            jnp.asarray(self._steps),
+            self._controls(actions),
         )
         self._steps = self._steps + 1
         self._episodes = episodes
@@ -97,13 +117,21 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for row in np.flatnonzero(~is_new):
             path = states[row, : self._steps[row] + 1]
             reached[row] = np.isfinite(path).all() and self._trials[row].is_success(path)
-            failed[row] = bool(is_far[row]) or (not reached[row] and self._trials[row].has_failed(path))
-        rewards = np.where(is_new, 0.0, np.nan_to_num(np.asarray(rewards)) + BONUS * reached - BONUS * failed)
+            failed[row] = bool(is_far[row]) or (
+                not reached[row] and self._trials[row].has_failed(path)
+            )
+        rewards = np.where(
+            is_new, 0.0, np.nan_to_num(np.asarray(rewards)) + BONUS * reached - BONUS * failed
+        )
         self._restart(np.flatnonzero(is_new))
         terminated = reached | failed
         truncated = (self._steps >= self.steps) & ~terminated
         self._has_ended = terminated | truncated
-        told = {"covered": np.asarray(is_covered) & ~is_new, "success": reached, "trial": np.array(self._numbers)}
+        told = {
+            "covered": np.asarray(is_covered) & ~is_new,
+            "success": reached,
+            "trial": np.array(self._numbers),
+        }
         masks = {f"_{name}": ~is_new for name in told}
         return self._observed(), rewards, terminated, truncated, {**told, **masks}
 
@@ -112,7 +140,10 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self.render_mode is None:
             return None
         rows = range(self.num_envs)
-        return tuple(self._camera.picture(np.asarray(self._episodes.states[row, self._steps[row]])) for row in rows)
+        return tuple(
+            self._camera.picture(np.asarray(self._episodes.states[row, self._steps[row]]))
+            for row in rows
+        )
 
     def close_extras(self, **_: Any) -> None:
         """End the drawing process."""
@@ -135,13 +166,22 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Begin a new trial in each of `rows`, and let the others be."""
         if not len(rows):
             return
-        steps, episodes, objectives, sights = self._steps.copy(), self._episodes, self._objectives, self._sights
+        steps, episodes, objectives, sights = (
+            self._steps.copy(),
+            self._episodes,
+            self._objectives,
+            self._sights,
+        )
         numbers = [
-            draw_number(self._random[row]) if row in rows else self._numbers[row] for row in range(self.num_envs)
+            draw_number(self._random[row]) if row in rows else self._numbers[row]
+            for row in range(self.num_envs)
         ]
         self._begin(numbers)
         keeps = jnp.asarray(~np.isin(np.arange(self.num_envs), rows))
-        pick = lambda old, new: jnp.where(keeps.reshape(-1, *(1,) * (new.ndim - 1)), old, new)  # noqa: E731
+
+        def pick(old, new):
+            return jnp.where(keeps.reshape(-1, *(1,) * (new.ndim - 1)), old, new)
+
         self._episodes = jax.tree.map(pick, episodes, self._episodes)
         self._objectives = jax.tree.map(pick, objectives, self._objectives)
         self._sights = jax.tree.map(pick, sights, self._sights)
@@ -160,22 +200,26 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _observed(self) -> np.ndarray:
         left = jnp.asarray(1 - self._steps / self.steps, jnp.float32)
         sees_world = self._trials[0].aim.is_in_a_fixed_world
-        inner = self._episodes.inner
-        return np.array(observe(self.emulator, inner, self._sights, left, self._scale, sees_world), np.float32)
+        latent = self._episodes.latent
+        return np.array(
+            observe(self.emulator, latent, self._sights, left, self._scale, sees_world), np.float32
+        )
 
     def _controls(self, actions: ArrayLike) -> Array:
         """Return `actions` (B, C), brought within the bounds as a motor would."""
-        controls = self.emulator.identity.control.check(actions, "action")
+        controls = self.emulator.spec.control.check(actions, "action")
         if controls.shape != self.action_space.shape:
-            raise ArgumentError(f"action: wanted shape {self.action_space.shape}, came {controls.shape}.")
-        return _float(self.emulator.identity.bounds.clip(controls))
+            raise ArgumentError(
+                f"action: wanted shape {self.action_space.shape}, came {controls.shape}."
+            )
+        return _float(self.emulator.spec.bounds.clip(controls))
 
 
 @final
 class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One trial after another of a task, on its emulator; a step is a super step, actions are clipped to the bounds.
 
-    An observation (O,), kept within ±`FARTHEST`, holds in this order: what the emulator's network sees of the body
+    An observation (O,), kept within ±`MAX_DISTANCE`, holds in this order: what the emulator's network sees of the body
     (sines and cosines of angles; velocities, shape and contractions in standard deviations of training), then for
     systems that have a place: the goal's place seen from the body, along its own axes, in body lengths or 10 m; the
     wished direction along the same axes; up along the same axes; among obstacles, place (in 10 m) and direction in the
@@ -189,7 +233,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     time is up. `info["success"]` says which, `info["covered"]` whether training covered the step.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (Gymnasium's own declaration)
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"]}
 
     def __init__(self, task: str, render_mode: str | None = None):
         """Make it from the name of a task, such as `fish-reach`."""
@@ -231,7 +275,11 @@ def draw_number(random: np.random.Generator) -> int:
 
 def _numbers(wanted: ArrayLike) -> np.ndarray:
     numbers = np.asarray(wanted)
-    if numbers.ndim > 1 or numbers.dtype.kind not in "iu" or not ((numbers >= 0) & (numbers < TRIALS)).all():
+    if (
+        numbers.ndim > 1
+        or numbers.dtype.kind not in "iu"
+        or not ((numbers >= 0) & (numbers < TRIALS)).all()
+    ):
         raise ArgumentError(f"trial: wanted numbers from 0 to {TRIALS - 1}, came {wanted}.")
     return numbers
 

@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Iterator
 
-LONGEST_LINE = 128 * 1024
+MAX_LINE = 128 * 1024
 """[characters] A thousand columns of numbers at full precision take a fifth of it."""
 
 
@@ -18,13 +18,15 @@ def csv_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
     text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline=None)
     number = 0
     try:
-        while line := text.readline(LONGEST_LINE + 1):
+        while line := text.readline(MAX_LINE + 1):
             number += 1
-            if len(line) > LONGEST_LINE:
-                raise ValueError(f"more than {LONGEST_LINE:,} characters in a line")
+            if len(line) > MAX_LINE:
+                raise ValueError(f"more than {MAX_LINE:,} characters in a line")
             yield number, _cells(line.rstrip("\n"))
     except UnicodeDecodeError as error:
-        raise ValueError(f"after line {number}: not text in UTF-8 ({error.reason}). Save it as CSV in UTF-8") from error
+        raise ValueError(
+            f"after line {number}: not text in UTF-8 ({error.reason}). Save it as CSV in UTF-8"
+        ) from error
     except (ValueError, csv.Error) as error:
         raise ValueError(f"line {number}: {error}") from error
 

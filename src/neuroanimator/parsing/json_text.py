@@ -12,10 +12,10 @@ import numpy as np
 DEEPEST = 32
 """Deepest list or object in another; ours go ten deep, and Python's reader recurses."""
 
-MOST_DIGITS = 18
+MAX_DIGITS = 18
 """Of a whole number: all that fit in 64 bits, and far below what Python takes long to convert."""
 
-LONGEST_SHOWN = 40
+MAX_SHOWN = 40
 """Characters of a text shown in an error."""
 
 STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
@@ -68,21 +68,21 @@ def _unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         seen: set[str] = set()
         for name, _ in pairs:
             if name in seen:
-                raise ValueError(f"the name {name[:LONGEST_SHOWN]!r} occurs twice")
+                raise ValueError(f"the name {name[:MAX_SHOWN]!r} occurs twice")
             seen.add(name)
     return found
 
 
 def _whole_number(text: str) -> int:
-    if len(text.lstrip("-")) > MOST_DIGITS:
-        raise ValueError(f"a whole number of {len(text):,} digits; wanted at most {MOST_DIGITS}")
+    if len(text.lstrip("-")) > MAX_DIGITS:
+        raise ValueError(f"a whole number of {len(text):,} digits; wanted at most {MAX_DIGITS}")
     return int(text)
 
 
 def _finite_number(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
-        raise ValueError(f"the number {text[:LONGEST_SHOWN]} is too large")
+        raise ValueError(f"the number {text[:MAX_SHOWN]} is too large")
     return number
 
 

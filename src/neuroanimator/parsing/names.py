@@ -20,14 +20,14 @@ SYSTEM_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$"
 PART_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.-]{0,39}$"
 """Of what a user names in a definition: parts, nodes, muscles, groups."""
 
-LONGEST_LABEL = 80
-LABEL_PATTERN = rf"^\w(?:[\w.:/ -]{{0,{LONGEST_LABEL - 2}}}[\w.:/-])?$"
+MAX_LABEL = 80
+LABEL_PATTERN = rf"^\w(?:[\w.:/ -]{{0,{MAX_LABEL - 2}}}[\w.:/-])?$"
 """Of what an emulator calls its parts: those names, with endings such as `.velocity`, and what models call theirs."""
 
-LONGEST_MODEL_NAME = 60
-"""Leaves room for an ending within `LONGEST_LABEL`."""
+MAX_MODEL_NAME = 60
+"""Leaves room for an ending within `MAX_LABEL`."""
 
-LONGEST_FILE_NAME = 200
+MAX_FILE_NAME = 200
 
 SystemName = Annotated[str, Field(pattern=SYSTEM_PATTERN)]
 PartName = Annotated[str, Field(pattern=PART_PATTERN)]
@@ -36,7 +36,9 @@ PartName = Annotated[str, Field(pattern=PART_PATTERN)]
 def check_system_name(value: object) -> str:
     """Return `value` if it may be the name of a system; ValueError if not."""
     if not isinstance(value, str) or not re.fullmatch(SYSTEM_PATTERN, value):
-        raise ValueError(f"system: wanted a name of letters, digits, _ and -, at most 40, came {quoted(value)}")
+        raise ValueError(
+            f"system: wanted a name of letters, digits, _ and -, at most 40, came {quoted(value)}"
+        )
     return value
 
 
@@ -44,7 +46,7 @@ def check_label(value: object, what: str) -> str:
     """Return `value` if it may be the name of `what`; ValueError if not."""
     if not isinstance(value, str) or not re.fullmatch(LABEL_PATTERN, value):
         raise ValueError(
-            f"{what}: wanted a name of letters, digits and _ . : / -, at most {LONGEST_LABEL}, came {quoted(value)}"
+            f"{what}: wanted a name of letters, digits and _ . : / -, at most {MAX_LABEL}, came {quoted(value)}"
         )
     return value
 
@@ -63,7 +65,7 @@ def model_name(text: str, otherwise: str) -> str:
 
     Models may be written by strangers, and their format allows any text: what a label may not hold becomes `_`.
     """
-    kept = re.sub(r"[^\w.:/ -]", "_", text).strip()[:LONGEST_MODEL_NAME].strip()
+    kept = re.sub(r"[^\w.:/ -]", "_", text).strip()[:MAX_MODEL_NAME].strip()
     if not kept:
         return otherwise
     if not re.match(r"\w", kept):
@@ -73,7 +75,7 @@ def model_name(text: str, otherwise: str) -> str:
 
 def _check_file_name(value: str) -> str:
     is_plain = value.isprintable() and "/" not in value and "\\" not in value
-    if not is_plain or value in ("", ".", "..") or len(value) > LONGEST_FILE_NAME:
+    if not is_plain or value in ("", ".", "..") or len(value) > MAX_FILE_NAME:
         raise ValueError("wanted the name of a file beside it")
     return value
 

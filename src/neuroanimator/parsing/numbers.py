@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from neuroanimator.text import quoted
 
-LARGEST_NUMBER = 1e30
+MAX_MAGNITUDE = 1e30
 """Emulators and datasets hold float32, whose squares must be finite too in some places."""
 
 T = TypeVar("T")
@@ -16,14 +16,20 @@ T = TypeVar("T")
 def whole(value: Any, what: str, least: int, most: int) -> int:
     """Return `value` if it is a whole number from `least` to `most`."""
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise ValueError(f"{what}: wanted a whole number from {least:,} to {most:,}, came {quoted(value)}")
+        raise ValueError(
+            f"{what}: wanted a whole number from {least:,} to {most:,}, came {quoted(value)}"
+        )
     return value
 
 
-def number(value: Any, what: str, least: float = -LARGEST_NUMBER, most: float = LARGEST_NUMBER) -> float:
+def number(
+    value: Any, what: str, least: float = -MAX_MAGNITUDE, most: float = MAX_MAGNITUDE
+) -> float:
     """Return `value` if it is a number from `least` to `most`; NaN and infinities are not."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-        raise ValueError(f"{what}: wanted a number from {least:g} to {most:g}, came {quoted(value)}")
+        raise ValueError(
+            f"{what}: wanted a number from {least:g} to {most:g}, came {quoted(value)}"
+        )
     return float(value)
 
 
@@ -34,7 +40,9 @@ def flag(value: Any, what: str) -> bool:
     return value
 
 
-def listed(value: Any, what: str, read: Callable[[Any, str], T], size: int | None = None) -> tuple[T, ...]:
+def listed(
+    value: Any, what: str, read: Callable[[Any, str], T], size: int | None = None
+) -> tuple[T, ...]:
     """Return a list's entries, each read by `read`; `size` of them if that is given."""
     if not isinstance(value, list | tuple):
         raise ValueError(f"{what}: wanted a list, came {quoted(value)}")
@@ -43,7 +51,9 @@ def listed(value: Any, what: str, read: Callable[[Any, str], T], size: int | Non
     return tuple(read(entry, what) for entry in value)
 
 
-def numbers(value: Any, what: str, size: int | None = None, most: float = LARGEST_NUMBER) -> tuple[float, ...]:
+def numbers(
+    value: Any, what: str, size: int | None = None, most: float = MAX_MAGNITUDE
+) -> tuple[float, ...]:
     """Return a list of finite numbers of magnitude up to `most`."""
     return listed(value, what, lambda entry, label: number(entry, label, -most, most), size)
 

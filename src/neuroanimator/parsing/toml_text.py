@@ -6,19 +6,19 @@ import re
 import tomllib
 from typing import Any
 
-LARGEST_TOML = 512 * 1024
+MAX_TOML = 512 * 1024
 """Largest text parsed [characters]; the largest of ours has 8,400."""
 
 DEEPEST = 16
 """Deepest list or table in another; ours go four deep."""
 
-MOST_DOTS = 16
+MAX_DOTS = 16
 """In one key."""
 
-LONGEST_WORD = 64
+MAX_WORD = 64
 """Characters of a number or of a name without quotes; names have at most 40."""
 
-MOST_VALUES = 50_000
+MAX_VALUES = 50_000
 """Commas and equals signs: each value costs time here, in the checks after this, and in what they complain of."""
 
 TOKEN = re.compile(
@@ -40,8 +40,8 @@ is tried twice (`*+`), so the time is proportional to the text, whatever it is.
 
 def parse_toml(content: bytes) -> dict[str, Any]:
     """Return what `content`, in UTF-8, holds; raises ValueError in one line."""
-    if len(content) > LARGEST_TOML:
-        raise ValueError(f"{len(content):,} bytes; wanted at most {LARGEST_TOML:,}")
+    if len(content) > MAX_TOML:
+        raise ValueError(f"{len(content):,} bytes; wanted at most {MAX_TOML:,}")
     text = content.decode("utf-8-sig")
     _refuse_extremes(text)
     return tomllib.loads(text)
@@ -52,8 +52,10 @@ def _refuse_extremes(text: str) -> None:
     depth, dots, values = 0, 0, 0
     for match in TOKEN.finditer(text):
         kind, token = match.lastgroup, match.group()
-        if kind == "word" and len(token) > LONGEST_WORD:
-            raise ValueError(f"line {_line(text, match)}: {len(token):,} characters in a number or name without quotes")
+        if kind == "word" and len(token) > MAX_WORD:
+            raise ValueError(
+                f"line {_line(text, match)}: {len(token):,} characters in a number or name without quotes"
+            )
         if kind != "symbol":
             continue
         if token == ".":
@@ -62,12 +64,14 @@ def _refuse_extremes(text: str) -> None:
             dots = 0
             depth += (token in "[{") - (token in "]}")
             values += token in ",="
-        if dots > MOST_DOTS:
-            raise ValueError(f"line {_line(text, match)}: more than {MOST_DOTS} dots in one key")
+        if dots > MAX_DOTS:
+            raise ValueError(f"line {_line(text, match)}: more than {MAX_DOTS} dots in one key")
         if depth > DEEPEST:
             raise ValueError(f"line {_line(text, match)}: more than {DEEPEST} lists or tables deep")
-        if values > MOST_VALUES:
-            raise ValueError(f"line {_line(text, match)}: more than {MOST_VALUES:,} values. Use a coarser body")
+        if values > MAX_VALUES:
+            raise ValueError(
+                f"line {_line(text, match)}: more than {MAX_VALUES:,} values. Use a coarser body"
+            )
 
 
 def _line(text: str, match: re.Match[str]) -> int:

@@ -48,7 +48,9 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str]]:
     files = {"name": path.name, "sha256": digest}
     values, notes = _declared(path, module), {}
     if not getattr(module, "SPREAD", None):
-        for part, width in zip(values["state"], _reached(PythonSystem(_check(values, path), files)), strict=True):
+        for part, width in zip(
+            values["state"], _reached(PythonSystem(_check(values, path), files)), strict=True
+        ):
             part["spread"] = width
         notes["state.spread"] = "as far as trial runs went; SPREAD in the file says it better"
     system = PythonSystem(_check(values, path), files)
@@ -58,7 +60,9 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str]]:
         parts, error = _teacher(system)
         step = values["physics"]["step"]
         values["physics"] |= {"truth_step": step / parts, "fine_step": step / FINE_PARTS}
-        notes["physics.truth_step"] = f"{path.name} says ODE; teaches with an error of {error:.2g} of a step's change"
+        notes["physics.truth_step"] = (
+            f"{path.name} says ODE; teaches with an error of {error:.2g} of a step's change"
+        )
     return _check(values, path), notes
 
 
@@ -70,12 +74,16 @@ def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
     """Return what the file itself says."""
     step = _declaration(path, module, "STEP", (int, float))
     state, control = (_declaration(path, module, name, dict) for name in ("STATE", "CONTROL"))
-    named = {name: _declaration(path, module, name, dict, {}) for name in ("RATES", "REST", "SPREAD")}
+    named = {
+        name: _declaration(path, module, name, dict, {}) for name in ("RATES", "REST", "SPREAD")
+    }
     angles = _declaration(path, module, "ANGLES", (list, tuple), ())
     for name, parts in {**named, "ANGLES": angles}.items():
         for part in parts:
             if part not in state:
-                raise BadFileError(f"{path.name}: {name}: no part '{part}' in STATE. Parts: {', '.join(state)}.")
+                raise BadFileError(
+                    f"{path.name}: {name}: no part '{part}' in STATE. Parts: {', '.join(state)}."
+                )
     return {
         "name": path.stem.lower().replace(" ", "-"),
         "kind": "python",
@@ -83,7 +91,9 @@ def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
         "batched": bool(getattr(module, "BATCHED", False)),
         "substeps": proposed_substeps(step) if step > 0 else 1,
         "physics": {"step": step, "truth_step": step, "fine_step": step},
-        "state": [_state_part(path, name, value, name in angles, named) for name, value in state.items()],
+        "state": [
+            _state_part(path, name, value, name in angles, named) for name, value in state.items()
+        ],
         "control": [_control_part(path, name, value) for name, value in control.items()],
         "sampling": {"rest_share": 0.3, "rest_spread": 0.15},
     }
@@ -93,7 +103,9 @@ def _is_ode(path: Path, module: ModuleType) -> bool:
     """Return whether the file says that its function integrates an equation, the better the smaller dt is."""
     value = getattr(module, "ODE", False)
     if not isinstance(value, bool):
-        raise BadFileError(f"{path.name}: ODE: wanted a line like `{EXAMPLES['ODE']}`, came {repr(value)[:60]}.")
+        raise BadFileError(
+            f"{path.name}: ODE: wanted a line like `{EXAMPLES['ODE']}`, came {repr(value)[:60]}."
+        )
     return value
 
 
@@ -101,20 +113,26 @@ def _declaration(path: Path, module: ModuleType, name: str, kind: Any, default: 
     value = getattr(module, name, default)
     if isinstance(value, bool) or not isinstance(value, kind) or (default is None and not value):
         came = "nothing" if value is None else repr(value)[:60]
-        raise BadFileError(f"{path.name}: {name}: wanted a line like `{EXAMPLES[name]}`, came {came}.")
+        raise BadFileError(
+            f"{path.name}: {name}: wanted a line like `{EXAMPLES[name]}`, came {came}."
+        )
     return value
 
 
-def _state_part(path: Path, name: str, value: Any, is_angle: bool, named: dict[str, Any]) -> dict[str, Any]:
+def _state_part(
+    path: Path, name: str, value: Any, is_angle: bool, named: dict[str, Any]
+) -> dict[str, Any]:
     unit, size = (value, 1) if isinstance(value, str) else _unpacked(path, "STATE", value, 2)
     if type(size) is not int:
-        raise BadFileError(f"{path.name}: STATE: {name}: wanted a unit, or (unit, size), came {value!r}.")
+        raise BadFileError(
+            f"{path.name}: STATE: {name}: wanted a unit, or (unit, size), came {value!r}."
+        )
     spread = named["SPREAD"].get(name, WHOLE_TURN if is_angle else 0.0)
     return {
         "name": name,
         "unit": unit,
         "size": size,
-        "look": "sine" if is_angle else "plain",
+        "feature": "sine" if is_angle else "plain",
         "rate": named["RATES"].get(name, ""),
         "rest": _several(named["REST"].get(name, 0.0), size),
         "spread": _several(spread, size),
@@ -123,12 +141,14 @@ def _state_part(path: Path, name: str, value: Any, is_angle: bool, named: dict[s
 
 def _control_part(path: Path, name: str, value: Any) -> dict[str, Any]:
     unit, low, high = _unpacked(path, "CONTROL", value, 3)
-    return {"name": name, "unit": unit, "least": _several(low, 1), "largest": _several(high, 1)}
+    return {"name": name, "unit": unit, "low": _several(low, 1), "high": _several(high, 1)}
 
 
 def _unpacked(path: Path, name: str, value: Any, count: int) -> Any:
     if not isinstance(value, (tuple, list)) or len(value) != count:
-        raise BadFileError(f"{path.name}: {name}: wanted a line like `{EXAMPLES[name]}`, came {value!r}.")
+        raise BadFileError(
+            f"{path.name}: {name}: wanted a line like `{EXAMPLES[name]}`, came {value!r}."
+        )
     return value
 
 
@@ -151,7 +171,9 @@ def _trial(system: PythonSystem) -> tuple[np.ndarray, np.ndarray]:
             "Use a smaller STEP, a smaller SPREAD or weaker CONTROL."
         )
     alive = runs.is_alive
-    return runs.states[alive, :-1].reshape(-1, system.state.size), controls[alive].reshape(-1, system.control.size)
+    return runs.states[alive, :-1].reshape(-1, system.state.size), controls[alive].reshape(
+        -1, system.control.size
+    )
 
 
 def _reached(system: PythonSystem) -> list[list[float]]:
@@ -172,7 +194,9 @@ def _check_batches(system: PythonSystem) -> None:
     for state, control, found in zip(states, controls, whole, strict=True):
         alone = call_step(system.function, system.file, state, control, system.physics_dt)
         if not np.allclose(alone, found, rtol=1e-9, atol=1e-12):
-            raise BadFileError(f"{system.file}: BATCHED: step answers (S, B) arrays otherwise than (S,). Leave it out.")
+            raise BadFileError(
+                f"{system.file}: BATCHED: step answers (S, B) arrays otherwise than (S,). Leave it out."
+            )
 
 
 def _teacher(system: PythonSystem) -> tuple[int, float]:
@@ -181,12 +205,14 @@ def _teacher(system: PythonSystem) -> tuple[int, float]:
     step = system.physics_dt
 
     def after(parts: int, duration: float = step) -> np.ndarray:
-        return system.simulate(states, controls[:, None], duration, scheme=Scheme("function", duration / parts)).states[
-            :, 1
-        ]
+        return system.simulate(
+            states, controls[:, None], duration, scheme=Scheme("function", duration / parts)
+        ).states[:, 1]
 
     if np.array_equal(after(1), after(1, step / 2)):
-        raise BadFileError(f"{system.file}: ODE: step does the same for every dt. Leave ODE out, or use dt in step.")
+        raise BadFileError(
+            f"{system.file}: ODE: step does the same for every dt. Leave ODE out, or use dt in step."
+        )
     exact = after(FINE_PARTS)
     unit = np.maximum((exact - states).std(axis=0), 1e-9)
     for parts in TEACHER_PARTS:

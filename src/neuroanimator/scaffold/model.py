@@ -47,9 +47,7 @@ def propose(path: Path) -> Proposal:
     if not model.nu:
         how = "Add an <actuator> section: something must drive the model."
         if path.suffix.lower() == ".urdf":
-            how = (
-                "A URDF cannot have any: let MuJoCo save it as MJCF (mujoco.mj_saveLastXML), add an <actuator> section."
-            )
+            how = "A URDF cannot have any: let MuJoCo save it as MJCF (mujoco.mj_saveLastXML), add an <actuator> section."
         raise BadFileError(f"{path.name} has no actuators. {how}")
     values = _read_off(path, model)
     notes = {"physics.step": "the model's own [s]", "physics.integrator": "the model's own"}
@@ -62,20 +60,26 @@ def propose(path: Path) -> Proposal:
     }
     system = ModelSystem(check_table(values, path.name, Definition), model)
     with phase("simulating"):
-        values["sampling"]["speed"] = _usual_speeds(system, path)
+        values["sampling"]["velocity"] = _usual_speeds(system, path)
     system = ModelSystem(check_table(values, path.name, Definition), model)
     scheme, error, own = _teacher(system)
     values["physics"] |= {"truth_step": scheme.dt, "truth_integrator": scheme.integrator}
     notes["physics.truth_step"] = (
         f"teaches with an error of {error:.2g} of a super step's change; the model's own: {own:.2g}"
     )
-    return Proposal(check_table(values, path.name, Definition), notes, [part.name for part in system.state.slices])
+    return Proposal(
+        check_table(values, path.name, Definition),
+        notes,
+        [part.name for part in system.state.slices],
+    )
 
 
 def _read_off(path: Path, model: mujoco.MjModel) -> dict[str, Any]:
     """Return what the model itself says."""
     step = float(model.opt.timestep)
-    integrator = next(name for name, value in INTEGRATORS.items() if int(value) == int(model.opt.integrator))
+    integrator = next(
+        name for name, value in INTEGRATORS.items() if int(value) == int(model.opt.integrator)
+    )
     planar, has_free = planar_root(model), model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
     ground = bool(has_free and np.any(model.opt.gravity) and _can_touch_ground(model))
     names = [actuator_name(model, i) for i in range(model.nu)]
@@ -93,11 +97,17 @@ def _read_off(path: Path, model: mujoco.MjModel) -> dict[str, Any]:
         },
         "state": {joint_name(model, j): look(model, j, planar) for j in range(model.njnt)},
         "frame": {"ground": ground, "planar": planar},
-        "control": {name: control_range(model, i) or UNLIMITED_CONTROL for i, name in enumerate(names)},
+        "control": {
+            name: control_range(model, i) or UNLIMITED_CONTROL for i, name in enumerate(names)
+        },
         "sampling": {
             "warm_up": 1.0 if has_contacts(model) else 0.0,
             "tilt": 0.1 if has_free else 0.0,
-            "position": {joint_name(model, j): width for j in range(model.njnt) if (width := _width(model, j))},
+            "position": {
+                joint_name(model, j): width
+                for j in range(model.njnt)
+                if (width := _width(model, j))
+            },
         },
     }
 
@@ -108,11 +118,13 @@ def planar_root(model: mujoco.MjModel) -> tuple[str, ...]:
     kinds = [JOINT_NAMES[int(model.jnt_type[j])] for j in joints]
     if kinds != ["slide", "slide", "hinge"] or any(model.jnt_limited[j] for j in joints):
         return ()
-    x, y, turn = (model.jnt_axis[j] for j in joints)
-    is_level = np.linalg.norm(np.cross(model.opt.gravity, turn)) < 1e-9
-    is_plane = np.allclose(np.cross(x, y), turn) and abs(x @ y) < 1e-9
+    x, y, axis = (model.jnt_axis[j] for j in joints)
+    is_level = np.linalg.norm(np.cross(model.opt.gravity, axis)) < 1e-9
+    is_plane = np.allclose(np.cross(x, y), axis) and abs(x @ y) < 1e-9
     hangs_free = not has_contacts(model) and model.body_parentid[model.jnt_bodyid[0]] == 0
-    return tuple(joint_name(model, j) for j in joints) if is_level and is_plane and hangs_free else ()
+    return (
+        tuple(joint_name(model, j) for j in joints) if is_level and is_plane and hangs_free else ()
+    )
 
 
 def look(model: mujoco.MjModel, joint: int, planar: tuple[str, ...]) -> str:
@@ -121,10 +133,20 @@ def look(model: mujoco.MjModel, joint: int, planar: tuple[str, ...]) -> str:
     if name in planar:
         return "planar"
     if kind == "hinge":
-        return "plain" if model.jnt_limited[joint] and np.ptp(model.jnt_range[joint]) < np.pi else "sine"
+        return (
+            "plain"
+            if model.jnt_limited[joint] and np.ptp(model.jnt_range[joint]) < np.pi
+            else "sine"
+        )
     is_level = abs(model.jnt_axis[joint] @ model.opt.gravity) < 1e-9
     is_root = model.body_parentid[model.jnt_bodyid[joint]] == 0
-    if kind == "slide" and is_root and is_level and not model.jnt_limited[joint] and not model.jnt_stiffness[joint]:
+    if (
+        kind == "slide"
+        and is_root
+        and is_level
+        and not model.jnt_limited[joint]
+        and not model.jnt_stiffness[joint]
+    ):
         return "cyclic"
     return LOOKS[kind][0]
 
@@ -177,18 +199,21 @@ def _usual_speeds(system: ModelSystem, path: Path) -> dict[str, tuple[float, ...
             f"{path.name}: {TRIAL_RUNS - len(states)} of {TRIAL_RUNS} trial runs under random controls blew up at the "
             f"model's own step of {system.physics_dt:g} s. Use a smaller timestep, or weaker actuators."
         )
-    speeds = {}
+    velocities = {}
     for view in system.views:
         size = {"free": 6, "ball": 3}.get(view.kind, 1)
         rms = np.sqrt(np.mean(states[..., view.rate : view.rate + size] ** 2, axis=(0, 1)))
-        speeds[view.name] = tuple(float(f"{value:.2g}") for value in rms)
-    return speeds
+        velocities[view.name] = tuple(float(f"{value:.2g}") for value in rms)
+    return velocities
 
 
 def _teacher(system: ModelSystem) -> tuple[Scheme, float, float]:
     """Return (the cheapest scheme good enough to teach, its error, the model's own error) by trial."""
     states, controls, dt = _trial(system)
-    starts, held = states[:, :-1].reshape(-1, system.state.size), controls.reshape(-1, 1, system.control.size)
+    starts, held = (
+        states[:, :-1].reshape(-1, system.state.size),
+        controls.reshape(-1, 1, system.control.size),
+    )
     with phase("simulating finely"):
         exact = system.simulate(starts, held, dt, scheme=system.fine)
     frame = Frame.of(system.structure, dt)
@@ -198,7 +223,9 @@ def _teacher(system: ModelSystem) -> tuple[Scheme, float, float]:
         runs = system.simulate(starts, held, dt, scheme=scheme)
         if not runs.is_alive.all():
             return float("inf")
-        return float(np.sqrt(np.mean((frame.difference(exact.states[:, 1], runs.states[:, 1]) / unit) ** 2)))
+        return float(
+            np.sqrt(np.mean((frame.difference(exact.states[:, 1], runs.states[:, 1]) / unit) ** 2))
+        )
 
     step, own = system.physics_dt, error(system.scheme)
     ways = [Scheme("rk4", step), system.scheme, Scheme("rk4", step / 2), Scheme("rk4", step / 5)]
@@ -213,5 +240,7 @@ def _teacher(system: ModelSystem) -> tuple[Scheme, float, float]:
             return way, found, own
     best = int(np.argmin(errors))
     if not np.isfinite(errors[best]):
-        raise ArgumentError("No scheme steps this model without blowing up. Use a smaller timestep in the model.")
+        raise ArgumentError(
+            "No scheme steps this model without blowing up. Use a smaller timestep in the model."
+        )
     return ways[best], errors[best], own

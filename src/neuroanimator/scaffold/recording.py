@@ -33,8 +33,12 @@ def propose_recording(path: Path) -> tuple[RecordedDefinition, dict[str, str]]:
         "file": path.name,
         "substeps": proposed_substeps(recording.step),
         "physics": {"step": recording.step},
-        "state": [_state_part(recording, entry, rates.get(entry)) for entry in range(len(recording.state))],
-        "control": [_control_part(recording, entry, path) for entry in range(len(recording.control))],
+        "state": [
+            _state_part(recording, entry, rates.get(entry)) for entry in range(len(recording.state))
+        ],
+        "control": [
+            _control_part(recording, entry, path) for entry in range(len(recording.control))
+        ],
     }
     notes = {"physics.step": f"the sampling interval [s]; {len(recording.states)} runs"}
     return check_table(values, path.name, RecordedDefinition), notes
@@ -43,11 +47,11 @@ def propose_recording(path: Path) -> tuple[RecordedDefinition, dict[str, str]]:
 def _state_part(recording: Recording, entry: int, rate: int | None) -> dict[str, Any]:
     name, unit = recording.state[entry]
     column = np.concatenate([states[:, entry] for states in recording.states])
-    turns = unit == "rad" and np.ptp(column) > HALF_TURN
+    is_full_turn = unit == "rad" and np.ptp(column) > HALF_TURN
     return {
         "name": name,
         "unit": unit,
-        "look": "sine" if turns else "plain",
+        "feature": "sine" if is_full_turn else "plain",
         "rate": "" if rate is None else recording.state[rate][0],
         "rest": [float(f"{recording.states[0][0, entry]:.6g}")],
     }
@@ -60,7 +64,7 @@ def _control_part(recording: Recording, entry: int, path: Path) -> dict[str, Any
         raise BadFileError(
             f"{path.name}: control.{name} never changes, so nothing can be learned of it. Remove the column."
         )
-    return {"name": name, "unit": unit, "least": [float(column.min())], "largest": [float(column.max())]}
+    return {"name": name, "unit": unit, "low": [float(column.min())], "high": [float(column.max())]}
 
 
 def _rates(recording: Recording) -> dict[int, int]:
@@ -75,8 +79,14 @@ def _rates(recording: Recording) -> dict[int, int]:
 
 def _is_rate(recording: Recording, entry: int, other: int) -> bool:
     """Return whether the slope of one entry is the other, as far as differences between samples can tell."""
-    slopes = np.concatenate([np.diff(states[:, entry]) for states in recording.states]) / recording.step
-    rates = np.concatenate([(states[1:, other] + states[:-1, other]) / 2 for states in recording.states])
-    near = np.abs(slopes) < HALF_TURN / recording.step  # an angle that jumps from π to -π has no slope there
+    slopes = (
+        np.concatenate([np.diff(states[:, entry]) for states in recording.states]) / recording.step
+    )
+    rates = np.concatenate(
+        [(states[1:, other] + states[:-1, other]) / 2 for states in recording.states]
+    )
+    near = (
+        np.abs(slopes) < HALF_TURN / recording.step
+    )  # an angle that jumps from π to -π has no slope there
     size = np.sqrt(np.mean(rates[near] ** 2)) if near.any() else 0.0
     return bool(size > 0 and np.sqrt(np.mean((slopes - rates)[near] ** 2)) < RATE_ERROR * size)

@@ -28,16 +28,16 @@ TITLES = {
     "sampling": "Random starts of training runs, around the state of rest (keyframe 'home', if the model has one).\n"
     "# warm_up: random driving before a run is recorded [s]; tilt: of a free root [rad].",
     "sampling.position": "Half the width of the spread [rad or m].",
-    "sampling.speed": "Standard deviation [rad/s or m/s], as seen in trial runs.",
+    "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs.",
 }
 """What stands above each table of the TOML file."""
 
 PART_TITLES = {
     "physics": "The step the function is called with, or the sampling interval [s].\n"
     "# Of a function: truth_step is the dt that teaches, fine_step the one every error is measured against.",
-    "state": "The state, part by part. look: plain, sine (an angle that may turn all the way round) or\n"
+    "state": "The state, part by part. feature: plain, sine (an angle that may turn all the way round) or\n"
     "# cyclic (where it is does not matter, how fast it moves does); rate: the part that is its rate of change.",
-    "control": "The control, part by part, with its least and largest values.",
+    "control": "The control, part by part, with its least (low) and greatest (high) values.",
     "sampling": "Random starts: a share of them near rest, spread by a share of the others' spread.",
 }
 """The same for systems without a model file."""
@@ -60,7 +60,9 @@ GOAL_HINT = """
 # PARTs: """
 
 
-def write_definition(model: str, out: Path | None = None, *, force: bool = False) -> tuple[Path, Proposal]:
+def write_definition(
+    model: str, out: Path | None = None, *, force: bool = False
+) -> tuple[Path, Proposal]:
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
@@ -71,12 +73,18 @@ def write_definition(model: str, out: Path | None = None, *, force: bool = False
         source = _copy_from_gymnasium(model, out.parent if out else Path())
     path = out or source.with_suffix(".toml")
     if path.exists() and not force:
-        raise ArgumentError(f"{path} exists, and may hold your edits. --force overwrites it; --out names another.")
+        raise ArgumentError(
+            f"{path} exists, and may hold your edits. --force overwrites it; --out names another."
+        )
     if path.parent.resolve() != source.parent.resolve():
-        raise ArgumentError(f"{path}: the TOML file must lie beside the model, in {source.parent or '.'}.")
+        raise ArgumentError(
+            f"{path}: the TOML file must lie beside the model, in {source.parent or '.'}."
+        )
     proposal = _propose(source)
     if proposal.definition.name in SYSTEMS:
-        raise ArgumentError(f"'{proposal.definition.name}' is a system of the package. Rename {source.name}.")
+        raise ArgumentError(
+            f"'{proposal.definition.name}' is a system of the package. Rename {source.name}."
+        )
     write_whole(path, as_toml(proposal).encode())
     return path, proposal
 
@@ -113,7 +121,9 @@ def as_toml(proposal: Proposal) -> str:
     values.pop("goals", None)
     values.pop("groups", None)
     source, titles = (top["model"], TITLES) if is_model else (top["file"], PART_TITLES)
-    lines = [f"# How NeuroAnimator sees {source}. Edit what you know better; every line is checked when used."]
+    lines = [
+        f"# How NeuroAnimator sees {source}. Edit what you know better; every line is checked when used."
+    ]
     lines += [_line(key, value, proposal.notes.get(key, "")) for key, value in top.items()]
     for name, table in values.items():
         write: Any = _parts if isinstance(table, list) else _table
@@ -123,7 +133,9 @@ def as_toml(proposal: Proposal) -> str:
     return "\n".join(lines) + "\n" + (hint if "goals" in type(definition).model_fields else "")
 
 
-def _parts(name: str, parts: list[dict[str, Any]], notes: dict[str, str], titles: dict[str, str]) -> list[str]:
+def _parts(
+    name: str, parts: list[dict[str, Any]], notes: dict[str, str], titles: dict[str, str]
+) -> list[str]:
     lines = [
         "",
         f"# {titles[name]}",
@@ -134,12 +146,16 @@ def _parts(name: str, parts: list[dict[str, Any]], notes: dict[str, str], titles
     return lines[:-1]
 
 
-def _table(name: str, table: dict[str, Any], notes: dict[str, str], titles: dict[str, str]) -> list[str]:
+def _table(
+    name: str, table: dict[str, Any], notes: dict[str, str], titles: dict[str, str]
+) -> list[str]:
     if not table:
         return []
     lines = ["", f"# {titles[name]}", f"[{name}]"]
     lines += [
-        _line(key, value, notes.get(f"{name}.{key}", "")) for key, value in table.items() if not isinstance(value, dict)
+        _line(key, value, notes.get(f"{name}.{key}", ""))
+        for key, value in table.items()
+        if not isinstance(value, dict)
     ]
     for key, value in table.items():
         if isinstance(value, dict):
@@ -148,5 +164,9 @@ def _table(name: str, table: dict[str, Any], notes: dict[str, str], titles: dict
 
 
 def _line(key: str, value: Any, note: str) -> str:
-    name = key if key.replace("_", "").replace("-", "").isalnum() and key.isascii() else json.dumps(key)
+    name = (
+        key
+        if key.replace("_", "").replace("-", "").isalnum() and key.isascii()
+        else json.dumps(key)
+    )
     return f"{name} = {json.dumps(value, ensure_ascii=False)}" + (f"  # {note}" if note else "")

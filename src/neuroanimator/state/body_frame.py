@@ -13,15 +13,21 @@ from collections.abc import Iterator
 import equinox as eqx
 import numpy as np
 
-from neuroanimator.state.reference_shape import Cloud, flat_of, points_of, seen_by, shown_by
+from neuroanimator.state.reference_shape import (
+    Cloud,
+    flat_of,
+    points_of,
+    to_body_axes,
+    to_world_axes,
+)
 from neuroanimator.state.rotation import (
     Numbers,
     cross,
     rotate,
     rotate_back,
+    rotated_by,
+    rotation_between,
     rotation_rows,
-    turn_between,
-    turned_by,
     upward,
 )
 from neuroanimator.state.structure import Probe, Segment, Structure
@@ -41,13 +47,13 @@ class Frame(eqx.Module):
     probes: tuple[Probe, ...] = eqx.field(static=True)
     dt: float = eqx.field(static=True)
     """Super step [s], for what the state would become if its rates stayed."""
-    weighs: bool = eqx.field(static=True, default=True)
+    has_gravity: bool = eqx.field(static=True, default=True)
     """Whether the direction of gravity matters."""
     is_immersed: bool = eqx.field(static=True, default=False)
     """Whether probes look for the surface of water, far from which it matters no more, instead of for the ground."""
     cloud: Cloud | None = eqx.field(static=True, default=None)
     """The mass points that define the frame, where the state is theirs."""
-    pushes: tuple[tuple[float, ...], ...] = eqx.field(static=True, default=())
+    external_forces: tuple[tuple[float, ...], ...] = eqx.field(static=True, default=())
     """(3, C) force [N] in the world per control; empty where controls are no such forces."""
 
     @classmethod
@@ -57,15 +63,17 @@ class Frame(eqx.Module):
             structure.segments,
             structure.probes,
             dt,
-            structure.weighs,
+            structure.has_gravity,
             structure.is_immersed,
             structure.cloud,
-            structure.pushes,
+            structure.external_forces,
         )
 
     def change_size(self, state_size: int) -> int:
         """Return how many numbers describe a change of a state of `state_size` entries."""
-        return sum(segment.change_size for segment in self.segments) if self.segments else state_size
+        return (
+            sum(segment.change_size for segment in self.segments) if self.segments else state_size
+        )
 
     @property
     def local_size(self) -> int:
@@ -73,7 +81,11 @@ class Frame(eqx.Module):
         sizes = {"quaternion": 6, "velocity": 3, "planar velocity": 2}
         points = ("points", "point velocities")
         total = sum(s.size if s.kind in points else sizes.get(s.kind, 0) for s in self.segments)
-        return total - (3 if self.weighs else 6) * self._has_root + 4 * len(self.probes) * (self.cloud is None)
+        return (
+            total
+            - (3 if self.has_gravity else 6) * self._has_root
+            + 4 * len(self.probes) * (self.cloud is None)
+        )
 
     @property
     def velocity_entries(self) -> tuple[int, ...]:
@@ -85,14 +97,14 @@ class Frame(eqx.Module):
             if segment.kind == "velocity":
                 return tuple(range(start, start + 3))
             if segment.kind == "quaternion":
-                start += (3 if self.weighs else 0) if is_root else sizes["quaternion"]
+                start += (3 if self.has_gravity else 0) if is_root else sizes["quaternion"]
                 is_root = False
             else:
                 start += sizes.get(segment.kind, 0)
         return ()
 
     @property
-    def turns(self) -> tuple[tuple[int, int], ...]:
+    def orientations(self) -> tuple[tuple[int, int], ...]:
         """(i, j) where a quaternion begins at state entry i and its angular velocity, in the body's frame, at j."""
         starts = np.cumsum([0, *(segment.size for segment in self.segments)])
         return tuple(
@@ -118,7 +130,7 @@ class Frame(eqx.Module):
             if segment.kind in ("quaternion", "heading"):
                 return entries
             if segment.kind == "points" and self.cloud is not None:
-                return self.cloud.turn(points_of(entries))
+                return self.cloud.orientation(points_of(entries))
         return state[..., :0]
 
     def local(self, state: Numbers) -> Numbers:
@@ -129,7 +141,7 @@ class Frame(eqx.Module):
         root, seen, is_root = self._root(state), [], self._has_root
         for segment, (entries,) in self._parts(state):
             if segment.kind == "quaternion":
-                if self.weighs or not is_root:
+                if self.has_gravity or not is_root:
                     seen.append(upward(entries) if is_root else _two_axes(entries))
                 is_root = False
             elif segment.kind in ("points", "point velocities"):
@@ -138,7 +150,9 @@ class Frame(eqx.Module):
                 seen.append(rotate_back(root, entries))
             elif segment.kind == "planar velocity":
                 seen.append(_turn_plane(-root, entries))
-        if self.probes and self.cloud is None:  # mass points are seen one by one, and probes through their modes
+        if (
+            self.probes and self.cloud is None
+        ):  # mass points are seen one by one, and probes through their modes
             seen += self._probe_heights(state)
         return xp.concat(seen, axis=-1) if seen else state[..., :0]
 
@@ -150,7 +164,7 @@ class Frame(eqx.Module):
         them the network must make its own, and errors at touchdown are half as large again.
         """
         xp = state.__array_namespace__()
-        place, quaternion, speed, spin = (
+        position, quaternion, speed, angular_velocity = (
             next(entries[0] for segment, entries in self._parts(state) if segment.kind == kind)
             if kind
             else state[..., self._root_rate() : self._root_rate() + 3]
@@ -158,8 +172,8 @@ class Frame(eqx.Module):
         )
         up, probes = upward(quaternion), xp.asarray(self.probes, dtype=state.dtype)
         centres, radii = probes[:, :3].T, probes[:, 3]
-        now = place[..., 2:] + up @ centres - radii
-        rising = speed[..., 2:] + cross(up, spin) @ centres
+        now = position[..., 2:] + up @ centres - radii
+        rising = speed[..., 2:] + cross(up, angular_velocity) @ centres
         heights = (now, now + self.dt * rising)
         ranged = _near_surface if self.is_immersed else _ranged
         return [ranged(height) for height in heights] + [_depth(height) for height in heights]
@@ -169,13 +183,16 @@ class Frame(eqx.Module):
 
     def control_size(self, controls: int) -> int:
         """Return how many numbers `seen_control` makes of so many controls."""
-        return 3 if self.pushes else controls
+        return 3 if self.external_forces else controls
 
     def seen_control(self, state: Numbers, control: Numbers) -> Numbers:
         """Return the controls (..., C) as the body feels them: forces of the world along its own axes."""
-        if not self.pushes:
+        if not self.external_forces:
             return control
-        force = control @ control.__array_namespace__().asarray(self.pushes, dtype=control.dtype).T
+        force = (
+            control
+            @ control.__array_namespace__().asarray(self.external_forces, dtype=control.dtype).T
+        )
         return rotate_back(self._root(state), force)
 
     def change_entries(self, state_size: int) -> list[tuple[int, ...]]:
@@ -203,7 +220,7 @@ class Frame(eqx.Module):
         for segment, (entries,) in self._parts(state):
             delta = change[..., start : start + segment.change_size]
             coasting = self._coasting(segment, state)
-            if segment.kind == "follower":
+            if segment.kind == "lag":
                 following.append(self._followed(segment, entries, control))
             else:
                 following.append(_moved(segment, entries, delta, coasting, root))
@@ -213,7 +230,7 @@ class Frame(eqx.Module):
     def _followed(self, segment: Segment, entries: Numbers, control: Numbers | None) -> Numbers:
         if control is None:
             return entries
-        left = math.exp(-self.dt / segment.response) if segment.response else 0.0
+        left = math.exp(-self.dt / segment.time_constant) if segment.time_constant else 0.0
         return control + left * (entries - control)
 
     def remainder(self, before: Numbers, after: Numbers) -> Numbers:
@@ -230,7 +247,7 @@ class Frame(eqx.Module):
         xp = before.__array_namespace__()
         root, found = self._root(before), []
         for segment, (first, last) in self._parts(before, after):
-            if segment.kind == "follower":
+            if segment.kind == "lag":
                 continue
             coasting = self._coasting(segment, before) if coasts else None
             found.append(_difference(segment, first, last, coasting, root))
@@ -244,29 +261,33 @@ class Frame(eqx.Module):
         return self.dt * state[..., segment.rate : segment.rate + size]
 
 
-def _moved(segment: Segment, entries: Numbers, delta: Numbers, coasting: Numbers | None, root: Numbers) -> Numbers:
+def _moved(
+    segment: Segment, entries: Numbers, delta: Numbers, coasting: Numbers | None, root: Numbers
+) -> Numbers:
     extra = 0.0 if coasting is None else coasting
     if segment.kind == "quaternion":
-        return turned_by(entries, extra + delta)
+        return rotated_by(entries, extra + delta)
     if segment.kind in ("position", "velocity"):
         return entries + extra + rotate(root, delta)
     if segment.kind in ("planar position", "planar velocity"):
         return entries + extra + _turn_plane(root, delta)
     if segment.kind in ("points", "point velocities"):
-        return entries + extra + flat_of(shown_by(root, points_of(delta)))
+        return entries + extra + flat_of(to_world_axes(root, points_of(delta)))
     return entries + extra + delta
 
 
-def _difference(segment: Segment, before: Numbers, after: Numbers, coasting: Numbers | None, root: Numbers) -> Numbers:
+def _difference(
+    segment: Segment, before: Numbers, after: Numbers, coasting: Numbers | None, root: Numbers
+) -> Numbers:
     extra = 0.0 if coasting is None else coasting
     if segment.kind == "quaternion":
-        return turn_between(before, after) - extra
+        return rotation_between(before, after) - extra
     if segment.kind in ("position", "velocity"):
         return rotate_back(root, after - before - extra)
     if segment.kind in ("planar position", "planar velocity"):
         return _turn_plane(-root, after - before - extra)
     if segment.kind in ("points", "point velocities"):
-        return flat_of(seen_by(root, points_of(after - before - extra)))
+        return flat_of(to_body_axes(root, points_of(after - before - extra)))
     return after - before - extra
 
 
@@ -275,7 +296,7 @@ def _seen_points(cloud: Cloud | None, segment: Segment, entries: Numbers, root: 
     points = points_of(entries)
     if segment.kind == "points" and cloud is not None:
         points = points - cloud.centroid(points)[..., None, :]
-    return flat_of(seen_by(root, points))
+    return flat_of(to_body_axes(root, points))
 
 
 # Roots instead of tanh and softplus, whose compiled forms take one number at a time and half a super step together.

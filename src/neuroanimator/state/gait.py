@@ -10,10 +10,10 @@ import numpy as np
 from neuroanimator.parsing.numbers import number, numbers
 from neuroanimator.state.layout import Bounds
 
-SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1e6
+MIN_PERIOD, MAX_PERIOD = 1e-6, 1e6
 """[s] What a definition allows, and what a clock can be divided by."""
 
-LARGEST_AMPLITUDE = 1e6
+MAX_AMPLITUDE = 1e6
 """Far beyond the full range, which is 1; the lags' limit [rad] too."""
 
 
@@ -34,7 +34,9 @@ class Gait:
         """Return the pattern (steps, C), each entry held for `dt` [s]: `tempo` times as fast, `strength` as strong."""
         middles = (np.arange(steps)[:, None] + 0.5) * dt
         wave = np.sin(2 * np.pi * tempo / self.period * middles - np.array(self.lags))
-        return bounds.clip(bounds.middle + strength * np.array(self.amplitudes) * wave * bounds.half)
+        return bounds.clip(
+            bounds.middle + strength * np.array(self.amplitudes) * wave * bounds.half
+        )
 
     def to_json(self) -> list[Any]:
         """Return plain lists."""
@@ -45,7 +47,7 @@ class Gait:
         """Return the gait `to_json` wrote; ValueError unless it has that many `controls`."""
         if not isinstance(row, list) or len(row) != 3:
             raise ValueError("gait: wanted a period, amplitudes and lags")
-        period = number(row[0], "gait: period", SHORTEST_PERIOD, LONGEST_PERIOD)
-        amplitudes = numbers(row[1], "gait: amplitudes", controls, LARGEST_AMPLITUDE)
-        lags = numbers(row[2], "gait: lags", controls, LARGEST_AMPLITUDE)
+        period = number(row[0], "gait: period", MIN_PERIOD, MAX_PERIOD)
+        amplitudes = numbers(row[1], "gait: amplitudes", controls, MAX_AMPLITUDE)
+        lags = numbers(row[2], "gait: lags", controls, MAX_AMPLITUDE)
         return cls(period, amplitudes, lags)

@@ -14,7 +14,7 @@ from neuroanimator.parsing.numbers import numbers, whole
 from neuroanimator.state.units import STATE_UNITS
 from neuroanimator.text import quoted
 
-MOST_NUMBERS = 4096
+MAX_NUMBERS = 4096
 """Longest vector read from a file: memory and time grow with it."""
 
 REAL_KINDS = "biuf"
@@ -67,7 +67,9 @@ class Layout:
         array = self.check_shape(vector, label)
         if not np.isfinite(array).all():
             entry = int(np.argwhere(~np.isfinite(array))[0][-1])
-            raise ArgumentError(f"{label}: {self.names[entry]} is not finite. Give finite numbers only.")
+            raise ArgumentError(
+                f"{label}: {self.names[entry]} is not finite. Give finite numbers only."
+            )
         return array
 
     def check_shape(self, vector: ArrayLike, label: str) -> np.ndarray:
@@ -89,11 +91,11 @@ class Layout:
 
         Raises ValueError for names, units and sizes no system has.
         """
-        if not isinstance(rows, list) or not 1 <= len(rows) <= MOST_NUMBERS:
-            raise ValueError(f"{what}: wanted 1 to {MOST_NUMBERS} named parts")
+        if not isinstance(rows, list) or not 1 <= len(rows) <= MAX_NUMBERS:
+            raise ValueError(f"{what}: wanted 1 to {MAX_NUMBERS} named parts")
         layout = cls(tuple(_slice_from_json(row, what) for row in rows))
         refuse_twins((part.name for part in layout.slices), what)
-        whole(layout.size, f"{what}: numbers in all", 1, MOST_NUMBERS)
+        whole(layout.size, f"{what}: numbers in all", 1, MAX_NUMBERS)
         return layout
 
 
@@ -104,7 +106,7 @@ def _slice_from_json(row: Any, what: str) -> Slice:
     check_label(name, what)
     if not isinstance(unit, str) or unit not in STATE_UNITS:
         raise ValueError(f"{what}: '{name}' has the unknown unit {quoted(unit)}")
-    return Slice(name, whole(size, f"{what}: size of '{name}'", 1, MOST_NUMBERS), unit)
+    return Slice(name, whole(size, f"{what}: size of '{name}'", 1, MAX_NUMBERS), unit)
 
 
 def as_numbers(values: ArrayLike, label: str) -> np.ndarray:
@@ -112,9 +114,13 @@ def as_numbers(values: ArrayLike, label: str) -> np.ndarray:
     try:
         array = np.asarray(values)
     except (ValueError, OverflowError) as error:
-        raise ArgumentError(f"{label}: wanted numbers in rows equally long, came {_what(values)}.") from error
+        raise ArgumentError(
+            f"{label}: wanted numbers in rows equally long, came {_what(values)}."
+        ) from error
     if array.dtype.kind not in REAL_KINDS and array.dtype.name != BFLOAT16:
-        raise ArgumentError(f"{label}: wanted real numbers, came {_what(values)} of {array.dtype.name[:40]}.")
+        raise ArgumentError(
+            f"{label}: wanted real numbers, came {_what(values)} of {array.dtype.name[:40]}."
+        )
     with np.errstate(over="ignore"):  # of long doubles: too large ones become infinite
         return array.astype(np.float64, copy=False)
 
@@ -145,7 +151,9 @@ class Bounds:
         high = numbers(sides[1], what, size)
         for least, largest in zip(low, high, strict=True):
             if least > largest:
-                raise ValueError(f"{what}: wanted the least value below the largest, came {least:g} and {largest:g}")
+                raise ValueError(
+                    f"{what}: wanted the least value below the largest, came {least:g} and {largest:g}"
+                )
         return cls(low, high)
 
     @property
@@ -159,7 +167,7 @@ class Bounds:
         return (np.array(self.high) - np.array(self.low)) / 2
 
     @property
-    def largest(self) -> np.ndarray:
+    def magnitude(self) -> np.ndarray:
         """(C,) largest magnitude: what counts as full effort."""
         return np.maximum(np.abs(self.high), np.abs(self.low))
 
@@ -173,7 +181,7 @@ class Bounds:
         return not self._beyond(controls).any()
 
     def _beyond(self, controls: np.ndarray) -> np.ndarray:
-        slack = 1e-6 * self.largest
+        slack = 1e-6 * self.magnitude
         return (controls < np.array(self.low) - slack) | (controls > np.array(self.high) + slack)
 
     def clip(self, controls: np.ndarray) -> np.ndarray:
@@ -184,10 +192,10 @@ class Bounds:
         """Return `controls` (..., C); ArgumentError names an entry that is out of bounds."""
         beyond = self._beyond(controls)
         if beyond.any():
-            place = tuple(np.argwhere(beyond)[0])
-            entry = place[-1]
+            index_of = tuple(np.argwhere(beyond)[0])
+            entry = index_of[-1]
             raise ArgumentError(
                 f"control: {names[entry]} out of bounds; wanted between {self.low[entry]:g} and {self.high[entry]:g}, "
-                f"came {controls[place]:g}."
+                f"came {controls[index_of]:g}."
             )
         return controls

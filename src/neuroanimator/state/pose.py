@@ -14,7 +14,7 @@ from neuroanimator.state.structure import Structure
 class Pose(NamedTuple):
     """Of one body, or many, all in the world."""
 
-    place: Numbers
+    position: Numbers
     """(..., 3) [m] of the root, or of a deformable body's centroid."""
     velocity: Numbers
     """(..., 3) [m/s]"""
@@ -60,7 +60,7 @@ def read_heights(structure: Structure, states: Numbers) -> Numbers:
     Raises ArgumentError as `read_pose` does.
     """
     if structure.cloud is None:
-        return read_pose(structure, states).place[..., 2:]
+        return read_pose(structure, states).position[..., 2:]
     return states[..., 2 : 3 * structure.cloud.count : 3]
 
 
@@ -70,17 +70,23 @@ def _root_pose(structure: Structure, states: Numbers) -> Pose:
         found.setdefault(segment.kind, states[..., start : start + segment.size])
         start += segment.size
     x, z = (xp.asarray(np.eye(3)[axis], dtype=states.dtype) for axis in (0, 2))
-    turn = found["quaternion"]
-    return Pose(found["position"], found["velocity"], rotate(turn, x), rotate(turn, z))
+    orientation = found["quaternion"]
+    return Pose(
+        found["position"], found["velocity"], rotate(orientation, x), rotate(orientation, z)
+    )
 
 
 def _cloud_pose(structure: Structure, states: Numbers) -> Pose:
     xp, cloud = states.__array_namespace__(), structure.cloud
     assert cloud is not None
     size = 3 * cloud.count
-    places, speeds = (states[..., i * size : (i + 1) * size].reshape(*states.shape[:-1], -1, 3) for i in range(2))
-    centre = cloud.centroid(places)
-    moments = np.array(cloud.places) * np.array(cloud.masses)[:, None]
-    axes = (xp.asarray(moments[:, [0, 2]].T, dtype=states.dtype)) @ (places - centre[..., None, :])
+    positions, velocities = (
+        states[..., i * size : (i + 1) * size].reshape(*states.shape[:-1], -1, 3) for i in range(2)
+    )
+    centre = cloud.centroid(positions)
+    moments = np.array(cloud.positions) * np.array(cloud.masses)[:, None]
+    axes = (xp.asarray(moments[:, [0, 2]].T, dtype=states.dtype)) @ (
+        positions - centre[..., None, :]
+    )
     axes = axes / xp.linalg.vector_norm(axes, axis=-1, keepdims=True)
-    return Pose(centre, cloud.centroid(speeds), axes[..., 0, :], axes[..., 1, :])
+    return Pose(centre, cloud.centroid(velocities), axes[..., 0, :], axes[..., 1, :])

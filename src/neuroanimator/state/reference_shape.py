@@ -16,17 +16,20 @@ from neuroanimator.state.rotation import Numbers, cross, rotate, rotate_back
 class Cloud:
     """Mass points at rest, and what each weighs."""
 
-    places: tuple[tuple[float, float, float], ...]
+    positions: tuple[tuple[float, float, float], ...]
     """(N, 3) at rest [m], from their centroid."""
     masses: tuple[float, ...]
     """(N,) shares of the whole mass."""
 
     @classmethod
-    def of(cls, places: np.ndarray, masses: np.ndarray) -> Cloud:
-        """Return the cloud of `places` (N, 3) [m] and `masses` (N,) [kg]."""
+    def of(cls, positions: np.ndarray, masses: np.ndarray) -> Cloud:
+        """Return the cloud of `positions` (N, 3) [m] and `masses` (N,) [kg]."""
         shares = masses / masses.sum()
-        centred = places - shares @ places
-        return cls(tuple((float(x), float(y), float(z)) for x, y, z in centred), tuple(float(m) for m in shares))
+        centred = positions - shares @ positions
+        return cls(
+            tuple((float(x), float(y), float(z)) for x, y, z in centred),
+            tuple(float(m) for m in shares),
+        )
 
     @property
     def count(self) -> int:
@@ -38,24 +41,26 @@ class Cloud:
         xp = points.__array_namespace__()
         return xp.sum(xp.asarray(self.masses, dtype=points.dtype)[:, None] * points, axis=-2)
 
-    def own_frame(self, places: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-        """Return centroid (..., 3), `turn` (..., 4) and `places` (..., N, 3) seen from there, along axes so turned."""
-        centre = self.centroid(places)
-        centred = places - centre[..., None, :]
-        turn = self._closest_turn(centred)
-        return centre, turn, seen_by(turn, centred)
+    def own_frame(self, positions: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+        """Return centroid (..., 3), `orientation` (..., 4) and `positions` (..., N, 3) seen from there, along axes so turned."""
+        centre = self.centroid(positions)
+        centred = positions - centre[..., None, :]
+        orientation = self._closest_orientation(centred)
+        return centre, orientation, to_body_axes(orientation, centred)
 
-    def turn(self, places: Numbers) -> Numbers:
-        """Return the unit quaternion (..., 4) that turns the cloud at rest closest to `places` (..., N, 3).
+    def orientation(self, positions: Numbers) -> Numbers:
+        """Return the unit quaternion (..., 4) that turns the cloud at rest closest to `positions` (..., N, 3).
 
         Closest in the mass-weighted squares: the frame that wobbles least with the shape (Eckart 1935), found as
         the largest eigenvector of a 4 x 4 matrix (Horn 1987). Its first entry is not negative.
         """
-        return self._closest_turn(places - self.centroid(places)[..., None, :])
+        return self._closest_orientation(positions - self.centroid(positions)[..., None, :])
 
-    def _closest_turn(self, centred: Numbers) -> Numbers:
+    def _closest_orientation(self, centred: Numbers) -> Numbers:
         xp = centred.__array_namespace__()
-        rest, shares = (xp.asarray(part, dtype=centred.dtype) for part in (self.places, self.masses))
+        rest, shares = (
+            xp.asarray(part, dtype=centred.dtype) for part in (self.positions, self.masses)
+        )
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = _rows((rest * shares[:, None]).mT @ centred)
         rows = [
             [xx + yy + zz, yz - zy, zx - xz, xy - yx],
@@ -67,14 +72,14 @@ class Cloud:
         quaternion = xp.linalg.eigh(matrix)[1][..., -1]
         return quaternion * xp.where(quaternion[..., :1] < 0, -1.0, 1.0)
 
-    def spin(self, seen: Numbers, speeds: Numbers) -> Numbers:
+    def angular_velocity(self, seen: Numbers, velocities: Numbers) -> Numbers:
         """Return the angular velocity (..., 3) [rad/s] that carries the cloud's angular momentum.
 
-        `seen` and `speeds` (..., N, 3) are places from the centroid and speeds, both along the body's axes.
+        `seen` and `velocities` (..., N, 3) are places from the centroid and speeds, both along the body's axes.
         """
         xp = seen.__array_namespace__()
         shares = xp.asarray(self.masses, dtype=seen.dtype)[:, None]
-        momentum = xp.sum(shares * cross(seen, speeds), axis=-2)
+        momentum = xp.sum(shares * cross(seen, velocities), axis=-2)
         moments = (shares * seen).mT @ seen
         trace = moments[..., 0, 0] + moments[..., 1, 1] + moments[..., 2, 2]
         inertia = trace[..., None, None] * xp.eye(3, dtype=seen.dtype) - moments
@@ -95,11 +100,11 @@ def flat_of(points: Numbers) -> Numbers:
     return points.reshape(*points.shape[:-2], -1)
 
 
-def seen_by(quaternion: Numbers, vectors: Numbers) -> Numbers:
+def to_body_axes(quaternion: Numbers, vectors: Numbers) -> Numbers:
     """Return `vectors` (..., N, 3) along the axes of bodies turned by `quaternion` (..., 4)."""
     return rotate_back(quaternion[..., None, :], vectors)
 
 
-def shown_by(quaternion: Numbers, vectors: Numbers) -> Numbers:
+def to_world_axes(quaternion: Numbers, vectors: Numbers) -> Numbers:
     """Return `vectors` (..., N, 3), given along the bodies' axes, in the world."""
     return rotate(quaternion[..., None, :], vectors)

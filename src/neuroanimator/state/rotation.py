@@ -30,7 +30,9 @@ def rotation_matrices(quaternions: Numbers) -> Numbers:
 def quaternions_of(matrices: Numbers) -> Numbers:
     """Return the unit quaternions (..., 4) of rotation matrices (..., 3, 3), by Shepperd's largest entry."""
     xp = matrices.__array_namespace__()
-    (a, b, c), (d, e, f), (g, h, i) = ([matrices[..., row, column] for column in range(3)] for row in range(3))
+    (a, b, c), (d, e, f), (g, h, i) = (
+        [matrices[..., row, column] for column in range(3)] for row in range(3)
+    )
     products = [
         [1 + a + e + i, h - f, c - g, d - b],
         [h - f, 1 + a - e - i, d + b, c + g],
@@ -77,22 +79,24 @@ def multiply(left: Numbers, right: Numbers) -> Numbers:
 
 def conjugate(quaternion: Numbers) -> Numbers:
     """Return the inverse of a unit quaternion (..., 4)."""
-    return quaternion.__array_namespace__().concat([quaternion[..., :1], -quaternion[..., 1:]], axis=-1)
+    return quaternion.__array_namespace__().concat(
+        [quaternion[..., :1], -quaternion[..., 1:]], axis=-1
+    )
 
 
-def turned_by(quaternion: Numbers, turn: Numbers) -> Numbers:
-    """Return `quaternion` (..., 4) turned by the Rodrigues vector `turn` (..., 3), exactly of unit length.
+def rotated_by(quaternion: Numbers, orientation: Numbers) -> Numbers:
+    """Return `quaternion` (..., 4) turned by the Rodrigues vector `orientation` (..., 3), exactly of unit length.
 
     A Rodrigues vector is 2·tan(angle/2) along the axis, in the body's frame: the small rotation
     vector itself to second order, and no series or branch is needed.
     """
-    xp = turn.__array_namespace__()
-    half = turn / 2
+    xp = orientation.__array_namespace__()
+    half = orientation / 2
     following = multiply(quaternion, xp.concat([xp.ones_like(half[..., :1]), half], axis=-1))
     return following / xp.sqrt(xp.sum(following * following, axis=-1, keepdims=True))
 
 
-def turn_between(before: Numbers, after: Numbers) -> Numbers:
+def rotation_between(before: Numbers, after: Numbers) -> Numbers:
     """Return the Rodrigues vector (..., 3) that turns `before` into `after`, in `before`'s frame.
 
     Turns beyond a half revolution are taken as the shorter way round.
@@ -100,10 +104,10 @@ def turn_between(before: Numbers, after: Numbers) -> Numbers:
     relative = multiply(conjugate(before), after)
     xp = relative.__array_namespace__()
     w = relative[..., :1]
-    return 2 * relative[..., 1:] / xp.where(xp.abs(w) > SMALLEST_COSINE, w, SMALLEST_COSINE)
+    return 2 * relative[..., 1:] / xp.where(xp.abs(w) > MIN_COSINE, w, MIN_COSINE)
 
 
-SMALLEST_COSINE = 1e-3
+MIN_COSINE = 1e-3
 """Cosine of half a turn nobody makes in one super step; keeps the division finite."""
 
 

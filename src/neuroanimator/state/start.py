@@ -1,6 +1,6 @@
 """Where a motion starts: a state of rest, with named parts of it changed.
 
-The same in TOML, `start = { "root.place" = [3, -2, 8] }`, and on the command line, `--start root.place=3,-2,8`.
+The same in TOML, `start = { "root.position" = [3, -2, 8] }`, and on the command line, `--start root.position=3,-2,8`.
 """
 
 from __future__ import annotations
@@ -16,15 +16,12 @@ from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import facing, rotate
 from neuroanimator.state.structure import Segment
 
-FIELD_WORDS = {"position": "place", "orientation": "turn"}
-"""What others call the parts of a body that moves freely."""
-
 BODY = {
-    "body.place": Slice("body.place", 3, "m"),
+    "body.position": Slice("body.position", 3, "m"),
     "body.heading": Slice("body.heading", 1, "rad"),
     "body.velocity": Slice("body.velocity", 3, "m/s"),
 }
-"""Parts of a mass-spring body as a whole; the place is its centre of mass, the velocity in the world."""
+"""Parts of a mass-spring body as a whole; the position is its centre of mass, the velocity in the world."""
 
 SHORTEST = 1e-9
 """Length of a quaternion below which it turns nowhere."""
@@ -35,13 +32,13 @@ def start_state(
     rest: Iterable[float],
     parts: Mapping[str, Sequence[float]],
     *,
-    turns: Sequence[int] = (),
+    orientations: Sequence[int] = (),
     cloud: Cloud | None = None,
 ) -> np.ndarray:
     """Return `rest` (S,) with the numbers of each of `parts` in their places.
 
     A part is one of the layout's; `<root>.heading` [rad] turns a free root about Z. A mass-spring body (`cloud`) can
-    also be moved as a whole, by the parts of `BODY`. `turns` are the first entries of quaternions.
+    also be moved as a whole, by the parts of `BODY`. `orientations` are the first entries of quaternions.
 
     Raises ArgumentError for parts that do not exist, listing those that do, and for a wrong count of numbers.
     """
@@ -54,12 +51,14 @@ def start_state(
             _set_part(layout, start, name, np.array(numbers, float))
     if cloud is not None:
         _move_body(cloud, start, chosen)
-    for entry in turns:
-        turn = start[entry : entry + 4]
-        length = np.linalg.norm(turn)
+    for entry in orientations:
+        orientation = start[entry : entry + 4]
+        length = np.linalg.norm(orientation)
         if length < SHORTEST:
-            raise ArgumentError("start: a quaternion of zeros turns nowhere. Give 1, 0, 0, 0 for no turn.")
-        turn /= length
+            raise ArgumentError(
+                "start: a quaternion of zeros turns nowhere. Give 1, 0, 0, 0 for no turn."
+            )
+        orientation /= length
     return start
 
 
@@ -75,12 +74,14 @@ def quaternion_entries(segments: Iterable[Segment]) -> list[int]:
 
 
 def read_starts(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:
-    """Return the parts that texts such as `root.place=3,-2,8` name, with their numbers."""
+    """Return the parts that texts such as `root.position=3,-2,8` name, with their numbers."""
     parts = {}
     for text in texts:
         name, equals, numbers = text.partition("=")
         if not equals or not name.strip():
-            raise ArgumentError(f"start: wanted NAME=NUMBERS such as root.place=3,-2,8, came '{text[:60]}'.")
+            raise ArgumentError(
+                f"start: wanted NAME=NUMBERS such as root.position=3,-2,8, came '{text[:60]}'."
+            )
         parts[name.strip()] = _read_numbers(name.strip(), numbers)
     return parts
 
@@ -89,7 +90,9 @@ def _read_numbers(name: str, text: str) -> tuple[float, ...]:
     try:
         numbers = tuple(float(number) for number in text.split(","))
     except ValueError:
-        raise ArgumentError(f"start: '{name}': wanted numbers with commas between, came '{text[:60]}'.") from None
+        raise ArgumentError(
+            f"start: '{name}': wanted numbers with commas between, came '{text[:60]}'."
+        ) from None
     return numbers
 
 
@@ -98,31 +101,33 @@ def _known_parts(layout: Layout, cloud: Cloud | None) -> dict[str, Slice]:
     known = dict(BODY) if cloud is not None else {}
     for part in layout.slices:
         known[part.name] = part
-        if part.name.endswith(".turn") and part.size == 4:
-            heading = part.name.removesuffix("turn") + "heading"
+        if part.name.endswith(".orientation") and part.size == 4:
+            heading = part.name.removesuffix("orientation") + "heading"
             known[heading] = Slice(heading, 1, "rad")
     return known
 
 
 def _known_name(name: str, known: Mapping[str, Slice]) -> str:
-    body, _, part = name.rpartition(".")
-    for candidate in (name, f"{body}.{FIELD_WORDS.get(part, part)}"):
-        if candidate in known:
-            return candidate
+    if name in known:
+        return name
     valid = ", ".join(f"{part.name} ({part.size}, {part.unit})" for part in known.values())
-    raise ArgumentError(f"start: no part called '{name[:60]}'. Parts, how many numbers and their unit: {valid}.")
+    raise ArgumentError(
+        f"start: no part called '{name[:60]}'. Parts, how many numbers and their unit: {valid}."
+    )
 
 
 def _check_numbers(part: Slice, numbers: Sequence[float]) -> None:
     if len(numbers) != part.size:
-        raise ArgumentError(f"start: '{part.name}' has {part.size} numbers [{part.unit}], came {len(numbers)}.")
+        raise ArgumentError(
+            f"start: '{part.name}' has {part.size} numbers [{part.unit}], came {len(numbers)}."
+        )
     if not all(math.isfinite(number) for number in numbers):
         raise ArgumentError(f"start: '{part.name}': wanted finite numbers, came {list(numbers)}.")
 
 
 def _set_part(layout: Layout, start: np.ndarray, name: str, numbers: np.ndarray) -> None:
     if name.endswith(".heading") and not any(part.name == name for part in layout.slices):
-        start[layout.index(name.removesuffix("heading") + "turn")] = facing(numbers[0])
+        start[layout.index(name.removesuffix("heading") + "orientation")] = facing(numbers[0])
     else:
         start[layout.index(name)] = numbers
 
@@ -130,14 +135,14 @@ def _set_part(layout: Layout, start: np.ndarray, name: str, numbers: np.ndarray)
 def _move_body(cloud: Cloud, start: np.ndarray, parts: Mapping[str, Sequence[float]]) -> None:
     """Turn a mass-spring body in `start` about its centre of mass, put that in its place and let it move."""
     size = 3 * cloud.count
-    places = start[:size].reshape(-1, 3)
+    positions = start[:size].reshape(-1, 3)
     velocities = start[size : 2 * size].reshape(-1, 3)
-    centre = cloud.centroid(places)
+    centre = cloud.centroid(positions)
     if "body.heading" in parts:
-        turn = facing(np.float64(parts["body.heading"][0]))
-        places[:] = centre + rotate(turn, places - centre)
-        velocities[:] = rotate(turn, velocities)
-    if "body.place" in parts:
-        places += np.array(parts["body.place"]) - centre
+        orientation = facing(np.float64(parts["body.heading"][0]))
+        positions[:] = centre + rotate(orientation, positions - centre)
+        velocities[:] = rotate(orientation, velocities)
+    if "body.position" in parts:
+        positions += np.array(parts["body.position"]) - centre
     if "body.velocity" in parts:
         velocities += np.array(parts["body.velocity"]) - cloud.centroid(velocities)

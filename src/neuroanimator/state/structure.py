@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from neuroanimator.parsing.numbers import number, whole
-from neuroanimator.state.layout import MOST_NUMBERS
+from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.text import quoted
 
@@ -15,10 +15,10 @@ Probe = tuple[float, float, float, float]
 
 Kind = Literal[
     "plain", "position", "quaternion", "velocity", "planar position", "heading", "planar velocity",
-    "points", "point velocities", "follower",
+    "points", "point velocities", "lag",
 ]  # fmt: skip
 
-LONGEST_RESPONSE = 10.0
+MAX_RESPONSE = 10.0
 """[s] What a definition allows of a muscle."""
 
 STATE_SIZES: dict[str, int] = {
@@ -35,7 +35,7 @@ class Segment:
     along the root's own axes. A `quaternion` is turned, in its own frame; the first one of a state with
     a `position` is the root's. `planar position`, `heading` and `planar velocity` are the same for a
     root that moves in a plane. `points` and `point velocities` are places and speeds of many mass points, three
-    numbers each, seen along the axes of the cloud they make up. A `follower` tends to its control exponentially,
+    numbers each, seen along the axes of the cloud they make up. A `lag` tends to its control exponentially,
     which is known exactly: nothing of its change is predicted.
     """
 
@@ -43,13 +43,13 @@ class Segment:
     size: int
     rate: int = -1
     """State entry where its rate of change begins; -1 if none is known or used."""
-    response: float = 0.0
+    time_constant: float = 0.0
     """[s] Time constant of a follower."""
 
     @property
     def change_size(self) -> int:
         """Numbers that describe a change: a quaternion's four need three, a follower's none."""
-        return {"quaternion": 3, "follower": 0}.get(self.kind, self.size)
+        return {"quaternion": 3, "lag": 0}.get(self.kind, self.size)
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ class Structure:
     `plain`: state entries the network sees as they are.
     `segments`: how the state changes, in order; empty for a state that is plain all through.
     `probes`: round parts of the root's body, such as feet, whose height over the ground matters.
-    `fold`: how many turns of the root about its own Z axis make a whole one, each of which leaves it as it was;
-    `fold_controls`: pairs of controls that turn with it, as X and Y do.
+    `symmetry_order`: how many turns of the root about its own Z axis make a whole one, each of which leaves it as it was;
+    `symmetry_controls`: pairs of controls that turn with it, as X and Y do.
     `is_odd`: negating state and control negates the motion (mirror symmetry).
     `cloud`: the mass points of a deformable body, which define its frame; `mirror`: its left and right.
-    `pushes`: (3, C) force [N] in the world per control, where controls are such forces; empty where they are not.
+    `external_forces`: (3, C) force [N] in the world per control, where controls are such forces; empty where they are not.
     `groups`: parts of it that move much on their own.
-    `weighs`: whether the root feels gravity, so that up and down matter.
+    `has_gravity`: whether the root feels gravity, so that up and down matter.
     `is_immersed`: whether probes look for the surface of water instead of for the ground.
     """
 
@@ -98,19 +98,21 @@ class Structure:
     is_odd: bool = False
     segments: tuple[Segment, ...] = ()
     probes: tuple[Probe, ...] = ()
-    fold: int = 1
-    fold_controls: tuple[tuple[int, int], ...] = ()
+    symmetry_order: int = 1
+    symmetry_controls: tuple[tuple[int, int], ...] = ()
     cloud: Cloud | None = None
     mirror: Mirror | None = None
-    weighs: bool = True
+    has_gravity: bool = True
     groups: tuple[Group, ...] = ()
-    pushes: tuple[tuple[float, ...], ...] = ()
+    external_forces: tuple[tuple[float, ...], ...] = ()
     is_immersed: bool = False
 
 
 def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
     """Return the segments as plain lists."""
-    return [[segment.kind, segment.size, segment.rate, segment.response] for segment in segments]
+    return [
+        [segment.kind, segment.size, segment.rate, segment.time_constant] for segment in segments
+    ]
 
 
 def segments_from_json(rows: Any) -> tuple[Segment, ...]:
@@ -123,13 +125,13 @@ def segments_from_json(rows: Any) -> tuple[Segment, ...]:
 def _segment_from_json(row: Any) -> Segment:
     if not isinstance(row, list) or len(row) != 4:
         raise ValueError(f"segment: wanted kind, size, rate and response, came {quoted(row)}")
-    kind, size, rate, response = row
-    whole(size, "segment: size", 1, MOST_NUMBERS)
+    kind, size, rate, time_constant = row
+    whole(size, "segment: size", 1, MAX_NUMBERS)
     if kind not in get_args(Kind) or STATE_SIZES.get(kind, size) != size:
         raise ValueError(f"segment {quoted(kind)} of {size} entries is not known")
     return Segment(
         kind,
         size,
-        whole(rate, "segment: rate", -1, MOST_NUMBERS),
-        number(response, "segment: response", 0, LONGEST_RESPONSE),
+        whole(rate, "segment: rate", -1, MAX_NUMBERS),
+        number(time_constant, "segment: response", 0, MAX_RESPONSE),
     )

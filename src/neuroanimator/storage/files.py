@@ -33,7 +33,7 @@ HEADER_LIMIT = 2**20
 TENSOR_LIMIT = 256
 """Most tensors in a file: a crowded header is a known way to make a reader slow."""
 
-MOST_AXES = 8
+MAX_AXES = 8
 """Of a tensor; ours have three."""
 
 DTYPES = {"F32": np.dtype("<f4"), "F64": np.dtype("<f8"), "I32": np.dtype("<i4")}
@@ -82,7 +82,9 @@ def locked(folder: Path) -> Iterator[None]:
     """Hold `folder` for this process alone; refuse with the other's process id if it is taken."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        handle = os.open(
+            folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666
+        )
     except OSError as error:
         raise ResourceError(f"Could not use the folder {folder}: {error.strerror}.") from error
     try:
@@ -102,7 +104,9 @@ def _take_lock(handle: int, folder: Path) -> None:
     except BlockingIOError as error:
         number = os.pread(handle, 20, 0).decode(errors="replace").strip()
         holder = f"process {number}" if number.isdecimal() else "another process"
-        raise ResourceError(f"{folder} is in use by {holder}. Wait for it, or choose another folder.") from error
+        raise ResourceError(
+            f"{folder} is in use by {holder}. Wait for it, or choose another folder."
+        ) from error
     except OSError as error:
         raise ResourceError(f"Could not lock the folder {folder}: {error.strerror}.") from error
 
@@ -120,7 +124,9 @@ def write_tensors(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str
     write_whole(path, safetensors.numpy.save(ordered, {METADATA_KEY: text}))
 
 
-def read_tensors(path: Path, kind: str, largest: int = SIZE_LIMIT) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def read_tensors(
+    path: Path, kind: str, largest: int = SIZE_LIMIT
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return (tensors, metadata) of a file written by `write_tensors` whose metadata says it is a `kind`.
 
     The tensors cannot be written to. Raises BadFileError naming the file and the fault, whatever the bytes are, and
@@ -133,7 +139,9 @@ def read_tensors(path: Path, kind: str, largest: int = SIZE_LIMIT) -> tuple[dict
         tensors = _view_tensors(header, raw, start)
         _check_payload(tensors, metadata, kind)
     except ValueError as error:
-        raise BadFileError(f"{path} is not a usable {kind} file: {one_line(error)}. Make it again.") from error
+        raise BadFileError(
+            f"{path} is not a usable {kind} file: {one_line(error)}. Make it again."
+        ) from error
     return tensors, metadata
 
 
@@ -174,19 +182,23 @@ def _view_tensors(header: dict[str, Any], raw: bytes, start: int) -> dict[str, n
     """Return the tensors as views into `raw`; together they fill it from `start` on, without a gap or an overlap."""
     if len(header) > TENSOR_LIMIT:
         raise ValueError(f"{len(header)} tensors; wanted at most {TENSOR_LIMIT}")
-    places = {name: _check_place(name, entry) for name, entry in header.items()}
+    ranges = {name: _check_place(name, entry) for name, entry in header.items()}
     expected = 0
-    for name, (begin, end) in sorted(places.items(), key=lambda item: item[1]):
+    for name, (begin, end) in sorted(ranges.items(), key=lambda item: item[1]):
         if begin != expected:
             raise ValueError(f"tensor {name[:40]!r} overlaps another, or leaves a gap")
         expected = end
     if start + expected != len(raw):
         raise ValueError(f"{len(raw) - start:,} bytes of tensors; wanted {expected:,}")
     tensors = {}
-    for name, (begin, _) in places.items():
+    for name, (begin, _) in ranges.items():
         entry = header[name]
         count = math.prod(entry["shape"])
-        flat = np.frombuffer(raw, DTYPES[entry["dtype"]], count, start + begin) if count else np.zeros(0)
+        flat = (
+            np.frombuffer(raw, DTYPES[entry["dtype"]], count, start + begin)
+            if count
+            else np.zeros(0)
+        )
         tensors[name] = flat.astype(DTYPES[entry["dtype"]], copy=False).reshape(entry["shape"])
     return tensors
 
@@ -199,8 +211,8 @@ def _check_place(name: str, entry: Any) -> tuple[int, int]:
     dtype, shape, offsets = entry["dtype"], entry["shape"], entry["data_offsets"]
     if not isinstance(dtype, str) or dtype not in DTYPES:
         raise ValueError(f"{label} has dtype {str(dtype)[:40]}; wanted one of {sorted(DTYPES)}")
-    if not _are_counts(shape) or len(shape) > MOST_AXES:
-        raise ValueError(f"{label}: its shape is not at most {MOST_AXES} whole numbers")
+    if not _are_counts(shape) or len(shape) > MAX_AXES:
+        raise ValueError(f"{label}: its shape is not at most {MAX_AXES} whole numbers")
     if not _are_counts(offsets) or len(offsets) != 2:
         raise ValueError(f"{label}: its data_offsets are not two whole numbers")
     begin, end = offsets

@@ -47,7 +47,11 @@ def kept_folder(*purpose: str) -> Path | None:
             folder.mkdir(mode=0o700, exist_ok=True)
             if not is_private(folder):
                 return None
-    except (OSError, RuntimeError, ValueError):  # no home; cannot be written to; a zero byte in the name
+    except (
+        OSError,
+        RuntimeError,
+        ValueError,
+    ):  # no home; cannot be written to; a zero byte in the name
         return None
     return folder if os.access(folder, os.W_OK | os.X_OK) else None
 

@@ -20,7 +20,7 @@ from neuroanimator.storage.private_folder import kept_folder
 SWITCH = "NEUROANIMATOR_CACHE"
 OFF = ("off", "0", "no", "false")
 
-MOST_PROGRAMS = 4000
+MAX_PROGRAMS = 4000
 """Kept on disk: about 100 MB. Beyond that the older half is removed."""
 
 COMPLAINTS = "Error (reading|writing) persistent compilation cache entry"
@@ -51,7 +51,13 @@ def keep_programs() -> Path | None:
 
 def _machine() -> str:
     """Return a name for what machine code depends on: the processor and its features, JAX and its compiler."""
-    facts = [platform.system(), platform.machine(), platform.processor(), version("jax"), version("jaxlib")]
+    facts = [
+        platform.system(),
+        platform.machine(),
+        platform.processor(),
+        version("jax"),
+        version("jaxlib"),
+    ]
     about = Path("/proc/cpuinfo")
     lines = about.read_text().splitlines() if about.exists() else []
     for key in ("model name", "flags", "Features", "CPU part"):
@@ -63,7 +69,7 @@ def _remove_older_half(folder: Path) -> None:
     """Remove the older half of the programs in `folder` if there are too many."""
     try:
         entries = list(folder.iterdir())
-        if len(entries) <= MOST_PROGRAMS:
+        if len(entries) <= MAX_PROGRAMS:
             return
         entries.sort(key=lambda entry: entry.stat().st_mtime)
         for entry in entries[: len(entries) // 2]:

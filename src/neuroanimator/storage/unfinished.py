@@ -17,10 +17,12 @@ from functools import cache
 from pathlib import Path
 
 UNFINISHED = ".neuroanimator-tmp-"
-UNFINISHED_NAME = re.compile(re.escape(UNFINISHED) + r"([0-9a-f]{8})-([0-9]{1,10})-[0-9a-f]{8}(?:\.[a-z0-9]{1,5})?")
+UNFINISHED_NAME = re.compile(
+    re.escape(UNFINISHED) + r"([0-9a-f]{8})-([0-9]{1,10})-[0-9a-f]{8}(?:\.[a-z0-9]{1,5})?"
+)
 """The name of a file while it is written: the machine, the process, a random number. Nobody else's looks like it."""
 
-LONGEST_WRITE = 24 * 3600
+MAX_WRITE = 24 * 3600
 """[s] A file that a process on another machine began is given up after this time."""
 
 
@@ -128,7 +130,7 @@ def _remove_if_abandoned(entry: os.DirEntry[str], machine: str, process: str) ->
     if machine == _machine():
         is_abandoned = not is_running(int(process))
     else:
-        is_abandoned = time.time() - entry.stat(follow_symlinks=False).st_mtime > LONGEST_WRITE
+        is_abandoned = time.time() - entry.stat(follow_symlinks=False).st_mtime > MAX_WRITE
     if is_abandoned:
         os.unlink(entry)
 

@@ -50,9 +50,16 @@ def carried_system(name: str, definition: str = "") -> System:
     if definition:
         system = loading.from_text(definition)
         if system.name != name:
-            raise BadFileError(f"The definition is of the system {quoted(system.name)}, not of {quoted(name)}.")
+            raise BadFileError(
+                f"The definition is of the system {quoted(system.name)}, not of {quoted(name)}."
+            )
         return system
     if name not in SYSTEMS:
-        raise ArgumentError(f"No system called {quoted(name)}. Systems: {', '.join(sorted(SYSTEMS))}.")
-    pendulums = {"pendulum": pendulum.active_pendulum, "pendulum-passive": pendulum.passive_pendulum}
+        raise ArgumentError(
+            f"No system called {quoted(name)}. Systems: {', '.join(sorted(SYSTEMS))}."
+        )
+    pendulums = {
+        "pendulum": pendulum.active_pendulum,
+        "pendulum-passive": pendulum.passive_pendulum,
+    }
     return pendulums[name]() if name in pendulums else loading.packaged(name)

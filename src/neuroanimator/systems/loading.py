@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from neuroanimator.definitions.body import BodyDefinition
-from neuroanimator.definitions.carried import LARGEST_TEXT, TABLES, kind_of, read_definition_text
+from neuroanimator.definitions.carried import MAX_TEXT, TABLES, kind_of, read_definition_text
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import canonical_json
@@ -115,9 +115,9 @@ def resolve(reference: str) -> tuple[str, str, int]:
     kind, definition = _read_definition(path)
     files = kind.pack(_source(path, kind, definition))
     text = canonical_json({"definition": definition.model_dump(mode="json"), "files": files})
-    if len(text) > LARGEST_TEXT:
+    if len(text) > MAX_TEXT:
         raise BadFileError(
-            f"{path.name}: the model with its meshes takes {len(text):,} bytes; wanted at most {LARGEST_TEXT:,}. "
+            f"{path.name}: the model with its meshes takes {len(text):,} bytes; wanted at most {MAX_TEXT:,}. "
             "Use simpler meshes, or primitive shapes."
         )
     from_text(text)

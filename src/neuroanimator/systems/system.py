@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulat
 TIME_RESOLUTION = 1e-9
 """Times closer than this are the same time [s]; two steps never differ by so little."""
 
-MOST_STEPS = 2**31
+MAX_STEPS = 2**31
 """Physics steps in a super step, which MuJoCo counts in 32 bits."""
 
 
@@ -37,11 +37,15 @@ class Scheme:
     def steps(self, duration: float) -> int:
         """Return how many steps make up `duration` [s]; refuse if it is not a whole number."""
         ratio = duration / self.dt
-        if not 0 < ratio < MOST_STEPS:  # NaN is refused too
-            raise ArgumentError(f"dt: wanted a finite time above 0 s, came {duration} s of {self.dt} s physics steps.")
+        if not 0 < ratio < MAX_STEPS:  # NaN is refused too
+            raise ArgumentError(
+                f"dt: wanted a finite time above 0 s, came {duration} s of {self.dt} s physics steps."
+            )
         count = round(ratio)
         if count < 1 or abs(count * self.dt - duration) > TIME_RESOLUTION:
-            raise ArgumentError(f"dt: {duration} s is not a whole number of {self.dt} s physics steps.")
+            raise ArgumentError(
+                f"dt: {duration} s is not a whole number of {self.dt} s physics steps."
+            )
         return count
 
 
@@ -109,10 +113,14 @@ class System(abc.ABC):
 
     def start_at(self, parts: Mapping[str, Sequence[float]]) -> np.ndarray:
         """Return the state of rest (S,) with the numbers of each of `parts` in their places; see `start_state`."""
-        turns = quaternion_entries(self.structure.segments)
-        return start_state(self.state, self.rest, parts, turns=turns, cloud=self.structure.cloud)
+        orientations = quaternion_entries(self.structure.segments)
+        return start_state(
+            self.state, self.rest, parts, orientations=orientations, cloud=self.structure.cloud
+        )
 
-    def with_starts(self, goals: Mapping[str, Goal], tables: Mapping[str, GoalTable]) -> dict[str, Goal]:
+    def with_starts(
+        self, goals: Mapping[str, Goal], tables: Mapping[str, GoalTable]
+    ) -> dict[str, Goal]:
         """Return `goals` with the starts their tables name; ArgumentError says which of them is wrong."""
         found = {}
         for name, goal in goals.items():

@@ -14,7 +14,7 @@ from pathlib import Path
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_bounded
 
-LARGEST_FILE = 512 * 2**20
+MAX_FILE = 512 * 2**20
 """Largest file taken [bytes]: recordings are read whole."""
 
 _TRUSTED: dict[str, Path] = {}
@@ -29,14 +29,16 @@ def trust_file(path: Path) -> str:
 
 def digest_of(path: Path) -> str:
     """Return the sha256 of a file's bytes, its name from now on. Allows nothing."""
-    return hashlib.sha256(read_bounded(path, LARGEST_FILE)).hexdigest()
+    return hashlib.sha256(read_bounded(path, MAX_FILE)).hexdigest()
 
 
 def trusted_file(digest: str, refusal: str) -> bytes:
     """Return the bytes with this sha256 if they were allowed; BadFileError with `refusal` if not."""
     if digest not in _TRUSTED:
         raise BadFileError(refusal)
-    content = read_bounded(_TRUSTED[digest], LARGEST_FILE)
+    content = read_bounded(_TRUSTED[digest], MAX_FILE)
     if hashlib.sha256(content).hexdigest() != digest:
-        raise BadFileError(f"{_TRUSTED[digest]} changed while it was in use. Run the command again.")
+        raise BadFileError(
+            f"{_TRUSTED[digest]} changed while it was in use. Run the command again."
+        )
     return content

@@ -6,8 +6,20 @@ import math
 
 import numpy as np
 
-from neuroanimator.control.objective.costs import effort, keep_velocity, reach_place, smoothness, stand_up
-from neuroanimator.control.objective.goals import goal_state, is_reached, is_upright, reach_goal, stand_upright
+from neuroanimator.control.objective.costs import (
+    effort,
+    keep_velocity,
+    reach_position,
+    smoothness,
+    stand_up,
+)
+from neuroanimator.control.objective.goals import (
+    goal_state,
+    is_reached,
+    is_upright,
+    reach_goal,
+    stand_upright,
+)
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.obstacles import Zone, avoid, distances, footprint, zone_rows
 from neuroanimator.state.pose import Pose, read_pose
@@ -40,10 +52,14 @@ FOOT_RADIUS = 0.2
 
 def swing_up(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
     """Draw a start below the horizontal, slowly moving; the arm must stand throughout the last half second."""
-    start = np.concatenate([rng.uniform(-1, 1, 3) * [math.pi / 2, 0.8, 0.8], rng.normal(size=3) * 0.5])
+    start = np.concatenate(
+        [rng.uniform(-1, 1, 3) * [math.pi / 2, 0.8, 0.8], rng.normal(size=3) * 0.5]
+    )
     hold = round(HOLD_SECONDS / dt)
     times = tuple(float((steps - i) * dt) for i in range(hold, -1, -2))
-    return Trial(start, stand_upright(times=times), lambda states: all(map(is_upright, states[-hold - 1 :])))
+    return Trial(
+        start, stand_upright(times=times), lambda states: all(map(is_upright, states[-hold - 1 :]))
+    )
 
 
 def park(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
@@ -57,7 +73,7 @@ def park(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
         if clearance(system, zones, start[None]) > 0.5:
             break
     goal = system.goals[f"bay_{rng.integers(1, 7)}"]
-    wishes = (
+    costs = (
         effort(0.02),
         smoothness(0.02),
         reach_goal(system.structure, system.rest, goal),
@@ -68,13 +84,17 @@ def park(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
         return is_reached(system, goal, states[-1]) and clearance(system, zones, states) > 0
 
     bay = read_pose(system.structure, goal_state(system.rest, goal))
-    x, y, _ = bay.place
+    x, y, _ = bay.position
     ahead_x, ahead_y, _ = bay.forward
     return Trial(
         start,
-        Objective.of(*wishes),
+        Objective.of(*costs),
         is_parked,
-        aim=Aim((float(x), float(y), FREE), (float(ahead_x), float(ahead_y), 0.0), is_in_a_fixed_world=True),
+        aim=Aim(
+            (float(x), float(y), FREE),
+            (float(ahead_x), float(ahead_y), 0.0),
+            is_in_a_fixed_world=True,
+        ),
         has_failed=lambda states: clearance(system, zones, states[-2:]) <= 0,
     )
 
@@ -96,7 +116,10 @@ POST = 5
 
 def clearance(system: System, zones: list[Zone], states: np.ndarray) -> float:
     """Return how close [m] the truck's border comes to any zone in `states` (T, S); negative if it touches one."""
-    along, aside = np.linspace(-0.5, 0.5, 13) * TRUCK_LENGTH, np.linspace(-0.5, 0.5, 7) * TRUCK_WIDTH
+    along, aside = (
+        np.linspace(-0.5, 0.5, 13) * TRUCK_LENGTH,
+        np.linspace(-0.5, 0.5, 7) * TRUCK_WIDTH,
+    )
     sides = [(x, y) for x in along for y in aside if x in along[[0, -1]] or y in aside[[0, -1]]]
     points = footprint(system.structure, states, np.array(sides))
     return float(distances(zone_rows(zones), points).min())
@@ -105,26 +128,28 @@ def clearance(system: System, zones: list[Zone], states: np.ndarray) -> float:
 def land(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
     """Draw a start in a cone over the pad, slowly moving and leaning; the feet must touch down softly."""
     pad, start = system.goals["pad"], np.array(system.rest)
-    height, turn = rng.uniform(*CONE[:2]), rng.uniform(-np.pi, np.pi)
+    height, azimuth = rng.uniform(*CONE[:2]), rng.uniform(-np.pi, np.pi)
     aside = height * CONE[2] * math.sqrt(rng.uniform())
-    start[:3] += [aside * math.cos(turn), aside * math.sin(turn), height]
+    start[:3] += [aside * math.cos(azimuth), aside * math.sin(azimuth), height]
     start[3:7] = facing(np.array(rng.uniform(-0.5, 0.5)))
     start[7:13] = rng.normal(size=6) * [0.4, 0.4, 0.4, 0.05, 0.05, 0.05]
     end = steps * dt
-    wishes = (
+    costs = (
         effort(0.05),
         reach_goal(system.structure, system.rest, pad),
-        reach_place(system, [*system.rest[:2], system.rest[2] + 0.7], within=0.3, at=end - 1.5),
+        reach_position(system, [*system.rest[:2], system.rest[2] + 0.7], within=0.3, at=end - 1.5),
         stand_up(system, within=0.05, at=end - 1.5),
         keep_velocity(system, [0.0, 0.0, -0.5], within=0.2, since=end - 1.5, weight=0.2),
     )
     x, y, z = (float(number) for number in system.rest[:3])
     return Trial(
         start,
-        Objective.of(*wishes),
+        Objective.of(*costs),
         lambda states: is_soft_landing(system, states),
         aim=Aim((x, y, z)),
-        has_failed=lambda states: has_touched(system, states) and not is_soft_landing(system, states),
+        has_failed=lambda states: (
+            has_touched(system, states) and not is_soft_landing(system, states)
+        ),
     )
 
 
@@ -143,7 +168,7 @@ def is_soft_landing(system: System, states: np.ndarray) -> bool:
     since = max(0, touching[0] - 1)
     speed = np.linalg.norm(pose.velocity[since:], axis=1).max()
     lean = np.arccos(np.clip(pose.upward[since:, 2], -1, 1)).max()
-    aside = np.linalg.norm(pose.place[-1, :2] - system.rest[:2])
+    aside = np.linalg.norm(pose.position[-1, :2] - system.rest[:2])
     return bool(speed < TOUCHDOWN_SPEED and lean < TOUCHDOWN_LEAN and aside < PAD_RADIUS)
 
 
@@ -151,7 +176,7 @@ def lowest_foot(pose: Pose) -> np.ndarray:
     """Return (T,) [m] how high the lowest foot's sole is over the ground."""
     left = np.cross(pose.upward, pose.forward)
     rises = [x * pose.forward[:, 2] + y * left[:, 2] + z * pose.upward[:, 2] for x, y, z in FEET]
-    return pose.place[:, 2] + np.min(rises, axis=0) - FOOT_RADIUS
+    return pose.position[:, 2] + np.min(rises, axis=0) - FOOT_RADIUS
 
 
 RIGID_TASKS = (

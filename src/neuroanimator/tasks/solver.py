@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuroanimator.control.descent.gradient_check import gradient_trust
-from neuroanimator.control.descent.parametrisation import Parameters
+from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.emulator import Emulator
@@ -30,17 +30,19 @@ class Solver:
     emulator: Emulator
     steps: int
     """Super steps of the motion."""
-    parameters: Parameters
+    parametrisation: Parametrisation
 
     @classmethod
     def of(cls, task: Task, system: System, emulator: Emulator) -> Solver:
         """Return the solver of `task` on `system`, emulated by `emulator`."""
         steps = round(task.seconds / emulator.dt)
-        return cls(task, system, emulator, steps, task.parameters(system, steps, emulator.dt))
+        return cls(task, system, emulator, steps, task.parametrisation(system, steps, emulator.dt))
 
     def draw(self, number: int) -> Trial:
         """Return the trial of that number: always the same one."""
-        return self.task.draw(self.system, np.random.default_rng([number, 5]), self.steps, self.emulator.dt)
+        return self.task.draw(
+            self.system, np.random.default_rng([number, 5]), self.steps, self.emulator.dt
+        )
 
     def solve(self, trial: Trial, *, is_warm_up: bool = False) -> tuple[Synthesis, float]:
         """Return what was found for `trial` and how long it took [s], replays included; no training.
@@ -49,7 +51,7 @@ class Solver:
         """
         began = time.perf_counter()
         found = synthesise(
-            self.emulator, self.system, trial.objective, trial.start, steps=self.steps, parameters=self.parameters,
+            self.emulator, self.system, trial.objective, trial.start, steps=self.steps, parametrisation=self.parametrisation,
             first=trial.first, method=self.task.method, starts=self.task.starts, refinements=0,
             corrections=1 if is_warm_up else CORRECTIONS, restarts=0 if is_warm_up else RESTARTS,
             is_enough=(lambda states: False) if is_warm_up else trial.is_success,
@@ -58,7 +60,9 @@ class Solver:
 
     def cosine(self, trial: Trial, number: int) -> float:
         """Return the gradient's cosine with the physics' at the first guess; at random controls where there is none."""
-        drawn = sample_control_runs(np.random.default_rng([number, 6]), 1, self.steps, self.emulator.dt, self.system)
+        drawn = sample_control_runs(
+            np.random.default_rng([number, 6]), 1, self.steps, self.emulator.dt, self.system
+        )
         controls = drawn[0] if trial.first is None else trial.first
-        problem = self.emulator, self.system, trial.objective, self.parameters
+        problem = self.emulator, self.system, trial.objective, self.parametrisation
         return gradient_trust(*problem, trial.start, controls).cosine

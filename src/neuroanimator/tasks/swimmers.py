@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator.control.objective.costs import effort, reach_heading, reach_place, smoothness, stay_upright, travel
+from neuroanimator.control.objective.costs import (
+    effort,
+    reach_heading,
+    reach_position,
+    smoothness,
+    stay_upright,
+    travel,
+)
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.state.pose import Pose, read_pose
@@ -43,14 +50,20 @@ def swim(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
     gait = gait_controls(system, steps, dt)
     usual = way(system, pose, play(system, start[None], gait[None], dt).states[0])
     far = travel(system, pose.forward, 2 * max(usual, length), within=0.2 * length)
-    wishes = effort(0.1), smoothness(0.001), stay_upright(system, weight=SWIMMING_UPRIGHT), far
+    costs = effort(0.1), smoothness(0.001), stay_upright(system, weight=SWIMMING_UPRIGHT), far
 
     def is_far(states: np.ndarray) -> bool:
-        return way(system, pose, states) > FASTER_THAN_GAIT * max(usual, 0.1 * length) and ends_upright(
-            system, states, dt
-        )
+        return way(system, pose, states) > FASTER_THAN_GAIT * max(
+            usual, 0.1 * length
+        ) and ends_upright(system, states, dt)
 
-    return Trial(start, Objective.of(*wishes), is_far, FIRST_STRENGTH * gait, Aim(direction=three(pose.forward)))
+    return Trial(
+        start,
+        Objective.of(*costs),
+        is_far,
+        FIRST_STRENGTH * gait,
+        Aim(direction=three(pose.forward)),
+    )
 
 
 def turn(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
@@ -59,14 +72,16 @@ def turn(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
     pose, angle = read_pose(system.structure, start), rng.uniform(30, 90) * rng.choice([-1, 1])
     heading = ahead(pose, math.radians(angle))
     aim = reach_heading(system, heading, within=HEADING_WITHIN / 3)
-    wishes = effort(0.1), smoothness(0.001), stay_upright(system), aim
+    costs = effort(0.1), smoothness(0.001), stay_upright(system), aim
 
     def is_turned(states: np.ndarray) -> bool:
         forward = read_pose(system.structure, states[-1]).forward
-        return bool(forward @ heading > math.cos(HEADING_WITHIN)) and ends_upright(system, states, dt)
+        return bool(forward @ heading > math.cos(HEADING_WITHIN)) and ends_upright(
+            system, states, dt
+        )
 
     first = FIRST_STRENGTH * gait_controls(system, steps, dt)
-    return Trial(start, Objective.of(*wishes), is_turned, first, Aim(direction=three(heading)))
+    return Trial(start, Objective.of(*costs), is_turned, first, Aim(direction=three(heading)))
 
 
 def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
@@ -74,31 +89,39 @@ def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tr
     start, length = swimming_start(system, rng), body_length(system)
     pose = read_pose(system.structure, start)
     gait = gait_controls(system, steps, dt)
-    far = rng.uniform(0.7, 1.0) * max(way(system, pose, play(system, start[None], gait[None], dt).states[0]), length)
-    target = pose.place + far * ahead(pose, math.radians(rng.uniform(-60, 60)))
-    aim = reach_place(system, target, within=TARGET_WITHIN * length / 3)
-    wishes = effort(0.1), smoothness(0.001), stay_upright(system), aim
+    far = rng.uniform(0.7, 1.0) * max(
+        way(system, pose, play(system, start[None], gait[None], dt).states[0]), length
+    )
+    target = pose.position + far * ahead(pose, math.radians(rng.uniform(-60, 60)))
+    aim = reach_position(system, target, within=TARGET_WITHIN * length / 3)
+    costs = effort(0.1), smoothness(0.001), stay_upright(system), aim
 
     def is_there(states: np.ndarray) -> bool:
-        off = np.linalg.norm(read_pose(system.structure, states[-1]).place - target)
+        off = np.linalg.norm(read_pose(system.structure, states[-1]).position - target)
         return bool(off < TARGET_WITHIN * length) and ends_upright(system, states, dt)
 
-    return Trial(start, Objective.of(*wishes), is_there, FIRST_STRENGTH * gait, Aim(three(target)))
+    return Trial(start, Objective.of(*costs), is_there, FIRST_STRENGTH * gait, Aim(three(target)))
 
 
 def leap(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
     """Draw a dolphin under the surface; it shall fly near the end, back up. It may pitch as it likes."""
     start, length = swimming_start(system, rng), body_length(system)
-    high = reach_place(system, [LEAP_HEIGHT * length * 1.5], within=0.1 * length, axes="z", at=0.8 * steps * dt)
-    wishes = effort(0.1), smoothness(0.001), stay_upright(system, may_pitch=True), high
+    high = reach_position(
+        system, [LEAP_HEIGHT * length * 1.5], within=0.1 * length, axes="z", at=0.8 * steps * dt
+    )
+    costs = effort(0.1), smoothness(0.001), stay_upright(system, may_pitch=True), high
 
     def is_flying(states: np.ndarray) -> bool:
         pose = read_pose(system.structure, states)
-        top = int(np.argmax(pose.place[:, 2]))
-        return bool(pose.place[top, 2] > LEAP_HEIGHT * length and abs(pose.roll[top]) < ROLL_WITHIN)
+        top = int(np.argmax(pose.position[:, 2]))
+        return bool(
+            pose.position[top, 2] > LEAP_HEIGHT * length and abs(pose.roll[top]) < ROLL_WITHIN
+        )
 
     first = FIRST_STRENGTH * gait_controls(system, steps, dt)
-    return Trial(start, Objective.of(*wishes), is_flying, first, Aim((FREE, FREE, LEAP_HEIGHT * length * 1.5)))
+    return Trial(
+        start, Objective.of(*costs), is_flying, first, Aim((FREE, FREE, LEAP_HEIGHT * length * 1.5))
+    )
 
 
 def swimming_start(system: System, rng: np.random.Generator) -> np.ndarray:
@@ -111,10 +134,10 @@ def swimming_start(system: System, rng: np.random.Generator) -> np.ndarray:
     has_surface = water is not None and water.surface is not None
     while True:
         start = sample_starts(system, rng, 1)[0]
-        if not system.structure.weighs:
+        if not system.structure.has_gravity:
             return turned_upright(system, start)
         pose = read_pose(system.structure, start)
-        is_deep = DEPTHS[0] < pose.place[2] < DEPTHS[1] or not has_surface
+        is_deep = DEPTHS[0] < pose.position[2] < DEPTHS[1] or not has_surface
         if is_deep and abs(pose.forward[2]) < LEVEL_WITHIN and pose.upward[2] > UPRIGHT_WITHIN:
             return start
 
@@ -125,8 +148,10 @@ def turned_upright(system: DeformableSystem, state: np.ndarray) -> np.ndarray:
     left = np.cross(pose.upward, pose.forward)
     left /= np.linalg.norm(left)
     turn = np.stack([pose.forward, left, np.cross(pose.forward, left)])
-    places, speeds, contractions = system.unpack(state)
-    return system.pack((places - pose.place) @ turn.T + pose.place, speeds @ turn.T, contractions)
+    positions, velocities, activations = system.unpack(state)
+    return system.pack(
+        (positions - pose.position) @ turn.T + pose.position, velocities @ turn.T, activations
+    )
 
 
 def ends_upright(system: System, states: np.ndarray, dt: float) -> bool:
@@ -145,7 +170,7 @@ def three(vector: np.ndarray) -> tuple[float, float, float]:
 def body_length(system: System) -> float:
     """Return how long [m] a deformable body is at rest."""
     assert isinstance(system, DeformableSystem)
-    return float(np.ptp(system.body.places[:, 0]))
+    return float(np.ptp(system.body.positions[:, 0]))
 
 
 def gait_controls(system: System, steps: int, dt: float) -> np.ndarray:
@@ -156,7 +181,7 @@ def gait_controls(system: System, steps: int, dt: float) -> np.ndarray:
 
 def way(system: System, pose: Pose, states: np.ndarray) -> float:
     """Return how far [m] `states` (T+1, S) lead to where `pose` points."""
-    return float((read_pose(system.structure, states[-1]).place - pose.place) @ pose.forward)
+    return float((read_pose(system.structure, states[-1]).position - pose.position) @ pose.forward)
 
 
 def ahead(pose: Pose, angle: float) -> np.ndarray:
@@ -168,7 +193,9 @@ def ahead(pose: Pose, angle: float) -> np.ndarray:
 def tasks_of(system: str, ways: tuple[dict[str, Any], ...]) -> tuple[Task, ...]:
     """Return the tasks fish and dolphin share; `ways` say what is varied and how for each."""
     upright = f"rolled by less than {math.degrees(ROLL_WITHIN):.0f}° over the last period"
-    turned = f"points within {math.degrees(HEADING_WITHIN):.0f}° of the heading at the end, {upright}"
+    turned = (
+        f"points within {math.degrees(HEADING_WITHIN):.0f}° of the heading at the end, {upright}"
+    )
     farther = f"comes {FASTER_THAN_GAIT} times as far as by its gait, {upright}"
     near = f"ends within {TARGET_WITHIN} body lengths of the target, {upright}"
     return (

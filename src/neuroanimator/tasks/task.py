@@ -8,7 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuroanimator.control.descent.parametrisation import EachStep, Parameters, Periodic, Spline
+from neuroanimator.control.descent.parametrisation import (
+    EachStep,
+    Parametrisation,
+    Periodic,
+    Spline,
+)
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.systems.system import System
 
@@ -20,7 +25,7 @@ FREE = math.nan
 class Aim:
     """Where a trial's goal is, for what must see it: an objective can be asked for its cost only."""
 
-    place: tuple[float, float, float] = (FREE, FREE, FREE)
+    position: tuple[float, float, float] = (FREE, FREE, FREE)
     """[m] In the world."""
     direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Unit vector in the world where the body shall point or go; zeros if it does not matter."""
@@ -63,8 +68,12 @@ class Task:
     is_periodic: bool = False
     method: str = "gauss-newton"
 
-    def parameters(self, system: System, steps: int, dt: float) -> Parameters:
+    def parametrisation(self, system: System, steps: int, dt: float) -> Parametrisation:
         """Return what a descent may vary."""
         if self.is_periodic and system.gait is not None:
             return Periodic.of(steps, dt, system.gait.period, system.bounds)
-        return Spline.of(steps, self.knots, system.bounds) if self.knots else EachStep.of(steps, system.bounds)
+        return (
+            Spline.of(steps, self.knots, system.bounds)
+            if self.knots
+            else EachStep.of(steps, system.bounds)
+        )

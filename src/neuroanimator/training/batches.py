@@ -24,7 +24,9 @@ def rare_rows(emulator: Emulator, data: Transitions) -> np.ndarray:
     change = emulator.frame.remainder(data.states[:, 0], data.states[:, 1])
     scale = np.asarray(normaliser.change_scale)
     moves = scale > 0
-    unusual = np.abs((change - np.asarray(normaliser.change_mean))[:, moves] / scale[moves]).max(axis=1)
+    unusual = np.abs((change - np.asarray(normaliser.change_mean))[:, moves] / scale[moves]).max(
+        axis=1
+    )
     count = max(1, round(RARE * len(unusual)))
     return np.sort(np.argpartition(unusual, -count)[-count:]).astype(np.int32)
 
@@ -42,7 +44,9 @@ def draw_batches(
     from_rare = round(size * rare_share)
     if not from_rare:
         return batches, None
-    drawn = jax.random.randint(jax.random.fold_in(key, 1), (UPDATES_PER_CHUNK, from_rare), 0, rare.shape[0])
+    drawn = jax.random.randint(
+        jax.random.fold_in(key, 1), (UPDATES_PER_CHUNK, from_rare), 0, rare.shape[0]
+    )
     share = from_rare / size
     density = jnp.full(rows, 1 - share).at[rare].add(share * rows / rare.shape[0])
     return jnp.concatenate([batches[:, from_rare:], rare[drawn]], axis=1), 1 / density
@@ -56,18 +60,22 @@ def folded(
     controls: Float[Array, "N T C"],
 ) -> tuple[Float[Array, "N H S"], Float[Array, "N T C"]]:
     """Return the windows with each body turned at random into a position that looks the same: examples for free."""
-    part = jax.random.randint(key, (states.shape[0], 1), 0, structure.fold)
-    angle = 2 * jnp.pi * part / structure.fold
+    part = jax.random.randint(key, (states.shape[0], 1), 0, structure.symmetry_order)
+    angle = 2 * jnp.pi * part / structure.symmetry_order
     return turned_windows(structure, frame, angle, states, controls)
 
 
-def turned_windows(structure: Structure, frame: Frame, angle: Array, states: Array, controls: Array):
+def turned_windows(
+    structure: Structure, frame: Frame, angle: Array, states: Array, controls: Array
+):
     """Return the windows with the axes of each root turned by `angle` (N, 1) [rad] about its own Z."""
-    (turn, spin), turning = frame.turns[0], facing(angle)
-    quaternion = multiply(states[..., turn : turn + 4], conjugate(turning))
-    states = states.at[..., turn : turn + 4].set(quaternion)
-    states = states.at[..., spin : spin + 3].set(rotate(turning, states[..., spin : spin + 3]))
-    for x, y in structure.fold_controls:
+    (orientation, angular_velocity), turning = frame.orientations[0], facing(angle)
+    quaternion = multiply(states[..., orientation : orientation + 4], conjugate(turning))
+    states = states.at[..., orientation : orientation + 4].set(quaternion)
+    states = states.at[..., angular_velocity : angular_velocity + 3].set(
+        rotate(turning, states[..., angular_velocity : angular_velocity + 3])
+    )
+    for x, y in structure.symmetry_controls:
         cosine, sine = jnp.cos(angle), jnp.sin(angle)
         along, across = controls[..., x], controls[..., y]
         controls = controls.at[..., x].set(cosine * along - sine * across)

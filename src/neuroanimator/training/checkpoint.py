@@ -15,7 +15,7 @@ from neuroanimator.storage.files import read_tensors, write_tensors
 
 NAME = "checkpoint.safetensors"
 
-MOST_CHUNKS = 2**31
+MAX_CHUNKS = 2**31
 """JAX counts them in 32 bits."""
 
 
@@ -79,6 +79,6 @@ def _numbers(metadata: dict[str, Any]) -> tuple[float, int, int]:
     if not isinstance(best_error, int | float) or best_error < 0:
         raise ValueError(f"best_error is {str(best_error)[:40]!r}")
     for key in ("chunk", "stale"):
-        if type(metadata.get(key)) is not int or not 0 <= metadata[key] < MOST_CHUNKS:
+        if type(metadata.get(key)) is not int or not 0 <= metadata[key] < MAX_CHUNKS:
             raise ValueError(f"{key} is {str(metadata.get(key))[:40]!r}")
     return best_error, metadata["chunk"], metadata["stale"]

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from neuroanimator.data.transitions import LONGEST_UNROLL
+from neuroanimator.data.transitions import MAX_UNROLL
 from neuroanimator.emulator.networks import DEFAULT_WIDTHS, check_widths
 from neuroanimator.errors import ArgumentError
 from neuroanimator.storage.files import canonical_json
@@ -32,12 +32,12 @@ class TrainingConfig(BaseModel):
     batch: int = Field(512, ge=4, le=65_536)
     rare_share: float = Field(0.0, ge=0, lt=1)
     """Share of each batch drawn among the tenth of all windows with the most unusual changes, such as touchdowns."""
-    place_modes: int = Field(0, ge=0, le=256)
+    position_modes: int = Field(0, ge=0, le=256)
     """Shapes a deformable body is made of, and ways its parts move; 0: as many as matter. See `shape_modes`."""
-    speed_modes: int = Field(0, ge=0, le=256)
+    velocity_modes: int = Field(0, ge=0, le=256)
     local_modes: int = Field(4, ge=1, le=64)
     """The same per segment, besides where it is; of hierarchies."""
-    unroll: int = Field(LONGEST_UNROLL, ge=1, le=LONGEST_UNROLL)
+    unroll: int = Field(MAX_UNROLL, ge=1, le=MAX_UNROLL)
     unroll_share: float = Field(0.2, ge=0, le=1)
     validation_share: float = Field(0.05, gt=0, lt=0.9)
     patience: int = Field(80, ge=1)

@@ -41,4 +41,6 @@ def unrolled_loss(
     every step an equal say.
     """
     decay = jnp.arange(1, controls.shape[1] + 1) ** -2.0
-    return jnp.mean(squared_error(emulator, states, controls, weights), axis=1) @ (decay / decay.sum())
+    return jnp.mean(squared_error(emulator, states, controls, weights), axis=1) @ (
+        decay / decay.sum()
+    )

@@ -39,7 +39,11 @@ class Recipe:
         """Return the dataset to train on."""
         count = round(self.transitions * self._share(substeps))
         return dataset_config(
-            system=system, substeps=substeps, count=count, picks=self.picks, idle_share=self.idle_share
+            system=system,
+            substeps=substeps,
+            count=count,
+            picks=self.picks,
+            idle_share=self.idle_share,
         )
 
     def _share(self, substeps: int) -> float:
@@ -52,8 +56,8 @@ class Recipe:
             widths=self.widths,
             updates=round(self.updates * self._share(substeps)),
             rare_share=self.rare_share,
-            place_modes=self.modes[0],
-            speed_modes=self.modes[1],
+            position_modes=self.modes[0],
+            velocity_modes=self.modes[1],
             seed=seed,
         )
 
@@ -70,9 +74,23 @@ RECIPES = {
         aside=0.5,
     ),
     "dolphin": Recipe(
-        (96, 64), transitions=360_000, updates=80_000, picks=36, idle_share=0.15, modes=(28, 40), aside=0.5
+        (96, 64),
+        transitions=360_000,
+        updates=80_000,
+        picks=36,
+        idle_share=0.15,
+        modes=(28, 40),
+        aside=0.5,
     ),
-    "fish": Recipe((64,), transitions=504_000, updates=100_000, picks=36, idle_share=0.15, modes=(36, 48), aside=0.5),
+    "fish": Recipe(
+        (64,),
+        transitions=504_000,
+        updates=100_000,
+        picks=36,
+        idle_share=0.15,
+        modes=(36, 48),
+        aside=0.5,
+    ),
     "lander": Recipe((64, 48), transitions=1_440_000, updates=120_000, picks=36, rare_share=0.5),
     "pendulum": Recipe((96, 64), transitions=300_000, updates=300_000),
     "pendulum-passive": Recipe((64, 64), transitions=300_000, updates=300_000),
@@ -93,4 +111,6 @@ def cook(
     generate(recipe.data(system, substeps), data)
     name = shipped_path(system, substeps).name
     out = folder / (name if seed == 0 else name.replace(".emulator", f"-seed-{seed}.emulator"))
-    return train(read_transitions(data), recipe.training(substeps, seed), out, on_report=on_report), out
+    return train(
+        read_transitions(data), recipe.training(substeps, seed), out, on_report=on_report
+    ), out

@@ -38,10 +38,10 @@ from neuroanimator.training.optimizer import make_optimizer
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""
 
-LONGEST_LINE = 10_000
+MAX_LINE = 10_000
 """Of `metrics.jsonl` [characters]; ours have a hundred."""
 
-MOST_VALIDATION = 8192
+MAX_VALIDATION = 8192
 """Windows used for validation, at most: more would slow training and change no digit that matters."""
 
 
@@ -79,7 +79,10 @@ def train(
     with locked(folder):
         run = _Run.prepare(data, config, folder, start_from)
         remove_stale(folder)
-        provenance = {"dataset": data.config.model_dump(), "training": config.model_dump(mode="json")}
+        provenance = {
+            "dataset": data.config.model_dump(),
+            "training": config.model_dump(mode="json"),
+        }
         check_readable(run.base, folder, provenance)
         while not run.is_over:
             on_report(run.advance())
@@ -108,14 +111,20 @@ class _Run:
     rest: RestStreams | None
     """What the network sees at rest; None where the system does not keep still there."""
     validation: tuple[Array, Array]
-    identity: str
+    fingerprint: str
     began: float = field(default_factory=time.monotonic)
 
     @classmethod
-    def prepare(cls, data: Transitions, config: TrainingConfig, folder: Path, start_from: Emulator | None) -> _Run:
+    def prepare(
+        cls, data: Transitions, config: TrainingConfig, folder: Path, start_from: Emulator | None
+    ) -> _Run:
         held_out = validation_mask(data.run, config)
         if not held_out.any() or held_out.all():
-            lost = f" {data.blow_ups} runs blew up and were dropped: use a smaller step." if data.blow_ups else ""
+            lost = (
+                f" {data.diverged} runs blew up and were dropped: use a smaller step."
+                if data.diverged
+                else ""
+            )
             raise ArgumentError(
                 f"count: {len(data.run)} transitions are too few to train on; wanted some hundred.{lost}"
             )
@@ -123,20 +132,33 @@ class _Run:
         base = start_from or build_emulator(learn, config)
         learn, check = base_windows(base, learn), base_windows(base, check)
         contents = {"states": data.states, "controls": data.controls, "network": _first_leaf(base)}
-        identity = f"{digest(contents)[:16]}-{config.hash}"
+        fingerprint = f"{digest(contents)[:16]}-{config.hash}"
         fresh = Progress.fresh(base.network, make_optimizer(config))
-        progress = read_checkpoint(folder, identity, fresh)
+        progress = read_checkpoint(folder, fingerprint, fresh)
         _trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
-        few = slice(MOST_VALIDATION)
+        few = slice(MAX_VALIDATION)
         training = jnp.asarray(learn.states), jnp.asarray(learn.controls)
         validation = jnp.asarray(check.states[few]), jnp.asarray(check.controls[few])
         rare = jnp.asarray(rare_rows(base, learn))
         rest = base.rest_streams() if keeps_still(data.system, base) else None
-        return cls(config, folder, base, progress, training, data.system.structure, rare, rest, validation, identity)
+        return cls(
+            config,
+            folder,
+            base,
+            progress,
+            training,
+            data.system.structure,
+            rare,
+            rest,
+            validation,
+            fingerprint,
+        )
 
     @property
     def is_over(self) -> bool:
-        return self.progress.chunk >= self.config.chunks or self.progress.stale >= self.config.patience
+        return (
+            self.progress.chunk >= self.config.chunks or self.progress.stale >= self.config.patience
+        )
 
     @property
     def best(self) -> Emulator:
@@ -151,7 +173,9 @@ class _Run:
                 self.rare, self.rest, jnp.asarray(progress.chunk), self.config.unroll_at(progress.chunk),
             )  # fmt: skip
             losses.append(float(loss))
-            progress = progress._replace(network=network, optimizer_state=state, chunk=progress.chunk + 1)
+            progress = progress._replace(
+                network=network, optimizer_state=state, chunk=progress.chunk + 1
+            )
             if progress.chunk % CHUNKS_PER_REPORT == 0 or progress.chunk >= self.config.chunks:
                 break
         moves = np.asarray(self.base.normaliser.unit) > 0
@@ -160,9 +184,11 @@ class _Run:
         self.progress = progress.judged(float(by_step[-1]))
         seconds = time.monotonic() - self.began
         update = progress.chunk * UPDATES_PER_CHUNK
-        report = Report(update, float(np.mean(losses)), float(by_step[0]), float(by_step[-1]), seconds)
+        report = Report(
+            update, float(np.mean(losses)), float(by_step[0]), float(by_step[-1]), seconds
+        )
         append_line(self.folder / "metrics.jsonl", json.dumps(report._asdict()))
-        write_checkpoint(self.folder, self.identity, self.progress)
+        write_checkpoint(self.folder, self.fingerprint, self.progress)
         return report
 
 
@@ -187,8 +213,8 @@ def keeps_still(system: System, emulator: Emulator) -> bool:
     rest = system.rest[None]
     idle = np.tile(system.bounds.idle, (1, 1, 1))
     after = system.simulate(rest, idle, emulator.dt).states[:, -1]
-    inner = [emulator.encode(np.asarray(states, float)) for states in (rest, after)]
-    moved = np.abs(emulator.frame.difference(*inner)[0])
+    latent = [emulator.encode(np.asarray(states, float)) for states in (rest, after)]
+    moved = np.abs(emulator.frame.difference(*latent)[0])
     return bool((moved <= STILL * np.asarray(emulator.normaliser.unit)).all())
 
 
@@ -196,7 +222,10 @@ def base_windows(base: Emulator, data: Transitions) -> Transitions:
     """Return the windows in the numbers in which `base` makes its super steps."""
     if base.modes is None:
         return data
-    states, controls = base.encode(np.asarray(data.states, float)), base.encode_control(data.controls)
+    states, controls = (
+        base.encode(np.asarray(data.states, float)),
+        base.encode_control(data.controls),
+    )
     return replace(data, states=states.astype(np.float32), controls=controls.astype(np.float32))
 
 
@@ -236,7 +265,7 @@ def _train_chunk(
         emulator = with_network(base, network, rest)
         of_rows = None if weights is None else weights[rows]
         windows = states[rows, : unroll + 1], controls[rows, :unroll]
-        if structure.fold > 1:
+        if structure.symmetry_order > 1:
             windows = folded(structure, base.frame, jax.random.fold_in(key, rows[0]), *windows)
         return unrolled_loss(emulator, *windows, of_rows)
 
@@ -252,15 +281,26 @@ def _train_chunk(
 
 def time_chunk(emulator: Emulator, config: TrainingConfig) -> float:
     """Return how long one chunk of single-step updates takes here [s], compilation excluded."""
-    rng, identity = np.random.default_rng(0), emulator.identity
-    rest = jnp.asarray(identity.rest, jnp.float32)
-    states = emulator.encode(rest + 1e-3 * rng.normal(size=(1024, 2, identity.state.size)).astype(np.float32))
-    controls = jnp.tile(jnp.asarray(identity.bounds.middle, jnp.float32), (1024, 1, 1))
+    rng, spec = np.random.default_rng(0), emulator.spec
+    rest = jnp.asarray(spec.rest, jnp.float32)
+    states = emulator.encode(
+        rest + 1e-3 * rng.normal(size=(1024, 2, spec.state.size)).astype(np.float32)
+    )
+    controls = jnp.tile(jnp.asarray(spec.bounds.middle, jnp.float32), (1024, 1, 1))
     fresh = Progress.fresh(emulator.network, make_optimizer(config))
     spans = []
     for chunk in range(3):
         began = time.perf_counter()
-        inputs = fresh.network, fresh.optimizer_state, states, controls, jnp.arange(64), None, jnp.asarray(chunk), 1
+        inputs = (
+            fresh.network,
+            fresh.optimizer_state,
+            states,
+            controls,
+            jnp.arange(64),
+            None,
+            jnp.asarray(chunk),
+            1,
+        )
         jax.block_until_ready(_train_chunk(config, Structure((), (), ()), emulator, *inputs))
         spans.append(time.perf_counter() - began)
     return min(spans[1:])
@@ -280,13 +320,15 @@ def _trim_metrics(folder: Path, update: int) -> None:
     path = folder / "metrics.jsonl"
     if path.exists():
         lines = [
-            line for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if _logged_by(line, update)
+            line
+            for line in path.read_text(encoding="utf-8", errors="replace").splitlines()
+            if _logged_by(line, update)
         ]
         write_whole(path, "".join(line + "\n" for line in lines).encode())
 
 
 def _logged_by(line: str, update: int) -> bool:
     try:
-        return parse_json_object(line, LONGEST_LINE)["update"] <= update
+        return parse_json_object(line, MAX_LINE)["update"] <= update
     except (ValueError, KeyError, TypeError):
         return False

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from neuroanimator.bench.baselines.fast_physics import FastPhysics
-from neuroanimator.control.descent.parametrisation import Parameters
+from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 
@@ -39,20 +39,24 @@ class Programs(NamedTuple):
     """(numbers, start, limit, states (T, S), controls (T, C), changes of both (Z, ...)) → what `linearised` returns."""
 
 
-class Pricing:
+class CostEvaluator:
     """z → controls → physics → J; for one z, or for as many as `batch` at a time."""
 
     def __init__(
-        self, physics: FastPhysics, objective: Objective, parameters: Parameters, dt: float, start: np.ndarray,
-        limit: np.ndarray, batch: int,
+        self, physics: FastPhysics, objective: Objective, parametrisation: Parametrisation, dt: float, start: np.ndarray,
+        control_scale: np.ndarray, batch: int,
     ):  # fmt: skip
         self.physics, self.batch = physics, batch
-        numbers, fixed = eqx.partition((objective, parameters), eqx.is_array)
+        numbers, fixed = eqx.partition((objective, parametrisation), eqx.is_array)
         leaves, shape = jax.tree.flatten(numbers)
         rest, rest_shape = jax.tree.flatten(fixed)
         self._programs = _programs(shape, rest_shape, tuple(rest), dt)
         self._numbers = leaves
-        self._motion = leaves, jnp.asarray(start, jnp.float32), jnp.asarray(limit, jnp.float32)
+        self._motion = (
+            leaves,
+            jnp.asarray(start, jnp.float32),
+            jnp.asarray(control_scale, jnp.float32),
+        )
 
     def controls(self, zs: np.ndarray) -> np.ndarray:
         """Return the controls (B, T, C) of `zs` (B, Z)."""
@@ -87,11 +91,13 @@ class Pricing:
 def _programs(shape: Any, rest_shape: Any, rest: tuple, dt: float) -> Programs:
     fixed = jax.tree.unflatten(rest_shape, rest)
 
-    def made(numbers: list[Array]) -> tuple[Objective, Parameters]:
+    def made(numbers: list[Array]) -> tuple[Objective, Parametrisation]:
         return eqx.combine(jax.tree.unflatten(shape, numbers), fixed)
 
-    def trajectory(start: Array, limit: Array, states: Array, controls: Array) -> Trajectory:
-        return Trajectory(jnp.concatenate([start[None], states]), controls, limit, dt)
+    def trajectory(
+        start: Array, control_scale: Array, states: Array, controls: Array
+    ) -> Trajectory:
+        return Trajectory(jnp.concatenate([start[None], states]), controls, control_scale, dt)
 
     def controls(numbers: list[Array], zs: Array) -> Array:
         return jax.vmap(made(numbers)[1].controls)(zs)
@@ -99,15 +105,31 @@ def _programs(shape: Any, rest_shape: Any, rest: tuple, dt: float) -> Programs:
     def slopes(numbers: list[Array], z: Array) -> Array:
         return jnp.moveaxis(jax.jacfwd(made(numbers)[1].controls)(z), -1, 0)
 
-    def costs(numbers: list[Array], start: Array, limit: Array, states: Array, controls: Array) -> Array:
-        one = lambda states, controls: made(numbers)[0](trajectory(start, limit, states, controls))  # noqa: E731
+    def costs(
+        numbers: list[Array], start: Array, control_scale: Array, states: Array, controls: Array
+    ) -> Array:
+        def one(states, controls):
+            return made(numbers)[0](trajectory(start, control_scale, states, controls))
+
         grouped = controls.reshape(states.shape[0], states.shape[-1], *controls.shape[1:])
         return jax.vmap(jax.vmap(one, in_axes=(2, 0)))(states, grouped).ravel()
 
-    def pushed(numbers: list[Array], start: Array, limit: Array, states: Array, controls: Array, *changes: Array):
+    def pushed(
+        numbers: list[Array],
+        start: Array,
+        control_scale: Array,
+        states: Array,
+        controls: Array,
+        *changes: Array,
+    ):
         objective = made(numbers)[0]
-        look = lambda *motion: objective.residuals(trajectory(start, limit, *motion))  # noqa: E731
-        rest = lambda *motion: objective.extra(trajectory(start, limit, *motion))  # noqa: E731
+
+        def look(*motion):
+            return objective.residuals(trajectory(start, control_scale, *motion))
+
+        def rest(*motion):
+            return objective.extra(trajectory(start, control_scale, *motion))
+
         residuals, push = jax.linearize(look, states, controls)
         push_rest = jax.linearize(rest, states, controls)[1]
         return residuals, jax.vmap(push, out_axes=1)(*changes), jax.vmap(push_rest)(*changes)
@@ -131,7 +153,7 @@ class Improvement:
 class Contest:
     """A race as it goes: every J is counted and timed, the best is kept. The clock runs from its making on."""
 
-    def __init__(self, pricing: Pricing, target: float, seconds: float):
+    def __init__(self, pricing: CostEvaluator, target: float, seconds: float):
         self.pricing, self.target, self._seconds = pricing, target, seconds
         self.best: np.ndarray | None = None
         self.curve: list[Improvement] = []
@@ -155,7 +177,9 @@ class Contest:
     def costs(self, zs: np.ndarray) -> np.ndarray:
         """Return J (B,) of any number of `zs` (B, Z). Raises IsOver once the race is."""
         batch = self.pricing.batch
-        return np.concatenate([self._costs(zs[first : first + batch]) for first in range(0, len(zs), batch)])
+        return np.concatenate(
+            [self._costs(zs[first : first + batch]) for first in range(0, len(zs), batch)]
+        )
 
     def _costs(self, zs: np.ndarray) -> np.ndarray:
         costs = self.pricing.costs(zs)

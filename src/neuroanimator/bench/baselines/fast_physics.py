@@ -18,7 +18,7 @@ from mujoco import rollout
 
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.systems.deformable.body import Body
-from neuroanimator.systems.deformable.deformable_system import WILDEST_STRAIN, DeformableSystem
+from neuroanimator.systems.deformable.deformable_system import MAX_STRAIN, DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import strains
 from neuroanimator.systems.deformable.native.compiled import LANES, CTwin, c_twin
 from neuroanimator.systems.fastest import play
@@ -49,16 +49,33 @@ class FastPhysics(abc.ABC):
 class MujocoPhysics(FastPhysics):
     """MuJoCo on every core, with the same model, workers and memory for every population."""
 
-    def __init__(self, system: MujocoSystem, scheme: Scheme, dt: float, start: np.ndarray, length: int, batch: int):
-        self.system, self.scheme, self.substeps, self.length = system, scheme, scheme.steps(dt), length
+    def __init__(
+        self,
+        system: MujocoSystem,
+        scheme: Scheme,
+        dt: float,
+        start: np.ndarray,
+        length: int,
+        batch: int,
+    ):
+        self.system, self.scheme, self.substeps, self.length = (
+            system,
+            scheme,
+            scheme.steps(dt),
+            length,
+        )
         self.steps, self.batch = self.substeps * length, batch
         self.model, self.start = system.model_with(scheme), np.asarray(start, float)
         self.workers = [mujoco.MjData(self.model) for _ in range(cores())]
         self._alone = rollout.Rollout(nthread=0)
-        first = np.concatenate([[0.0], self.start[: system.physical_size]])  # MuJoCo's state leads with time
+        first = np.concatenate(
+            [[0.0], self.start[: system.physical_size]]
+        )  # MuJoCo's state leads with time
         self._initial = np.tile(first, (batch, 1))
         self._states = np.empty((batch, self.steps, len(first)))
-        self._sensed = np.empty((batch, self.steps, self.model.nsensordata)) if system.sensors else None
+        self._sensed = (
+            np.empty((batch, self.steps, self.model.nsensordata)) if system.sensors else None
+        )
 
     def follow(self, controls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         states, count = self.roll(controls), len(controls)
@@ -115,7 +132,9 @@ class TwinPhysics(FastPhysics):
     def _side_by_side(self, controls: np.ndarray) -> np.ndarray:
         def group(number: int) -> None:
             rows = np.arange(number * LANES, (number + 1) * LANES).clip(max=len(controls) - 1)
-            self._states[number] = self._play(self._many, self._starts, np.moveaxis(controls[rows], 0, -1))
+            self._states[number] = self._play(
+                self._many, self._starts, np.moveaxis(controls[rows], 0, -1)
+            )
 
         list(threads().map(group, range(-(-len(controls) // LANES))))
         return self._states
@@ -127,14 +146,18 @@ class TwinPhysics(FastPhysics):
 class SimulatedPhysics(FastPhysics):
     """Whatever else there is: a Python function, or a body where nothing compiles C."""
 
-    def __init__(self, system: System, scheme: Scheme, dt: float, start: np.ndarray, length: int, batch: int):
+    def __init__(
+        self, system: System, scheme: Scheme, dt: float, start: np.ndarray, length: int, batch: int
+    ):
         self.steps, self.batch = scheme.steps(dt) * length, batch
         self._start = np.asarray(start, float)
         self._play: Callable = partial(play, system, dt=dt, scheme=scheme)
 
     def follow(self, controls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         runs, count = self._play(np.tile(self._start, (len(controls), 1)), controls), len(controls)
-        found = np.zeros((1 if count == 1 else self.batch, *runs.states[0, 1:].shape, 1), np.float32)
+        found = np.zeros(
+            (1 if count == 1 else self.batch, *runs.states[0, 1:].shape, 1), np.float32
+        )
         found[:count, ..., 0] = runs.states[:, 1:]
         return found, runs.is_alive
 
@@ -192,6 +215,6 @@ def threads() -> ThreadPoolExecutor:
 def _is_whole(body: Body, states: Array) -> Array:
     """Return (G, L) whether a body is finite and not torn apart in all its states (G, T, S, L)."""
     points = states[:, :, : 3 * len(body.masses)]
-    places = points.reshape(*points.shape[:2], -1, 3, points.shape[-1])
-    torn = jnp.abs(strains(body, jnp.moveaxis(places, (2, 3), (0, 1)))) > WILDEST_STRAIN
+    positions = points.reshape(*points.shape[:2], -1, 3, points.shape[-1])
+    torn = jnp.abs(strains(body, jnp.moveaxis(positions, (2, 3), (0, 1)))) > MAX_STRAIN
     return ~torn.any(axis=(0, 2)) & jnp.isfinite(states).all(axis=(1, 2))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from neuroanimator.bench.baselines.budgeted_cost import Contest, Pricing
+from neuroanimator.bench.baselines.budgeted_cost import Contest, CostEvaluator
 from neuroanimator.bench.baselines.fast_physics import MujocoPhysics, cores, threads
-from neuroanimator.control.descent.methods import DAMPINGS, FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING
+from neuroanimator.control.descent.methods import DAMPINGS, FIRST_DAMPING, MAX_DAMPING, MIN_DAMPING
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
@@ -26,8 +26,10 @@ def linear_scheme(system: System, scheme: Scheme) -> Scheme:
 
     Raises ArgumentError for a system iLQR cannot be used on.
     """
-    if not isinstance(system, MujocoSystem) or system.pushes:
-        raise ArgumentError(f"ilqr: wanted a MuJoCo system driven by its own motors, came {system.name}.")
+    if not isinstance(system, MujocoSystem) or system.external_forces:
+        raise ArgumentError(
+            f"ilqr: wanted a MuJoCo system driven by its own motors, came {system.name}."
+        )
     found = system.scheme if scheme.integrator == "rk4" else scheme
     if found.integrator == "rk4":
         raise ArgumentError("ilqr: MuJoCo has no derivatives of rk4. Give another scheme.")
@@ -53,13 +55,13 @@ def _descend(contest: Contest, z: np.ndarray) -> None:
             return
         least = contest.cost(z) if least == np.inf else least
         while True:
-            dampings = np.clip(damping * np.array(DAMPINGS), LEAST_DAMPING, MOST_DAMPING)
+            dampings = np.clip(damping * np.array(DAMPINGS), MIN_DAMPING, MAX_DAMPING)
             trials = z - _steps(curvature, slope, dampings)
             costs = contest.costs(trials)
             k = int(costs.argmin())
             if costs[k] < least:
                 break
-            if dampings[-1] >= MOST_DAMPING:
+            if dampings[-1] >= MAX_DAMPING:
                 return
             damping = dampings[-1] * DAMPINGS[-1]
         fall, z, least, damping = least - costs[k], trials[k], costs[k], dampings[k]
@@ -70,30 +72,34 @@ def _descend(contest: Contest, z: np.ndarray) -> None:
 def _steps(curvature: np.ndarray, slope: np.ndarray, dampings: np.ndarray) -> np.ndarray:
     """Return the damped steps (K, Z)."""
     size, unit = np.trace(curvature) / len(slope) + np.finfo(float).tiny, np.eye(len(slope))
-    return np.linalg.solve(curvature + dampings[:, None, None] * size * unit, slope[None, :, None])[..., 0]
+    return np.linalg.solve(curvature + dampings[:, None, None] * size * unit, slope[None, :, None])[
+        ..., 0
+    ]
 
 
-def linearisation_steps(pricing: Pricing) -> int:
+def linearisation_steps(pricing: CostEvaluator) -> int:
     """Return how many physics steps a linearisation takes: each twice as it is, and once per number changed."""
     physics = physics_of(pricing)
     model = physics.model
     return physics.steps * (2 + 2 * model.nv + model.na + model.nu)
 
 
-def physics_of(pricing: Pricing) -> MujocoPhysics:
+def physics_of(pricing: CostEvaluator) -> MujocoPhysics:
     """Return MuJoCo, which iLQR needs: see `linear_scheme`."""
     assert isinstance(pricing.physics, MujocoPhysics)
     return pricing.physics
 
 
-def linearised(pricing: Pricing, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def linearised(pricing: CostEvaluator, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the residuals (R,) of J at `z` (Z,), their derivatives (R, Z), and the slope (Z,) of what is no square."""
     physics, controls, slopes = physics_of(pricing), pricing.controls(z[None])[0], pricing.slopes(z)
     states = physics.roll(controls[None])[0]
     return pricing.linearised(states, controls, _changes(physics, states, controls, slopes), slopes)
 
 
-def _changes(physics: MujocoPhysics, states: np.ndarray, controls: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+def _changes(
+    physics: MujocoPhysics, states: np.ndarray, controls: np.ndarray, slopes: np.ndarray
+) -> np.ndarray:
     """Return how `states` (T, S) change with z, (Z, T, S), if `controls` (T, C) change by `slopes` (Z, T, C).
 
     Sensors, on which nothing of the motion depends, count as constant.
@@ -137,7 +143,9 @@ def _super_step(
     data.ctrl[:] = control
     with warnings_counted:
         for _ in range(physics.substeps):
-            mujoco.mjd_transitionFD(model, data, DIFFERENCE, False, one_state, one_control, None, None)
+            mujoco.mjd_transitionFD(
+                model, data, DIFFERENCE, False, one_state, one_control, None, None
+            )
             by_state, by_control = one_state @ by_state, one_state @ by_control + one_control
             mujoco.mj_step(model, data)
     return by_state, by_control
@@ -145,14 +153,14 @@ def _super_step(
 
 def _unfolded(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
     """Return how the numbers of `state` change with the V numbers of a change, (P, V)."""
-    places = np.eye(model.nq, model.nv)
+    positions = np.eye(model.nq, model.nv)
     if model.nq != model.nv:
         base, along = np.array(state[: model.nq]), np.eye(model.nv)
         for i in range(model.nv):
             moved = base.copy()
             mujoco.mj_integratePos(model, moved, along[i], DIFFERENCE)
-            places[:, i] = (moved - base) / DIFFERENCE
+            positions[:, i] = (moved - base) / DIFFERENCE
     found = np.eye(model.nq + model.nv + model.na, 2 * model.nv + model.na, model.nv - model.nq)
     found[: model.nq] = 0
-    found[: model.nq, : model.nv] = places
+    found[: model.nq, : model.nv] = positions
     return found

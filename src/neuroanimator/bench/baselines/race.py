@@ -14,15 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuroanimator.bench.baselines.budgeted_cost import Contest, Improvement, IsOver, Pricing
+from neuroanimator.bench.baselines.budgeted_cost import Contest, CostEvaluator, Improvement, IsOver
 from neuroanimator.bench.baselines.fast_physics import cheapest_scheme, fast_physics, side_by_side
 from neuroanimator.bench.baselines.ilqr import ilqr, linear_scheme
-from neuroanimator.control.descent.parametrisation import Parameters
+from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import Scheme, System
 
-FARTHEST = 2.0
+MAX_DISTANCE = 2.0
 """Annealing looks for z between minus this and this: controls up to 96 % of the way to their bounds."""
 DIFFERENCE = 1e-3
 """Of z, for slopes of J in annealing's local searches: J is float32, so a smaller one finds rounding."""
@@ -67,20 +67,20 @@ def race(
     name: str,
     system: System,
     objective: Objective,
-    parameters: Parameters,
+    parametrisation: Parametrisation,
     dt: float,
     start: np.ndarray,
     *,
     target: float,
     seconds: float,
     seed: int = 0,
-    limit: np.ndarray | None = None,
+    control_scale: np.ndarray | None = None,
     scheme: Scheme | None = None,
     first: np.ndarray | None = None,
 ) -> Race:
     """Return how the rival called `name` fares from `start` (S,) until J is at most `target`, or `seconds` are over.
 
-    J is the emulator's: of states `dt` [s] apart; `limit` (C,) counts as full effort, by default the largest controls
+    J is the emulator's: of states `dt` [s] apart; `control_scale` (C,) counts as full effort, by default the largest controls
     within the system's bounds. The first guess is `first` (T, C), or the middle of the bounds. `scheme` steps the
     physics, by default `cheapest_scheme`, which is measured: give one to get the same race again. The time ends a
     race after the evaluation, population or linearisation it is at.
@@ -89,12 +89,18 @@ def race(
     """
     if name not in RIVALS:
         raise ArgumentError(f"No rival called '{name}'. Rivals: {', '.join(sorted(RIVALS))}.")
-    start, limit = system.state.check(start, "state"), system.bounds.largest if limit is None else limit
+    start, control_scale = (
+        system.state.check(start, "state"),
+        system.bounds.magnitude if control_scale is None else control_scale,
+    )
     scheme = scheme or cheapest_scheme(system, dt, start)
     scheme = linear_scheme(system, scheme) if name == "ilqr" else scheme
-    batch = population(parameters.size, side_by_side(system))
-    physics = fast_physics(system, scheme, dt, start, parameters.steps, batch)
-    pricing, guess = Pricing(physics, objective, parameters, dt, start, limit, batch), parameters.guess(first)
+    batch = population(parametrisation.size, side_by_side(system))
+    physics = fast_physics(system, scheme, dt, start, parametrisation.steps, batch)
+    pricing, guess = (
+        CostEvaluator(physics, objective, parametrisation, dt, start, control_scale, batch),
+        parametrisation.guess(first),
+    )
     _warm_up(name, pricing, guess)
     contest = Contest(pricing, target, seconds)
     with suppress(IsOver):
@@ -108,7 +114,7 @@ def population(size: int, together: int) -> int:
     return math.ceil((4 + 3 * math.log(size)) / together) * together
 
 
-def _warm_up(name: str, pricing: Pricing, guess: np.ndarray) -> None:
+def _warm_up(name: str, pricing: CostEvaluator, guess: np.ndarray) -> None:
     """Compile and import what the race will need: a race of no time does."""
     pricing.costs(guess[None])
     pricing.costs(np.tile(guess, (pricing.batch, 1)))
@@ -142,11 +148,13 @@ def anneal(contest: Contest, first: np.ndarray, rng: np.random.Generator) -> Non
         costs = contest.costs(np.concatenate([z[None], z + DIFFERENCE * np.eye(len(z))]))
         return (costs[1:] - costs[0]) / DIFFERENCE
 
-    bounds = [(-FARTHEST, FARTHEST)] * len(first)
+    bounds = [(-MAX_DISTANCE, MAX_DISTANCE)] * len(first)
     local = {"method": "L-BFGS-B", "jac": slope, "bounds": bounds}
-    begin = np.clip(first, -FARTHEST, FARTHEST)
+    begin = np.clip(first, -MAX_DISTANCE, MAX_DISTANCE)
     while True:
-        dual_annealing(contest.cost, bounds, x0=begin, rng=rng, minimizer_kwargs=local, maxiter=sys.maxsize)
+        dual_annealing(
+            contest.cost, bounds, x0=begin, rng=rng, minimizer_kwargs=local, maxiter=sys.maxsize
+        )
 
 
 def evolve(contest: Contest, first: np.ndarray, rng: np.random.Generator) -> None:
@@ -154,10 +162,17 @@ def evolve(contest: Contest, first: np.ndarray, rng: np.random.Generator) -> Non
     from cma import CMAEvolutionStrategy
 
     # cma's own seeds would set NumPy's global random numbers.
-    options = {"seed": math.nan, "randn": lambda *shape: rng.standard_normal(shape), "verbose": -9, "verb_log": 0}
+    options = {
+        "seed": math.nan,
+        "randn": lambda *shape: rng.standard_normal(shape),
+        "verbose": -9,
+        "verb_log": 0,
+    }
     options |= {"tolfun": SMALL, "CMA_diagonal": DIAGONAL if len(first) > MANY else 0}
     size = contest.pricing.batch
-    with warnings.catch_warnings(category=UserWarning, action="ignore"):  # of outliers it deals with itself
+    with warnings.catch_warnings(
+        category=UserWarning, action="ignore"
+    ):  # of outliers it deals with itself
         while True:
             search = CMAEvolutionStrategy(first, SPREAD, {**options, "popsize": size})
             while not search.stop():
@@ -181,7 +196,13 @@ def flip(contest: Contest, first: np.ndarray, rng: np.random.Generator) -> None:
             return known.pop(key) if key in known else contest.cost(z)
 
         endless = {"maxiter": math.inf, "maxfev": math.inf}
-        options = {"adaptive": True, "initial_simplex": simplex, "xatol": SMALL, "fatol": SMALL, **endless}
+        options = {
+            "adaptive": True,
+            "initial_simplex": simplex,
+            "xatol": SMALL,
+            "fatol": SMALL,
+            **endless,
+        }
         minimize(cost, begin, method="Nelder-Mead", options=options)
 
 

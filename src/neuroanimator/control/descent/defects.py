@@ -34,32 +34,38 @@ def find_defects(
     emulator: Emulator, states: Float[Array, "T+1 S"], controls: Float[Array, "T C"]
 ) -> Float[Array, "T V"]:
     """Return what must be added to every super step for the emulator to go through `states` of the physics."""
-    inner, mixed = emulator.encode(states), emulator.encode_control(controls)
-    leapt = jax.vmap(emulator.advance)(inner[:-1], mixed)
-    return still_frame(emulator).difference(leapt, inner[1:])
+    latent, mixed = emulator.encode(states), emulator.encode_control(controls)
+    leapt = jax.vmap(emulator.advance)(latent[:-1], mixed)
+    return still_frame(emulator).difference(leapt, latent[1:])
 
 
 def advance_corrected(
-    emulator: Emulator, inner: Float[Array, " I"], control: Float[Array, " C"], defect: Float[Array, " V"]
+    emulator: Emulator,
+    latent: Float[Array, " I"],
+    control: Float[Array, " C"],
+    defect: Float[Array, " V"],
 ) -> Float[Array, " I"]:
     """Return `Emulator.advance` with the defect added."""
-    return still_frame(emulator).apply(emulator.advance(inner, control), defect)
+    return still_frame(emulator).apply(emulator.advance(latent, control), defect)
 
 
 def follow_corrected(
-    emulator: Emulator, inner: Float[Array, " I"], controls: Float[Array, "T C"], defects: Float[Array, "T V"]
+    emulator: Emulator,
+    latent: Float[Array, " I"],
+    controls: Float[Array, "T C"],
+    defects: Float[Array, "T V"],
 ) -> Float[Array, "T+1 I"]:
-    """Return the trajectory from `inner`, it included, with the defects added; in the numbers of `Emulator.encode`.
+    """Return the trajectory from `latent`, it included, with the defects added; in the numbers of `Emulator.encode`.
 
     Not unrolled, unlike `emulator.follow`: its derivatives compile in a third of the time and run as fast.
     """
 
-    def one(inner: Array, given: tuple[Array, Array]) -> tuple[Array, Array]:
-        following = advance_corrected(emulator, inner, *given)
+    def one(latent: Array, given: tuple[Array, Array]) -> tuple[Array, Array]:
+        following = advance_corrected(emulator, latent, *given)
         return following, following
 
     inputs = emulator.encode_control(controls), defects
-    return jnp.concatenate([inner[None], jax.lax.scan(one, inner, inputs)[1]])
+    return jnp.concatenate([latent[None], jax.lax.scan(one, latent, inputs)[1]])
 
 
 def defects_of(emulator: Emulator, states: np.ndarray, controls: np.ndarray) -> Float[Array, "T V"]:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.methods import METHODS, Method, Progress
-from neuroanimator.control.descent.parametrisation import EachStep, Parameters
+from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.feasibility import check_reachable
 from neuroanimator.control.objective.objective import Objective, check_objective
@@ -66,7 +66,7 @@ def descend(
     iterations: int = DEFAULT_ITERATIONS,
     first: np.ndarray | None = None,
     bounds: Bounds | None = None,
-    parameters: Parameters | None = None,
+    parametrisation: Parametrisation | None = None,
     starts: int = 1,
     seed: int = 0,
     defects: Array | None = None,
@@ -75,7 +75,7 @@ def descend(
     """Return the best controls found in at most `iterations` from each of several first guesses.
 
     The first guess is `first` (T, C), or the middle of the bounds; the other `starts` - 1 are random, unless `first`
-    (starts, T, C) has them all. `bounds` may be tighter than the emulator's own; `parameters` other than one value
+    (starts, T, C) has them all. `bounds` may be tighter than the emulator's own; `parametrisation` other than one value
     per super step bring their own. `defects` (T, V) are added to the emulator's super steps (see `corrected`).
     `on_iteration` is told iteration and least J as it goes.
 
@@ -87,42 +87,49 @@ def descend(
         raise ArgumentError(
             f"steps, iterations and starts: wanted at least 1, came {steps}, {iterations} and {starts}."
         )
-    start = emulator.identity.state.check(start, "state")
-    parameters = parameters or EachStep.of(steps, bounds or emulator.identity.bounds)
+    start = emulator.spec.state.check(start, "state")
+    parametrisation = parametrisation or EachStep.of(steps, bounds or emulator.spec.bounds)
     with phase("compiling"):
         check_objective(objective, emulator, start, steps)
         check_reachable(objective, emulator, start, steps)
-    problem = pose_problem(emulator, objective, parameters, start, defects)
-    guesses = first_guesses(emulator, parameters, first, starts, seed)
+    problem = pose_problem(emulator, objective, parametrisation, start, defects)
+    guesses = first_guesses(emulator, parametrisation, first, starts, seed)
     return _descend(method, problem, guesses, iterations, on_iteration)
 
 
 def pose_problem(
     emulator: Emulator,
     objective: Objective,
-    parameters: Parameters,
+    parametrisation: Parametrisation,
     start: np.ndarray,
     defects: Array | None = None,
 ) -> Problem:
-    """Return J over the numbers of `parameters`, from `start` (S,)."""
-    limit = as_jax(emulator.identity.bounds.largest)
-    defects = no_defects(emulator, parameters.steps) if defects is None else defects
-    return Problem(emulator, objective, parameters, as_jax(start), defects, limit)
+    """Return J over the numbers of `parametrisation`, from `start` (S,)."""
+    limit = as_jax(emulator.spec.bounds.magnitude)
+    defects = no_defects(emulator, parametrisation.steps) if defects is None else defects
+    return Problem(emulator, objective, parametrisation, as_jax(start), defects, limit)
 
 
 def first_guesses(
-    emulator: Emulator, parameters: Parameters, first: np.ndarray | None, starts: int, seed: int
+    emulator: Emulator,
+    parametrisation: Parametrisation,
+    first: np.ndarray | None,
+    starts: int,
+    seed: int,
 ) -> np.ndarray:
     """Return z (K, Z): the given ones, or the first one given and then random ones as training saw them."""
     if first is not None and first.ndim == 3:
         if len(first) != starts:
-            raise ArgumentError(f"first: wanted one guess, or one for each of {starts} starts, came {len(first)}.")
-        return np.stack([parameters.guess(controls) for controls in first])
-    rng, identity = np.random.default_rng([seed, 11]), emulator.identity
+            raise ArgumentError(
+                f"first: wanted one guess, or one for each of {starts} starts, came {len(first)}."
+            )
+        return np.stack([parametrisation.guess(controls) for controls in first])
+    rng, spec = np.random.default_rng([seed, 11]), emulator.spec
     drawn = [
-        sample_controls(rng, parameters.steps, emulator.dt, identity.bounds, identity.gait) for _ in range(starts - 1)
+        sample_controls(rng, parametrisation.steps, emulator.dt, spec.bounds, spec.gait)
+        for _ in range(starts - 1)
     ]
-    return np.stack([parameters.guess(controls) for controls in (first, *drawn)])
+    return np.stack([parametrisation.guess(controls) for controls in (first, *drawn)])
 
 
 def _descend(
@@ -136,7 +143,7 @@ def _descend(
     with phase("compiling"):
         progress = begin(method, as_jax(guesses))
         jax.block_until_ready(advance(method, problem, progress, np.int32(0)))
-        controls_of(problem.parameters, progress.best)
+        controls_of(problem.parametrisation, progress.best)
     began = time.perf_counter()
     history = []
     with phase("descending"):
@@ -148,8 +155,14 @@ def _descend(
             if np.asarray(progress.is_done).all():
                 break
     history.insert(0, np.asarray(progress.first))
-    candidates, costs = controls_of(problem.parameters, progress.best), np.asarray(progress.least, float)
-    seconds, order = time.perf_counter() - began, np.argsort(np.where(np.isfinite(costs), costs, np.inf))
+    candidates, costs = (
+        controls_of(problem.parametrisation, progress.best),
+        np.asarray(progress.least, float),
+    )
+    seconds, order = (
+        time.perf_counter() - began,
+        np.argsort(np.where(np.isfinite(costs), costs, np.inf)),
+    )
     best = order[0]
     return Descent(
         method=name,
@@ -171,12 +184,16 @@ def begin(method: Method, guesses: Array) -> Progress:
 
 
 @eqx.filter_jit
-def advance(method: Method, problem: Problem, progress: Progress, limit: Array | np.integer) -> Progress:
+def advance(
+    method: Method, problem: Problem, progress: Progress, limit: Array | np.integer
+) -> Progress:
     """Return the progress of all starts once each is done or has taken `limit` backward sweeps."""
 
     def one(progress: Progress) -> Progress:
         return jax.lax.while_loop(
-            lambda p: ~p.is_done & (p.sweeps < limit), lambda p: method.iterate(problem, p), progress
+            lambda p: ~p.is_done & (p.sweeps < limit),
+            lambda p: method.iterate(problem, p),
+            progress,
         )
 
     if len(progress.z) > 1:
@@ -187,6 +204,6 @@ def advance(method: Method, problem: Problem, progress: Progress, limit: Array |
 
 
 @eqx.filter_jit
-def controls_of(parameters: Parameters, z: Array | np.ndarray) -> Float[Array, "K T C"]:
+def controls_of(parametrisation: Parametrisation, z: Array | np.ndarray) -> Float[Array, "K T C"]:
     """Return the controls each row of z (K, Z) stands for."""
-    return jax.vmap(parameters.controls)(jnp.asarray(z))
+    return jax.vmap(parametrisation.controls)(jnp.asarray(z))

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.descent.descend import controls_of, pose_problem
-from neuroanimator.control.descent.parametrisation import Parameters
+from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.objective import Objective, cost_and_slopes
 from neuroanimator.control.objective.trajectory import Trajectory
@@ -30,7 +30,7 @@ WARN_BELOW = 0.5
 DIFFERENCE_STEP = 1e-5
 """Of z, whose numbers are of order one: a tenth of it changes no gradient by a millionth, even with contacts."""
 
-Follow = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Binding = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(starts (B, S), controls (B, T, C)) → states (B, T+1, S) in float64."""
 
 
@@ -66,7 +66,7 @@ def gradient_trust(
     emulator: Emulator,
     system: System,
     objective: Objective,
-    parameters: Parameters,
+    parametrisation: Parametrisation,
     start: np.ndarray,
     controls: np.ndarray | None,
     defects: Array | None = None,
@@ -81,16 +81,16 @@ def gradient_trust(
 
     Raises NeuroAnimatorError where the physics blows up.
     """
-    start, z = emulator.identity.state.check(start, "state"), parameters.guess(controls)
-    problem = pose_problem(emulator, objective, parameters, start, defects)
+    start, z = emulator.spec.state.check(start, "state"), parametrisation.guess(controls)
+    problem = pose_problem(emulator, objective, parametrisation, start, defects)
     along = np.eye(len(z)) if directions is None else random_directions(len(z), directions)
     with phase("checking the gradient"):
-        emulated = along @ emulated_gradient(problem, z)
-        physical = difference_gradient(
+        emulator_states = along @ emulated_gradient(problem, z)
+        physics_states = difference_gradient(
             lambda starts, held: _played(system, starts, held, emulator.dt),
-            objective, parameters, emulator.identity.bounds, emulator.dt, start, z, along=along,
+            objective, parametrisation, emulator.spec.bounds, emulator.dt, start, z, along=along,
         )  # fmt: skip
-    return GradientTrust.of(emulated, physical)
+    return GradientTrust.of(emulator_states, physics_states)
 
 
 def random_directions(size: int, count: int) -> Float[np.ndarray, "D Z"]:
@@ -102,9 +102,9 @@ def random_directions(size: int, count: int) -> Float[np.ndarray, "D Z"]:
 
 
 def difference_gradient(
-    follow: Follow,
+    follow: Binding,
     objective: Objective,
-    parameters: Parameters,
+    parametrisation: Parametrisation,
     bounds: Bounds,
     dt: float,
     start: np.ndarray,
@@ -121,9 +121,11 @@ def difference_gradient(
     shifts = step * (np.eye(len(z)) if along is None else along)
     starts = np.broadcast_to(start, (2 * len(shifts), len(start)))
     with jax.enable_x64(True):
-        controls = np.asarray(controls_of(parameters, np.concatenate([z + shifts, z - shifts])))
+        controls = np.asarray(
+            controls_of(parametrisation, np.concatenate([z + shifts, z - shifts]))
+        )
         states = follow(starts, controls)
-        costs = np.asarray(_costs(objective, states, controls, bounds.largest, dt))
+        costs = np.asarray(_costs(objective, states, controls, bounds.magnitude, dt))
     above, below = np.split(costs, 2)
     return (above - below) / (2 * step)
 
@@ -142,18 +144,18 @@ def emulated_gradient(problem: Problem, z: np.ndarray) -> Float[np.ndarray, " Z"
 
     In two programs, of which only the objective's own is compiled anew for other wishes.
     """
-    place, motion = as_jax(z), replace(problem, objective=Objective.of())
-    _, slopes = cost_and_slopes(problem.objective, _emulated_motion(motion, place))
-    return np.asarray(_pulled_back(motion, place, slopes), float)
+    point, motion = as_jax(z), replace(problem, objective=Objective.of())
+    _, slopes = cost_and_slopes(problem.objective, _emulated_motion(motion, point))
+    return np.asarray(_pulled_back(motion, point, slopes), float)
 
 
 def _emulated_motion(problem: Problem, z: Array) -> Trajectory:
     """Return the motion on the emulator; by the program everybody uses, unless it has defects."""
     if np.asarray(problem.defects).any():
         return _trajectory(problem, z)
-    controls = controls_of(problem.parameters, z[None])[0]
+    controls = controls_of(problem.parametrisation, z[None])[0]
     states = problem.emulator.rollout(problem.start, controls)
-    return Trajectory(states, controls, problem.limit, problem.emulator.dt)
+    return Trajectory(states, controls, problem.control_scale, problem.emulator.dt)
 
 
 @eqx.filter_jit
@@ -173,5 +175,13 @@ def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Arr
 
 
 @eqx.filter_jit
-def _costs(objective: Objective, states: ArrayLike, controls: ArrayLike, limit: ArrayLike, dt: float) -> Array:
-    return jax.vmap(lambda motion, held: objective(Trajectory(motion, held, jnp.asarray(limit), dt)))(states, controls)
+def _costs(
+    objective: Objective,
+    states: ArrayLike,
+    controls: ArrayLike,
+    control_scale: ArrayLike,
+    dt: float,
+) -> Array:
+    return jax.vmap(
+        lambda motion, held: objective(Trajectory(motion, held, jnp.asarray(control_scale), dt))
+    )(states, controls)

@@ -34,7 +34,7 @@ FIRST_DAMPING = 1e-2
 """Of Gauss-Newton, as a share of the mean curvature."""
 DAMPINGS = (0.01, 0.1, 1.0, 10.0, 100.0)
 """Times the last good damping, tried side by side: a batch of rollouts costs little more than one."""
-LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e6
+MIN_DAMPING, MAX_DAMPING = 1e-6, 1e6
 
 
 class Progress(NamedTuple):
@@ -85,8 +85,10 @@ class GaussNewton(Method):
         residuals, jacobian, slope_of_rest, cost = problem.linearised(z)
         curvature, slope = jacobian.T @ jacobian, jacobian.T @ residuals + slope_of_rest
         size = jnp.trace(curvature) / len(z) + jnp.finfo(z.dtype).tiny
-        dampings = jnp.clip(damping * jnp.array(DAMPINGS), LEAST_DAMPING, MOST_DAMPING)
-        trials = z - jax.vmap(lambda d: _solve(curvature + d * size * jnp.eye(len(z)), slope))(dampings)
+        dampings = jnp.clip(damping * jnp.array(DAMPINGS), MIN_DAMPING, MAX_DAMPING)
+        trials = z - jax.vmap(lambda d: _solve(curvature + d * size * jnp.eye(len(z)), slope))(
+            dampings
+        )
         costs = jax.vmap(problem.cost)(trials)
         costs = jnp.where(jnp.isfinite(costs), costs, jnp.inf)
         k = jnp.argmin(costs)
@@ -96,7 +98,7 @@ class GaussNewton(Method):
         following = jnp.where(is_better, trials[k], z)
         is_finite = jnp.isfinite(slope).all()
         # The first step finds the damping's scale; small falls after it, or none at any damping, are the end.
-        is_stuck = ~is_better & (dampings[-1] >= MOST_DAMPING)
+        is_stuck = ~is_better & (dampings[-1] >= MAX_DAMPING)
         is_small = is_better & (fall < CONVERGED * least)
         return Progress(
             z=following,
@@ -129,7 +131,9 @@ class FirstOrder(Method):
 
         descent = self.make()
         if self.settles:
-            cost, slope = optax.value_and_grad_from_state(problem.cost)(progress.z, state=progress.memory)
+            cost, slope = optax.value_and_grad_from_state(problem.cost)(
+                progress.z, state=progress.memory
+            )
         else:
             cost, slope = jax.value_and_grad(problem.cost)(progress.z)
         update, memory = descent.update(

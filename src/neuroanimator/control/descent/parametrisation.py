@@ -20,7 +20,7 @@ FASTEST, SLOWEST = 2.0, 0.5
 """Times the first frequency a pattern may come to."""
 
 
-class Parameters(eqx.Module):
+class Parametrisation(eqx.Module):
     """z (Z,) → controls (T, C) = middle + half · tanh(...): within bounds by construction."""
 
     middle: eqx.AbstractVar[Float[Array, " C"]]
@@ -41,7 +41,7 @@ class Parameters(eqx.Module):
         """Return the z (Z,) whose controls are closest to `controls` (T, C), in the middle of the bounds for None."""
 
 
-class EachStep(Parameters):
+class EachStep(Parametrisation):
     """One value per super step and control."""
 
     middle: Float[Array, " C"]
@@ -64,7 +64,7 @@ class EachStep(Parameters):
         return np.zeros(self.size) if controls is None else _raw(self, controls).ravel()
 
 
-class Spline(Parameters):
+class Spline(Parametrisation):
     """A clamped cubic spline per control: smooth, and fewer numbers than super steps."""
 
     middle: Float[Array, " C"]
@@ -75,13 +75,17 @@ class Spline(Parameters):
     @classmethod
     def of(cls, steps: int, knots: int, bounds: Bounds) -> Spline:
         """Return the parameters of splines with so many knots over so many super steps."""
-        from scipy.interpolate import BSpline  # a quarter of a second that most descents need not wait for
+        from scipy.interpolate import (
+            BSpline,
+        )  # a quarter of a second that most descents need not wait for
 
         if not 4 <= knots <= steps:
-            raise ArgumentError(f"knots: wanted between 4 and the {steps} super steps, came {knots}.")
-        places = np.concatenate([[0.0] * 3, np.linspace(0, 1, knots - 2), [1.0] * 3])
+            raise ArgumentError(
+                f"knots: wanted between 4 and the {steps} super steps, came {knots}."
+            )
+        knot_times = np.concatenate([[0.0] * 3, np.linspace(0, 1, knots - 2), [1.0] * 3])
         times = (np.arange(steps) + 0.5) / steps
-        basis = BSpline.design_matrix(times, places, 3).toarray()
+        basis = BSpline.design_matrix(times, knot_times, 3).toarray()
         return cls(*_bounds(bounds), steps, as_jax(basis))
 
     @property
@@ -94,10 +98,12 @@ class Spline(Parameters):
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
         if controls is None:
             return np.zeros(self.size)
-        return np.linalg.lstsq(np.asarray(self.basis, float), _raw(self, controls), rcond=None)[0].ravel()
+        return np.linalg.lstsq(np.asarray(self.basis, float), _raw(self, controls), rcond=None)[
+            0
+        ].ravel()
 
 
-class Periodic(Parameters):
+class Periodic(Parametrisation):
     """A pattern as animals move by: per control an offset and a wave, all of one frequency.
 
     z holds the frequency, then per control offset, sine and cosine of the wave: amplitude and phase.
@@ -114,7 +120,9 @@ class Periodic(Parameters):
     def of(cls, steps: int, dt: float, period: float, bounds: Bounds) -> Periodic:
         """Return the parameters of patterns whose frequency is near that of `period` [s]."""
         if not 2 * dt < period < np.inf:
-            raise ArgumentError(f"period: wanted more than two super steps of {dt:g} s, came {period:g} s.")
+            raise ArgumentError(
+                f"period: wanted more than two super steps of {dt:g} s, came {period:g} s."
+            )
         return cls(*_bounds(bounds), steps, as_jax(period), dt)
 
     @property
@@ -123,33 +131,49 @@ class Periodic(Parameters):
 
     def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
         offset, sine, cosine = z[1:].reshape(3, -1)
-        turns = self.turns(z[0])[:, None]
-        return self.middle + jnp.tanh(offset + sine * jnp.sin(turns) + cosine * jnp.cos(turns)) * self.half
+        phases = self.phases(z[0])[:, None]
+        return (
+            self.middle
+            + jnp.tanh(offset + sine * jnp.sin(phases) + cosine * jnp.cos(phases)) * self.half
+        )
 
-    def turns(self, number: Float[Array, ""]) -> Float[Array, " T"]:
+    def phases(self, number: Float[Array, ""]) -> Float[Array, " T"]:
         """Return where in its pattern each super step's middle is [rad], for the `number` its frequency comes from."""
-        return 2 * jnp.pi * self._tempo(number) / self.period * (jnp.arange(self.steps) + 0.5) * self.dt
+        return (
+            2
+            * jnp.pi
+            * self._tempo(number)
+            / self.period
+            * (jnp.arange(self.steps) + 0.5)
+            * self.dt
+        )
 
     def _tempo(self, number: Float[Array, ""]) -> Float[Array, ""]:
         """Return times the first frequency: 1 for a number of zero."""
-        return SLOWEST + (FASTEST - SLOWEST) / (1 + (FASTEST - 1) / (1 - SLOWEST) * jnp.exp(-number))
+        return SLOWEST + (FASTEST - SLOWEST) / (
+            1 + (FASTEST - 1) / (1 - SLOWEST) * jnp.exp(-number)
+        )
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
         if controls is None:
             return np.zeros(self.size)
-        turns = 2 * np.pi / float(self.period) * (np.arange(self.steps) + 0.5) * self.dt
-        waves = np.stack([np.ones_like(turns), np.sin(turns), np.cos(turns)], axis=1)
-        return np.concatenate([[0.0], np.linalg.lstsq(waves, _raw(self, controls), rcond=None)[0].ravel()])
+        phases = 2 * np.pi / float(self.period) * (np.arange(self.steps) + 0.5) * self.dt
+        waves = np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=1)
+        return np.concatenate(
+            [[0.0], np.linalg.lstsq(waves, _raw(self, controls), rcond=None)[0].ravel()]
+        )
 
     def gait(self, z: np.ndarray) -> Gait:
         """Return the pattern of z as a gait; offsets and the rounding of strong waves are left out."""
         sine, cosine = np.asarray(z[1:], float).reshape(3, -1)[1:]
         heights = np.tanh(np.hypot(sine, cosine))
         period = float(self.period / self._tempo(jnp.asarray(z[0])))
-        return Gait(period, tuple(map(float, heights)), tuple(map(float, -np.arctan2(cosine, sine))))
+        return Gait(
+            period, tuple(map(float, heights)), tuple(map(float, -np.arctan2(cosine, sine)))
+        )
 
 
-class Steered(Parameters):
+class Steered(Parametrisation):
     """A pattern as `Periodic`'s with offsets that change slowly, on splines: to swim, and to turn and leap meanwhile.
 
     z holds the frequency, then per control sine and cosine of the wave, then the splines' knots (K, C).
@@ -173,17 +197,26 @@ class Steered(Parameters):
 
     def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
         sine, cosine = z[1 : 1 + 2 * len(self.middle)].reshape(2, -1)
-        turns = self.wave.turns(z[0])[:, None]
+        phases = self.wave.phases(z[0])[:, None]
         knots = z[1 + 2 * len(self.middle) :].reshape(self.offsets.basis.shape[1], -1)
         offset = self.offsets.basis @ knots
-        return self.middle + jnp.tanh(offset + sine * jnp.sin(turns) + cosine * jnp.cos(turns)) * self.half
+        return (
+            self.middle
+            + jnp.tanh(offset + sine * jnp.sin(phases) + cosine * jnp.cos(phases)) * self.half
+        )
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
         if controls is None:
             return np.zeros(self.size)
-        turns = np.asarray(self.wave.turns(jnp.zeros(())))
-        columns = [np.sin(turns)[:, None], np.cos(turns)[:, None], np.asarray(self.offsets.basis, float)]
-        found = np.linalg.lstsq(np.concatenate(columns, axis=1), _raw(self, controls), rcond=None)[0]
+        phases = np.asarray(self.wave.phases(jnp.zeros(())))
+        columns = [
+            np.sin(phases)[:, None],
+            np.cos(phases)[:, None],
+            np.asarray(self.offsets.basis, float),
+        ]
+        found = np.linalg.lstsq(np.concatenate(columns, axis=1), _raw(self, controls), rcond=None)[
+            0
+        ]
         return np.concatenate([[0.0], found.ravel()])
 
 
@@ -197,7 +230,9 @@ def _bounds(bounds: Bounds) -> tuple[Array, Array]:
     return as_jax(bounds.middle), as_jax(bounds.half)
 
 
-def _raw(parameters: Parameters, controls: np.ndarray) -> np.ndarray:
+def _raw(parametrisation: Parametrisation, controls: np.ndarray) -> np.ndarray:
     """Return (T, C) the numbers of which tanh makes `controls`."""
-    share = (np.asarray(controls) - np.asarray(parameters.middle)) / np.asarray(parameters.half)
+    share = (np.asarray(controls) - np.asarray(parametrisation.middle)) / np.asarray(
+        parametrisation.half
+    )
     return np.arctanh(np.clip(share, -NEARLY_ALL, NEARLY_ALL))

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from neuroanimator.control.descent.defects import advance_corrected, follow_corrected
-from neuroanimator.control.descent.parametrisation import Parameters
+from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.compiled import call_compiled
@@ -38,15 +38,15 @@ class Problem(eqx.Module):
 
     emulator: Emulator
     objective: Objective
-    parameters: Parameters
+    parametrisation: Parametrisation
     start: Float[Array, " S"]
     defects: Float[Array, "T V"]
     """Added to the super steps: see `corrected`."""
-    limit: Float[Array, " C"]
+    control_scale: Float[Array, " C"]
 
     def trajectory(self, z: Float[Array, " Z"]) -> Trajectory:
         """Return the emulated motion under the controls of z."""
-        controls = self.parameters.controls(z)
+        controls = self.parametrisation.controls(z)
         return self._trajectory(self._follow(controls), controls)
 
     def cost(self, z: Float[Array, " Z"]) -> Float[Array, ""]:
@@ -67,11 +67,14 @@ class Problem(eqx.Module):
 
     def _is_seen_in_few(self, of_states: Objective, z: Float[Array, " Z"]) -> bool:
         """Return whether states are looked at in so few numbers that pulling these back is the least work."""
-        motion = jax.ShapeDtypeStruct((self.parameters.steps + 1, len(self.start)), z.dtype)
-        held = jax.ShapeDtypeStruct((self.parameters.steps, len(self.limit)), z.dtype)
-        seen = lambda states, controls: of_states.residuals(  # noqa: E731
-            Trajectory(states, controls, self.limit, self.emulator.dt)
-        )
+        motion = jax.ShapeDtypeStruct((self.parametrisation.steps + 1, len(self.start)), z.dtype)
+        held = jax.ShapeDtypeStruct((self.parametrisation.steps, len(self.control_scale)), z.dtype)
+
+        def seen(states, controls):
+            return of_states.residuals(
+                Trajectory(states, controls, self.control_scale, self.emulator.dt)
+            )
+
         count = jax.eval_shape(seen, motion, held).shape[0]
         return BACKWARD * count < min(len(z), self._entries)
 
@@ -82,18 +85,32 @@ class Problem(eqx.Module):
 
     def _look_ahead(self, of_states: Objective, z: Float[Array, " Z"]) -> tuple[Array, Array]:
         """Return the same by forward sweeps."""
-        change = self._changes_at_once if len(z) <= 2 * self._entries else self._changes_step_by_step
-        inner, controls, push = change(z)
-        looked_at = lambda inner, controls: of_states.residuals(self._trajectory(inner, controls))  # noqa: E731
-        residuals, pull = jax.linearize(looked_at, inner, controls)
-        return residuals, jax.vmap(lambda unit: pull(*push(unit)), out_axes=1)(jnp.eye(len(z), dtype=z.dtype))
+        change = (
+            self._changes_at_once if len(z) <= 2 * self._entries else self._changes_step_by_step
+        )
+        latent, controls, push = change(z)
 
-    def _look_at_controls(self, of_controls: Objective, z: Float[Array, " Z"]) -> tuple[Array, Array]:
+        def looked_at(latent, controls):
+            return of_states.residuals(self._trajectory(latent, controls))
+
+        residuals, pull = jax.linearize(looked_at, latent, controls)
+        return residuals, jax.vmap(lambda unit: pull(*push(unit)), out_axes=1)(
+            jnp.eye(len(z), dtype=z.dtype)
+        )
+
+    def _look_at_controls(
+        self, of_controls: Objective, z: Float[Array, " Z"]
+    ) -> tuple[Array, Array]:
         """Return the same for what does not look at states."""
 
         def look(z: Array) -> Array:
             return of_controls.residuals(
-                Trajectory(self.start[None], self.parameters.controls(z), self.limit, self.emulator.dt)
+                Trajectory(
+                    self.start[None],
+                    self.parametrisation.controls(z),
+                    self.control_scale,
+                    self.emulator.dt,
+                )
             )
 
         return look(z), jax.jacfwd(look)(z)
@@ -101,26 +118,26 @@ class Problem(eqx.Module):
     @property
     def _entries(self) -> int:
         """How many numbers a super step depends on: single ones are cheaper to differentiate where z has far more."""
-        return self.emulator.normaliser.change_scale.shape[0] + len(self.limit)
+        return self.emulator.normaliser.change_scale.shape[0] + len(self.control_scale)
 
     def _changes_at_once(self, z: Array) -> tuple[Array, Array, Callable]:
         """Return the inner trajectory, the controls, and how both change with z."""
 
         def path(z: Array) -> tuple[Array, Array]:
-            controls = self.parameters.controls(z)
+            controls = self.parametrisation.controls(z)
             return self._follow(controls), controls
 
-        (inner, controls), push = jax.linearize(path, z)
-        return inner, controls, push
+        (latent, controls), push = jax.linearize(path, z)
+        return latent, controls, push
 
     def _changes_step_by_step(self, z: Array) -> tuple[Array, Array, Callable]:
         """Return the same by the chain rule: the Jacobians of all super steps side by side, then their products."""
-        controls, pushed = jax.linearize(self.parameters.controls, z)
-        inner = self._follow(controls)
+        controls, pushed = jax.linearize(self.parametrisation.controls, z)
+        latent = self._follow(controls)
         mixed = self.emulator.encode_control(controls)
-        by_state, by_control = jax.vmap(jax.jacfwd(lambda s, u, d: advance_corrected(self.emulator, s, u, d), (0, 1)))(
-            inner[:-1], mixed, self.defects
-        )
+        by_state, by_control = jax.vmap(
+            jax.jacfwd(lambda s, u, d: advance_corrected(self.emulator, s, u, d), (0, 1))
+        )(latent[:-1], mixed, self.defects)
 
         def push(unit: Array) -> tuple[Array, Array]:
             change = pushed(unit)
@@ -131,15 +148,23 @@ class Problem(eqx.Module):
                 return after, after
 
             inputs = by_state, by_control, self.emulator.encode_control(change)
-            first = jnp.zeros_like(inner[0])
+            first = jnp.zeros_like(latent[0])
             return jnp.concatenate([first[None], jax.lax.scan(one, first, inputs)[1]]), change
 
-        return inner, controls, push
+        return latent, controls, push
 
     def _follow(self, controls: Float[Array, "T C"]) -> Float[Array, "T+1 I"]:
         # Traced once, however often a program follows the emulator.
-        return call_compiled(follow_corrected, self.emulator, self.emulator.encode(self.start), controls, self.defects)
+        return call_compiled(
+            follow_corrected,
+            self.emulator,
+            self.emulator.encode(self.start),
+            controls,
+            self.defects,
+        )
 
-    def _trajectory(self, inner: Float[Array, "T+1 I"], controls: Float[Array, "T C"]) -> Trajectory:
-        states = jnp.concatenate([self.start[None], self.emulator.decode(inner[1:])])
-        return Trajectory(states, controls, self.limit, self.emulator.dt)
+    def _trajectory(
+        self, latent: Float[Array, "T+1 I"], controls: Float[Array, "T C"]
+    ) -> Trajectory:
+        states = jnp.concatenate([self.start[None], self.emulator.decode(latent[1:])])
+        return Trajectory(states, controls, self.control_scale, self.emulator.dt)

@@ -18,7 +18,7 @@ from neuroanimator.control.objective.terms import (
     KeepVelocity,
     Point,
     ReachHeight,
-    ReachPlaces,
+    ReachPositions,
     Smoothness,
     StayUpright,
     StayWithin,
@@ -43,12 +43,23 @@ def smoothness(weight: float = 0.01) -> Smoothness:
     return Smoothness(as_weight(weight))
 
 
-def reach_place(
-    system: System, place: ArrayLike, *, within: float, at: float | None = None, axes: str = "xyz", weight: float = 1.0
-) -> ReachPlaces:
-    """Return the wish to be at `place` [m] at the end, or `at` [s]; `axes` says which of x, y, z it gives."""
-    return keyframes(
-        system, as_numbers(place, "place")[None], None if at is None else [at], within=within, axes=axes, weight=weight
+def reach_position(
+    system: System,
+    position: ArrayLike,
+    *,
+    within: float,
+    at: float | None = None,
+    axes: str = "xyz",
+    weight: float = 1.0,
+) -> ReachPositions:
+    """Return the wish to be at `position` [m] at the end, or `at` [s]; `axes` says which of x, y, z it gives."""
+    return reach_positions(
+        system,
+        as_numbers(position, "position")[None],
+        None if at is None else [at],
+        within=within,
+        axes=axes,
+        weight=weight,
     )
 
 
@@ -65,22 +76,26 @@ def reach_height(
     return ReachHeight(as_weight(weight), _posed(system), wanted, _positive("within", within), when)
 
 
-def keyframes(
+def reach_positions(
     system: System,
-    places: ArrayLike,
+    positions: ArrayLike,
     times: Sequence[float] | None,
     *,
     within: float,
     axes: str = "xyz",
     weight: float = 1.0,
-) -> ReachPlaces:
-    """Return the wish to be at `places` (K, A) [m] at `times` (K,) [s]."""
+) -> ReachPositions:
+    """Return the wish to be at `positions` (K, A) [m] at `times` (K,) [s]."""
     which = _axes(axes)
-    places = _numbers("places", places, len(which), rows=True)
-    if times is not None and (len(times) != len(places) or not min(times) >= 0):
-        raise ArgumentError(f"keyframes: wanted {len(places)} times of at least 0 s, came {list(times)}.")
+    positions = _numbers("places", positions, len(which), rows=True)
+    if times is not None and (len(times) != len(positions) or not min(times) >= 0):
+        raise ArgumentError(
+            f"keyframes: wanted {len(positions)} times of at least 0 s, came {list(times)}."
+        )
     when = tuple(_time("at", time) for time in times) if times is not None else END
-    return ReachPlaces(as_weight(weight), _posed(system), places, _positive("within", within), which, when)
+    return ReachPositions(
+        as_weight(weight), _posed(system), positions, _positive("within", within), which, when
+    )
 
 
 def follow_path(
@@ -91,12 +106,18 @@ def follow_path(
     points = _numbers("points", points, len(which), rows=True)
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if len(points) < 2 or not lengths[-1] > 0:
-        raise ArgumentError(f"follow_path: wanted at least two different points, came {len(points)}.")
+        raise ArgumentError(
+            f"follow_path: wanted at least two different points, came {len(points)}."
+        )
     shares = as_jax(lengths / lengths[-1])
-    return FollowPath(as_weight(weight), _posed(system), points, shares, _positive("within", within), which)
+    return FollowPath(
+        as_weight(weight), _posed(system), points, shares, _positive("within", within), which
+    )
 
 
-def travel(system: System, direction: ArrayLike, distance: float, *, within: float, weight: float = 1.0) -> Travel:
+def travel(
+    system: System, direction: ArrayLike, distance: float, *, within: float, weight: float = 1.0
+) -> Travel:
     """Return the wish to come `distance` [m] forward along `direction` by the end."""
     return Travel(
         as_weight(weight), _posed(system), _unit("direction", direction), _positive("distance", distance),
@@ -105,18 +126,30 @@ def travel(system: System, direction: ArrayLike, distance: float, *, within: flo
 
 
 def keep_velocity(
-    system: System, velocity: ArrayLike, *, within: float, since: float = 0.0, axes: str = "xyz", weight: float = 1.0
+    system: System,
+    velocity: ArrayLike,
+    *,
+    within: float,
+    since: float = 0.0,
+    axes: str = "xyz",
+    weight: float = 1.0,
 ) -> KeepVelocity:
     """Return the wish to move with `velocity` [m/s] in the world `since` a time [s]."""
     which = _axes(axes)
     wanted = _numbers("velocity", velocity, len(which))
-    return KeepVelocity(as_weight(weight), _posed(system), wanted, _positive("within", within), which, _since(since))
+    return KeepVelocity(
+        as_weight(weight), _posed(system), wanted, _positive("within", within), which, _since(since)
+    )
 
 
-def keep_speed(system: System, speed: float, *, within: float, since: float = 0.0, weight: float = 1.0) -> KeepSpeed:
+def keep_speed(
+    system: System, speed: float, *, within: float, since: float = 0.0, weight: float = 1.0
+) -> KeepSpeed:
     """Return the wish to go forward at `speed` [m/s] `since` a time [s]."""
     wanted = _numbers("speed", [speed], 1)[0]
-    return KeepSpeed(as_weight(weight), _posed(system), wanted, _positive("within", within), _since(since))
+    return KeepSpeed(
+        as_weight(weight), _posed(system), wanted, _positive("within", within), _since(since)
+    )
 
 
 def keep_heading(
@@ -136,18 +169,35 @@ def keep_heading(
 
 
 def reach_heading(
-    system: System, direction: ArrayLike, *, within: float, at: float | None = None, weight: float = 1.0
+    system: System,
+    direction: ArrayLike,
+    *,
+    within: float,
+    at: float | None = None,
+    weight: float = 1.0,
 ) -> Point:
     """Return the wish to point along `direction`, `within` [rad], at the end or `at` [s]."""
     target, when = _unit("direction", direction), END if at is None else (_time("at", at),)
-    return Point(as_weight(weight), _posed(system), target, _positive("within", within), "forward", False, when)
+    return Point(
+        as_weight(weight),
+        _posed(system),
+        target,
+        _positive("within", within),
+        "forward",
+        False,
+        when,
+    )
 
 
-def stand_up(system: System, *, within: float, at: float | None = None, weight: float = 1.0) -> Point:
+def stand_up(
+    system: System, *, within: float, at: float | None = None, weight: float = 1.0
+) -> Point:
     """Return the wish that the body's Z points up, `within` [rad], at the end or `at` [s]."""
     when = END if at is None else (_time("at", at),)
     up = jnp.array([0.0, 0.0, 1.0])
-    return Point(as_weight(weight), _posed(system), up, _positive("within", within), "upward", False, when)
+    return Point(
+        as_weight(weight), _posed(system), up, _positive("within", within), "upward", False, when
+    )
 
 
 def stay_upright(
@@ -171,17 +221,27 @@ def stay_upright(
 
 
 def stay_within(
-    system: System, part: str, low: ArrayLike, high: ArrayLike, *, within: float, weight: float = 1.0
+    system: System,
+    part: str,
+    low: ArrayLike,
+    high: ArrayLike,
+    *,
+    within: float,
+    weight: float = 1.0,
 ) -> StayWithin:
     """Return the wish that the state's `part`, such as a joint, stays between `low` and `high`, in its unit."""
     where = system.state.index(part)
     entries = tuple(range(where.start, where.stop))
     ends = _numbers("low", np.atleast_1d(low), None), _numbers("high", np.atleast_1d(high), None)
     if any(len(end) not in (1, len(entries)) for end in ends):
-        raise ArgumentError(f"stay_within: wanted one bound or {len(entries)} for '{part}', came {low} and {high}.")
+        raise ArgumentError(
+            f"stay_within: wanted one bound or {len(entries)} for '{part}', came {low} and {high}."
+        )
     bounds = [jnp.broadcast_to(end, len(entries)) for end in ends]
     if not bool(jnp.all(bounds[0] < bounds[1])):
-        raise ArgumentError(f"stay_within: wanted low below high for '{part}', came {low} and {high}.")
+        raise ArgumentError(
+            f"stay_within: wanted low below high for '{part}', came {low} and {high}."
+        )
     return StayWithin(as_weight(weight), bounds[0], bounds[1], _positive("within", within), entries)
 
 
@@ -198,9 +258,15 @@ def _axes(names: str) -> tuple[int, ...]:
 
 def _numbers(label: str, values: ArrayLike, size: int | None, *, rows: bool = False) -> Array:
     array = as_numbers(values, label)
-    fits = array.ndim == (2 if rows else 1) and array.size and (size is None or array.shape[-1] == size)
+    fits = (
+        array.ndim == (2 if rows else 1)
+        and array.size
+        and (size is None or array.shape[-1] == size)
+    )
     if not fits or not np.isfinite(array).all():
-        wanted = f"{'rows of ' if rows else ''}{size or 'some'} finite number{'s' if size != 1 else ''}"
+        wanted = (
+            f"{'rows of ' if rows else ''}{size or 'some'} finite number{'s' if size != 1 else ''}"
+        )
         raise ArgumentError(f"{label}: wanted {wanted}, came {array.tolist()}.")
     return as_jax(array)
 

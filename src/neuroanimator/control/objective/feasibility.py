@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from neuroanimator.control.objective.objective import Objective, Term
-from neuroanimator.control.objective.terms import KeepSpeed, KeepVelocity, ReachPlaces, ReachState
+from neuroanimator.control.objective.terms import (
+    KeepSpeed,
+    KeepVelocity,
+    ReachPositions,
+    ReachState,
+)
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.pose import read_pose
@@ -14,7 +19,9 @@ ROOM = 1.2
 """Times the fastest speed in training that a goal may ask for: starts may be faster, and domains have soft ends."""
 
 
-def check_reachable(objective: Objective, emulator: Emulator, start: np.ndarray, steps: int) -> None:
+def check_reachable(
+    objective: Objective, emulator: Emulator, start: np.ndarray, steps: int
+) -> None:
     """Raise ArgumentError where a term wants a place too far off, or a speed training never came near."""
     fastest = fastest_speed(emulator)
     for term in objective.terms:
@@ -32,12 +39,15 @@ def fastest_speed(emulator: Emulator) -> float | None:
     if not entries:
         return None
     first = len(emulator.features.plain)
-    low, high = (np.asarray(end)[[first + i for i in entries]] for end in (emulator.domain.low, emulator.domain.high))
+    low, high = (
+        np.asarray(end)[[first + i for i in entries]]
+        for end in (emulator.domain.low, emulator.domain.high)
+    )
     return float(np.linalg.norm(np.maximum(-low, high)))
 
 
 def _check_state(term: ReachState, emulator: Emulator) -> None:
-    control = np.asarray(emulator.identity.bounds.middle, np.float32)
+    control = np.asarray(emulator.spec.bounds.middle, np.float32)
     plain = np.asarray(emulator.plain_of(np.asarray(term.goal), control))
     room = ROOM * np.maximum(np.abs(emulator.domain.low), np.abs(emulator.domain.high))
     states = len(plain) - emulator.frame.control_size(len(control))
@@ -52,10 +62,15 @@ def _check_speed(term: Term, fastest: float, start: np.ndarray, seconds: float) 
     wanted = 0.0
     if isinstance(term, KeepSpeed | KeepVelocity):
         wanted = float(np.linalg.norm(term.speed if isinstance(term, KeepSpeed) else term.velocity))
-    if isinstance(term, ReachPlaces):
-        place = read_pose(term.structure, start).place[list(term.axes)]
+    if isinstance(term, ReachPositions):
+        position = read_pose(term.structure, start).position[list(term.axes)]
         times = np.array(term.times or (seconds,))
-        wanted = float(np.max(np.linalg.norm(np.asarray(term.places) - place, axis=-1) / np.maximum(times, 1e-9)))
+        wanted = float(
+            np.max(
+                np.linalg.norm(np.asarray(term.positions) - position, axis=-1)
+                / np.maximum(times, 1e-9)
+            )
+        )
     if wanted > ROOM * fastest:
         raise ArgumentError(
             f"objective: wanted {wanted:.3g} m/s, or as far away as that takes; training showed {fastest:.3g} m/s "

@@ -30,7 +30,9 @@ SWING_SECONDS = 1.5
 """As long as a quick human arm takes; the motors could do it in one."""
 
 
-def stand_upright(effort_weight: float = 1.0, state_weight: float = 1.0, times: tuple[float, ...] = END) -> Objective:
+def stand_upright(
+    effort_weight: float = 1.0, state_weight: float = 1.0, times: tuple[float, ...] = END
+) -> Objective:
     """Return the objective 'all three links of the pendulum point up and stand still' at the end or at `times` [s].
 
     J = μ_u/2 ∫|u|² dt + μ_s/2 |s_{M+1} - s_d|², the seminar paper's eq. 11.
@@ -39,23 +41,35 @@ def stand_upright(effort_weight: float = 1.0, state_weight: float = 1.0, times: 
     zeros = np.zeros((3, 3))
     compare = np.block([[sums / UPRIGHT_ANGLE, zeros], [zeros, sums / UPRIGHT_SPEED]])
     goal = np.array([math.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
-    return Objective.of(effort(effort_weight), ReachState.of(Frame((), (), 0.0), goal, compare, state_weight, times))
+    return Objective.of(
+        effort(effort_weight), ReachState.of(Frame((), (), 0.0), goal, compare, state_weight, times)
+    )
 
 
 def reach_state(
-    structure: Structure, rest: np.ndarray, goal: Goal, effort_weight: float = 1.0, state_weight: float = 1.0
+    structure: Structure,
+    rest: np.ndarray,
+    goal: Goal,
+    effort_weight: float = 1.0,
+    state_weight: float = 1.0,
 ) -> Objective:
     """Return the objective 'be in the state `goal` names at the end'; entries it does not name are free."""
     return Objective.of(effort(effort_weight), reach_goal(structure, rest, goal, state_weight))
 
 
 def reach_goal(
-    structure: Structure, rest: np.ndarray, goal: Goal, weight: float = 1.0, times: tuple[float, ...] = END
+    structure: Structure,
+    rest: np.ndarray,
+    goal: Goal,
+    weight: float = 1.0,
+    times: tuple[float, ...] = END,
 ) -> ReachState:
     """Return the wish of `reach_state` alone. A third of a goal's tolerance counts as an error of one."""
     frame = Frame.of(structure, 0.0)
     weights = 3 * tangent_weights(frame, len(rest), goal)
-    return ReachState.of(frame, goal_state(rest, goal), np.diag(weights)[weights > 0], weight, times)
+    return ReachState.of(
+        frame, goal_state(rest, goal), np.diag(weights)[weights > 0], weight, times
+    )
 
 
 def goal_state(rest: np.ndarray, goal: Goal) -> np.ndarray:
@@ -68,7 +82,9 @@ def goal_state(rest: np.ndarray, goal: Goal) -> np.ndarray:
 
 def tangent_weights(frame: Frame, size: int, goal: Goal) -> np.ndarray:
     """Return (V,) one over the goal's tolerance for each number of a change; zero where anything will do."""
-    wanted = {entry: tolerance for (entry, _), tolerance in zip(goal.values, goal.tolerances, strict=True)}
+    wanted = {
+        entry: tolerance for (entry, _), tolerance in zip(goal.values, goal.tolerances, strict=True)
+    }
     weights, start = [], 0
     for segment in frame.segments or (Segment("plain", size),):
         entries = range(start, start + segment.change_size)
@@ -80,7 +96,9 @@ def tangent_weights(frame: Frame, size: int, goal: Goal) -> np.ndarray:
 def is_reached(system: System, goal: Goal, state: np.ndarray) -> bool:
     """Return whether `state` (S,) is within the tolerances of `goal`."""
     frame = Frame.of(system.structure, 0.0)
-    off = frame.difference(goal_state(system.rest, goal), state) * tangent_weights(frame, len(state), goal)
+    off = frame.difference(goal_state(system.rest, goal), state) * tangent_weights(
+        frame, len(state), goal
+    )
     return bool((np.abs(off) <= 1).all())
 
 
@@ -88,7 +106,10 @@ def is_upright(state: np.ndarray) -> bool:
     """Return whether all three links of the pendulum in `state` (6,) point up and are nearly still."""
     lean = np.cumsum(state[:3]) - np.pi
     lean = (lean + np.pi) % (2 * np.pi) - np.pi
-    return bool((np.abs(lean) < UPRIGHT_WITHIN).all() and (np.abs(np.cumsum(state[3:])) < STILL_WITHIN).all())
+    return bool(
+        (np.abs(lean) < UPRIGHT_WITHIN).all()
+        and (np.abs(np.cumsum(state[3:])) < STILL_WITHIN).all()
+    )
 
 
 def goal_start(system: System, name: str) -> np.ndarray:
@@ -100,7 +121,9 @@ def goal_start(system: System, name: str) -> np.ndarray:
 GOALS = {"upright": stand_upright}
 
 
-def find_goal(system: System, name: str, effort_weight: float = 1.0) -> tuple[Objective, Verdict, float]:
+def find_goal(
+    system: System, name: str, effort_weight: float = 1.0
+) -> tuple[Objective, Verdict, float]:
     """Return (objective, verdict, usual length [s]) of the system's goal called `name`."""
     if system.name == "pendulum" and name in GOALS:
         return GOALS[name](effort_weight=effort_weight), is_upright, SWING_SECONDS
@@ -111,7 +134,9 @@ def find_goal(system: System, name: str, effort_weight: float = 1.0) -> tuple[Ob
     names = goal_names(system)
     if not names:
         raise ArgumentError(how_to_wish(system))
-    raise ArgumentError(f"No goal called '{name}' for the system {system.name}. Goals: {', '.join(names)}.")
+    raise ArgumentError(
+        f"No goal called '{name}' for the system {system.name}. Goals: {', '.join(names)}."
+    )
 
 
 def goal_names(system: System) -> list[str]:
@@ -125,7 +150,9 @@ def usual_goal(system: System) -> str:
     if not names:
         raise ArgumentError(how_to_wish(system))
     if len(names) > 1:
-        raise ArgumentError(f"{system.name} has several goals. Say which: --goal {', --goal '.join(names)}.")
+        raise ArgumentError(
+            f"{system.name} has several goals. Say which: --goal {', --goal '.join(names)}."
+        )
     return names[0]
 
 
@@ -133,11 +160,9 @@ def how_to_wish(system: System) -> str:
     """Return one line on how to ask something of a system that names no goals."""
     part = system.state.slices[0]
     values = ", ".join(["1.0"] * part.size)
-    wish = f'[[wishes]], kind = "reach_state", reach = {{ "{part.name}" = [{values}] }}'
+    wish = f'[[costs]], kind = "reach_state", reach = {{ "{part.name}" = [{values}] }}'
     lines = f'system = "{system.name}", seconds = 2.0, {wish}'
     later = ""
     if system.definition:
         later = " Or add [goals.NAME] with such a reach to your TOML file, and pass --system FILE.toml --goal NAME."
-    return (
-        f"Goals of {system.name}: none. Write a file my.toml with the lines {lines}; pass --objective my.toml.{later}"
-    )
+    return f"Goals of {system.name}: none. Write a file my.toml with the lines {lines}; pass --objective my.toml.{later}"

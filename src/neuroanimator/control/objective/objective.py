@@ -42,20 +42,24 @@ class Objective(eqx.Module):
     functions: tuple[Function, ...] = ()
 
     @classmethod
-    def of(cls, *wishes: Term | Function) -> Objective:
-        """Return the objective that sums `wishes`."""
-        terms = tuple(wish for wish in wishes if isinstance(wish, Term))
-        return cls(terms, tuple(wish for wish in wishes if not isinstance(wish, Term)))
+    def of(cls, *costs: Term | Function) -> Objective:
+        """Return the objective that sums `costs`."""
+        terms = tuple(wish for wish in costs if isinstance(wish, Term))
+        return cls(terms, tuple(wish for wish in costs if not isinstance(wish, Term)))
 
     def __repr__(self) -> str:
         named = [type(term).__name__ for term in self.terms]
-        named += [getattr(function, "__name__", type(function).__name__) for function in self.functions]
+        named += [
+            getattr(function, "__name__", type(function).__name__) for function in self.functions
+        ]
         return f"Objective({', '.join(named)})"
 
     def apart(self) -> tuple[Objective, Objective]:
         """Return the terms that look at states, and those of controls alone; without functions."""
         of_states = tuple(term for term in self.terms if not term.of_controls)
-        return Objective(of_states), Objective(tuple(term for term in self.terms if term.of_controls))
+        return Objective(of_states), Objective(
+            tuple(term for term in self.terms if term.of_controls)
+        )
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         """Return the numbers whose squares sum to 2J, but for the functions."""
@@ -71,10 +75,12 @@ class Objective(eqx.Module):
         return jnp.sum(self.residuals(trajectory) ** 2) / 2 + self.extra(trajectory)
 
 
-def objective_cost(objective: Objective, emulator: Emulator, states: np.ndarray, controls: np.ndarray) -> float:
+def objective_cost(
+    objective: Objective, emulator: Emulator, states: np.ndarray, controls: np.ndarray
+) -> float:
     """Return J of `states` (T+1, S) under `controls` (T, C)."""
-    limit = as_jax(emulator.identity.bounds.largest)
-    motion = Trajectory(as_jax(states), as_jax(controls), limit, emulator.dt)
+    control_scale = as_jax(emulator.spec.bounds.magnitude)
+    motion = Trajectory(as_jax(states), as_jax(controls), control_scale, emulator.dt)
     return float(_cost(objective, motion))
 
 
@@ -83,13 +89,19 @@ def _cost(objective: Objective, trajectory: Trajectory) -> Array:
     return objective(trajectory)
 
 
-def check_objective(objective: Objective, emulator: Emulator, start: np.ndarray, steps: int) -> None:
+def check_objective(
+    objective: Objective, emulator: Emulator, start: np.ndarray, steps: int
+) -> None:
     """Raise ArgumentError where `objective` cannot be descended: said before any descent."""
     weights = [float(term.weight) for term in objective.terms]
     if any(not 0 <= weight < math.inf for weight in weights):
-        raise ArgumentError(f"objective: wanted weights of at least 0, came {min(weights, key=_rank):g}.")
+        raise ArgumentError(
+            f"objective: wanted weights of at least 0, came {min(weights, key=_rank):g}."
+        )
     if not objective.functions and not any(weights):
-        raise ArgumentError("objective: every weight is zero, so every motion is as good. Give a term a weight.")
+        raise ArgumentError(
+            "objective: every weight is zero, so every motion is as good. Give a term a weight."
+        )
     for term in objective.terms:
         check_times(term, steps, emulator.dt)
     trajectory = _resting(emulator, start, steps)
@@ -97,7 +109,9 @@ def check_objective(objective: Objective, emulator: Emulator, start: np.ndarray,
         _check_function(function, trajectory)
     cost, slopes = cost_and_slopes(objective, trajectory)
     if not np.isfinite(cost):
-        raise ArgumentError("objective: J of staying at the start is not finite. Mend the term that makes it.")
+        raise ArgumentError(
+            "objective: J of staying at the start is not finite. Mend the term that makes it."
+        )
     if not all(np.isfinite(slope).all() for slope in slopes):
         raise ArgumentError(
             "objective: J has no finite slope, like a square root at zero. Smooth the term that makes it."
@@ -105,7 +119,9 @@ def check_objective(objective: Objective, emulator: Emulator, start: np.ndarray,
 
 
 @eqx.filter_jit
-def cost_and_slopes(objective: Objective, trajectory: Trajectory) -> tuple[Array, tuple[Array, Array]]:
+def cost_and_slopes(
+    objective: Objective, trajectory: Trajectory
+) -> tuple[Array, tuple[Array, Array]]:
     """Return J, and how it changes with the states (T+1, S) and with the controls (T, C)."""
 
     def cost(states: Array, controls: Array) -> Array:
@@ -132,15 +148,19 @@ def _check_function(function: Function, trajectory: Trajectory) -> None:
     try:
         shape = jax.eval_shape(function, trajectory)
     except Exception as error:  # whatever a user's function may raise
-        raise ArgumentError(f"objective: '{name}' failed: {type(error).__name__}: {error}") from error
+        raise ArgumentError(
+            f"objective: '{name}' failed: {type(error).__name__}: {error}"
+        ) from error
     if not hasattr(shape, "shape") or shape.shape != ():
         came = getattr(shape, "shape", type(shape).__name__)
-        raise ArgumentError(f"objective: '{name}' must return one number, came {came}. Sum or average it.")
+        raise ArgumentError(
+            f"objective: '{name}' must return one number, came {came}. Sum or average it."
+        )
 
 
 def _resting(emulator: Emulator, start: np.ndarray, steps: int) -> Trajectory:
     """Return a motion that stays at its start: enough to try an objective on, and there without compiling."""
-    bounds = emulator.identity.bounds
+    bounds = emulator.spec.bounds
     states = as_jax(np.broadcast_to(start, (steps + 1, len(start))))
     controls = as_jax(np.broadcast_to(bounds.middle, (steps, len(bounds.middle))))
-    return Trajectory(states, controls, as_jax(bounds.largest), emulator.dt)
+    return Trajectory(states, controls, as_jax(bounds.magnitude), emulator.dt)

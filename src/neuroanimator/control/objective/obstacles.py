@@ -27,7 +27,7 @@ from neuroanimator.systems.system import System
 class Zone:
     """An upright box along the axes, grown by a radius: a post is a box of no size."""
 
-    place: tuple[float, float]
+    position: tuple[float, float]
     """[m] Its middle."""
     half: tuple[float, float] = (0.0, 0.0)
     """[m] Half its extent along x and y."""
@@ -48,10 +48,12 @@ def distances(zones: Numbers, points: Numbers) -> Numbers:
 def footprint(structure: Structure, states: Numbers, probes: Numbers) -> Numbers:
     """Return where points (P, 2) of a body, ahead and to the left of its place, are in the plane (..., P, 2) [m]."""
     xp, pose = states.__array_namespace__(), read_pose(structure, states)
-    ahead = pose.forward[..., :2] / xp.linalg.vector_norm(pose.forward[..., :2], axis=-1, keepdims=True)
+    ahead = pose.forward[..., :2] / xp.linalg.vector_norm(
+        pose.forward[..., :2], axis=-1, keepdims=True
+    )
     left = xp.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
     shift = probes[:, :1] * ahead[..., None, :] + probes[:, 1:] * left[..., None, :]
-    return pose.place[..., None, :2] + shift
+    return pose.position[..., None, :2] + shift
 
 
 class Avoid(Term):
@@ -71,7 +73,12 @@ class Avoid(Term):
 
 
 def avoid(
-    system: System, zones: list[Zone], *, probes: ArrayLike = ((0.0, 0.0),), margin: float, weight: float = 1.0
+    system: System,
+    zones: list[Zone],
+    *,
+    probes: ArrayLike = ((0.0, 0.0),),
+    margin: float,
+    weight: float = 1.0,
 ) -> Avoid:
     """Return the wish to stay `margin` [m] out of `zones` with each of the `probes` (P, 2) [m] of the body."""
     points = as_numbers(probes, "probes")
@@ -86,4 +93,4 @@ def avoid(
 
 def zone_rows(zones: list[Zone]) -> np.ndarray:
     """Return the zones as numbers (K, 5)."""
-    return np.array([[*zone.place, *zone.half, zone.radius] for zone in zones])
+    return np.array([[*zone.position, *zone.half, zone.radius] for zone in zones])

@@ -1,4 +1,4 @@
-"""The wishes objectives are made of, as JAX sees them; `wishes` makes them from what users say."""
+"""The wishes objectives are made of, as JAX sees them; `costs` makes them from what users say."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Effort(Term):
     of_controls: ClassVar[bool] = True
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        return math.sqrt(trajectory.dt) * (trajectory.controls / trajectory.limit).ravel()
+        return math.sqrt(trajectory.dt) * (trajectory.controls / trajectory.control_scale).ravel()
 
 
 class Smoothness(Term):
@@ -44,7 +44,9 @@ class Smoothness(Term):
     of_controls: ClassVar[bool] = True
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        return (jnp.diff(trajectory.controls, axis=0) / trajectory.limit).ravel() / math.sqrt(trajectory.dt)
+        return (
+            jnp.diff(trajectory.controls, axis=0) / trajectory.control_scale
+        ).ravel() / math.sqrt(trajectory.dt)
 
 
 class ReachState(Term):
@@ -59,7 +61,12 @@ class ReachState(Term):
 
     @classmethod
     def of(
-        cls, frame: Frame, goal: ArrayLike, compare: ArrayLike, weight: float, times: tuple[float, ...]
+        cls,
+        frame: Frame,
+        goal: ArrayLike,
+        compare: ArrayLike,
+        weight: float,
+        times: tuple[float, ...],
     ) -> ReachState:
         """Return the wish to be at `goal` (S,); `compare` (R, V) makes residuals of the difference."""
         target, matrix = (as_jax(each) for each in (goal, compare))
@@ -67,15 +74,17 @@ class ReachState(Term):
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
-        return jax.vmap(lambda state: self.compare @ self.frame.difference(self.goal, state))(states).ravel()
+        return jax.vmap(lambda state: self.compare @ self.frame.difference(self.goal, state))(
+            states
+        ).ravel()
 
 
-class ReachPlaces(Term):
+class ReachPositions(Term):
     """Be at places at given times: keyframes, or one place at the end."""
 
     weight: Float[Array, ""]
     structure: Structure = eqx.field(static=True)
-    places: Float[Array, "K A"]
+    positions: Float[Array, "K A"]
     """[m] Along the axes that matter."""
     within: Float[Array, ""]
     axes: tuple[int, ...] = eqx.field(static=True)
@@ -83,7 +92,10 @@ class ReachPlaces(Term):
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
-        return ((read_pose(self.structure, states).place[:, self.axes] - self.places) / self.within).ravel()
+        return (
+            (read_pose(self.structure, states).position[:, self.axes] - self.positions)
+            / self.within
+        ).ravel()
 
 
 class ReachHeight(Term):
@@ -97,7 +109,9 @@ class ReachHeight(Term):
     times: tuple[float, ...] = eqx.field(static=True)
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        heights = read_heights(self.structure, trajectory.states[jnp.array(rows_at(self.times, trajectory))])
+        heights = read_heights(
+            self.structure, trajectory.states[jnp.array(rows_at(self.times, trajectory))]
+        )
         below = jnp.maximum(self.height - heights, 0) / self.within
         return (below / math.sqrt(heights.shape[-1])).ravel()
 
@@ -114,10 +128,12 @@ class FollowPath(Term):
     axes: tuple[int, ...] = eqx.field(static=True)
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        place = read_pose(self.structure, trajectory.states[1:]).place[:, self.axes]
-        share = jnp.arange(1, len(place) + 1) / len(place)
-        wanted = jnp.stack([jnp.interp(share, self.shares, column) for column in self.points.T], axis=-1)
-        return math.sqrt(trajectory.dt) * ((place - wanted) / self.within).ravel()
+        position = read_pose(self.structure, trajectory.states[1:]).position[:, self.axes]
+        share = jnp.arange(1, len(position) + 1) / len(position)
+        wanted = jnp.stack(
+            [jnp.interp(share, self.shares, column) for column in self.points.T], axis=-1
+        )
+        return math.sqrt(trajectory.dt) * ((position - wanted) / self.within).ravel()
 
 
 class Travel(Term):
@@ -130,8 +146,8 @@ class Travel(Term):
     within: Float[Array, ""]
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        place = read_pose(self.structure, trajectory.states[jnp.array([0, -1])]).place
-        return ((self.distance - (place[1] - place[0]) @ self.direction) / self.within)[None]
+        position = read_pose(self.structure, trajectory.states[jnp.array([0, -1])]).position
+        return ((self.distance - (position[1] - position[0]) @ self.direction) / self.within)[None]
 
 
 class KeepVelocity(Term):
@@ -146,7 +162,9 @@ class KeepVelocity(Term):
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         states = _from(self.times, trajectory)
-        off = (read_pose(self.structure, states).velocity[:, self.axes] - self.velocity) / self.within
+        off = (
+            read_pose(self.structure, states).velocity[:, self.axes] - self.velocity
+        ) / self.within
         return math.sqrt(trajectory.dt) * off.ravel()
 
 
@@ -161,7 +179,11 @@ class KeepSpeed(Term):
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         pose = read_pose(self.structure, _from(self.times, trajectory))
-        return math.sqrt(trajectory.dt) * (jnp.sum(pose.velocity * pose.forward, axis=-1) - self.speed) / self.within
+        return (
+            math.sqrt(trajectory.dt)
+            * (jnp.sum(pose.velocity * pose.forward, axis=-1) - self.speed)
+            / self.within
+        )
 
 
 class Point(Term):
@@ -208,7 +230,9 @@ def lean(pose: Pose, *, may_pitch: bool) -> Float[Array, " T"]:
     """Return by how much [rad] bodies lean: 0 upright, π upside down; by rolling alone if they `may_pitch`."""
     if may_pitch:
         aside = jnp.cross(pose.upward, pose.forward)[..., 2] ** 2
-        above = pose.upward[..., 2] - pose.forward[..., 2] * jnp.sum(pose.upward * pose.forward, axis=-1)
+        above = pose.upward[..., 2] - pose.forward[..., 2] * jnp.sum(
+            pose.upward * pose.forward, axis=-1
+        )
     else:
         aside = jnp.sum(pose.upward[..., :2] ** 2, axis=-1)
         above = pose.upward[..., 2]

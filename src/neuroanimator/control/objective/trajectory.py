@@ -12,7 +12,7 @@ class Trajectory(NamedTuple):
 
     states: Float[Array, "T+1 S"]
     controls: Float[Array, "T C"]
-    limit: Float[Array, " C"]
+    control_scale: Float[Array, " C"]
     """Magnitude of each control that counts as full effort."""
     dt: float
     """[s] From one state to the next."""

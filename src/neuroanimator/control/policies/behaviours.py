@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.policies.steering import Course, leftward, unit, upright
+from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
 from neuroanimator.state.pose import Pose
 
 WANDERING = ((0.37, 1.0), (0.83, 0.5))
@@ -33,7 +33,7 @@ PUSHING, WALL = 12.0, 4.0
 """Of distance and of glass in a shoal: together they come before anything else from a length of one on. With half as
 much pushing, twelve fish of a school touched in 2 to 6 % of the time at the glass."""
 
-Behaviour = Callable[[Pose, Array], Course]
+Behaviour = Callable[[Pose, Array], SteeringTarget]
 """(poses of B bodies, time [s]) → where each wants to go now."""
 
 
@@ -48,38 +48,49 @@ class Tank(NamedTuple):
 
 def wander(pose: Pose, time: Array, *, width: float = 0.8, seed: int = 0) -> Float[Array, "B 3"]:
     """Return the urge to stroll at `time` [s]: up to about `width` [rad] aside, half of that up or down."""
-    keys, sway = jax.random.split(jax.random.key(seed), len(WANDERING)), jnp.zeros((2, pose.place.shape[0]))
+    keys, sway = (
+        jax.random.split(jax.random.key(seed), len(WANDERING)),
+        jnp.zeros((2, pose.position.shape[0])),
+    )
     for (rate, height), key in zip(WANDERING, keys, strict=True):
-        sway += width * height * jnp.sin(rate * time + jax.random.uniform(key, sway.shape, maxval=2 * jnp.pi))
+        sway += (
+            width
+            * height
+            * jnp.sin(rate * time + jax.random.uniform(key, sway.shape, maxval=2 * jnp.pi))
+        )
     aside, above = jnp.tan(sway[0] / 2), jnp.tan(sway[1] / 4)
     return unit(pose.forward + aside[:, None] * leftward(pose) + above[:, None] * upright(pose))
 
 
 def pursue(pose: Pose, targets: ArrayLike) -> Float[Array, "B 3"]:
     """Return the urge toward `targets` (3,) or (B, 3) [m]."""
-    return unit(jnp.asarray(targets) - pose.place)
+    return unit(jnp.asarray(targets) - pose.position)
 
 
-def avoid(pose: Pose, places: ArrayLike, reach: float) -> Float[Array, "B 3"]:
-    """Return the urge away from `places` (K, 3) [m] nearer than `reach` [m]: none there, one at the place itself."""
-    apart = pose.place[:, None] - jnp.asarray(places)
+def avoid(pose: Pose, positions: ArrayLike, reach: float) -> Float[Array, "B 3"]:
+    """Return the urge away from `positions` (K, 3) [m] nearer than `reach` [m]: none there, one at the place itself."""
+    apart = pose.position[:, None] - jnp.asarray(positions)
     return _pushed(apart, reach).sum(axis=1)
 
 
-def stay_inside(pose: Pose, tank: Tank, margin: float, *, ahead: float = 2.0) -> Float[Array, "B 3"]:
+def stay_inside(
+    pose: Pose, tank: Tank, margin: float, *, ahead: float = 2.0
+) -> Float[Array, "B 3"]:
     """Return the urge inward: none further than `margin` [m] from the walls, one at a wall.
 
     What counts is where the body will be `ahead` [s] from now, since it cannot turn at once.
     """
-    place = pose.place + ahead * pose.velocity
+    position = pose.position + ahead * pose.velocity
     low, high = (jnp.asarray(side) for side in tank)
-    return (jnp.maximum(low + margin - place, 0) - jnp.maximum(place - (high - margin), 0)) / margin
+    return (
+        jnp.maximum(low + margin - position, 0) - jnp.maximum(position - (high - margin), 0)
+    ) / margin
 
 
 def school(pose: Pose, *, spacing: float, reach: float) -> Float[Array, "B 3"]:
     """Return the urge to swim with those nearer than `reach` [m]: as they do, toward them, at least `spacing` apart."""
-    apart = pose.place[:, None] - pose.place[None]
-    others = ~jnp.eye(len(pose.place), dtype=bool)
+    apart = pose.position[:, None] - pose.position[None]
+    others = ~jnp.eye(len(pose.position), dtype=bool)
     near = jnp.exp(-jnp.sum((apart / reach) ** 2, axis=-1)) * others
     shares = near / (near.sum(axis=1, keepdims=True) + jnp.finfo(near.dtype).tiny)
     along, toward = shares @ pose.forward, -jnp.sum(shares[..., None] * apart, axis=1) / reach
@@ -101,7 +112,7 @@ def keep_apart(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array
 def give_way(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array, " B"]:
     """Return the share of its speed that each body should keep, for those in front of it: 1 if there are none."""
     _, nearness = _meetings(pose, spacing, ahead)
-    toward = unit(pose.place[None] - pose.place[:, None])
+    toward = unit(pose.position[None] - pose.position[:, None])
     in_front = jnp.maximum(jnp.sum(toward * pose.forward[:, None], axis=-1), 0)
     return 1 - SLOWING * jnp.max(in_front * nearness, axis=1)
 
@@ -123,8 +134,8 @@ def ease(
     """
     onward = urge + STRAIGHT_ON * pose.forward
     heading = jnp.arctan2(pose.forward[:, 1], pose.forward[:, 0])
-    turn = (jnp.arctan2(onward[:, 1], onward[:, 0]) - heading + jnp.pi) % (2 * jnp.pi) - jnp.pi
-    eased = heading + jnp.clip(turn, -sharpest, sharpest)
+    bend = (jnp.arctan2(onward[:, 1], onward[:, 0]) - heading + jnp.pi) % (2 * jnp.pi) - jnp.pi
+    eased = heading + jnp.clip(bend, -sharpest, sharpest)
     flat = jnp.sqrt(jnp.sum(onward[:, :2] ** 2, axis=-1) + jnp.finfo(urge.dtype).tiny)
     climb = jnp.clip(urge[:, 2] / flat, -jnp.tan(steepest), jnp.tan(steepest))
     return unit(jnp.stack([jnp.cos(eased), jnp.sin(eased), climb], axis=-1))
@@ -136,32 +147,40 @@ def shoal(tank: Tank, *, length: float, speed: float, seed: int = 0) -> Behaviou
     Running into nobody, and into no glass, comes before company; nobody dives steeply.
     """
 
-    def wish(pose: Pose, time: Array) -> Course:
-        company = wander(pose, time, seed=seed) + school(pose, spacing=1.5 * length, reach=3.0 * length)
+    def wish(pose: Pose, time: Array) -> SteeringTarget:
+        company = wander(pose, time, seed=seed) + school(
+            pose, spacing=1.5 * length, reach=3.0 * length
+        )
         inward = WALL * stay_inside(pose, tank, margin=1.5 * length)
         apart = PUSHING * keep_apart(pose, SPACING * length)
-        return follow(ease(first(apart + inward, company), pose), speed * give_way(pose, SPACING * length))
+        return follow(
+            ease(first(apart + inward, company), pose), speed * give_way(pose, SPACING * length)
+        )
 
     return wish
 
 
-def follow(urge: Float[Array, "B 3"], speed: ArrayLike) -> Course:
+def follow(urge: Float[Array, "B 3"], speed: ArrayLike) -> SteeringTarget:
     """Return the course along `urge` at `speed` (B,) or one for all [m/s]."""
-    return Course(unit(urge), jnp.zeros_like(urge[:, 0]) + jnp.asarray(speed, urge.dtype))
+    return SteeringTarget(unit(urge), jnp.zeros_like(urge[:, 0]) + jnp.asarray(speed, urge.dtype))
 
 
-def _meetings(pose: Pose, spacing: float, ahead: float) -> tuple[Float[Array, "B B 3"], Float[Array, "B B"]]:
+def _meetings(
+    pose: Pose, spacing: float, ahead: float
+) -> tuple[Float[Array, "B B 3"], Float[Array, "B B"]]:
     """Return from where (B, B, 3) [m] each body is at its nearest to each other, and how near that is: 1 at touch.
 
     Meetings far in the future count less.
     """
-    apart = pose.place[:, None] - pose.place[None]
+    apart = pose.position[:, None] - pose.position[None]
     drift = pose.velocity[:, None] - pose.velocity[None]
-    closing = -jnp.sum(apart * drift, axis=-1) / (jnp.sum(drift**2, axis=-1) + jnp.finfo(apart.dtype).eps)
+    closing = -jnp.sum(apart * drift, axis=-1) / (
+        jnp.sum(drift**2, axis=-1) + jnp.finfo(apart.dtype).eps
+    )
     when = jnp.clip(closing, 0, ahead)
     gap = apart + when[..., None] * drift
     distance = jnp.sqrt(jnp.sum(gap**2, axis=-1) + jnp.finfo(apart.dtype).tiny)
-    others = ~jnp.eye(len(pose.place), dtype=bool)
+    others = ~jnp.eye(len(pose.position), dtype=bool)
     return gap, jnp.maximum(1 - distance / spacing, 0) / (1 + when / ahead) * others
 
 

@@ -10,17 +10,17 @@ from jaxtyping import Array, Float
 
 from neuroanimator.control.policies.behaviours import Behaviour
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.steering import Course, command
+from neuroanimator.control.policies.steering import SteeringTarget, command
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import Runs, System
 
 
 def decide(
-    policy: Policy, inner: Float[Array, "B I"], phase: Float[Array, " B"], course: Course
+    policy: Policy, latent: Float[Array, "B I"], phase: Float[Array, " B"], course: SteeringTarget
 ) -> Float[Array, "B C"]:
-    """Return the controls of bodies that feel `inner` at `phase` [rad] of their clocks. For use inside jit."""
-    return jax.vmap(policy.control)(inner, phase, command(course, policy.pose(inner)))
+    """Return the controls of bodies that feel `latent` at `phase` [rad] of their clocks. For use inside jit."""
+    return jax.vmap(policy.control)(latent, phase, command(course, policy.pose(latent)))
 
 
 def live(
@@ -32,9 +32,11 @@ def live(
 
     Raises ArgumentError for starts of another shape.
     """
-    checked = policy.emulator.identity.state.check(starts, "starts")
+    checked = policy.emulator.spec.state.check(starts, "starts")
     if checked.ndim != 2 or steps < 1:
-        raise ArgumentError(f"starts and steps: wanted (B, S) and at least 1, came {checked.shape} and {steps}.")
+        raise ArgumentError(
+            f"starts and steps: wanted (B, S) and at least 1, came {checked.shape} and {steps}."
+        )
     phase = jax.random.uniform(jax.random.key(seed), (len(checked),), maxval=2 * jnp.pi)
     return _live(policy, behaviour, jnp.asarray(checked, jnp.float32), phase, steps)
 
@@ -44,9 +46,9 @@ def _live(policy: Policy, behaviour: Behaviour, starts: Array, phase: Array, ste
     emulator = policy.emulator
 
     def advance(state: tuple[Array, Array], time: Array) -> tuple[tuple[Array, Array], Array]:
-        inner, phase = state
-        controls = decide(policy, inner, phase, behaviour(policy.pose(inner), time))
-        following = jax.vmap(emulator.advance)(inner, emulator.encode_control(controls))
+        latent, phase = state
+        controls = decide(policy, latent, phase, behaviour(policy.pose(latent), time))
+        following = jax.vmap(emulator.advance)(latent, emulator.encode_control(controls))
         return (following, (phase + policy.tick) % (2 * jnp.pi)), following
 
     path = jax.lax.scan(advance, (emulator.encode(starts), phase), jnp.arange(steps) * policy.dt)[1]
@@ -56,7 +58,9 @@ def _live(policy: Policy, behaviour: Behaviour, starts: Array, phase: Array, ste
 _decide = eqx.filter_jit(decide)
 
 
-def drive(policy: Policy, system: System, starts: np.ndarray, course: Course, steps: int) -> tuple[Runs, np.ndarray]:
+def drive(
+    policy: Policy, system: System, starts: np.ndarray, course: SteeringTarget, steps: int
+) -> tuple[Runs, np.ndarray]:
     """Return what bodies from `starts` (B, S) do on the true physics along their courses, and the controls (B, T, C).
 
     A body whose physics blew up stays where it was.
@@ -64,8 +68,8 @@ def drive(policy: Policy, system: System, starts: np.ndarray, course: Course, st
     states, controls = [np.asarray(starts, float)], []
     is_alive, phase = np.ones(len(starts), bool), np.zeros(len(starts))
     for _ in range(steps):
-        inner = jnp.asarray(policy.emulator.encode(states[-1]), jnp.float32)
-        given = np.asarray(_decide(policy, inner, jnp.asarray(phase, jnp.float32), course), float)
+        latent = jnp.asarray(policy.emulator.encode(states[-1]), jnp.float32)
+        given = np.asarray(_decide(policy, latent, jnp.asarray(phase, jnp.float32), course), float)
         given = system.bounds.clip(given)  # float32 may round beyond a bound
         runs = play(system, states[-1], given[:, None], policy.dt)
         is_alive &= runs.is_alive

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import interpolate_hermite
 from neuroanimator.control.policies.policy import Policy, load_policy
-from neuroanimator.control.policies.steering import Course, command
+from neuroanimator.control.policies.steering import SteeringTarget, command
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.pose import Pose, read_pose
@@ -26,7 +26,7 @@ LEASH = 1.2
 """[rad] The wished heading never leads the body's by more: what it cannot follow is not saved up for later."""
 STEEPEST = 1.2
 """[rad] Of a wished climb or dive: straight up there is no heading left to hold."""
-LONGEST_FRAME = 60.0
+MAX_FRAME = 60.0
 """[s] A longer one is a mistake, such as milliseconds for seconds."""
 
 
@@ -73,20 +73,26 @@ class Pilot:
         Raises ArgumentError for a state of another shape and for numbers that are not finite.
         """
         emulator = self.policy.emulator
-        start = np.array(emulator.identity.rest if state is None else state, float)
+        start = np.array(emulator.spec.rest if state is None else state, float)
         self._begin = self._checked(start)
         self._inner: Numbers = np.asarray(emulator.encode(self._begin), np.float32)
         self._phase = _finite("phase", phase) % (2 * math.pi)
         self._time = 0.0
         self._since = 0.0
         self._end: np.ndarray | None = None
-        self._controls = np.asarray(emulator.identity.bounds.middle, float)
+        self._controls = np.asarray(emulator.spec.bounds.middle, float)
         pose = self._pose(self._begin)
         self._heading = _heading(pose)
         return PilotFrame(0.0, self._begin, pose)
 
     def step(
-        self, *, speed: float, turn: float = 0.0, climb: float = 0.0, dt: float = 1 / 60, state: ArrayLike | None = None
+        self,
+        *,
+        speed: float,
+        turn: float = 0.0,
+        climb: float = 0.0,
+        dt: float = 1 / 60,
+        state: ArrayLike | None = None,
     ) -> PilotFrame:
         """Return the frame `dt` [s] later.
 
@@ -94,13 +100,15 @@ class Pilot:
         up. Without `turn`, the heading is held. `state` (S,) says where the body really is now, if something else
         moves it, such as a physics that is given `controls`; the pilot goes on from there.
 
-        Raises ArgumentError for numbers that are not finite, and unless 0 < `dt` ≤ `LONGEST_FRAME`.
+        Raises ArgumentError for numbers that are not finite, and unless 0 < `dt` ≤ `MAX_FRAME`.
         """
         wanted_speed = _finite("speed", speed)
         turning = _finite("turn", turn)
         steepness = _finite("climb", climb)
-        if not TINY < _finite("dt", dt) <= LONGEST_FRAME:
-            raise ArgumentError(f"dt: wanted more than 0 s and at most {LONGEST_FRAME:g} s, came {dt:g}.")
+        if not TINY < _finite("dt", dt) <= MAX_FRAME:
+            raise ArgumentError(
+                f"dt: wanted more than 0 s and at most {MAX_FRAME:g} s, came {dt:g}."
+            )
         if state is not None:
             self._go_on_from(self._checked(np.array(state, float)))
         length = self.policy.dt
@@ -120,8 +128,8 @@ class Pilot:
 
     def bones(self, frame: PilotFrame) -> tuple[np.ndarray, np.ndarray]:
         """Return the places (B, 3) [m] and quaternions wxyz (B, 4) of the body's bones in the world."""
-        places, turns = self.policy.emulator.identity.skeleton.world_poses(frame.state[None])
-        return places[0], turns[0]
+        positions, orientations = self.policy.emulator.spec.skeleton.world_poses(frame.state[None])
+        return positions[0], orientations[0]
 
     def clip(self, frames: Sequence[PilotFrame]) -> Clip:
         """Return two or more evenly spaced frames as a clip, to draw or export.
@@ -131,10 +139,12 @@ class Pilot:
         times = np.array([frame.time for frame in frames])
         gaps = np.diff(times)
         if len(times) < 2 or gaps.min() <= 0 or np.ptp(gaps) > UNEVEN * gaps.mean():
-            raise ArgumentError(f"frames: wanted two or more, evenly spaced in time, came {len(times)}.")
-        identity = self.policy.emulator.identity
+            raise ArgumentError(
+                f"frames: wanted two or more, evenly spaced in time, came {len(times)}."
+            )
+        spec = self.policy.emulator.spec
         states = np.stack([frame.state for frame in frames])
-        return Clip(identity.system, identity.skeleton, times - times[0], states, identity.definition)
+        return Clip(spec.system, spec.skeleton, times - times[0], states, spec.definition)
 
     def _leap(self, speed: float, climb: float) -> None:
         """Set the muscles for the wished course, and make the super step under them."""
@@ -143,8 +153,14 @@ class Pilot:
         self._heading = heading + float(np.clip(lead, -LEASH, LEASH))
         steepness = float(np.clip(climb, -STEEPEST, STEEPEST))
         level = math.cos(steepness)
-        direction = [level * math.cos(self._heading), level * math.sin(self._heading), math.sin(steepness)]
-        course = Course(np.array(direction, np.float32), np.array(max(speed, 0.0), np.float32))
+        direction = [
+            level * math.cos(self._heading),
+            level * math.sin(self._heading),
+            math.sin(steepness),
+        ]
+        course = SteeringTarget(
+            np.array(direction, np.float32), np.array(max(speed, 0.0), np.float32)
+        )
         phase = np.array(self._phase, np.float32)
         self._following, end, controls = _leap(self.policy, self._inner, phase, course)
         self._end = np.asarray(end, float)
@@ -161,7 +177,9 @@ class Pilot:
 
     def _go_on_from(self, state: np.ndarray) -> None:
         """Put the body where it really is; its clock goes on."""
-        self._phase = (self._phase + self.policy.tick * self._since / self.policy.dt) % (2 * math.pi)
+        self._phase = (self._phase + self.policy.tick * self._since / self.policy.dt) % (
+            2 * math.pi
+        )
         self._begin = state
         self._inner = np.asarray(self.policy.emulator.encode(state), np.float32)
         self._since = 0.0
@@ -171,18 +189,22 @@ class Pilot:
         """Return the state (S,) at this moment of the super step."""
         assert self._end is not None
         emulator = self.policy.emulator
-        turns = emulator.frame.turns if emulator.modes is None else ()  # mass points have no quaternions to keep
+        orientations = (
+            emulator.frame.orientations if emulator.modes is None else ()
+        )  # mass points have no quaternions to keep
         ends = np.stack([self._begin, self._end])
         now = np.array([min(self._since, emulator.dt)])
-        return interpolate_hermite(ends, emulator.dt, now, emulator.identity.rates, turns)[0]
+        return interpolate_hermite(ends, emulator.dt, now, emulator.spec.rates, orientations)[0]
 
     def _pose(self, state: np.ndarray) -> Pose:
         return read_pose(self._structure, state)
 
     def _checked(self, state: np.ndarray) -> np.ndarray:
-        checked = self.policy.emulator.identity.state.check(state, "state")
+        checked = self.policy.emulator.spec.state.check(state, "state")
         if checked.ndim != 1:
-            raise ArgumentError(f"state: wanted one of {checked.shape[-1]} numbers, came shape {checked.shape}.")
+            raise ArgumentError(
+                f"state: wanted one of {checked.shape[-1]} numbers, came shape {checked.shape}."
+            )
         return checked
 
 
@@ -194,12 +216,12 @@ UNEVEN = 1e-3
 
 @eqx.filter_jit
 def _leap(
-    policy: Policy, inner: Numbers, phase: Numbers, course: Course
+    policy: Policy, latent: Numbers, phase: Numbers, course: SteeringTarget
 ) -> tuple[Float[Array, " I"], Float[Array, " S"], Float[Array, " C"]]:
-    """Return where `inner` (I,) is a super step later, as few numbers and as a state, and the controls held."""
+    """Return where `latent` (I,) is a super step later, as few numbers and as a state, and the controls held."""
     emulator = policy.emulator
-    controls = policy.control(inner, phase, command(course, policy.pose(inner)))
-    following = emulator.advance(inner, emulator.encode_control(controls))
+    controls = policy.control(latent, phase, command(course, policy.pose(latent)))
+    following = emulator.advance(latent, emulator.encode_control(controls))
     return following, emulator.decode(following), controls
 
 

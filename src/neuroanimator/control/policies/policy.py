@@ -26,7 +26,14 @@ from neuroanimator.state.rotation import Numbers
 from neuroanimator.state.structure import Structure
 from neuroanimator.zoo import find_policy
 
-COMMAND = Layout((Slice("speed", 1, "m/s"), Slice("turn", 1, "rad"), Slice("climb", 1, "rad"), Slice("roll", 1, "rad")))
+COMMAND = Layout(
+    (
+        Slice("speed", 1, "m/s"),
+        Slice("turn", 1, "rad"),
+        Slice("climb", 1, "rad"),
+        Slice("roll", 1, "rad"),
+    )
+)
 """Forward speed; how far still to turn left, to pitch up and to roll over to the right, as seen from the body."""
 
 # The mirror reverses every second one: turn and roll.
@@ -50,13 +57,20 @@ class Rhythm(NamedTuple):
     @classmethod
     def of(cls, emulator: Emulator) -> Rhythm:
         """Return the rhythm of the emulator's gait; without one, a clock alone."""
-        gait, size = emulator.identity.gait, emulator.identity.control.size
+        gait, size = emulator.spec.gait, emulator.spec.control.size
         if gait is None:
             return cls(USUAL_PERIOD, (0.0,) * size, (0.0,) * size, False)
         odd = odd_controls(emulator)
         waves = np.array(gait.amplitudes) * np.exp(-1j * np.array(gait.lags))
-        sizes = np.abs(np.stack([emulator.encode_control(part) for part in (waves.real, waves.imag)]))
-        return cls(gait.period, gait.amplitudes, gait.lags, bool(sizes[:, :odd].sum() > sizes[:, odd:].sum()))
+        sizes = np.abs(
+            np.stack([emulator.encode_control(part) for part in (waves.real, waves.imag)])
+        )
+        return cls(
+            gait.period,
+            gait.amplitudes,
+            gait.lags,
+            bool(sizes[:, :odd].sum() > sizes[:, odd:].sum()),
+        )
 
 
 class Policy(eqx.Module):
@@ -70,8 +84,8 @@ class Policy(eqx.Module):
     rhythm: Rhythm = eqx.field(static=True)
 
     def __repr__(self) -> str:
-        identity = self.emulator.identity
-        return f'Policy("{identity.system}", dt {self.dt:g} s, {identity.control.size} controls)'
+        spec = self.emulator.spec
+        return f'Policy("{spec.system}", dt {self.dt:g} s, {spec.control.size} controls)'
 
     @property
     def dt(self) -> float:
@@ -84,23 +98,27 @@ class Policy(eqx.Module):
         return 2 * math.pi * self.dt / self.rhythm.period
 
     def control(
-        self, inner: Float[Array, " I"], phase: Float[Array, ""], command: Float[Array, " 4"]
+        self, latent: Float[Array, " I"], phase: Float[Array, ""], command: Float[Array, " 4"]
     ) -> Float[Array, " C"]:
-        """Return the control for a body that feels `inner` (see `Emulator.encode`) at `phase` [rad] of the clock.
+        """Return the control for a body that feels `latent` (see `Emulator.encode`) at `phase` [rad] of the clock.
 
         Commands out of range count as the nearest in range. Differentiable, unchecked: for use inside jit.
         """
-        wish, bounds = self._wish(command), self.emulator.identity.bounds
-        numbers = self.network(*self._streams(inner, phase, wish))
-        steered = numbers if self.emulator.modes is None else self.emulator.modes.decode_control(numbers)
-        lags, amplitudes = (jnp.asarray(each) for each in (self.rhythm.lags, self.rhythm.amplitudes))
+        wish, bounds = self._wish(command), self.emulator.spec.bounds
+        numbers = self.network(*self._streams(latent, phase, wish))
+        steered = (
+            numbers if self.emulator.modes is None else self.emulator.modes.decode_control(numbers)
+        )
+        lags, amplitudes = (
+            jnp.asarray(each) for each in (self.rhythm.lags, self.rhythm.amplitudes)
+        )
         waves = amplitudes * jnp.sin(phase + self.tick / 2 - lags) * (wish[0] + 1) / 2
         middle, half = (jnp.asarray(each, jnp.float32) for each in (bounds.middle, bounds.half))
         return middle + half * jnp.tanh(steered + waves)
 
-    def pose(self, inner: Numbers) -> Pose:
-        """Return where bodies are and where they point, of `inner` (..., I) as `Emulator.encode` gives it."""
-        return read_pose(structure_of(self.emulator), inner)
+    def pose(self, latent: Numbers) -> Pose:
+        """Return where bodies are and where they point, of `latent` (..., I) as `Emulator.encode` gives it."""
+        return read_pose(structure_of(self.emulator), latent)
 
     def save(self, path: str | Path) -> None:
         """Write the policy, its emulator included, as one `.safetensors` file."""
@@ -118,20 +136,24 @@ class Policy(eqx.Module):
 
     def _wish(self, command: Float[Array, " 4"]) -> Float[Array, " 4"]:
         """Return the command within ±1."""
-        middle, half = (jnp.asarray(each, jnp.float32) for each in (self.ranges.middle, self.ranges.half))
+        middle, half = (
+            jnp.asarray(each, jnp.float32) for each in (self.ranges.middle, self.ranges.half)
+        )
         return jnp.clip((command - middle) / half, -1, 1)
 
-    def _streams(self, inner: Array, phase: Array, wish: Array) -> tuple[Array, Array]:
+    def _streams(self, latent: Array, phase: Array, wish: Array) -> tuple[Array, Array]:
         """Return (odd, even) numbers of order one: of the body, its muscles' controls relaxed, clock and command."""
         emulator = self.emulator
-        relaxed = emulator.encode_control(jnp.asarray(emulator.identity.bounds.middle, inner.dtype))
-        plain = emulator.normaliser.forward(emulator.domain.clip(emulator.seen(inner, relaxed)))
-        odd, even = emulator.features.streams(inner, plain)
+        relaxed = emulator.encode_control(jnp.asarray(emulator.spec.bounds.middle, latent.dtype))
+        plain = emulator.normaliser.forward(emulator.domain.clip(emulator.seen(latent, relaxed)))
+        odd, even = emulator.features.streams(latent, plain)
         clock = jnp.stack([jnp.sin(phase), jnp.cos(phase)])
         if not is_mirrored(emulator):
             return jnp.concatenate([odd, clock, wish]), even
         odd_clock, even_clock = (clock, clock[:0]) if self.rhythm.is_odd else (clock[:0], clock)
-        return jnp.concatenate([odd, odd_clock, wish[1::2]]), jnp.concatenate([even, even_clock, wish[::2]])
+        return jnp.concatenate([odd, odd_clock, wish[1::2]]), jnp.concatenate(
+            [even, even_clock, wish[::2]]
+        )
 
 
 def load_policy(name: str | Path) -> Policy:
@@ -160,14 +182,19 @@ def odd_controls(emulator: Emulator) -> int:
     return 0 if modes is None or modes.mirror is None else mixing(modes.mirror)[1]
 
 
-def fresh_policy(emulator: Emulator, ranges: Bounds, widths: tuple[int, ...], seed: int = 0) -> Policy:
+def fresh_policy(
+    emulator: Emulator, ranges: Bounds, widths: tuple[int, ...], seed: int = 0
+) -> Policy:
     """Return an untrained policy, nearly the gait alone.
 
     Raises ArgumentError for a system that cannot point anywhere.
     """
-    rhythm, size = Rhythm.of(emulator), emulator.identity.control.size
-    read_pose(structure_of(emulator), emulator.encode(jnp.asarray(emulator.identity.rest)))
-    key, others = jax.random.key(seed), emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain)
+    rhythm, size = Rhythm.of(emulator), emulator.spec.control.size
+    read_pose(structure_of(emulator), emulator.encode(jnp.asarray(emulator.spec.rest)))
+    key, others = (
+        jax.random.key(seed),
+        emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain),
+    )
     odd, even = emulator.features.sizes(others)
     kind = "mirrored" if is_mirrored(emulator) else "linear-glu"
     if kind == "mirrored":
@@ -175,4 +202,6 @@ def fresh_policy(emulator: Emulator, ranges: Bounds, widths: tuple[int, ...], se
     else:
         odd += 2 + COMMAND.size
     even_out = tuple(range(odd_controls(emulator), size)) if kind == "mirrored" else ()
-    return Policy(emulator, make_network(kind, odd, even, size, widths, key, even_out), ranges, rhythm)
+    return Policy(
+        emulator, make_network(kind, odd, even, size, widths, key, even_out), ranges, rhythm
+    )

@@ -18,19 +18,21 @@ from neuroanimator.emulator.artifact import (
     with_tensors,
 )
 from neuroanimator.emulator.artifact import FORMAT as EMULATOR_FORMAT
-from neuroanimator.emulator.networks import WIDEST_LAYER
+from neuroanimator.emulator.networks import MAX_LAYER
 from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.numbers import listed, whole
 from neuroanimator.state.layout import Bounds
 from neuroanimator.storage.files import digest, read_tensors, write_tensors
 
-FORMAT = 1
+FORMAT = 2
 """Raised whenever an older reader would misunderstand a file."""
 
 
 def save_policy(policy: Policy, path: Path, provenance: dict[str, Any] | None = None) -> None:
     """Write `policy`; `provenance` says how it was trained (any JSON)."""
-    write_tensors(path, tensors_of(policy), {**describe_policy(policy), "provenance": provenance or {}})
+    write_tensors(
+        path, tensors_of(policy), {**describe_policy(policy), "provenance": provenance or {}}
+    )
 
 
 def describe_policy(policy: Policy) -> dict[str, Any]:
@@ -51,14 +53,18 @@ def load_policy(path: Path) -> Policy:
     tensors, metadata = read_tensors(path, "policy")
     check_format(path, metadata.get("format"), FORMAT)
     carried = metadata.get("emulator")
-    check_format(path, carried.get("format") if isinstance(carried, dict) else None, EMULATOR_FORMAT)
+    check_format(
+        path, carried.get("format") if isinstance(carried, dict) else None, EMULATOR_FORMAT
+    )
     try:
         policy = with_tensors(jax.eval_shape(lambda: _blank(metadata)), tensors)
         if digest(tensors_of(policy.emulator)) != metadata["emulator_sha256"]:
             raise ValueError("its emulator is another than it was trained through")
         return policy
     except FAULTS as error:
-        raise BadFileError(f"{path} is not a usable policy: {first_line(error)}. Make it again.") from error
+        raise BadFileError(
+            f"{path} is not a usable policy: {first_line(error)}. Make it again."
+        ) from error
 
 
 def _blank(metadata: dict[str, Any]) -> Policy:
@@ -69,5 +75,7 @@ def _blank(metadata: dict[str, Any]) -> Policy:
     for low, high in zip(ranges.low, ranges.high, strict=True):
         if not low < high:
             raise ValueError("ranges: wanted low below high for every command")
-    widths = listed(metadata["widths"], "widths", lambda width, what: whole(width, what, 1, WIDEST_LAYER))
+    widths = listed(
+        metadata["widths"], "widths", lambda width, what: whole(width, what, 1, MAX_LAYER)
+    )
     return fresh_policy(blank(metadata["emulator"]), ranges, widths)

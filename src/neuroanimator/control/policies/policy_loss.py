@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.control.policies.closed_loop import decide
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.steering import Course, leftward, unit, upright
+from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
 from neuroanimator.emulator.emulator import Emulator
 
 NEARLY_AHEAD = 0.2
@@ -46,46 +46,52 @@ class LossWeights:
 class Swimmers(NamedTuple):
     """Bodies on their way, each as its emulator sees it."""
 
-    inner: Float[Array, "B I"]
+    latent: Float[Array, "B I"]
     phase: Float[Array, " B"]
     """[rad] Of the clock."""
-    course: Course
+    course: SteeringTarget
 
 
-def begin(policy: Policy, inner: Float[Array, "B I"], key: Array) -> Swimmers:
+def begin(policy: Policy, latent: Float[Array, "B I"], key: Array) -> Swimmers:
     """Return the bodies, each with its clock at random and a random course."""
     first, second = jax.random.split(key)
-    phase = jax.random.uniform(first, inner.shape[:1], maxval=2 * jnp.pi)
-    return Swimmers(inner, phase, random_courses(policy, inner, second))
+    phase = jax.random.uniform(first, latent.shape[:1], maxval=2 * jnp.pi)
+    return Swimmers(latent, phase, random_courses(policy, latent, second))
 
 
-def random_courses(policy: Policy, inner: Float[Array, "B I"], key: Array) -> Course:
+def random_courses(policy: Policy, latent: Float[Array, "B I"], key: Array) -> SteeringTarget:
     """Return a random speed and direction for each: half of them nearly ahead, half anywhere."""
-    keys, pose, count = jax.random.split(key, 4), policy.pose(inner), inner.shape[0]
+    keys, pose, count = jax.random.split(key, 4), policy.pose(latent), latent.shape[0]
     wide = jnp.where(jax.random.bernoulli(keys[0], 0.5, (count,)), 1.0, NEARLY_AHEAD)
     aside = wide * jax.random.uniform(keys[1], (count,), minval=-jnp.pi, maxval=jnp.pi)
     above = wide * jax.random.uniform(keys[2], (count,), minval=-STEEPEST, maxval=STEEPEST)
     level = jnp.cos(aside)[:, None] * pose.forward + jnp.sin(aside)[:, None] * leftward(pose)
     direction = jnp.cos(above)[:, None] * level + jnp.sin(above)[:, None] * upright(pose)
     top = policy.ranges.high[0]
-    return Course(unit(direction), jax.random.uniform(keys[3], (count,), maxval=top))
+    return SteeringTarget(unit(direction), jax.random.uniform(keys[3], (count,), maxval=top))
 
 
 def swim(policy: Policy, swimmers: Swimmers, steps: int) -> tuple[Swimmers, Array, Array]:
     """Return the bodies after so many super steps, their inner states (T, B, I) on the way and controls (T, B, C)."""
     emulator = policy.emulator
 
-    def advance(state: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        inner, phase = state
-        controls = decide(policy, inner, phase, swimmers.course)
-        following = jax.vmap(emulator.advance)(inner, emulator.encode_control(controls))
+    def advance(
+        state: tuple[Array, Array], _: None
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        latent, phase = state
+        controls = decide(policy, latent, phase, swimmers.course)
+        following = jax.vmap(emulator.advance)(latent, emulator.encode_control(controls))
         return (following, phase + policy.tick), (following, controls)
 
-    (inner, phase), (path, controls) = jax.lax.scan(advance, (swimmers.inner, swimmers.phase), length=steps)
-    return Swimmers(inner, phase % (2 * jnp.pi), swimmers.course), path, controls
+    (latent, phase), (path, controls) = jax.lax.scan(
+        advance, (swimmers.latent, swimmers.phase), length=steps
+    )
+    return Swimmers(latent, phase % (2 * jnp.pi), swimmers.course), path, controls
 
 
-def motion_loss(weights: LossWeights, policy: Policy, swimmers: Swimmers, path: Array, controls: Array) -> Array:
+def motion_loss(
+    weights: LossWeights, policy: Policy, swimmers: Swimmers, path: Array, controls: Array
+) -> Array:
     """Return what is amiss in `path` (T, B, I) under `controls` (T, B, C), on average.
 
     Speed and heading are means over whole periods of the clock, since a swimming body sways.
@@ -93,16 +99,21 @@ def motion_loss(weights: LossWeights, policy: Policy, swimmers: Swimmers, path: 
     pose, course, top = policy.pose(path), swimmers.course, policy.ranges.high[0]
     period = min(max(1, round(policy.rhythm.period / policy.dt)), len(path))
     pointing, upward = (unit(_moving_mean(axis, period)) for axis in (pose.forward, pose.upward))
-    speed = _moving_mean(jnp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True), period)[..., 0]
+    speed = _moving_mean(jnp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True), period)[
+        ..., 0
+    ]
     level = unit(jnp.array([0.0, 0.0, 1.0]) - pointing[..., 2:] * pointing)
-    limit = jnp.asarray(policy.emulator.identity.bounds.largest, jnp.float32)
-    square = lambda vectors: jnp.mean(jnp.sum(vectors**2, axis=-1))  # noqa: E731
+    control_scale = jnp.asarray(policy.emulator.spec.bounds.magnitude, jnp.float32)
+
+    def square(vectors):
+        return jnp.mean(jnp.sum(vectors**2, axis=-1))
+
     return (
         weights.speed * jnp.mean(((speed - course.speed) / top) ** 2)
         + weights.heading * square(pointing - course.direction)
         + weights.roll * square(upward - level)
-        + weights.effort * jnp.mean((controls / limit) ** 2)
-        + weights.jumps * jnp.mean((jnp.diff(controls, axis=0) / limit) ** 2)
+        + weights.effort * jnp.mean((controls / control_scale) ** 2)
+        + weights.jumps * jnp.mean((jnp.diff(controls, axis=0) / control_scale) ** 2)
         + weights.outside * jnp.mean(beyond(policy.emulator, path, controls) ** 2)
     )
 
@@ -112,7 +123,9 @@ def _moving_mean(rows: Float[Array, "T B A"], period: int) -> Float[Array, "T-pe
     return (total[period:] - total[:-period]) / period
 
 
-def beyond(emulator: Emulator, path: Float[Array, "T B I"], controls: Float[Array, "T B C"]) -> Array:
+def beyond(
+    emulator: Emulator, path: Float[Array, "T B I"], controls: Float[Array, "T B C"]
+) -> Array:
     """Return (T, B, K) how far what the emulator sees lies outside of what training showed, in standard deviations."""
     plain, domain = emulator.seen(path, emulator.encode_control(controls)), emulator.domain
     return (plain - jax.vmap(jax.vmap(domain.clip))(plain)) / emulator.normaliser.plain_scale

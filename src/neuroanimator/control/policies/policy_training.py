@@ -18,7 +18,13 @@ from jaxtyping import Array
 
 from neuroanimator.control.policies.policy import Policy, fresh_policy
 from neuroanimator.control.policies.policy_file import save_policy
-from neuroanimator.control.policies.policy_loss import LossWeights, Swimmers, begin, motion_loss, swim
+from neuroanimator.control.policies.policy_loss import (
+    LossWeights,
+    Swimmers,
+    begin,
+    motion_loss,
+    swim,
+)
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.emulator.artifact import tensors_of
 from neuroanimator.emulator.emulator import Emulator
@@ -30,7 +36,7 @@ from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems.system import System
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
 
-WIDEST_TURN = 1.5
+MAX_TURN = 1.5
 """[rad] Commands to turn further count as this: a quarter of a circle is turned as fast as the body can anyway."""
 
 UPDATES_PER_REPORT = 100
@@ -66,7 +72,9 @@ class PolicyTraining:
             if getattr(self, name) < least:
                 raise ArgumentError(f"{name}: wanted at least {least}, came {getattr(self, name)}.")
         if not 0 < self.learning_rate < 1:
-            raise ArgumentError(f"learning_rate: wanted a number between 0 and 1, came {self.learning_rate:g}.")
+            raise ArgumentError(
+                f"learning_rate: wanted a number between 0 and 1, came {self.learning_rate:g}."
+            )
 
 
 class PolicyReport(NamedTuple):
@@ -116,12 +124,18 @@ class _Run:
     began: float = field(default_factory=time.monotonic)
 
     @classmethod
-    def prepare(cls, emulator: Emulator, system: System, training: PolicyTraining, folder: Path) -> _Run:
+    def prepare(
+        cls, emulator: Emulator, system: System, training: PolicyTraining, folder: Path
+    ) -> _Run:
         rng = np.random.default_rng([training.seed, 21])
         ranges = command_ranges(emulator)
         base = fresh_policy(emulator, ranges, training.widths, training.seed)
-        starts = np.asarray(emulator.encode(sample_starts(system, rng, training.starts)), np.float32)
-        kept, pool = (jnp.asarray(part) for part in np.split(starts, [round(CHECKED_SHARE * len(starts))]))
+        starts = np.asarray(
+            emulator.encode(sample_starts(system, rng, training.starts)), np.float32
+        )
+        kept, pool = (
+            jnp.asarray(part) for part in np.split(starts, [round(CHECKED_SHARE * len(starts))])
+        )
         checked = begin(base, kept, jax.random.key(training.seed + 1))
         key = jax.random.fold_in(jax.random.key(training.seed), 2**30)
         swimmers = begin(base, jax.random.choice(key, pool, (training.batch,)), key)
@@ -130,7 +144,15 @@ class _Run:
         fresh = Progress(base.network, memory, base.network, 1e30, 0, 0)
         contents = {"starts": starts, **tensors_of(emulator)}
         identity = f"{digest(contents)[:16]}-{canonical_json(asdict(training))}"
-        return cls(training, folder, base, read_checkpoint(folder, identity, fresh), pool, checked, identity)
+        return cls(
+            training,
+            folder,
+            base,
+            read_checkpoint(folder, identity, fresh),
+            pool,
+            checked,
+            identity,
+        )
 
     @property
     def is_over(self) -> bool:
@@ -144,9 +166,16 @@ class _Run:
         """Train until the next report, then validate, log and checkpoint."""
         progress = self.progress
         network, memory, loss = _train_chunk(
-            self.training, self.base, progress.network, progress.optimizer_state, self.pool, jnp.asarray(progress.chunk)
+            self.training,
+            self.base,
+            progress.network,
+            progress.optimizer_state,
+            self.pool,
+            jnp.asarray(progress.chunk),
         )
-        progress = progress._replace(network=network, optimizer_state=memory, chunk=progress.chunk + 1)
+        progress = progress._replace(
+            network=network, optimizer_state=memory, chunk=progress.chunk + 1
+        )
         steps = round(CHECKED_SECONDS / self.base.dt)
         validation = float(_validate(self.training, self.base, network, self.checked, steps))
         self.progress = progress.judged(validation)
@@ -160,18 +189,23 @@ class _Run:
 def command_ranges(emulator: Emulator) -> Bounds:
     """Return the range of each command: speeds up to nearly that of the gait at full strength."""
     speed = STEERABLE * gait_speed(emulator)
-    return Bounds((0.0, *(-WIDEST_TURN,) * 3), (speed, *(WIDEST_TURN,) * 3))
+    return Bounds((0.0, *(-MAX_TURN,) * 3), (speed, *(MAX_TURN,) * 3))
 
 
 def gait_speed(emulator: Emulator) -> float:
     """Return how fast the gait drives the emulated body once it is under way [m/s]."""
-    identity = emulator.identity
+    identity = emulator.spec
     if identity.gait is None:
-        raise ArgumentError(f"The system {identity.system} has no gait. Give its definition one, to know its speed.")
-    steps, period = round(GAIT_SECONDS / emulator.dt), max(1, round(identity.gait.period / emulator.dt))
+        raise ArgumentError(
+            f"The system {identity.system} has no gait. Give its definition one, to know its speed."
+        )
+    steps, period = (
+        round(GAIT_SECONDS / emulator.dt),
+        max(1, round(identity.gait.period / emulator.dt)),
+    )
     controls = identity.gait.controls(steps, emulator.dt, identity.bounds)
-    inner = emulator.encode(emulator.rollout(np.array(identity.rest), controls))
-    way = inner[-1, :3] - inner[-1 - 2 * period, :3]
+    latent = emulator.encode(emulator.rollout(np.array(identity.rest), controls))
+    way = latent[-1, :3] - latent[-1 - 2 * period, :3]
     return float(np.linalg.norm(way)) / (2 * period * emulator.dt)
 
 
@@ -183,13 +217,21 @@ def make_optimizer(training: PolicyTraining) -> optax.GradientTransformation:
 
 @eqx.filter_jit
 def _train_chunk(
-    training: PolicyTraining, base: Policy, network: Network, memory: tuple, pool: Array, chunk: Array
+    training: PolicyTraining,
+    base: Policy,
+    network: Network,
+    memory: tuple,
+    pool: Array,
+    chunk: Array,
 ) -> tuple[Network, tuple, Array]:
     """Return (network, (optimiser state, bodies), mean loss) after one chunk of updates.
 
     Random numbers follow from the seed and the chunk's number alone, so that a resumed run sees the same.
     """
-    optimizer, key = make_optimizer(training), jax.random.fold_in(jax.random.key(training.seed), chunk)
+    optimizer, key = (
+        make_optimizer(training),
+        jax.random.fold_in(jax.random.key(training.seed), chunk),
+    )
 
     def loss_of(network: Network, swimmers: Swimmers) -> tuple[Array, Swimmers]:
         policy = eqx.tree_at(lambda policy: policy.network, base, network)
@@ -203,7 +245,9 @@ def _train_chunk(
         following = _renewed(base, jax.lax.stop_gradient(following), pool, key)
         return (eqx.apply_updates(network, step), (state, following)), loss
 
-    (network, memory), losses = jax.lax.scan(update, (network, memory), jax.random.split(key, UPDATES_PER_REPORT))
+    (network, memory), losses = jax.lax.scan(
+        update, (network, memory), jax.random.split(key, UPDATES_PER_REPORT)
+    )
     return network, memory, losses.mean()
 
 
@@ -211,18 +255,24 @@ def _renewed(policy: Policy, swimmers: Swimmers, pool: Array, key: Array) -> Swi
     """Return the bodies, some put back to random starts and some with another course."""
     keys, count = jax.random.split(key, 4), len(swimmers.phase)
     is_fresh = jax.random.bernoulli(keys[0], FRESH_SHARE, (count,))
-    is_fresh |= ~jnp.isfinite(swimmers.inner).all(axis=1)
+    is_fresh |= ~jnp.isfinite(swimmers.latent).all(axis=1)
     is_sent = is_fresh | jax.random.bernoulli(keys[1], NEW_COURSE_SHARE, (count,))
-    inner = jnp.where(is_fresh[:, None], jax.random.choice(keys[2], pool, (count,)), swimmers.inner)
-    other = begin(policy, inner, keys[3])
-    course = jax.tree.map(
-        lambda new, old: jnp.where(is_sent.reshape(-1, *(1,) * (new.ndim - 1)), new, old), other.course, swimmers.course
+    latent = jnp.where(
+        is_fresh[:, None], jax.random.choice(keys[2], pool, (count,)), swimmers.latent
     )
-    return Swimmers(inner, jnp.where(is_fresh, other.phase, swimmers.phase), course)
+    other = begin(policy, latent, keys[3])
+    course = jax.tree.map(
+        lambda new, old: jnp.where(is_sent.reshape(-1, *(1,) * (new.ndim - 1)), new, old),
+        other.course,
+        swimmers.course,
+    )
+    return Swimmers(latent, jnp.where(is_fresh, other.phase, swimmers.phase), course)
 
 
 @eqx.filter_jit
-def _validate(training: PolicyTraining, base: Policy, network: Network, swimmers: Swimmers, steps: int) -> Array:
+def _validate(
+    training: PolicyTraining, base: Policy, network: Network, swimmers: Swimmers, steps: int
+) -> Array:
     policy = eqx.tree_at(lambda policy: policy.network, base, network)
     _, path, controls = swim(policy, swimmers, steps)
     return motion_loss(training.weights, policy, swimmers, path, controls)

@@ -11,7 +11,7 @@ NEARLY_NOTHING = 1e-6
 """Added under roots and to lengths, so that slopes stay finite."""
 
 
-class Course(NamedTuple):
+class SteeringTarget(NamedTuple):
     """Where bodies want to go, all in the world."""
 
     direction: Numbers
@@ -20,24 +20,24 @@ class Course(NamedTuple):
     """(...) [m/s]"""
 
 
-def forward(pose: Pose, speed: Numbers) -> Course:
+def forward(pose: Pose, speed: Numbers) -> SteeringTarget:
     """Return the course straight ahead at `speed` [m/s]."""
-    return Course(pose.forward, _alike(speed, pose))
+    return SteeringTarget(pose.forward, _alike(speed, pose))
 
 
-def turn(pose: Pose, angle: Numbers, speed: Numbers) -> Course:
+def turn(pose: Pose, angle: Numbers, speed: Numbers) -> SteeringTarget:
     """Return the course `angle` [rad] to the left of where the body points, as the body sees it."""
-    return Course(_between(pose.forward, leftward(pose), angle), _alike(speed, pose))
+    return SteeringTarget(_between(pose.forward, leftward(pose), angle), _alike(speed, pose))
 
 
-def dive(pose: Pose, angle: Numbers, speed: Numbers) -> Course:
+def dive(pose: Pose, angle: Numbers, speed: Numbers) -> SteeringTarget:
     """Return the course `angle` [rad] below where the body points, as the body sees it."""
-    return Course(_between(pose.forward, -upright(pose), angle), _alike(speed, pose))
+    return SteeringTarget(_between(pose.forward, -upright(pose), angle), _alike(speed, pose))
 
 
-def command(course: Course, pose: Pose) -> Numbers:
+def command(course: SteeringTarget, pose: Pose) -> Numbers:
     """Return the commands (..., 4) of `policy.COMMAND` that lead from `pose` to `course`."""
-    xp = pose.place.__array_namespace__()
+    xp = pose.position.__array_namespace__()
     left, up = leftward(pose), upright(pose)
     ahead, aside, above = (_dot(course.direction, axis) for axis in (pose.forward, left, up))
     climb = xp.atan2(above, xp.sqrt(ahead**2 + aside**2 + NEARLY_NOTHING))

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.transitions import LONGEST_UNROLL, Transitions, dataset_config
+from neuroanimator.data.transitions import MAX_UNROLL, Transitions, dataset_config
 from neuroanimator.emulator.artifact import describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.body_frame import Frame
@@ -41,9 +41,11 @@ def refined(
 
     The data are `data`, simulated anew if not given, and windows near the motion (T+1, S) under controls (T, C).
     """
-    identity, before = emulator.identity, data
+    spec, before = emulator.spec, data
     data = data or simulate_transitions(
-        dataset_config(system=identity.system, definition=identity.definition, substeps=identity.substeps, count=FRESH)
+        dataset_config(
+            system=spec.system, definition=spec.definition, substeps=spec.substeps, count=FRESH
+        )
     )
     known = 0 if before is None else len(before.states)
     data = transitions_near(data, states, controls, count=NEARBY, seed=seed)
@@ -60,7 +62,9 @@ def _train_on(emulator: Emulator, data: Transitions) -> Emulator:
         unroll_share=0.5,
     )
     with TemporaryDirectory() as folder:  # seconds of training: not worth resuming
-        return train(data, config, Path(folder) / "refined.emulator.safetensors", start_from=emulator)
+        return train(
+            data, config, Path(folder) / "refined.emulator.safetensors", start_from=emulator
+        )
 
 
 def transitions_near(
@@ -74,11 +78,14 @@ def transitions_near(
 ) -> Transitions:
     """Return `data` plus about `count` physics windows near the motion (T+1, S) under controls (T, C)."""
     system, rng = data.system, np.random.default_rng([seed, 7])
-    steps = rng.integers(0, max(1, len(controls) - LONGEST_UNROLL + 1), count)
+    steps = rng.integers(0, max(1, len(controls) - MAX_UNROLL + 1), count)
     bounds = system.bounds
     starts = scattered(Frame.of(system.structure, 0.0), states, steps, rng)
-    windows = np.minimum(steps[:, None] + np.arange(LONGEST_UNROLL), len(controls) - 1)
-    held = controls[windows] + rng.normal(size=(count, LONGEST_UNROLL, len(bounds.half))) * CONTROL_SPREAD * bounds.half
+    windows = np.minimum(steps[:, None] + np.arange(MAX_UNROLL), len(controls) - 1)
+    held = (
+        controls[windows]
+        + rng.normal(size=(count, MAX_UNROLL, len(bounds.half))) * CONTROL_SPREAD * bounds.half
+    )
     held = bounds.clip(held)
     runs = system.simulate(starts, held, data.config.substeps * system.physics_dt, threads=threads)
     alive = runs.is_alive
@@ -90,7 +97,11 @@ def transitions_near(
     )
 
 
-def scattered(frame: Frame, states: np.ndarray, steps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def scattered(
+    frame: Frame, states: np.ndarray, steps: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
     """Return states (N, S) around those of the motion (T+1, S) at `steps` (N,), spread as the motion itself is."""
     spread = frame.difference(states[:1], states).std(axis=0)
-    return frame.apply(states[steps], rng.normal(size=(len(steps), len(spread))) * STATE_SPREAD * spread)
+    return frame.apply(
+        states[steps], rng.normal(size=(len(steps), len(spread))) * STATE_SPREAD * spread
+    )

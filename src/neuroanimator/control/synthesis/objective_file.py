@@ -2,15 +2,15 @@
 
     system = "fish"
     seconds = 3.0
-    parameters = "periodic"
+    parametrisation = "periodic"
 
-    [[wishes]]
+    [[costs]]
     kind = "travel"
     direction = [1, 0, 0]
     distance = 2.0
     within = 0.26
 
-Each wish is a function of `wishes`, `obstacles` or this file; its other keys are that function's arguments.
+Each wish is a function of `costs`, `obstacles` or this file; its other keys are that function's arguments.
 """
 
 from __future__ import annotations
@@ -28,7 +28,12 @@ from numpy.typing import ArrayLike
 from pydantic import ConfigDict, Field, PlainValidator, ValidationError, create_model
 from pydantic_core import PydanticCustomError
 
-from neuroanimator.control.descent.parametrisation import EachStep, Parameters, Periodic, Spline
+from neuroanimator.control.descent.parametrisation import (
+    EachStep,
+    Parametrisation,
+    Periodic,
+    Spline,
+)
 from neuroanimator.control.objective import costs
 from neuroanimator.control.objective.goals import Verdict, find_goal, is_reached, reach_goal
 from neuroanimator.control.objective.objective import Objective, Term
@@ -46,7 +51,7 @@ from neuroanimator.tables import Finite, Positive, Table, first_fault, read_toml
 
 USUAL_KNOTS = 12
 """Of a spline: enough for a few swings to and fro."""
-MOST_STARTS = 64
+MAX_STARTS = 64
 """First guesses descended from side by side; memory grows with them."""
 
 
@@ -55,15 +60,15 @@ class ObjectiveTable(Table):
 
     system: SystemName
     seconds: Annotated[float, Field(gt=0, le=LONGEST)]
-    parameters: Literal["each step", "spline", "periodic"] = "each step"
+    parametrisation: Literal["each step", "spline", "periodic"] = "each step"
     knots: Annotated[int, Field(ge=4)] | None = None
     """Of splines only."""
     period: Positive | None = None
     """[s] Of periodic controls only; the first guess."""
-    starts: Annotated[int, Field(ge=1, le=MOST_STARTS)] = 1
+    starts: Annotated[int, Field(ge=1, le=MAX_STARTS)] = 1
     start: dict[str, tuple[Finite, ...]] = Field(default={})
     """Parts of the state and where the motion begins; at rest if not said."""
-    wishes: Annotated[tuple[dict[str, Any], ...], Field(min_length=1)]
+    costs: Annotated[tuple[dict[str, Any], ...], Field(min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,7 @@ class Wanted:
     seconds: float
     starts: int
     """First guesses to descend from."""
-    vary: Callable[[int, float], Parameters]
+    vary: Callable[[int, float], Parametrisation]
     """(super steps, super step [s]) → what a descent may vary."""
     verdicts: tuple[Verdict, ...]
     """Of the goals and states wanted at the end."""
@@ -94,27 +99,39 @@ def read_objective(path: Path, system: System) -> Wanted:
         raise BadFileError(f"{path.name}: {error}") from error
 
 
-def synthesise_wanted(emulator: Emulator, wanted: Wanted, *, starts: int | None = None, **options: Any) -> Synthesis:
+def synthesise_wanted(
+    emulator: Emulator, wanted: Wanted, *, starts: int | None = None, **options: Any
+) -> Synthesis:
     """Return the controller for what a file asks for; `starts` overrides the file's, options are `synthesise`'s.
 
     What has a gait is first moved by it: an animal at rest has no slope that says left or right.
     """
     steps = round(wanted.seconds / emulator.dt)
     if steps < 1:
-        raise ArgumentError(f"seconds: wanted at least one super step of {emulator.dt:g} s, came {wanted.seconds:g}.")
+        raise ArgumentError(
+            f"seconds: wanted at least one super step of {emulator.dt:g} s, came {wanted.seconds:g}."
+        )
     system, dt = wanted.system, emulator.dt
-    options |= {"starts": wanted.starts if starts is None else starts, "parameters": wanted.vary(steps, dt)}
+    options |= {
+        "starts": wanted.starts if starts is None else starts,
+        "parametrisation": wanted.vary(steps, dt),
+    }
     options |= {"first": system.gait.controls(steps, dt, system.bounds)} if system.gait else {}
     found = synthesise(emulator, system, wanted.objective, wanted.start, steps=steps, **options)
-    end = found.outcome.physical[-1]
-    return replace(found, is_reached=all(verdict(end) for verdict in wanted.verdicts) if wanted.verdicts else None)
+    end = found.outcome.physics_states[-1]
+    return replace(
+        found,
+        is_reached=all(verdict(end) for verdict in wanted.verdicts) if wanted.verdicts else None,
+    )
 
 
 def _wanted(table: ObjectiveTable, system: System) -> Wanted:
     if table.system != system.name:
-        raise ArgumentError(f"system: this objective is for {table.system}, the emulator of {system.name}.")
-    terms = [_wish(number, values, system) for number, values in enumerate(table.wishes, start=1)]
-    named = [wish["name"] for wish in table.wishes if wish["kind"] == "goal" and "at" not in wish]
+        raise ArgumentError(
+            f"system: this objective is for {table.system}, the emulator of {system.name}."
+        )
+    terms = [_wish(number, values, system) for number, values in enumerate(table.costs, start=1)]
+    named = [wish["name"] for wish in table.costs if wish["kind"] == "goal" and "at" not in wish]
     return Wanted(
         system=system,
         objective=Objective.of(*terms),
@@ -128,22 +145,28 @@ def _wanted(table: ObjectiveTable, system: System) -> Wanted:
 
 def _states_reached(table: ObjectiveTable, system: System) -> list[Verdict]:
     """Return a verdict for each state that is to be reached at the end."""
-    wanted = [wish for wish in table.wishes if wish["kind"] == "reach_state" and "at" not in wish]
+    wanted = [wish for wish in table.costs if wish["kind"] == "reach_state" and "at" not in wish]
     goals = [goal_to_reach(system, wish["reach"], wish.get("within", {})) for wish in wanted]
     return [partial(is_reached, system, goal) for goal in goals]
 
 
-def _vary(table: ObjectiveTable, system: System) -> Callable[[int, float], Parameters]:
+def _vary(table: ObjectiveTable, system: System) -> Callable[[int, float], Parametrisation]:
     for key, owner in (("knots", "spline"), ("period", "periodic")):
-        if getattr(table, key) is not None and table.parameters != owner:
-            raise ArgumentError(f'{key}: goes with parameters = "{owner}" only, came "{table.parameters}".')
+        if getattr(table, key) is not None and table.parametrisation != owner:
+            raise ArgumentError(
+                f'{key}: goes with parameters = "{owner}" only, came "{table.parametrisation}".'
+            )
     period = table.period or (system.gait.period if system.gait else None)
-    if table.parameters == "spline":
-        return lambda steps, dt: Spline.of(steps, table.knots or min(USUAL_KNOTS, max(steps, 4)), system.bounds)
-    if table.parameters == "each step":
+    if table.parametrisation == "spline":
+        return lambda steps, dt: Spline.of(
+            steps, table.knots or min(USUAL_KNOTS, max(steps, 4)), system.bounds
+        )
+    if table.parametrisation == "each step":
         return lambda steps, dt: EachStep.of(steps, system.bounds)
     if period is None:
-        raise ArgumentError(f"period: wanted one [s], for {system.name} has no gait to take it from.")
+        raise ArgumentError(
+            f"period: wanted one [s], for {system.name} has no gait to take it from."
+        )
     return lambda steps, dt: Periodic.of(steps, dt, period, system.bounds)
 
 
@@ -169,7 +192,9 @@ def reach_state(
     return reach_goal(system.structure, system.rest, wanted, weight, END if at is None else (at,))
 
 
-def goal_to_reach(system: System, reach: dict[str, tuple[float, ...]], within: dict[str, float]) -> Goal:
+def goal_to_reach(
+    system: System, reach: dict[str, tuple[float, ...]], within: dict[str, float]
+) -> Goal:
     """Return the goal that parts of the state have the values `reach`, `within` some tolerances."""
     if not reach:
         raise ArgumentError("reach: wanted at least one part of the state and its values.")
@@ -187,10 +212,10 @@ KINDS: dict[str, Callable[..., Term]] = {
     "keep_heading": costs.keep_heading,
     "keep_speed": costs.keep_speed,
     "keep_velocity": costs.keep_velocity,
-    "keyframes": costs.keyframes,
+    "reach_positions": costs.reach_positions,
     "reach_heading": costs.reach_heading,
     "reach_height": costs.reach_height,
-    "reach_place": costs.reach_place,
+    "reach_position": costs.reach_position,
     "reach_state": reach_state,
     "smoothness": costs.smoothness,
     "stand_up": costs.stand_up,
@@ -203,7 +228,9 @@ KINDS: dict[str, Callable[..., Term]] = {
 def _wish(number: int, values: dict[str, Any], system: System) -> Term:
     kind = values.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        raise ArgumentError(f"wish {number}: no kind {str(kind)[:40]!r}. Kinds: {', '.join(KINDS)}.")
+        raise ArgumentError(
+            f"wish {number}: no kind {str(kind)[:40]!r}. Kinds: {', '.join(KINDS)}."
+        )
     given = {key: value for key, value in values.items() if key != "kind"}
     try:
         arguments = _arguments(KINDS[kind], given)
@@ -217,14 +244,23 @@ def _wish(number: int, values: dict[str, Any], system: System) -> Term:
 
 def _arguments(function: Callable[..., Term], given: dict[str, Any]) -> dict[str, Any]:
     """Return `given` as the arguments of `function`; ArgumentError or ValidationError says what is wrong."""
-    taken = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "system"]
+    taken = [
+        p
+        for p in inspect.signature(function, eval_str=True).parameters.values()
+        if p.name != "system"
+    ]
     names, needed = [p.name for p in taken], [p.name for p in taken if p.default is p.empty]
-    wrong = {"no argument": [key for key in given if key not in names], "wanted": [*needed - given.keys()]}
+    wrong = {
+        "no argument": [key for key in given if key not in names],
+        "wanted": [*needed - given.keys()],
+    }
     for said, keys in wrong.items():
         if keys:
             needs = f"; needed: {', '.join(needed)}" if needed else ""
             raise ArgumentError(f"{said} '{min(keys)[:40]}'. Arguments: {', '.join(names)}{needs}.")
-    types: dict[str, Any] = {p.name: (_checked(p.annotation), ... if p.name in needed else p.default) for p in taken}
+    types: dict[str, Any] = {
+        p.name: (_checked(p.annotation), ... if p.name in needed else p.default) for p in taken
+    }
     strict = ConfigDict(strict=True, allow_inf_nan=False)
     model = create_model("Arguments", __config__=strict, **types)
     # As JSON a list may stand for a tuple and a table for a dataclass, and still a text for no number.
@@ -241,7 +277,9 @@ def _rows(value: Any) -> Any:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     rows = [value] if is_number else value if isinstance(value, list) else None
     flat = [number for row in rows or [] for number in (row if isinstance(row, list) else [row])]
-    are_numbers = all(isinstance(n, int | float) and not isinstance(n, bool) and np.isfinite(n) for n in flat)
+    are_numbers = all(
+        isinstance(n, int | float) and not isinstance(n, bool) and np.isfinite(n) for n in flat
+    )
     lengths = {len(row) if isinstance(row, list) else 0 for row in rows or []}
     if not flat or not are_numbers or len(lengths) > 1:
         raise PydanticCustomError("rows", "wanted finite numbers, or rows of them equally long")

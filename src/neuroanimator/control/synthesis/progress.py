@@ -29,8 +29,14 @@ def watching(log: Path | None, iterations: int) -> Iterator[Callable[[int, float
             done, descent = done + 1, descent + (iteration == 1)
             bar.advance_to(min(done, iterations), f"J {cost:.4g} after {done}")
             if file is not None:
-                row = {"descent": descent, "iteration": done, "J": cost if math.isfinite(cost) else None}
-                _write_line(file, canonical_json(row | {"seconds": round(time.perf_counter() - began, 3)}))
+                row = {
+                    "descent": descent,
+                    "iteration": done,
+                    "J": cost if math.isfinite(cost) else None,
+                }
+                _write_line(
+                    file, canonical_json(row | {"seconds": round(time.perf_counter() - began, 3)})
+                )
 
         yield on_iteration
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.descend import DEFAULT_METHOD, advance, begin
 from neuroanimator.control.descent.methods import METHODS
-from neuroanimator.control.descent.parametrisation import EachStep, Parameters
+from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.objective import Objective, check_objective
 from neuroanimator.emulator.arrays import as_jax
@@ -53,7 +53,7 @@ class Planner:
 
     emulator: Emulator
     objective: Objective
-    parameters: Parameters
+    parametrisation: Parametrisation
     _search: Callable[..., tuple[Array, Array, Array]] = field(repr=False)
     """(state, z, numbers of the objective) → controls, states, J."""
     _numbers: tuple[Array, ...] = field(repr=False)
@@ -69,26 +69,32 @@ class Planner:
         iterations: int = ITERATIONS,
         method: str = DEFAULT_METHOD,
         bounds: Bounds | None = None,
-        parameters: Parameters | None = None,
+        parametrisation: Parametrisation | None = None,
     ) -> Planner:
         """Return a planner that looks `steps` super steps ahead, compiled: about ten seconds.
 
         Times in `objective` count from the state planned from, so a goal at `all_along` is one to stay at. `bounds`
-        may be tighter than the emulator's own; `parameters` other than one value per super step bring their own.
+        may be tighter than the emulator's own; `parametrisation` other than one value per super step bring their own.
 
         Raises ArgumentError for an unknown method, numbers below 1, and an objective that cannot be descended.
         """
         if method not in METHODS:
-            raise ArgumentError(f"No method called '{method}'. Methods: {', '.join(sorted(METHODS))}.")
+            raise ArgumentError(
+                f"No method called '{method}'. Methods: {', '.join(sorted(METHODS))}."
+            )
         if min(steps, iterations) < 1:
-            raise ArgumentError(f"steps and iterations: wanted at least 1, came {steps} and {iterations}.")
-        parameters = parameters or EachStep.of(steps, bounds or emulator.identity.bounds)
-        if parameters.steps != steps:
-            raise ArgumentError(f"parameters: wanted those of {steps} super steps, came {parameters.steps}.")
-        check_objective(objective, emulator, np.array(emulator.identity.rest), steps)
-        search = _compile(emulator, objective, parameters, method, iterations)
-        planner = cls(emulator, objective, parameters, search, _numbers_of(objective))
-        planner.plan(np.array(emulator.identity.rest))
+            raise ArgumentError(
+                f"steps and iterations: wanted at least 1, came {steps} and {iterations}."
+            )
+        parametrisation = parametrisation or EachStep.of(steps, bounds or emulator.spec.bounds)
+        if parametrisation.steps != steps:
+            raise ArgumentError(
+                f"parameters: wanted those of {steps} super steps, came {parametrisation.steps}."
+            )
+        check_objective(objective, emulator, np.array(emulator.spec.rest), steps)
+        search = _compile(emulator, objective, parametrisation, method, iterations)
+        planner = cls(emulator, objective, parametrisation, search, _numbers_of(objective))
+        planner.plan(np.array(emulator.spec.rest))
         return planner
 
     def plan(self, state: np.ndarray, first: np.ndarray | None = None) -> Plan:
@@ -97,8 +103,8 @@ class Planner:
         The search begins in the middle of the bounds for None.
         """
         began = time.perf_counter()
-        state = self.emulator.identity.state.check(state, "state")
-        guess = self.parameters.guess(first)
+        state = self.emulator.spec.state.check(state, "state")
+        guess = self.parametrisation.guess(first)
         found = self._search(state.astype(np.float32), guess.astype(np.float32), self._numbers)
         controls, states, cost = (np.asarray(each, float) for each in found)
         return Plan(controls, states, float(cost), time.perf_counter() - began)
@@ -106,22 +112,33 @@ class Planner:
     def towards(self, objective: Objective) -> Planner:
         """Return this planner for an objective of the same wishes with other numbers: nothing is compiled anew."""
         if not bool(eqx.tree_equal(_without_numbers(objective), _without_numbers(self.objective))):
-            raise ArgumentError("objective: wanted the planner's wishes with other numbers. Make a new planner.")
+            raise ArgumentError(
+                "objective: wanted the planner's wishes with other numbers. Make a new planner."
+            )
         return replace(self, objective=objective, _numbers=_numbers_of(objective))
 
 
 def _compile(
-    emulator: Emulator, objective: Objective, parameters: Parameters, method: str, iterations: int
+    emulator: Emulator,
+    objective: Objective,
+    parametrisation: Parametrisation,
+    method: str,
+    iterations: int,
 ) -> Callable[..., tuple[Array, Array, Array]]:
     """Return the search, with all but the state, the guess and the objective's numbers bound as constants."""
-    wishes, form = eqx.partition(objective, eqx.is_array)
-    shape = jax.tree.structure(wishes)
-    limit, defects = as_jax(emulator.identity.bounds.largest), no_defects(emulator, parameters.steps)
+    costs, form = eqx.partition(objective, eqx.is_array)
+    shape = jax.tree.structure(costs)
+    control_scale, defects = (
+        as_jax(emulator.spec.bounds.magnitude),
+        no_defects(emulator, parametrisation.steps),
+    )
 
     def search(state: Array, z: Array, numbers: tuple[Array, ...]) -> tuple[Array, Array, Array]:
         wanted = eqx.combine(jax.tree.unflatten(shape, numbers), form)
-        problem = Problem(emulator, wanted, parameters, state, defects, limit)
-        found = advance(METHODS[method], problem, begin(METHODS[method], z[None]), np.int32(iterations))
+        problem = Problem(emulator, wanted, parametrisation, state, defects, control_scale)
+        found = advance(
+            METHODS[method], problem, begin(METHODS[method], z[None]), np.int32(iterations)
+        )
         motion = problem.trajectory(found.best[0])
         return motion.controls, motion.states, found.least[0]
 
@@ -170,7 +187,9 @@ class PhysicsPlant:
         """Return the state (S,) one super step later."""
         runs = play(self.system, state[None], control[None, None], self.dt)
         if not runs.is_alive[0]:
-            raise NeuroAnimatorError("The physics blew up under control. Push less, or raise effort_weight.")
+            raise NeuroAnimatorError(
+                "The physics blew up under control. Push less, or raise effort_weight."
+            )
         return runs.states[0, 1]
 
 
@@ -191,12 +210,18 @@ class Drive:
         return float(np.percentile(self.plan_seconds, 99) * 1e3)
 
 
-def drive(planner: Planner, plant: Plant, start: np.ndarray, steps: int, disturb: Disturbance | None = None) -> Drive:
+def drive(
+    planner: Planner,
+    plant: Plant,
+    start: np.ndarray,
+    steps: int,
+    disturb: Disturbance | None = None,
+) -> Drive:
     """Return the motion of `plant` from `start` (S,), planned again at each of `steps` super steps.
 
     A control acts from the state it was planned from: the time of planning is taken to be short against a super step.
     """
-    state, first = planner.emulator.identity.state.check(start, "state"), None
+    state, first = planner.emulator.spec.state.check(start, "state"), None
     states, plans = [], []
     for step in range(steps):
         state = state if disturb is None else disturb(step, state)

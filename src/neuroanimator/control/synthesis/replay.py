@@ -19,9 +19,9 @@ from neuroanimator.terminal import phase
 class Replay:
     """The same controls on the emulator and on the physics."""
 
-    emulated: np.ndarray
+    emulator_states: np.ndarray
     """(T+1, S)"""
-    physical: np.ndarray
+    physics_states: np.ndarray
     """(T+1, S) by the system's truth."""
     cost_emulator: float
     cost_physics: float
@@ -32,10 +32,18 @@ class Replay:
         return self.cost_physics - self.cost_emulator
 
 
-def replay(emulator: Emulator, system: System, objective: Objective, start: np.ndarray, controls: np.ndarray) -> Replay:
+def replay(
+    emulator: Emulator,
+    system: System,
+    objective: Objective,
+    start: np.ndarray,
+    controls: np.ndarray,
+) -> Replay:
     """Return what `controls` (T, C) do from `start` (S,) on both."""
     return beside_emulated(
-        emulator, objective, ranked_on_physics(emulator, system, objective, start, controls[None])[0]
+        emulator,
+        objective,
+        ranked_on_physics(emulator, system, objective, start, controls[None])[0],
     )
 
 
@@ -53,13 +61,17 @@ class Motion(NamedTuple):
 def beside_emulated(emulator: Emulator, objective: Objective, motion: Motion) -> Replay:
     """Return the physics' `motion` with the emulator's under the same controls from the same start."""
     with phase("emulating"):
-        emulated = np.asarray(emulator.rollout(motion.states[0], motion.controls))
-    cost = objective_cost(objective, emulator, emulated, motion.controls)
-    return Replay(emulated, motion.states, cost, motion.cost)
+        emulator_states = np.asarray(emulator.rollout(motion.states[0], motion.controls))
+    cost = objective_cost(objective, emulator, emulator_states, motion.controls)
+    return Replay(emulator_states, motion.states, cost, motion.cost)
 
 
 def ranked_on_physics(
-    emulator: Emulator, system: System, objective: Objective, start: np.ndarray, candidates: np.ndarray
+    emulator: Emulator,
+    system: System,
+    objective: Objective,
+    start: np.ndarray,
+    candidates: np.ndarray,
 ) -> list[Motion]:
     """Return what the controls (K, T, C) do on the true physics, the least J first; those that blow up are left out."""
     starts = np.broadcast_to(start, (len(candidates), len(start)))
@@ -70,5 +82,7 @@ def ranked_on_physics(
             "The physics blew up under these controls. Raise effort_weight, or shorten the motion."
         )
     alive = [(candidates[k], runs.states[k]) for k in np.flatnonzero(runs.is_alive)]
-    motions = [Motion(*each, objective_cost(objective, emulator, each[1], each[0])) for each in alive]
+    motions = [
+        Motion(*each, objective_cost(objective, emulator, each[1], each[0])) for each in alive
+    ]
     return sorted(motions, key=lambda motion: motion.cost)

@@ -18,7 +18,11 @@ def outcome_rows(found: Synthesis) -> list[tuple[str, object]]:
         ("corrections by replay", found.corrections),
         ("refinements by training", found.refinements),
         ("physics steps taken", found.physics_steps),
-        *([("gradient against the physics'", f"cosine {found.trust.cosine:.2f}")] if found.trust else []),
+        *(
+            [("gradient against the physics'", f"cosine {found.trust.cosine:.2f}")]
+            if found.trust
+            else []
+        ),
         ("J on emulator", f"{outcome.cost_emulator:.3f}"),
         ("J on physics", f"{outcome.cost_physics:.3f}"),
         ("gap", f"{outcome.gap:+.3f}"),
@@ -40,12 +44,19 @@ def gap_in_words(cost_emulator: float, cost_physics: float) -> str:
     if gap < 0:
         return meaning + "the physics does even better than the emulator foretold"
     if is_gap_large(cost_emulator, cost_physics):
-        return meaning + "the physics does much worse than the emulator foretold: trust the physics' J"
+        return (
+            meaning + "the physics does much worse than the emulator foretold: trust the physics' J"
+        )
     return meaning + "the physics does a little worse than the emulator foretold"
 
 
 def warnings_of(found: Synthesis) -> list[str]:
     """Return what a user should know before relying on the controller, a line each."""
-    diverged = "The descent diverged: J stopped being finite. The best controls before that are kept."
-    lines = [diverged if found.descent.is_diverged else "", found.trust.warning() if found.trust else ""]
+    diverged = (
+        "The descent diverged: J stopped being finite. The best controls before that are kept."
+    )
+    lines = [
+        diverged if found.descent.is_diverged else "",
+        found.trust.warning() if found.trust else "",
+    ]
     return [line for line in lines if line]

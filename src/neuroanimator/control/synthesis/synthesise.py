@@ -11,7 +11,7 @@ import numpy as np
 from neuroanimator.control.descent.defects import defects_of
 from neuroanimator.control.descent.descend import Descent, controls_of, descend
 from neuroanimator.control.descent.gradient_check import GradientTrust, gradient_trust
-from neuroanimator.control.descent.parametrisation import EachStep, Parameters
+from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation
 from neuroanimator.control.objective.goals import find_goal, goal_start
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.synthesis.replay import Replay, beside_emulated, ranked_on_physics
@@ -91,20 +91,22 @@ def synthesise(
     problem = system, objective, start, steps, corrections, is_enough
     found = best = _descend_and_correct(emulator, *problem, options)
     for guesses in _random_guesses(emulator, steps, restarts, options):
-        if is_enough(best.outcome.physical):
+        if is_enough(best.outcome.physics_states):
             break
-        found = _after(found, _descend_and_correct(emulator, *problem, {**options, "first": guesses}))
+        found = _after(
+            found, _descend_and_correct(emulator, *problem, {**options, "first": guesses})
+        )
         best = _better(best, found, is_enough)
     found = best = _charged(best, found)
     made = round_ = 0
     while (
         round_ < refinements
         and is_gap_large(found.outcome.cost_emulator, found.outcome.cost_physics)
-        and not is_enough(best.outcome.physical)
+        and not is_enough(best.outcome.physics_states)
     ):
         on_refine(found.outcome.gap)
         round_ += 1
-        motion = found.outcome.physical, found.descent.controls
+        motion = found.outcome.physics_states, found.descent.controls
         with phase("learning the physics around the motion"):
             from neuroanimator.control.synthesis.finetune import (
                 refined,  # training's modules, which most motions do without
@@ -119,14 +121,18 @@ def synthesise(
     best = _charged(best, replace(found, physics_steps=found.physics_steps + made))
     if not measures_trust:
         return best
-    parameters = _parameters(emulator, steps, options)
+    parametrisation = _parameters(emulator, steps, options)
     controls = sample_control_runs(np.random.default_rng(0), 1, steps, emulator.dt, system)[0]
-    trust = gradient_trust(emulator, system, objective, parameters, start, controls, directions=TRUST_DIRECTIONS)
+    trust = gradient_trust(
+        emulator, system, objective, parametrisation, start, controls, directions=TRUST_DIRECTIONS
+    )
     return replace(best, trust=trust)
 
 
-def _parameters(emulator: Emulator, steps: int, options: dict[str, Any]) -> Parameters:
-    return options.get("parameters") or EachStep.of(steps, options.get("bounds") or emulator.identity.bounds)
+def _parameters(emulator: Emulator, steps: int, options: dict[str, Any]) -> Parametrisation:
+    return options.get("parametrisation") or EachStep.of(
+        steps, options.get("bounds") or emulator.spec.bounds
+    )
 
 
 def is_gap_large(cost_emulator: float, cost_physics: float) -> bool:
@@ -151,21 +157,29 @@ def _after(earlier: Synthesis, later: Synthesis) -> Synthesis:
 
 def _charged(best: Synthesis, last: Synthesis) -> Synthesis:
     """Return `best` with all that was spent until `last`."""
-    descent = replace(best.descent, iterations=last.descent.iterations, seconds=last.descent.seconds)
+    descent = replace(
+        best.descent, iterations=last.descent.iterations, seconds=last.descent.seconds
+    )
     spent = {name: getattr(last, name) for name in ("corrections", "refinements", "physics_steps")}
     return replace(best, descent=descent, **spent)
 
 
 def _better(one: Synthesis, other: Synthesis, is_enough: Callable[[np.ndarray], bool]) -> Synthesis:
     """Return the one that is good enough, or else the cheaper one on the physics."""
-    return min(one, other, key=lambda found: (not is_enough(found.outcome.physical), found.outcome.cost_physics))
+    return min(
+        one,
+        other,
+        key=lambda found: (not is_enough(found.outcome.physics_states), found.outcome.cost_physics),
+    )
 
 
-def _random_guesses(emulator: Emulator, steps: int, restarts: int, options: dict[str, Any]) -> Iterator[np.ndarray]:
+def _random_guesses(
+    emulator: Emulator, steps: int, restarts: int, options: dict[str, Any]
+) -> Iterator[np.ndarray]:
     """Yield controls (starts, T, C) to begin again from, as training saw them."""
     rng, starts = np.random.default_rng([options.get("seed", 0), 12]), options.get("starts", 1)
     for _ in range(restarts):
-        yield sample_control_runs(rng, starts, steps, emulator.dt, emulator.identity)
+        yield sample_control_runs(rng, starts, steps, emulator.dt, emulator.spec)
 
 
 def _descend_and_correct(
@@ -181,9 +195,15 @@ def _descend_and_correct(
     """Return the best of the descents once corrected: of the physics' best, and where that fails of the next ones."""
     descent = descend(emulator, objective, start, steps=steps, **options)
     motions = ranked_on_physics(emulator, system, objective, start, descent.candidates[:REPLAYED])
-    parameters, starts = _parameters(emulator, steps, options), options.get("starts", 1)
-    again = {**options, "parameters": parameters, "iterations": CORRECTING_ITERATIONS}
-    best, iterations, seconds, done, played = motions[0], descent.iterations, descent.seconds, 0, len(motions)
+    parametrisation, starts = _parameters(emulator, steps, options), options.get("starts", 1)
+    again = {**options, "parametrisation": parametrisation, "iterations": CORRECTING_ITERATIONS}
+    best, iterations, seconds, done, played = (
+        motions[0],
+        descent.iterations,
+        descent.seconds,
+        0,
+        len(motions),
+    )
     for motion in motions:
         for _ in range(corrections):
             if is_enough(motion.states):
@@ -193,11 +213,18 @@ def _descend_and_correct(
             # As many starts as in the first descent, all the same: nothing needs to be compiled anew.
             corrected = {**again, "first": np.stack([motion.controls] * starts), "defects": defects}
             more = descend(emulator, objective, start, steps=steps, **corrected)
-            iterations, seconds, done = iterations + more.iterations, seconds + more.seconds, done + 1
+            iterations, seconds, done = (
+                iterations + more.iterations,
+                seconds + more.seconds,
+                done + 1,
+            )
             if motion.cost - more.cost < SMALL_GAIN * abs(motion.cost):
                 break
-            ways = between(parameters, motion.controls, more.controls)
-            following, played = ranked_on_physics(emulator, system, objective, start, ways)[0], played + len(ways)
+            ways = between(parametrisation, motion.controls, more.controls)
+            following, played = (
+                ranked_on_physics(emulator, system, objective, start, ways)[0],
+                played + len(ways),
+            )
             if following.cost >= motion.cost:
                 break
             motion = following
@@ -206,23 +233,25 @@ def _descend_and_correct(
             break
     descent = replace(descent, controls=best.controls, iterations=iterations, seconds=seconds)
     physics_steps = played * steps * system.truth.steps(emulator.dt)
-    return Synthesis(emulator, descent, beside_emulated(emulator, objective, best), done, 0, physics_steps)
+    return Synthesis(
+        emulator, descent, beside_emulated(emulator, objective, best), done, 0, physics_steps
+    )
 
 
-def between(parameters: Parameters, old: np.ndarray, new: np.ndarray) -> np.ndarray:
+def between(parametrisation: Parametrisation, old: np.ndarray, new: np.ndarray) -> np.ndarray:
     """Return controls (K, T, C) on the way from `old` to `new`."""
-    first = parameters.guess(old)
-    way = parameters.guess(new) - first
+    first = parametrisation.guess(old)
+    way = parametrisation.guess(new) - first
     z = first + np.array(SHARES)[:, None] * way
-    return np.asarray(controls_of(parameters, z.astype(np.float32)), float)
+    return np.asarray(controls_of(parametrisation, z.astype(np.float32)), float)
 
 
 def check_same_system(emulator: Emulator, system: System) -> None:
     """Refuse a `system` whose states or controls are not the emulator's, by name."""
-    identity = emulator.identity
-    if (system.state, system.control) != (identity.state, identity.control):
+    spec = emulator.spec
+    if (system.state, system.control) != (spec.state, spec.control):
         raise ArgumentError(
-            f"system: {system.name} has another state or control than the emulator's {identity.system}. "
+            f"system: {system.name} has another state or control than the emulator's {spec.system}. "
             "Pass the TOML file it was trained from; goals may be added to it, joints and actuators not."
         )
 
@@ -247,11 +276,17 @@ def synthesise_goal(
     named = system if goals_from is None else goals_from
     check_same_system(emulator, named)
     if not 0 <= effort_weight < float("inf"):
-        raise ArgumentError(f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}.")
+        raise ArgumentError(
+            f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}."
+        )
     objective, verdict, usual = find_goal(named, goal, effort_weight)
     seconds = usual if seconds is None else seconds
     if not emulator.dt <= seconds <= LONGEST:
-        raise ArgumentError(f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}.")
+        raise ArgumentError(
+            f"seconds: wanted between {emulator.dt:g} and {LONGEST:g}, came {seconds:g}."
+        )
     begin = goal_start(system, goal) if start is None else start
-    found = synthesise(emulator, system, objective, begin, steps=round(seconds / emulator.dt), **options)
-    return replace(found, is_reached=verdict(found.outcome.physical[-1]))
+    found = synthesise(
+        emulator, system, objective, begin, steps=round(seconds / emulator.dt), **options
+    )
+    return replace(found, is_reached=verdict(found.outcome.physics_states[-1]))

@@ -5,7 +5,14 @@ from __future__ import annotations
 from jaxtyping import PRNGKeyArray
 
 from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
-from neuroanimator.emulator.networks.network import Classic, Gated, Glu, LinearGlu, Mirrored, Network
+from neuroanimator.emulator.networks.network import (
+    Classic,
+    Gated,
+    Glu,
+    LinearGlu,
+    Mirrored,
+    Network,
+)
 from neuroanimator.errors import ArgumentError
 
 NETWORKS: dict[str, type[Network]] = {
@@ -18,21 +25,27 @@ DEFAULT_WIDTHS = {
 }  # fmt: skip
 
 
-WIDEST_LAYER = 4096
+MAX_LAYER = 4096
 """Most units of a hidden layer: bounds what a hostile file can make us allocate, so wider ones are not trained."""
-MOST_LAYERS = 32
+MAX_LAYERS = 32
 """Most hidden layers, a hierarchy's in all; each is traced one by one."""
 
 
 def check_widths(kind: str, widths: tuple[int, ...]) -> None:
     """Refuse hidden layers that no emulator file may have; ArgumentError says which."""
     if any(width < 1 for width in widths if kind != "hierarchy"):
-        raise ArgumentError(f"widths: wanted at least 1 unit in every hidden layer, came {list(widths)[:MOST_LAYERS]}.")
-    if len(widths) > MOST_LAYERS:
-        raise ArgumentError(f"widths: wanted at most {MOST_LAYERS} hidden layers, came {len(widths)}.")
+        raise ArgumentError(
+            f"widths: wanted at least 1 unit in every hidden layer, came {list(widths)[:MAX_LAYERS]}."
+        )
+    if len(widths) > MAX_LAYERS:
+        raise ArgumentError(
+            f"widths: wanted at most {MAX_LAYERS} hidden layers, came {len(widths)}."
+        )
     for width in widths:
-        if width > WIDEST_LAYER:
-            raise ArgumentError(f"widths: wanted at most {WIDEST_LAYER} units in a hidden layer, came {width}.")
+        if width > MAX_LAYER:
+            raise ArgumentError(
+                f"widths: wanted at most {MAX_LAYER} units in a hidden layer, came {width}."
+            )
 
 
 def make_network(

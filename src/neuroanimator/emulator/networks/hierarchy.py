@@ -21,12 +21,12 @@ from neuroanimator.emulator.networks.network import LinearGlu, Mirrored, Network
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import check_label
 from neuroanimator.parsing.numbers import entries, whole
-from neuroanimator.state.layout import MOST_NUMBERS
+from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.text import quoted
 
 Entries = tuple[int, ...]
 
-MOST_PARTS = 200
+MAX_PARTS = 200
 """A file may come from a stranger, and each part is traced; a model has at most as many freedoms."""
 
 ENTRY_KEYS = ("odd", "even", "answers", "hears")
@@ -78,10 +78,15 @@ class Hierarchy(Network):
         middle, keys = widths.index(0), jax.random.split(key)
         self.upper = self._make(parts[:1], widths[:middle], keys[0])
         own = sum(part.like < 0 for part in parts[1:])
-        make = lambda key: self._make(parts[1:], widths[middle + 1 :], key)  # noqa: E731
+
+        def make(key):
+            return self._make(parts[1:], widths[middle + 1 :], key)
+
         self.children = eqx.filter_vmap(make)(jax.random.split(keys[1], own))
 
-    def _make(self, parts: tuple[Part, ...], widths: tuple[int, ...], key: PRNGKeyArray) -> LinearGlu | Mirrored:
+    def _make(
+        self, parts: tuple[Part, ...], widths: tuple[int, ...], key: PRNGKeyArray
+    ) -> LinearGlu | Mirrored:
         """Return a network large enough for each of `parts`; its odd answers come first."""
         odd_in, even_in = (max(len(self._inputs(part)[i]) for part in parts) for i in range(2))
         odd_out, even_out = (max(len(self._answers(part)[i]) for part in parts) for i in range(2))
@@ -93,12 +98,16 @@ class Hierarchy(Network):
     def _inputs(self, part: Part) -> tuple[list[int], list[int]]:
         """Return a part's inputs: entries of the odd and the even stream, and -1, -2 ... for answers it hears."""
         odd, even = self._answers(self.parts[0])
-        hears = [[-1 - answers.index(i) for i in part.hears if i in answers] for answers in (odd, even)]
+        hears = [
+            [-1 - answers.index(i) for i in part.hears if i in answers] for answers in (odd, even)
+        ]
         return [*part.odd, *hears[0]], [*part.even, *hears[1]]
 
     def _answers(self, part: Part) -> tuple[list[int], list[int]]:
         """Return a part's odd and even answers."""
-        return [i for i in part.answers if i not in self.even], [i for i in part.answers if i in self.even]
+        return [i for i in part.answers if i not in self.even], [
+            i for i in part.answers if i in self.even
+        ]
 
     @property
     def widths(self) -> tuple[int, ...]:
@@ -123,43 +132,59 @@ class Hierarchy(Network):
             rows.append(next(own) if part.like < 0 else rows[part.like])
         if rows == sorted({*rows}):
             return self.children
-        return jax.tree.map(lambda leaf: leaf[np.array(rows)] if eqx.is_array(leaf) else leaf, self.children)
+        return jax.tree.map(
+            lambda leaf: leaf[np.array(rows)] if eqx.is_array(leaf) else leaf, self.children
+        )
 
     def _order(self, width: int) -> Entries:
         """Return where each number of the change lies in (upper answers, children's answers padded to `width`)."""
         odd, even = self._answers(self.parts[0])
-        place = {entry: i for i, entry in enumerate([*odd, *even])}
+        slot = {entry: i for i, entry in enumerate([*odd, *even])}
         most = max(len(self._answers(part)[0]) for part in self.parts[1:])
         for number, part in enumerate(self.parts[1:]):
             start = len(odd) + len(even) + number * width
             odd_own, even_own = self._answers(part)
-            place |= {entry: start + i for i, entry in enumerate(odd_own)}
-            place |= {entry: start + most + i for i, entry in enumerate(even_own)}
-        return tuple(place[entry] for entry in range(len(place)))
+            slot |= {entry: start + i for i, entry in enumerate(odd_own)}
+            slot |= {entry: start + most + i for i, entry in enumerate(even_own)}
+        return tuple(slot[entry] for entry in range(len(slot)))
 
 
-def _padded(stream: Float[Array, " K"], answers: Float[Array, " A"], rows: list[list[int]]) -> Float[Array, "G I"]:
+def _padded(
+    stream: Float[Array, " K"], answers: Float[Array, " A"], rows: list[list[int]]
+) -> Float[Array, "G I"]:
     """Return per child what it sees of `stream` and hears of `answers`, filled up with zeros."""
     size, width = stream.shape[0], max(map(len, rows))
     zero = size + answers.shape[0]
-    table = [[i if i >= 0 else size - 1 - i for i in row] + [zero] * (width - len(row)) for row in rows]
+    table = [
+        [i if i >= 0 else size - 1 - i for i in row] + [zero] * (width - len(row)) for row in rows
+    ]
     source = jnp.concatenate([stream, answers, jnp.zeros(1, stream.dtype)])
     return source.at[np.array(table, int).reshape(len(rows), width)].get(mode="promise_in_bounds")
 
 
-def check_parts(parts: tuple[Part, ...], odd: int, even: int, out: int, widths: tuple[int, ...]) -> None:
+def check_parts(
+    parts: tuple[Part, ...], odd: int, even: int, out: int, widths: tuple[int, ...]
+) -> None:
     """Refuse parts that do not answer every number exactly once, or see what is not there."""
     answered = sorted(entry for part in parts for entry in part.answers)
     if len(parts) < 2 or answered != list(range(out)):
-        raise ArgumentError("hierarchy: every number of the change must belong to exactly one of two or more parts.")
+        raise ArgumentError(
+            "hierarchy: every number of the change must belong to exactly one of two or more parts."
+        )
     if widths.count(0) != 1 or 0 in (widths[0], widths[-1]) or min(widths) < 0:
-        raise ArgumentError(f"widths: wanted the upper network's layers, 0, a child's layers; came {list(widths)}.")
+        raise ArgumentError(
+            f"widths: wanted the upper network's layers, 0, a child's layers; came {list(widths)}."
+        )
     for number, part in enumerate(parts[1:]):
         inside = all(0 <= i < odd for i in part.odd) and all(0 <= i < even for i in part.even)
         if not inside or not {*part.hears} <= {*parts[0].answers}:
-            raise ArgumentError(f"hierarchy: part {quoted(part.name)} sees or hears what is not there.")
+            raise ArgumentError(
+                f"hierarchy: part {quoted(part.name)} sees or hears what is not there."
+            )
         if part.like >= number or (part.like >= 0 and _shape(part) != _shape(parts[1 + part.like])):
-            raise ArgumentError(f"hierarchy: part {quoted(part.name)} cannot use the weights of part {part.like}.")
+            raise ArgumentError(
+                f"hierarchy: part {quoted(part.name)} cannot use the weights of part {part.like}."
+            )
 
 
 def _shape(part: Part) -> tuple[int, ...]:
@@ -173,8 +198,8 @@ def parts_to_json(parts: tuple[Part, ...]) -> list[dict[str, Any]]:
 
 def parts_from_json(rows: Any) -> tuple[Part, ...]:
     """Return the parts `parts_to_json` wrote; ValueError names what is wrong with them."""
-    if not isinstance(rows, list) or len(rows) > MOST_PARTS:
-        raise ValueError(f"parts: wanted a list of at most {MOST_PARTS}")
+    if not isinstance(rows, list) or len(rows) > MAX_PARTS:
+        raise ValueError(f"parts: wanted a list of at most {MAX_PARTS}")
     return tuple(_part_from_json(row) for row in rows)
 
 
@@ -182,9 +207,9 @@ def _part_from_json(row: Any) -> Part:
     if not isinstance(row, dict):
         raise ValueError("parts: a part is no table")
     name = check_label(row["name"], "parts")
-    indices = {key: entries(row[key], f"parts: {key} of {name}", MOST_NUMBERS) for key in ENTRY_KEYS}
+    indices = {key: entries(row[key], f"parts: {key} of {name}", MAX_NUMBERS) for key in ENTRY_KEYS}
     for key, found in indices.items():
         if len({*found}) < len(found):
             raise ValueError(f"parts: {key} of {name} names an entry twice")
-    like = whole(row["like"], f"parts: like of {name}", -1, MOST_PARTS)
+    like = whole(row["like"], f"parts: like of {name}", -1, MAX_PARTS)
     return Part(name, indices["odd"], indices["even"], indices["answers"], indices["hears"], like)

@@ -29,16 +29,24 @@ def parts_of_body(
     `even` names the even ones among the `features`.
     """
     modes, count = grouped.modes, grouped.modes.count
-    a, b = modes.odd_places, modes.odd_speeds
+    a, b = modes.odd_positions, modes.odd_velocities
     own_q, own_p = grouped.place_owners, grouped.speed_owners
     owners = [*own_q[:a], *own_p[:b], *own_q[a:], *own_p[b:]]
-    upper = [i for i in range(features) if not SPIN <= i < SPIN + count or owners[i - SPIN].is_centre]
+    upper = [
+        i for i in range(features) if not SPIN <= i < SPIN + count or owners[i - SPIN].is_centre
+    ]
     centres = (RIGID_CHANGES + i for i, owner in enumerate(owners) if owner.is_centre)
     parts = [_part("body", upper, (*range(RIGID_CHANGES), *centres), even, features)]
     for number, group in enumerate(structure.groups):
-        near = [i for i, owner in enumerate(owners) if owner.is_centre and abs(owner.group - number) <= 1]
+        near = [
+            i
+            for i, owner in enumerate(owners)
+            if owner.is_centre and abs(owner.group - number) <= 1
+        ]
         own = [i for i, owner in enumerate(owners) if owner.group == number and not owner.is_centre]
-        sees = [SPIN + i for i in sorted({*near, *own})] + _controls_seen(modes, group, SPIN + count, features)
+        sees = [SPIN + i for i in sorted({*near, *own})] + _controls_seen(
+            modes, group, SPIN + count, features
+        )
         answers, hears = (tuple(RIGID_CHANGES + i for i in numbers) for numbers in (own, near))
         parts.append(_part(group.name, sees, answers, even, features, hears))
     return tuple(parts)
@@ -70,7 +78,9 @@ def _part(
     )
 
 
-def parts_of_joints(structure: Structure, frame: Frame, features: Features, controls: int) -> tuple[Part, ...]:
+def parts_of_joints(
+    structure: Structure, frame: Frame, features: Features, controls: int
+) -> tuple[Part, ...]:
     """Return who sees and answers what of a model with joints: the upper network sees all and answers for the rest.
 
     The rest is what is in no group: the root, and joints left out. A child sees its own joints, their motors and
@@ -85,12 +95,16 @@ def parts_of_joints(structure: Structure, frame: Frame, features: Features, cont
     left = [entry for entry in range(angles.shape[1]) if entry not in grouped]
     rest = _changed(changes, left)
     if not rest:
-        raise ArgumentError("groups: every joint is in one. Leave out those that carry the others, such as a waist.")
+        raise ArgumentError(
+            "groups: every joint is in one. Leave out those that carry the others, such as a waist."
+        )
     parts = [Part("body", tuple(range(motors.stop)), (), rest)]
     for group in structure.groups:
         seen = {*_seen_of(angles, plain, group.entries), *_seen_of(angles, plain, left), *local}
         seen |= {motors[motor] for motor in group.controls}
-        parts.append(Part(group.name, tuple(sorted(seen)), (), _changed(changes, group.entries), hears=rest))
+        parts.append(
+            Part(group.name, tuple(sorted(seen)), (), _changed(changes, group.entries), hears=rest)
+        )
     return tuple(parts)
 
 
@@ -101,5 +115,5 @@ def _changed(changes: list[tuple[int, ...]], entries: Iterable[int]) -> tuple[in
 def _seen_of(angles: np.ndarray, plain: tuple[int, ...], entries: Sequence[int]) -> list[int]:
     """Return the features that show state `entries`: sines and cosines of angles they take part in, and themselves."""
     rows = [int(row) for row in np.flatnonzero(np.abs(angles[:, list(entries)]).sum(axis=1))]
-    places = [2 * len(angles) + i for i, entry in enumerate(plain) if entry in entries]
-    return [*rows, *(row + len(angles) for row in rows), *places]
+    entries_seen = [2 * len(angles) + i for i, entry in enumerate(plain) if entry in entries]
+    return [*rows, *(row + len(angles) for row in rows), *entries_seen]

@@ -41,9 +41,13 @@ class Classic(Network):
     bias: Float[Array, " H"]
     out: Float[Array, "H S"]
 
-    def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray):
+    def __init__(
+        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray
+    ):
         if len(widths) != 1:
-            raise ArgumentError(f"widths: the classic network has one hidden layer, came {list(widths)}.")
+            raise ArgumentError(
+                f"widths: the classic network has one hidden layer, came {list(widths)}."
+            )
         keys = jax.random.split(key, 3)
         self.odd_in = _weights(keys[0], odd, widths[0])
         self.even_in = _weights(keys[1], even, widths[0])
@@ -84,9 +88,9 @@ class GatedLayer(eqx.Module):
     def __call__(
         self, odd: Float[Array, " O"], even: Float[Array, " E"]
     ) -> tuple[Float[Array, " H"], Float[Array, " H"]]:
-        turn, pair, factor = jnp.split(odd @ self.odd_in, 3)
+        angle_like, pair, factor = jnp.split(odd @ self.odd_in, 3)
         gate, level = jnp.split(even @ self.even_in + self.bias, 2)
-        return jnp.tanh(turn) * gate, jnp.tanh(pair) * factor + jnp.tanh(level)
+        return jnp.tanh(angle_like) * gate, jnp.tanh(pair) * factor + jnp.tanh(level)
 
 
 class Gated(Network):
@@ -95,7 +99,9 @@ class Gated(Network):
     layers: tuple[GatedLayer, ...]
     out: Float[Array, "H S"]
 
-    def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray):
+    def __init__(
+        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray
+    ):
         _check_halves(widths)
         keys = jax.random.split(key, len(widths) + 1)
         layers = []
@@ -131,12 +137,17 @@ class Mirrored(Network):
     even: tuple[int, ...] = eqx.field(static=True)
     """Which answers are even."""
 
-    def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray, even_out):
+    def __init__(
+        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray, even_out
+    ):
         _check_halves(widths)
         keys = jax.random.split(key, len(widths) + 2)
         self.even = tuple(even_out)
         layers, answers = [], (out - len(self.even), len(self.even))
-        self.odd_linear, self.even_linear = jnp.zeros((odd, answers[0])), jnp.zeros((even, answers[1]))
+        self.odd_linear, self.even_linear = (
+            jnp.zeros((odd, answers[0])),
+            jnp.zeros((even, answers[1])),
+        )
         for width, layer_key in zip(widths, keys[2:], strict=True):
             layers.append(GatedLayer(odd, even, width // 2, key=layer_key))
             odd = even = width // 2
@@ -152,11 +163,13 @@ class Mirrored(Network):
         linear = odd @ self.odd_linear, even @ self.even_linear
         for layer in self.layers:
             odd, even = layer(odd, even)
-        answers = jnp.concatenate([linear[0] + odd @ self.odd_out, linear[1] + even @ self.even_out])
+        answers = jnp.concatenate(
+            [linear[0] + odd @ self.odd_out, linear[1] + even @ self.even_out]
+        )
         first_even = self.odd_out.shape[1]
-        place = {entry: first_even + i for i, entry in enumerate(self.even)}
-        odd_places = iter(range(first_even))
-        order = tuple(place[i] if i in place else next(odd_places) for i in range(answers.shape[0]))
+        slot = {entry: first_even + i for i, entry in enumerate(self.even)}
+        odd_slots = iter(range(first_even))
+        order = tuple(slot[i] if i in slot else next(odd_slots) for i in range(answers.shape[0]))
         return reordered(answers, order)
 
 
@@ -168,13 +181,18 @@ class Glu(Network):
     biases: tuple[Float[Array, " 2*H"], ...]
     out: Float[Array, "H S"]
 
-    def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray):
+    def __init__(
+        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray
+    ):
         keys = jax.random.split(key, len(widths) + 1)
         sizes = [odd + even, *widths]
         self.layers = tuple(
-            _weights(k, rows, 2 * width) for k, rows, width in zip(keys[1:], sizes, widths, strict=False)
+            _weights(k, rows, 2 * width)
+            for k, rows, width in zip(keys[1:], sizes, widths, strict=False)
         )
-        self.biases = tuple(jnp.concatenate([jnp.zeros(width), jnp.ones(width)]) for width in widths)
+        self.biases = tuple(
+            jnp.concatenate([jnp.zeros(width), jnp.ones(width)]) for width in widths
+        )
         self.out = 0.1 * _weights(keys[0], sizes[-1], out)
 
     @property
@@ -195,7 +213,9 @@ class LinearGlu(Network):
     glu: Glu
     linear: Float[Array, "I S"]
 
-    def __init__(self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray):
+    def __init__(
+        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray
+    ):
         self.glu = Glu(odd, even, out, widths, key=key)
         self.linear = jnp.zeros((odd + even, out))
 
@@ -210,7 +230,9 @@ class LinearGlu(Network):
 
 def _check_halves(widths: tuple[int, ...]) -> None:
     if any(width % 2 for width in widths):
-        raise ArgumentError(f"widths: gated layers are half odd, half even units; came {list(widths)}, want even.")
+        raise ArgumentError(
+            f"widths: gated layers are half odd, half even units; came {list(widths)}, want even."
+        )
 
 
 def _weights(key: PRNGKeyArray, rows: int, columns: int) -> Float[Array, "rows columns"]:

@@ -40,7 +40,7 @@ NEAREST = 1e-3
 class View(NamedTuple):
     """From where a camera looks."""
 
-    turn: float
+    azimuth: float
     """[deg] Of the direction it looks in, from the body's: 90 is from its right side."""
     elevation: float
     """[deg] It looks down where negative."""
@@ -81,7 +81,7 @@ class Shots(NamedTuple):
 
     lookat: np.ndarray
     """(F, 3) [m] What is in the middle of the picture."""
-    place: np.ndarray
+    position: np.ndarray
     """(F, 3) [m] Where the camera is."""
     size: float
     """[m] Of what is filmed."""
@@ -90,11 +90,11 @@ class Shots(NamedTuple):
     @property
     def distance(self) -> float:
         """[m] Of the camera, the largest."""
-        return float(np.linalg.norm(self.lookat - self.place, axis=1).max())
+        return float(np.linalg.norm(self.lookat - self.position, axis=1).max())
 
     def angles(self, frame: int) -> tuple[float, float, float]:
         """Return azimuth [deg], elevation [deg] and distance [m] in `frame`."""
-        ahead = self.lookat[frame] - self.place[frame]
+        ahead = self.lookat[frame] - self.position[frame]
         distance = float(np.linalg.norm(ahead))
         azimuth = float(np.degrees(np.arctan2(ahead[1], ahead[0])))
         return azimuth, float(np.degrees(np.arcsin(ahead[2] / distance))), distance
@@ -112,12 +112,16 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
     heading = np.repeat(_heading(clips[0])[:1], frames)
     if film.camera in ("front", "back"):
         heading = smoothed(np.unwrap(_heading(clips[0]))[:, None], round(rate * FOLLOWING))[:, 0]
-    azimuth = heading + np.radians(view.turn)
+    azimuth = heading + np.radians(view.azimuth)
     width, height = _seen(boxes, azimuth)
-    is_still = film.camera == "still" or (film.camera == "follow" and _stays(clips, boxes, azimuth[:1]))
+    is_still = film.camera == "still" or (
+        film.camera == "follow" and _stays(clips, boxes, azimuth[:1])
+    )
     share = SHARE if len(clips) == 1 else SHARE_OF_MANY
     share_of_height = SHARE_OF_HEIGHT
-    lookat = camera_way(boxes.centres, round(rate * FOLLOWING), LAG * float(np.median(np.maximum(width, height))))
+    lookat = camera_way(
+        boxes.centres, round(rate * FOLLOWING), LAG * float(np.median(np.maximum(width, height)))
+    )
     if is_still:
         boxes = boxes.whole
         azimuth_of_all = azimuth[:1]
@@ -133,12 +137,14 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
     distance = nearer + _distance(film, wide / share, float(np.median(height)) / share_of_height)
     shallower = 0.5 if is_under_water else 1.0  # the nearer the surface, the flatter
     elevation = np.radians(view.elevation * shallower)
-    ahead = np.stack([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation)], axis=1)
+    ahead = np.stack(
+        [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation)], axis=1
+    )
     ahead = np.concatenate([ahead, np.full((frames, 1), np.sin(elevation))], axis=1)
-    place = lookat - distance * ahead
+    position = lookat - distance * ahead
     if surface is not None:
-        place[:, 2] = _on_one_side(place[:, 2], surface, CLEARANCE * size, is_under_water)
-    return Shots(lookat, place, size, is_under_water)
+        position[:, 2] = _on_one_side(position[:, 2], surface, CLEARANCE * size, is_under_water)
+    return Shots(lookat, position, size, is_under_water)
 
 
 def room_of(clips: Sequence[Clip]) -> Boxes:
@@ -158,32 +164,40 @@ def _held(rows: np.ndarray, frames: int) -> np.ndarray:
 
 def _room(clip: Clip) -> Boxes:
     skeleton = clip.skeleton
-    places, turns = skeleton.world_poses(clip.states)
+    positions, orientations = skeleton.world_poses(clip.states)
     if skeleton.skin is not None:
-        return _room_of_skin(clip, places)
+        return _room_of_skin(clip, positions)
     lows, highs = [], []
     for i, bone in enumerate(skeleton.bones):
         if not skeleton.is_moved(i):
             continue
         for shape in bone.shapes:
-            centre = places[:, i] + rotate(turns[:, i], np.broadcast_to(np.array(shape.place), places[:, i].shape))
-            axes = rotation_matrices(turns[:, i]) @ rotation_matrices(np.array(shape.turn))
+            centre = positions[:, i] + rotate(
+                orientations[:, i], np.broadcast_to(np.array(shape.position), positions[:, i].shape)
+            )
+            axes = rotation_matrices(orientations[:, i]) @ rotation_matrices(
+                np.array(shape.orientation)
+            )
             reach = np.abs(axes) @ half_sizes(shape)
             lows.append(centre - reach)
             highs.append(centre + reach)
     if not lows:
-        return Boxes(places.min(axis=1), places.max(axis=1))
+        return Boxes(positions.min(axis=1), positions.max(axis=1))
     return Boxes(np.min(lows, axis=0), np.max(highs, axis=0))
 
 
-def _room_of_skin(clip: Clip, places: np.ndarray) -> Boxes:
+def _room_of_skin(clip: Clip, positions: np.ndarray) -> Boxes:
     """Return the room of a skin: the bones', and as much more as the skin has around them at rest."""
     points = skin_mesh(clip.skeleton).points
     rest = np.array([bone.offset for bone in clip.skeleton.bones])
     around = float(
-        max((points.max(axis=0) - rest.max(axis=0)).min(), (rest.min(axis=0) - points.min(axis=0)).min(), 0.0)
+        max(
+            (points.max(axis=0) - rest.max(axis=0)).min(),
+            (rest.min(axis=0) - points.min(axis=0)).min(),
+            0.0,
+        )
     )
-    return Boxes(places.min(axis=1) - around, places.max(axis=1) + around)
+    return Boxes(positions.min(axis=1) - around, positions.max(axis=1) + around)
 
 
 def half_sizes(shape: Shape) -> np.ndarray:
@@ -201,10 +215,16 @@ def half_sizes(shape: Shape) -> np.ndarray:
 def _heading(clip: Clip) -> np.ndarray:
     """Return (F,) [rad] where the body points: the bone in the middle of those that move."""
     moving = [i for i in range(len(clip.skeleton.bones)) if clip.skeleton.is_moved(i)]
-    bone = moving[len(moving) // 2] if clip.skeleton.skin is not None and moving else (moving or [0])[0]
+    bone = (
+        moving[len(moving) // 2]
+        if clip.skeleton.skin is not None and moving
+        else (moving or [0])[0]
+    )
     root = clip.skeleton.bones[bone]
     if root.joints and root.joints[0].kind != "free":
-        return np.zeros(len(clip.times))  # an arm points nowhere: its own swing must not turn the camera
+        return np.zeros(
+            len(clip.times)
+        )  # an arm points nowhere: its own swing must not turn the camera
     return heading_of(clip.skeleton.world_poses(clip.states)[1][:, bone])
 
 
@@ -227,9 +247,13 @@ def _stays(clips: Sequence[Clip], boxes: Boxes, azimuth: np.ndarray) -> bool:
 def _is_anchored(clip: Clip) -> bool:
     """Return whether what moves hangs from a place that does not: an arm on its base."""
     bones = clip.skeleton.bones
-    places, _ = clip.skeleton.world_poses(clip.states)
-    first = [i for i, bone in enumerate(bones) if bone.is_moving and not clip.skeleton.is_moved(bone.parent)]
-    return bool(first) and float(np.ptp(places[:, first], axis=0).max()) < NEAREST
+    positions, _ = clip.skeleton.world_poses(clip.states)
+    first = [
+        i
+        for i, bone in enumerate(bones)
+        if bone.is_moving and not clip.skeleton.is_moved(bone.parent)
+    ]
+    return bool(first) and float(np.ptp(positions[:, first], axis=0).max()) < NEAREST
 
 
 def _distance(film: Film, width: float, height: float) -> float:
@@ -246,7 +270,9 @@ def _emerges(boxes: Boxes, surface: float) -> bool:
     return leaps or float((boxes.high[:, 2] > surface).mean()) > EMERGED
 
 
-def _on_one_side(heights: np.ndarray, surface: float, clearance: float, is_under_water: bool) -> np.ndarray:
+def _on_one_side(
+    heights: np.ndarray, surface: float, clearance: float, is_under_water: bool
+) -> np.ndarray:
     """Return camera heights [m] bent smoothly away from the surface: never nearer than `clearance`."""
     side = -1.0 if is_under_water else 1.0
     free = side * (heights - surface) - clearance
@@ -268,8 +294,16 @@ def smoothed(ways: np.ndarray, frames: int) -> np.ndarray:
     """Return ways (F, K) averaged twice over `frames`, ends held by straight continuation."""
     zeros = np.zeros((1, ways.shape[1]))
     for _ in range(2):
-        before = 2 * ways[0] - ways[1 : frames + 1][::-1] if len(ways) > frames else np.repeat(ways[:1], frames, axis=0)
-        after = 2 * ways[-1] - ways[-frames - 1 : -1][::-1] if len(ways) > frames else np.repeat(ways[-1:], frames, 0)
+        before = (
+            2 * ways[0] - ways[1 : frames + 1][::-1]
+            if len(ways) > frames
+            else np.repeat(ways[:1], frames, axis=0)
+        )
+        after = (
+            2 * ways[-1] - ways[-frames - 1 : -1][::-1]
+            if len(ways) > frames
+            else np.repeat(ways[-1:], frames, 0)
+        )
         total = np.cumsum(np.concatenate([zeros, before, ways, after]), axis=0)
         ways = (total[2 * frames + 1 :] - total[: -2 * frames - 1]) / (2 * frames + 1)
     return ways

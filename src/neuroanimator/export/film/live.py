@@ -14,7 +14,7 @@ from typing import IO, final
 
 import numpy as np
 
-from neuroanimator.emulator.emulator import Identity
+from neuroanimator.emulator.emulator import EmulatorSpec
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.export.film.video import HOW_TO_GET_GL, graphics_backend
 from neuroanimator.storage.files import canonical_json
@@ -29,8 +29,8 @@ PATIENCE = 10.0
 class LiveView:
     """A window nobody sees: states in, pictures out. `close` it when done."""
 
-    def __init__(self, identity: Identity, *, width: int = 480, height: int = 360):
-        """Start the drawing process for the system `identity` tells of; ResourceError says what it lacks."""
+    def __init__(self, spec: EmulatorSpec, *, width: int = 480, height: int = 360):
+        """Start the drawing process for the system `spec` tells of; ResourceError says what it lacks."""
         backend = graphics_backend()
         if backend is None:
             raise ResourceError(HOW_TO_GET_GL)
@@ -41,7 +41,7 @@ class LiveView:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )
-        self._send(_header(identity, width, height))
+        self._send(_header(spec, width, height))
 
     def draw(self, state: np.ndarray) -> np.ndarray:
         """Return the picture (height, width, 3) in uint8 of `state` (S,); ResourceError if it cannot be drawn."""
@@ -49,7 +49,9 @@ class LiveView:
         raw = self._pipe(self._process.stdout).read(int(np.prod(self._shape)))
         if len(raw) < np.prod(self._shape):
             self.close()
-            raise ResourceError("The drawing process ended. 'neuroanimator doctor' says whether drawing works here.")
+            raise ResourceError(
+                "The drawing process ended. 'neuroanimator doctor' says whether drawing works here."
+            )
         return np.frombuffer(raw, np.uint8).reshape(self._shape).copy()
 
     def close(self) -> None:
@@ -81,14 +83,14 @@ class LiveView:
 class Camera:
     """Pictures of an emulator's states; the drawing process starts with the first one."""
 
-    def __init__(self, identity: Identity):
-        self._identity = identity
+    def __init__(self, spec: EmulatorSpec):
+        self._spec = spec
         self._view: LiveView | None = None
 
     def picture(self, state: np.ndarray) -> np.ndarray:
         """Return the picture (H, W, 3) of `state` (S,) in uint8."""
         if self._view is None:
-            self._view = LiveView(self._identity)
+            self._view = LiveView(self._spec)
         return self._view.draw(state)
 
     def close(self) -> None:
@@ -105,15 +107,15 @@ def checked_render_mode(mode: str | None) -> str | None:
     return mode
 
 
-def _header(identity: Identity, width: int, height: int) -> bytes:
+def _header(spec: EmulatorSpec, width: int, height: int) -> bytes:
     """Return what the drawing process must know, its length first."""
     content = io.BytesIO()
     np.savez(
         content,
-        system=np.array(identity.system),
-        definition=np.array(identity.definition),
-        skeleton=np.array(canonical_json(identity.skeleton.to_json())),
-        size=np.array([width, height, identity.state.size]),
+        system=np.array(spec.system),
+        definition=np.array(spec.definition),
+        skeleton=np.array(canonical_json(spec.skeleton.to_json())),
+        size=np.array([width, height, spec.state.size]),
     )
     raw = content.getvalue()
     return len(raw).to_bytes(HEADER_SIZE, "little") + raw

@@ -59,10 +59,10 @@ class BodyView:
     def __init__(self, skeleton: Skeleton, rest: np.ndarray, *, has_ground: bool):
         self._skeleton = skeleton
         mesh = skin_mesh(skeleton) if skeleton.skin is not None else None
-        places, _ = skeleton.world_poses(rest[None])
+        positions, _ = skeleton.world_poses(rest[None])
         points = np.array([bone.offset for bone in skeleton.bones]) if mesh is None else mesh.points
         self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
-        floor = 0.0 if has_ground else float(places[..., 2].min()) - DEPTH * self._size
+        floor = 0.0 if has_ground else float(positions[..., 2].min()) - DEPTH * self._size
         spec = mujoco.MjSpec.from_string(_scene(self._size, floor))
         for i, bone in enumerate(skeleton.bones):
             add_bone(spec, f"bone{i}", bone)
@@ -73,13 +73,17 @@ class BodyView:
 
     def pose(self, data: mujoco.MjData, state: np.ndarray) -> mujoco.MjvCamera:
         """Put the bones where they are; the camera follows their middle."""
-        places, turns = self._skeleton.world_poses(state[None])
-        data.mocap_pos[:] = places[0]
-        data.mocap_quat[:] = turns[0]
-        middle = places[0].mean(axis=0)
-        is_near = self._looks_at is not None and np.linalg.norm(middle - self._looks_at) < self._size / 2
+        positions, orientations = self._skeleton.world_poses(state[None])
+        data.mocap_pos[:] = positions[0]
+        data.mocap_quat[:] = orientations[0]
+        middle = positions[0].mean(axis=0)
+        is_near = (
+            self._looks_at is not None and np.linalg.norm(middle - self._looks_at) < self._size / 2
+        )
         # A body that is somewhere else altogether has begun anew: the camera goes there at once.
-        self._looks_at = self._looks_at + FOLLOWING * (middle - self._looks_at) if is_near else middle
+        self._looks_at = (
+            self._looks_at + FOLLOWING * (middle - self._looks_at) if is_near else middle
+        )
         camera = mujoco.MjvCamera()
         camera.lookat[:] = self._looks_at
         camera.azimuth = AZIMUTH

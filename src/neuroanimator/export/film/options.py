@@ -19,7 +19,7 @@ CAMERAS = {
 USUAL_SIZE = (1280, 720)
 """[pixels] Width and height, 16:9 as screens are."""
 
-SMALLEST_SIDE, LARGEST_SIDE = 32, 4096
+MIN_SIDE, MAX_SIDE = 32, 4096
 """[pixels] No encoder likes less, and software drawing more takes seconds an image."""
 
 
@@ -36,9 +36,9 @@ def checked_film(size: tuple[int, int], camera: str) -> Film:
     """Return the film; ArgumentError says what is wrong with `size` [pixels] or `camera`."""
     width, height = size
     for side in (width, height):
-        if side % 2 or not SMALLEST_SIDE <= side <= LARGEST_SIDE:
+        if side % 2 or not MIN_SIDE <= side <= MAX_SIDE:
             raise ArgumentError(
-                f"size: wanted even numbers of pixels between {SMALLEST_SIDE} and {LARGEST_SIDE}, "
+                f"size: wanted even numbers of pixels between {MIN_SIDE} and {MAX_SIDE}, "
                 f"such as 1280x720, came {width}x{height}."
             )
     if camera not in CAMERAS:
@@ -49,8 +49,12 @@ def checked_film(size: tuple[int, int], camera: str) -> Film:
 def read_film(size: str, camera: str) -> Film:
     """Return the film of a size as typed, such as '1280x720', and the name of a camera."""
     width, cross, height = size.partition("x")
-    if not (cross and width.isascii() and width.isdigit() and height.isascii() and height.isdigit()):
-        raise ArgumentError(f"size: wanted width x height in pixels, such as 1280x720, came '{size[:40]}'.")
-    if max(len(width), len(height)) > len(str(LARGEST_SIDE)):
-        raise ArgumentError(f"size: wanted at most {LARGEST_SIDE} pixels a side, came '{size[:40]}'.")
+    if not (
+        cross and width.isascii() and width.isdigit() and height.isascii() and height.isdigit()
+    ):
+        raise ArgumentError(
+            f"size: wanted width x height in pixels, such as 1280x720, came '{size[:40]}'."
+        )
+    if max(len(width), len(height)) > len(str(MAX_SIDE)):
+        raise ArgumentError(f"size: wanted at most {MAX_SIDE} pixels a side, came '{size[:40]}'.")
     return checked_film((int(width), int(height)), camera)

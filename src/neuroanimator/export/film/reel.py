@@ -20,7 +20,8 @@ def packed(clips: Sequence[Clip], film: Film) -> bytes:
         "size": list(film.size),
         "camera": film.camera,
         "clips": [
-            {"name": clip.name, "definition": clip.definition, "skeleton": clip.skeleton.to_json()} for clip in clips
+            {"name": clip.name, "definition": clip.definition, "skeleton": clip.skeleton.to_json()}
+            for clip in clips
         ],
     }
     arrays: dict[str, Any] = {"described": np.array(json.dumps(described))}

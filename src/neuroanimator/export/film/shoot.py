@@ -25,7 +25,7 @@ SHADOW_MAP = 4096
 """[texels] A side of the shadow map: shadows have edges finer than a pixel."""
 ENCODER = ["-preset", "veryfast", "-crf", "18", "-movflags", "+faststart"]
 """H.264 without visible loss; slower presets make files a fifth smaller and take as long as drawing."""
-NEAREST, FARTHEST = 0.05, 60.0
+NEAREST, MAX_DISTANCE = 0.05, 60.0
 """What is seen, over the camera's distance."""
 LIGHT, SHADOWED = 3.0, 1.6
 """Distance of a directional light that goes along, and half the width of where its shadows fall, over the distance of
@@ -61,7 +61,7 @@ class RigidScene:
         self._datas = [mujoco.MjData(self.model) for _ in clips]
         self.data = self._datas[0]
         extent, distance = self.model.stat.extent, self.shots.distance
-        farthest = max(self.model.vis.map.zfar * extent, FARTHEST * distance)
+        farthest = max(self.model.vis.map.zfar * extent, MAX_DISTANCE * distance)
         self.model.vis.map.znear = NEAREST * distance / extent
         self.model.vis.map.zfar = farthest / extent
         self.model.vis.map.shadowclip = CRAMPED * self.shots.size / extent
@@ -76,7 +76,9 @@ class RigidScene:
         """Put the joints, and lights as far away as the sun, where they are in `frame`."""
         for light in self._lights:
             direction = self.model.light_dir[light]
-            self.model.light_pos[light] = self.shots.lookat[frame] - direction * LIGHT * self.shots.distance
+            self.model.light_pos[light] = (
+                self.shots.lookat[frame] - direction * LIGHT * self.shots.distance
+            )
         for states, data in zip(self._states, self._datas, strict=True):
             data.qpos[:] = states[min(frame, len(states) - 1)]
             mujoco.mj_forward(self.model, data)
@@ -85,7 +87,9 @@ class RigidScene:
         """Add the bodies of the other clips, without their scenery."""
         for data in self._datas[1:]:
             moving = mujoco.mjtCatBit.mjCAT_DYNAMIC
-            mujoco.mjv_addGeoms(self.model, data, mujoco.MjvOption(), mujoco.MjvPerturb(), moving, scene)
+            mujoco.mjv_addGeoms(
+                self.model, data, mujoco.MjvOption(), mujoco.MjvPerturb(), moving, scene
+            )
 
 
 def shoot(out: str, content: bytes) -> None:

@@ -24,7 +24,7 @@ SHADOWED = 1.6
 """Half the width of where shadows fall, over the body's size: the less, the finer they are."""
 FAR = 60.0
 """Half the width of floor and water, over the body's size."""
-MOST_BODIES = 64
+MAX_BODIES = 64
 """Filmed at once: MuJoCo's scene has room for so many, bone by bone."""
 
 
@@ -49,9 +49,33 @@ class Look(NamedTuple):
     far: float
 
 
-UNDER_WATER = Look("0.45 0.74 0.86", "0.04 0.20 0.32", "0.12 0.38 0.52", "0.66 0.65 0.54", "0.42 0.46 0.5", 3.0, 16.0)
-OVER_WATER = Look("0.5 0.68 0.86", "0.86 0.91 0.95", "0.62 0.77 0.86", "0.12 0.34 0.46", "0.42 0.44 0.46", 6.0, 45.0)
-ON_GROUND = Look("0.5 0.68 0.86", "0.86 0.91 0.95", "0.86 0.91 0.95", "0.75 0.75 0.76", "0.42 0.44 0.46", 6.0, 45.0)
+UNDER_WATER = Look(
+    "0.45 0.74 0.86",
+    "0.04 0.20 0.32",
+    "0.12 0.38 0.52",
+    "0.66 0.65 0.54",
+    "0.42 0.46 0.5",
+    3.0,
+    16.0,
+)
+OVER_WATER = Look(
+    "0.5 0.68 0.86",
+    "0.86 0.91 0.95",
+    "0.62 0.77 0.86",
+    "0.12 0.34 0.46",
+    "0.42 0.44 0.46",
+    6.0,
+    45.0,
+)
+ON_GROUND = Look(
+    "0.5 0.68 0.86",
+    "0.86 0.91 0.95",
+    "0.86 0.91 0.95",
+    "0.75 0.75 0.76",
+    "0.42 0.44 0.46",
+    6.0,
+    45.0,
+)
 """A dive, a look at the sea, a hall."""
 
 
@@ -60,8 +84,8 @@ class Stage:
 
     def __init__(self, clips: Sequence[Clip], film: Film, setting: Setting):
         poses = [_held_poses(clip, max(len(clip.times) for clip in clips)) for clip in clips]
-        self.places = np.concatenate([places for places, _ in poses], axis=1)
-        self.turns = np.concatenate([turns for _, turns in poses], axis=1)
+        self.positions = np.concatenate([positions for positions, _ in poses], axis=1)
+        self.orientations = np.concatenate([orientations for _, orientations in poses], axis=1)
         self.shots = shots_of(clips, film, setting.surface)
         self._has_surface = setting.surface is not None
         size = self.shots.size
@@ -74,9 +98,11 @@ class Stage:
 
     def pose(self, frame: int) -> None:
         """Put the bones, and the light, where they are in `frame`."""
-        self.data.mocap_pos[:] = self.places[frame]
-        self.data.mocap_quat[:] = self.turns[frame]
-        self.model.light_pos[0] = self.shots.lookat[frame] - self.model.light_dir[0] * LIGHT * self.shots.size
+        self.data.mocap_pos[:] = self.positions[frame]
+        self.data.mocap_quat[:] = self.orientations[frame]
+        self.model.light_pos[0] = (
+            self.shots.lookat[frame] - self.model.light_dir[0] * LIGHT * self.shots.size
+        )
         mujoco.mj_forward(self.model, self.data)
 
     def prepare(self, scene: mujoco.MjvScene) -> None:
@@ -95,8 +121,8 @@ class Stage:
 def _held_poses(clip: Clip, frames: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the bones' places and quaternions in the world in all `frames`; a shorter clip stays at its last."""
     last = np.minimum(np.arange(frames), len(clip.times) - 1)
-    places, turns = clip.skeleton.world_poses(clip.states)
-    return places[last], turns[last]
+    positions, orientations = clip.skeleton.world_poses(clip.states)
+    return positions[last], orientations[last]
 
 
 def _scene(shots: Shots, lowest: float, setting: Setting) -> str:
@@ -152,12 +178,18 @@ def _add_body(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton) -> None:
 
 def add_bone(spec: mujoco.MjSpec, name: str, bone: Bone) -> None:
     """Add a bone's shapes to the scene as a body that is moved from outside."""
-    body = spec.worldbody.add_body(name=name, mocap=True, pos=bone.offset, quat=bone.turn)
+    body = spec.worldbody.add_body(name=name, mocap=True, pos=bone.offset, quat=bone.orientation)
     for shape in bone.shapes:
         kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")
         size = [*shape.size, 0.0, 0.0][:3]
         body.add_geom(
-            type=kind, size=size, pos=shape.place, quat=shape.turn, rgba=shape.colour, contype=0, conaffinity=0
+            type=kind,
+            size=size,
+            pos=shape.position,
+            quat=shape.orientation,
+            rgba=shape.colour,
+            contype=0,
+            conaffinity=0,
         )
 
 
@@ -165,7 +197,9 @@ def add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, mesh: SkinMes
     """Add a skin that follows the bones called `prefix` and their number; its colours are a texture."""
     assert skeleton.skin is not None
     at = np.clip((np.arange(PALETTE) - MARGIN) / (PALETTE - 1 - 2 * MARGIN), 0, 1)
-    texels = np.round(255 * np.repeat(colours_of(skeleton.skin, at)[None], 4, axis=0)).astype(np.uint8)
+    texels = np.round(255 * np.repeat(colours_of(skeleton.skin, at)[None], 4, axis=0)).astype(
+        np.uint8
+    )
     spec.add_texture(
         name=f"{prefix}skin",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
@@ -183,7 +217,9 @@ def add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, mesh: SkinMes
     skin.texcoord = np.stack([across, np.full_like(across, 0.5)], axis=1).ravel().tolist()
     skin.bodyname = [f"{prefix}bone{i}" for i in range(len(skeleton.bones))]
     skin.bindpos = [number for bone in skeleton.bones for number in bone.offset]
-    skin.bindquat = [number for bone in skeleton.bones for number in bone.turn]
-    shares = [np.where(mesh.bones == i, mesh.weights, 0.0).sum(axis=1) for i in range(len(skeleton.bones))]
+    skin.bindquat = [number for bone in skeleton.bones for number in bone.orientation]
+    shares = [
+        np.where(mesh.bones == i, mesh.weights, 0.0).sum(axis=1) for i in range(len(skeleton.bones))
+    ]
     skin.vertid = [np.flatnonzero(share > 0).tolist() for share in shares]
     skin.vertweight = [share[share > 0].tolist() for share in shares]

@@ -30,14 +30,18 @@ HOW_TO_GET_GL = (
     "and run again. Everything else works without."
 )
 
-LONGEST_DRAWING = 3600
+MAX_DRAWING = 3600
 """[s] A drawing process is given up after this time."""
-MOST_CLIPS = 64
+MAX_CLIPS = 64
 """Filmed at once: MuJoCo's picture has no room for many thousand shapes."""
 
 
 def write_video(
-    clips: Clip | Sequence[Clip], path: Path, *, size: tuple[int, int] = USUAL_SIZE, camera: str = "follow"
+    clips: Clip | Sequence[Clip],
+    path: Path,
+    *,
+    size: tuple[int, int] = USUAL_SIZE,
+    camera: str = "follow",
 ) -> None:
     """Write one clip, or several seen together, to `path` as H.264 at their own rate.
 
@@ -60,14 +64,18 @@ def write_video(
 
 
 def _check_together(clips: list[Clip]) -> None:
-    if not 1 <= len(clips) <= MOST_CLIPS:
-        raise ArgumentError(f"clips: wanted 1 to {MOST_CLIPS} to film together, came {len(clips)}.")
+    if not 1 <= len(clips) <= MAX_CLIPS:
+        raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} to film together, came {len(clips)}.")
     first = clips[0]
     for clip in clips[1:]:
         if (clip.name, clip.definition) != (first.name, first.definition):
-            raise ArgumentError(f"clips: wanted several of one system, came {clip.name} beside {first.name}.")
+            raise ArgumentError(
+                f"clips: wanted several of one system, came {clip.name} beside {first.name}."
+            )
         if abs(clip.rate - first.rate) > 1e-6 * first.rate:
-            raise ArgumentError(f"clips: wanted one rate, came {clip.rate:g} beside {first.rate:g} a second.")
+            raise ArgumentError(
+                f"clips: wanted one rate, came {clip.rate:g} beside {first.rate:g} a second."
+            )
 
 
 def _draw(content: bytes, temporary: Path, name: str, images: int, bar: Bar) -> None:
@@ -77,7 +85,9 @@ def _draw(content: bytes, temporary: Path, name: str, images: int, bar: Bar) -> 
         if code == 0:
             return
         if code != NO_GRAPHICS:
-            raise ResourceError(f"Drawing {name} failed: {complaint[:200]}. 'neuroanimator doctor' says more.")
+            raise ResourceError(
+                f"Drawing {name} failed: {complaint[:200]}. 'neuroanimator doctor' says more."
+            )
     raise ResourceError(HOW_TO_GET_GL)
 
 
@@ -91,7 +101,7 @@ def _run_drawing(content: bytes, out: Path, backend: str, images: int, bar: Bar)
         with subprocess.Popen(
             command, env=environment, stdin=given, stdout=subprocess.PIPE, stderr=complaints
         ) as process:
-            alarm = Timer(LONGEST_DRAWING, process.kill)
+            alarm = Timer(MAX_DRAWING, process.kill)
             alarm.daemon = True
             alarm.start()
             try:
@@ -120,7 +130,12 @@ def graphics_backend() -> str | None:
     for backend in _backends():
         command = [sys.executable, "-m", "neuroanimator.export.film.worker"]
         environment = {**os.environ, "MUJOCO_GL": backend}
-        if subprocess.run(command, env=environment, capture_output=True, timeout=LONGEST_DRAWING).returncode == 0:
+        if (
+            subprocess.run(
+                command, env=environment, capture_output=True, timeout=MAX_DRAWING
+            ).returncode
+            == 0
+        ):
             return backend
     return None
 

@@ -21,7 +21,9 @@ class Buffer:
         self.accessors: list[dict[str, Any]] = []
         self._known: dict[tuple[Any, ...], int] = {}
 
-    def add(self, array: np.ndarray, kind: str, *, target: int | None = None, bounds: bool = False) -> int:
+    def add(
+        self, array: np.ndarray, kind: str, *, target: int | None = None, bounds: bool = False
+    ) -> int:
         """Return the index of the accessor of `array`, appended if the same numbers are not there yet."""
         key = (array.tobytes(), array.dtype.name, kind, target, bounds)
         if key not in self._known:

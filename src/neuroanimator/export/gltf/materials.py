@@ -17,12 +17,21 @@ THINNEST_WALL = 0.05
 
 
 def material(
-    name: str, colour: Sequence[float], *, opacity: float = 1.0, metallic: float = 0.1, roughness: float = 0.6
+    name: str,
+    colour: Sequence[float],
+    *,
+    opacity: float = 1.0,
+    metallic: float = 0.1,
+    roughness: float = 0.6,
 ) -> dict[str, Any]:
     """Return a material of an sRGB `colour`, three numbers or four with opacity."""
     alpha = (colour[3] if len(colour) > 3 else 1.0) * opacity
     light = [round(float(amount), 6) for amount in linear_of(colour[:3])]
-    surface = {"baseColorFactor": [*light, alpha], "metallicFactor": metallic, "roughnessFactor": roughness}
+    surface = {
+        "baseColorFactor": [*light, alpha],
+        "metallicFactor": metallic,
+        "roughnessFactor": roughness,
+    }
     blend = {"alphaMode": "BLEND"} if alpha < 1 else {}
     return {"name": name, "pbrMetallicRoughness": surface} | blend
 

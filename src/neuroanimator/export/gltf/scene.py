@@ -29,11 +29,11 @@ Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 
 XYZW = [1, 2, 3, 0]
 """Order of a quaternion's numbers in the file."""
-SMALLEST_WAY = 1e-9
+MIN_WAY = 1e-9
 """[m] A bone that moves less against its parent gets no track of its places."""
 GHOST_PREFIX = "ghost "
 """Of the names of a ghost's nodes: engines find what moves by its name."""
-MOST_CLIPS = 1000
+MAX_CLIPS = 1000
 """Of one file."""
 
 
@@ -46,11 +46,13 @@ def write_glb(clips: Clip | Sequence[Clip], path: Path, *, ghost: Clip | None = 
     colour: such as the emulator's beside the physics'. What each motion is of is in the `extras` of its root node.
     """
     together = [clips] if isinstance(clips, Clip) else list(clips)
-    if not 1 <= len(together) <= MOST_CLIPS:
-        raise ArgumentError(f"clips: wanted 1 to {MOST_CLIPS} in one file, came {len(together)}.")
+    if not 1 <= len(together) <= MAX_CLIPS:
+        raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} in one file, came {len(together)}.")
     if ghost is not None and (len(together) > 1 or ghost.skeleton != together[0].skeleton):
         names = " and ".join(clip.name for clip in together[:3])
-        raise ArgumentError(f"ghost: wanted another motion of the same body, came {ghost.name} beside {names}.")
+        raise ArgumentError(
+            f"ghost: wanted another motion of the same body, came {ghost.name} beside {names}."
+        )
     scene = _Scene(together[0].rate)
     for number, clip in enumerate(together):
         prefix = "" if len(together) == 1 else f"{clip.name} {number + 1} "
@@ -85,17 +87,22 @@ class _Scene:
         self._materials: dict[tuple[Any, ...], int] = {}
         self._names: set[str] = set()
 
-    def add(self, clip: Clip, prefix: str, *, has_scenery: bool = False, is_ghost: bool = False) -> None:
+    def add(
+        self, clip: Clip, prefix: str, *, has_scenery: bool = False, is_ghost: bool = False
+    ) -> None:
         """Add what moves in `clip`, and its scenery if wanted."""
         nodes, bones = self.document["nodes"], clip.skeleton.bones
         root = len(nodes)
-        places, turns = clip.skeleton.local_poses(clip.states)
+        positions, orientations = clip.skeleton.local_poses(clip.states)
         self.document["scenes"][0]["nodes"].append(root)
         title = f"{prefix}root" if prefix and not is_ghost else f"{prefix}{clip.name} root"
         nodes.append({"name": self._own(title), "rotation": Y_UP, "extras": _extras(clip)})
         for i, bone in enumerate(bones):
             node: dict[str, Any] = {"name": self._own(prefix + bone.name)}
-            node |= {"translation": places[0, i].tolist(), "rotation": turns[0, i][XYZW].tolist()}
+            node |= {
+                "translation": positions[0, i].tolist(),
+                "rotation": orientations[0, i][XYZW].tolist(),
+            }
             if bone.shapes and (has_scenery or clip.skeleton.is_moved(i)):
                 node["mesh"] = self._mesh_of(clip.skeleton, i, is_ghost)
             nodes.append(node)
@@ -103,14 +110,16 @@ class _Scene:
             children = [root + 1 + k for k, bone in enumerate(bones) if bone.parent == i]
             if children:
                 nodes[root + 1 + i]["children"] = children
-        self._add_tracks(clip, places, continuous(turns), root)
+        self._add_tracks(clip, positions, continuous(orientations), root)
         if clip.skeleton.skin is not None:
             self._add_skin(clip.skeleton, prefix, root, is_ghost)
 
     def content(self) -> bytes:
         """Return the bytes of the file."""
         self.document["buffers"] = [{"byteLength": len(self.buffer.content)}]
-        filled = {key: value for key, value in self.document.items() if value != []}  # the format knows no empty lists
+        filled = {
+            key: value for key, value in self.document.items() if value != []
+        }  # the format knows no empty lists
         return container(filled, bytes(self.buffer.content))
 
     def _own(self, name: str) -> str:
@@ -129,7 +138,8 @@ class _Scene:
                 used = self._ghost() if is_ghost else self._painted(skeleton, shape.colour)
                 primitives.append(found | {"material": used})
             self._meshes[key] = self._append(
-                "meshes", {"name": (GHOST_PREFIX if is_ghost else "") + bone.name, "primitives": primitives}
+                "meshes",
+                {"name": (GHOST_PREFIX if is_ghost else "") + bone.name, "primitives": primitives},
             )
         return self._meshes[key]
 
@@ -139,10 +149,16 @@ class _Scene:
             primitives = []
             for part, found in skin_primitives(skeleton, self.buffer).items():
                 if is_ghost:
-                    plain = {name: used for name, used in found["attributes"].items() if name != "COLOR_0"}
+                    plain = {
+                        name: used
+                        for name, used in found["attributes"].items()
+                        if name != "COLOR_0"
+                    }
                     primitives.append(found | {"attributes": plain, "material": self._ghost()})
                 else:
-                    primitives.append(found | {"material": self._material((part,), skin_material(part))})
+                    primitives.append(
+                        found | {"material": self._material((part,), skin_material(part))}
+                    )
             name = f"{GHOST_PREFIX if is_ghost else ''}skin"
             self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
         title = self._own(f"{prefix}skin")
@@ -168,20 +184,29 @@ class _Scene:
         self.document[kind].append(described)
         return len(self.document[kind]) - 1
 
-    def _add_tracks(self, clip: Clip, places: np.ndarray, turns: np.ndarray, root: int) -> None:
+    def _add_tracks(
+        self, clip: Clip, positions: np.ndarray, orientations: np.ndarray, root: int
+    ) -> None:
         times = self.buffer.add(clip.times.astype(np.float32), "SCALAR", bounds=True)
         animation = self.document["animations"][0]
         for i, bone in enumerate(clip.skeleton.bones):
             if not bone.is_moving:
                 continue
-            tracks = [("rotation", turns[:, i][:, XYZW], "VEC4"), ("translation", places[:, i], "VEC3")]
+            tracks = [
+                ("rotation", orientations[:, i][:, XYZW], "VEC4"),
+                ("translation", positions[:, i], "VEC3"),
+            ]
             for path, track, kind in tracks:
-                if path == "translation" and np.ptp(track, axis=0).max() < SMALLEST_WAY:
+                if path == "translation" and np.ptp(track, axis=0).max() < MIN_WAY:
                     continue
                 output = self.buffer.add(np.ascontiguousarray(track, dtype=np.float32), kind)
                 sampler = len(animation["samplers"])
-                animation["channels"].append({"sampler": sampler, "target": {"node": root + 1 + i, "path": path}})
-                animation["samplers"].append({"input": times, "output": output, "interpolation": "LINEAR"})
+                animation["channels"].append(
+                    {"sampler": sampler, "target": {"node": root + 1 + i, "path": path}}
+                )
+                animation["samplers"].append(
+                    {"input": times, "output": output, "interpolation": "LINEAR"}
+                )
 
 
 def _extras(clip: Clip) -> dict[str, Any]:

@@ -28,9 +28,9 @@ class Mesh(NamedTuple):
 def shape_mesh(shape: Shape) -> Mesh:
     """Return the triangles of `shape`."""
     points, normals, triangles = MAKERS[shape.kind](np.array(shape.size))
-    turn = np.broadcast_to(np.array(shape.turn), (len(points), 4))
-    placed = rotate(turn, points) + np.array(shape.place)
-    return Mesh(float32(placed), float32(rotate(turn, normals)), triangles.astype(np.uint16))
+    orientation = np.broadcast_to(np.array(shape.orientation), (len(points), 4))
+    placed = rotate(orientation, points) + np.array(shape.position)
+    return Mesh(float32(placed), float32(rotate(orientation, normals)), triangles.astype(np.uint16))
 
 
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -51,7 +51,9 @@ def _ellipsoid(size: np.ndarray) -> Parts:
 def _rounded(axes: np.ndarray, half_length: float) -> Parts:
     """Return an ellipsoid of half axes `axes`, its halves moved apart along Z by `half_length` each way."""
     latitudes = np.linspace(-np.pi / 2, np.pi / 2, ALONG)[:, None]
-    unit = np.concatenate([np.cos(latitudes)[..., None] * _ring(), np.sin(latitudes)[..., None] * _up()], axis=-1)
+    unit = np.concatenate(
+        [np.cos(latitudes)[..., None] * _ring(), np.sin(latitudes)[..., None] * _up()], axis=-1
+    )
     shift = np.where(latitudes < 0, -half_length, half_length)
     points = unit * axes + shift[..., None] * [0, 0, 1]
     normals = unit / axes
@@ -67,7 +69,9 @@ def _cylinder(size: np.ndarray) -> Parts:
     up = np.repeat([[0.0, 0.0, 1.0]], AROUND, axis=0)
     points = np.concatenate([low, high, low, high])
     normals = np.concatenate([ring, ring, -up, up])
-    fan = np.stack([np.zeros(AROUND - 2, int), np.arange(1, AROUND - 1), np.arange(2, AROUND)], axis=1)
+    fan = np.stack(
+        [np.zeros(AROUND - 2, int), np.arange(1, AROUND - 1), np.arange(2, AROUND)], axis=1
+    )
     return points, normals, np.concatenate([_bands(2), fan[:, ::-1] + 2 * AROUND, fan + 3 * AROUND])
 
 
@@ -77,7 +81,9 @@ def _box(size: np.ndarray) -> Parts:
         for side in (-1.0, 1.0):
             normal = side * np.eye(3)[axis]
             across, along = np.eye(3)[(axis + 1) % 3], side * np.eye(3)[(axis + 2) % 3]
-            corners = [normal + x * across + y * along for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+            corners = [
+                normal + x * across + y * along for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+            ]
             first = 4 * len(triangles)
             points.append(np.array(corners) * size)
             normals.append(np.repeat(normal[None], 4, axis=0))
@@ -98,8 +104,19 @@ def _up() -> np.ndarray:
 def _bands(rings: int) -> np.ndarray:
     """Return the triangles between `rings` rings of `AROUND` points, the lowest first."""
     low, following = np.arange(AROUND), np.roll(np.arange(AROUND), -1)
-    one, other = np.stack([low, following, low + AROUND], 1), np.stack([following, following + AROUND, low + AROUND], 1)
-    return np.concatenate([np.concatenate([one, other]) + band * AROUND for band in range(rings - 1)])
+    one, other = (
+        np.stack([low, following, low + AROUND], 1),
+        np.stack([following, following + AROUND, low + AROUND], 1),
+    )
+    return np.concatenate(
+        [np.concatenate([one, other]) + band * AROUND for band in range(rings - 1)]
+    )
 
 
-MAKERS = {"capsule": _capsule, "sphere": _sphere, "ellipsoid": _ellipsoid, "cylinder": _cylinder, "box": _box}
+MAKERS = {
+    "capsule": _capsule,
+    "sphere": _sphere,
+    "ellipsoid": _ellipsoid,
+    "cylinder": _cylinder,
+    "box": _box,
+}

@@ -38,7 +38,9 @@ def skin_primitives(skeleton: Skeleton, buffer: Buffer) -> dict[str, dict[str, A
     for number, name in enumerate(PARTS):
         triangles = mesh.triangles[part == number]
         if len(triangles):
-            indices = buffer.add(triangles.astype(np.uint16).ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER)
+            indices = buffer.add(
+                triangles.astype(np.uint16).ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER
+            )
             primitives[name] = {"attributes": attributes, "indices": indices}
     return primitives
 
@@ -47,11 +49,16 @@ def skin_object(skeleton: Skeleton, name: str, root: int, buffer: Buffer) -> dic
     """Return the skin: bones as joints, after the node `root`, and what takes points at rest into their frames."""
     matrices = np.zeros((len(skeleton.bones), 4, 4))
     for matrix, bone in zip(matrices, skeleton.bones, strict=True):
-        back = rotation_matrices(np.array(bone.turn)).T
+        back = rotation_matrices(np.array(bone.orientation)).T
         matrix[:3, :3], matrix[:3, 3], matrix[3, 3] = back, -back @ np.array(bone.offset), 1
     columns = float32(matrices.transpose(0, 2, 1))
     joints = list(range(root + 1, root + 1 + len(skeleton.bones)))
-    return {"name": name, "joints": joints, "inverseBindMatrices": buffer.add(columns, "MAT4"), "skeleton": root}
+    return {
+        "name": name,
+        "joints": joints,
+        "inverseBindMatrices": buffer.add(columns, "MAT4"),
+        "skeleton": root,
+    }
 
 
 def skin_material(part: str) -> dict[str, Any]:

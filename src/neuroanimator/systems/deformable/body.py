@@ -19,7 +19,7 @@ BALANCED = 1e-6
 class Water:
     """A medium that resists faces moving into it, and carries."""
 
-    push: float
+    face_drag: float
     """μ [kg/(m²·s)]: a face of area A moving outward at v is pushed back by μ·A·v; one moving inward is not."""
     drag: float = 0.0
     """[1/s] Damping of every mass point's motion, over its mass."""
@@ -53,7 +53,7 @@ class Body:
 
     names: tuple[str, ...]
     """Of the mass points."""
-    places: Float[np.ndarray, "N 3"]
+    positions: Float[np.ndarray, "N 3"]
     """Where the mass points are at rest [m]."""
     masses: Float[np.ndarray, " N"]
     springs: np.ndarray
@@ -62,11 +62,11 @@ class Body:
     damping: Float[np.ndarray, " P"]
     muscles: Float[np.ndarray, "P M"]
     """By which share of its length each contraction shortens each spring."""
-    pushes: Float[np.ndarray, "3 C"]
+    external_forces: Float[np.ndarray, "3 C"]
     """Force on the whole body [N] per control, spread by mass."""
     faces: np.ndarray
     """(F, 4) corners, counterclockwise from outside; the last of a triangle is its first."""
-    response: float = 0.0
+    time_constant: float = 0.0
     """[s] Time constant with which muscles follow their controls."""
     water: Water | None = None
     ground: Ground | None = None
@@ -80,22 +80,24 @@ class Body:
     """How a face's speed is that of its corners, and how its force is shared among them."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "lift", _lift(self.places, self.masses, self.water))
+        object.__setattr__(self, "lift", _lift(self.positions, self.masses, self.water))
         object.__setattr__(self, "lengths", self.spans - _stretches(self))
         object.__setattr__(self, "face_shares", _shares(self.faces, len(self.masses)))
 
     @property
     def spans(self) -> Float[np.ndarray, " P"]:
         """How far apart the ends of the springs are at rest [m]."""
-        return np.linalg.norm(self.places[self.springs[:, 1]] - self.places[self.springs[:, 0]], axis=1)
+        return np.linalg.norm(
+            self.positions[self.springs[:, 1]] - self.positions[self.springs[:, 0]], axis=1
+        )
 
     @property
-    def weighs(self) -> bool:
+    def has_gravity(self) -> bool:
         """Whether gravity is felt: not where water is everywhere and nothing tells up from down."""
         return self.water is None or self.water.surface is not None or self.water.righting > 0
 
 
-def _lift(places: np.ndarray, masses: np.ndarray, water: Water | None) -> np.ndarray:
+def _lift(positions: np.ndarray, masses: np.ndarray, water: Water | None) -> np.ndarray:
     """Return (N,) the lift of every mass point over its weight: it grows upward where the body is righted.
 
     It is linear in the place, so that its sum is that of the whole body and its centre lies `righting` above that of
@@ -105,7 +107,7 @@ def _lift(places: np.ndarray, masses: np.ndarray, water: Water | None) -> np.nda
         return np.zeros(len(masses))
     if not water.righting:
         return np.full(len(masses), water.buoyancy)
-    centred = places - masses @ places / masses.sum()
+    centred = positions - masses @ positions / masses.sum()
     spread = centred.T @ (masses[:, None] * centred) / masses.sum()
     slope = np.linalg.lstsq(spread, np.array([0.0, 0.0, water.righting]), rcond=None)[0]
     return water.buoyancy * (1 + centred @ slope)
@@ -118,8 +120,10 @@ def _stretches(body: Body) -> np.ndarray:
     the body falls or rises there is no balance, and none of them.
     """
     load = _load_at_rest(body)
-    arms = body.places - body.places.mean(axis=0)
-    net = np.concatenate([load.sum(axis=0), np.cross(arms, load).sum(axis=0) / np.linalg.norm(arms)])
+    arms = body.positions - body.positions.mean(axis=0)
+    net = np.concatenate(
+        [load.sum(axis=0), np.cross(arms, load).sum(axis=0) / np.linalg.norm(arms)]
+    )
     if not np.abs(load).any() or np.abs(net).max() > BALANCED * np.abs(load).sum():
         return np.zeros(len(body.springs))
     pulls = _pulls(body)
@@ -129,9 +133,9 @@ def _stretches(body: Body) -> np.ndarray:
 
 def _load_at_rest(body: Body) -> np.ndarray:
     """Return what lift, weight and ground do to every mass point (N, 3) at rest [N]."""
-    load = np.zeros_like(body.places)
-    heights = body.places[:, 2] + body.rest_height
-    if body.weighs:
+    load = np.zeros_like(body.positions)
+    heights = body.positions[:, 2] + body.rest_height
+    if body.has_gravity:
         wet = np.ones_like(heights)
         if body.water is not None and body.water.surface is not None:
             wet = np.clip((body.water.surface - heights) / body.water.depth + 0.5, 0, 1)
@@ -144,8 +148,8 @@ def _load_at_rest(body: Body) -> np.ndarray:
 def _pulls(body: Body) -> np.ndarray:
     """Return (P, 3N) by how much each spring is stretched where each coordinate grows by 1 m, about rest."""
     first, second = body.springs.T
-    along = (body.places[second] - body.places[first]) / body.spans[:, None]
-    stretch, rows = np.zeros((len(along), *body.places.shape)), np.arange(len(along))
+    along = (body.positions[second] - body.positions[first]) / body.spans[:, None]
+    stretch, rows = np.zeros((len(along), *body.positions.shape)), np.arange(len(along))
     stretch[rows, second] = along
     stretch[rows, first] = -along
     return stretch.reshape(len(stretch), -1)
@@ -171,7 +175,9 @@ def largest_step(body: Body) -> float:
     stiffness, friction = stiffness + _linear_ground(body), friction + _linear_water(body)
     squares, modes = np.linalg.eigh(stiffness)
     root = (modes * np.sqrt(np.maximum(squares, 0))) @ modes.T / 2
-    return float(1 / np.linalg.eigvalsh(np.block([[friction / 2, root], [root, np.zeros_like(root)]]))[-1])
+    return float(
+        1 / np.linalg.eigvalsh(np.block([[friction / 2, root], [root, np.zeros_like(root)]]))[-1]
+    )
 
 
 def _linear_springs(body: Body) -> tuple[np.ndarray, np.ndarray]:
@@ -182,20 +188,24 @@ def _linear_springs(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
 def _linear_ground(body: Body) -> np.ndarray:
     """Return the ground's stiffness (3N, 3N) [1/s²] over the masses, as if all mass points touched it."""
-    upward = np.zeros_like(body.places)
+    upward = np.zeros_like(body.positions)
     upward[:, 2] = 0.0 if body.ground is None else body.ground.stiffness
     return np.diag(upward.ravel() / _roots(body) ** 2)
 
 
 def _linear_water(body: Body) -> np.ndarray:
     """Return the water's damping (3N, 3N) [1/s] over the masses, as if all faces moved outward at rest."""
-    size = body.places.size
+    size = body.positions.size
     if body.water is None:
         return np.zeros((size, size))
-    corners = body.places[body.faces]
+    corners = body.positions[body.faces]
     area = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) / 2
-    weights = np.sqrt(body.water.push / np.linalg.norm(area, axis=1)) if len(area) else np.zeros(0)
-    flows = (weights[:, None, None] * body.face_shares[:, :, None] * area[:, None]).reshape(len(area), size)
+    weights = (
+        np.sqrt(body.water.face_drag / np.linalg.norm(area, axis=1)) if len(area) else np.zeros(0)
+    )
+    flows = (weights[:, None, None] * body.face_shares[:, :, None] * area[:, None]).reshape(
+        len(area), size
+    )
     return body.water.drag * np.eye(size) + (flows / _roots(body)).T @ (flows / _roots(body))
 
 

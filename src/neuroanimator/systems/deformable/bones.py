@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from neuroanimator.appearance.binding import Follow, Weights, followed
+from neuroanimator.appearance.binding import Binding, Weights, bound_pose
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.appearance.skin import Skin, Swimmer
 from neuroanimator.errors import ArgumentError
@@ -24,8 +24,11 @@ def body_skeleton(body: Body, skin: Skin | None) -> Skeleton:
     if skin is None:
         size = POINT_SIZE * float(body.lengths.mean())
         ball = Shape("sphere", (size,), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), POINT_COLOUR)
-        points = [Follow(place=((3 * i, 1.0),)) for i in range(len(body.masses))]
-        bones = [_bone(name, follow, body, (ball,)) for name, follow in zip(body.names, points, strict=True)]
+        points = [Binding(position=((3 * i, 1.0),)) for i in range(len(body.masses))]
+        bones = [
+            _bone(name, binding, body, (ball,))
+            for name, binding in zip(body.names, points, strict=True)
+        ]
     elif isinstance(skin, Swimmer):
         bones = _spine(body)
     else:
@@ -35,44 +38,50 @@ def body_skeleton(body: Body, skin: Skin | None) -> Skeleton:
 
 def _spine(body: Body) -> list[Bone]:
     """Return a bone per station along X, nose first; each points from the station behind it to the one before."""
-    stations = _stations(body.places)
+    stations = _stations(body.positions)
     if len(stations) < 2:
-        raise ArgumentError("skin: kind 'swimmer' wants mass points along X; all of them lie at one place.")
-    uprights = [_upward(body.places, station) for station in stations]
+        raise ArgumentError(
+            "skin: kind 'swimmer' wants mass points along X; all of them lie at one place."
+        )
+    uprights = [_upward(body.positions, station) for station in stations]
     tall = [i for i, weights in enumerate(uprights) if weights]
     if not tall:
-        raise ArgumentError("skin: kind 'swimmer' wants mass points above each other somewhere along X.")
+        raise ArgumentError(
+            "skin: kind 'swimmer' wants mass points above each other somewhere along X."
+        )
     bones = []
     for i, station in enumerate(stations):
         ahead, behind = stations[max(i - 1, 0)], stations[min(i + 1, len(stations) - 1)]
-        follow = Follow(
-            place=_mean(station, 1.0),
+        binding = Binding(
+            position=_mean(station, 1.0),
             forward=(*_mean(ahead, 1.0), *_mean(behind, -1.0)),
             up=uprights[min(tall, key=lambda other: abs(other - i))],
         )
-        bones.append(_bone(_common_name(body, station, i), follow, body))
+        bones.append(_bone(_common_name(body, station, i), binding, body))
     return bones
 
 
-def _stations(places: np.ndarray) -> list[list[int]]:
+def _stations(positions: np.ndarray) -> list[list[int]]:
     """Return mass points grouped by their X, largest first."""
-    order = np.argsort(-places[:, 0], kind="stable")
-    near = SAME_STATION * np.ptp(places[:, 0])
+    order = np.argsort(-positions[:, 0], kind="stable")
+    near = SAME_STATION * np.ptp(positions[:, 0])
     stations = [[int(order[0])]]
     for point in order[1:]:
-        if places[stations[-1][0], 0] - places[point, 0] > near:
+        if positions[stations[-1][0], 0] - positions[point, 0] > near:
             stations.append([])
         stations[-1].append(int(point))
     return [sorted(station) for station in stations]
 
 
-def _upward(places: np.ndarray, station: list[int]) -> Weights:
+def _upward(positions: np.ndarray, station: list[int]) -> Weights:
     """Return weights of the difference between upper and lower mass points; none if all are level."""
-    heights = places[station, 2] - places[station, 2].mean()
+    heights = positions[station, 2] - positions[station, 2].mean()
     total = float(np.abs(heights).sum())
-    if total <= SAME_STATION * float(np.ptp(places[:, 0])):
+    if total <= SAME_STATION * float(np.ptp(positions[:, 0])):
         return ()
-    return tuple((3 * point, float(height) / total) for point, height in zip(station, heights, strict=True))
+    return tuple(
+        (3 * point, float(height) / total) for point, height in zip(station, heights, strict=True)
+    )
 
 
 def _mean(station: list[int], sign: float) -> Weights:
@@ -87,19 +96,32 @@ def _common_name(body: Body, station: list[int], number: int) -> str:
 
 def _corners(body: Body) -> list[Bone]:
     """Return a bone per corner, in the order `skin_mesh` wants; its axes lie along the two edges that meet there."""
-    low, high = body.places.min(axis=0), body.places.max(axis=0)
+    low, high = body.positions.min(axis=0), body.positions.max(axis=0)
     ends = [np.array([a, b, c]) for a in (0, 1) for b in (0, 1) for c in (0, 1)]
-    nearest = [int(np.linalg.norm(body.places - (low + end * (high - low)), axis=1).argmin()) for end in ends]
+    nearest = [
+        int(np.linalg.norm(body.positions - (low + end * (high - low)), axis=1).argmin())
+        for end in ends
+    ]
     if len({*nearest}) < len(ends) or (high - low).min() <= 0:
         raise ArgumentError("skin: kind 'box' wants eight mass points, one at every corner.")
     bones = []
     for number, point in enumerate(nearest):
-        edges = (((3 * nearest[number | bit], 1.0), (3 * nearest[number & ~bit], -1.0)) for bit in (4, 1))
+        edges = (
+            ((3 * nearest[number | bit], 1.0), (3 * nearest[number & ~bit], -1.0)) for bit in (4, 1)
+        )
         forward, up = edges
-        bones.append(_bone(body.names[point], Follow(place=((3 * point, 1.0),), forward=forward, up=up), body))
+        bones.append(
+            _bone(
+                body.names[point],
+                Binding(position=((3 * point, 1.0),), forward=forward, up=up),
+                body,
+            )
+        )
     return bones
 
 
-def _bone(name: str, follow: Follow, body: Body, shapes: tuple[Shape, ...] = ()) -> Bone:
-    place, turn = followed(follow, body.places.reshape(1, -1))
-    return Bone(name, -1, tuple(place[0].tolist()), tuple(turn[0].tolist()), (), shapes, follow)
+def _bone(name: str, binding: Binding, body: Body, shapes: tuple[Shape, ...] = ()) -> Bone:
+    position, orientation = bound_pose(binding, body.positions.reshape(1, -1))
+    return Bone(
+        name, -1, tuple(position[0].tolist()), tuple(orientation[0].tolist()), (), shapes, binding
+    )

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 SHORTEST = 1e-9
 """[m] Two mass points closer than this are at one place."""
-SMALLEST_FACE = 1e-12
+MIN_FACE = 1e-12
 """[m²] A face smaller than this has no area."""
-MOST_LISTED = 12
+MAX_LISTED = 12
 """Names an error lists at most."""
 RK4_OVER_SYMPLECTIC = 1.3
 """How many times as large a step rk4 bears at least, whatever the damping (1.39 to 1.41)."""
-MOST_SHORTENING = 0.9
+MAX_SHORTENING = 0.9
 """Share of its length by which all muscles together may shorten a spring."""
 MIRROR_TOLERANCE = 1e-9
 """Relative: left and right are the same to within rounding."""
@@ -31,7 +31,9 @@ MIRROR_TOLERANCE = 1e-9
 def check_nodes(definition: BodyDefinition, most: int) -> None:
     """Refuse too many mass points, and any without mass."""
     if len(definition.nodes) > most:
-        raise ArgumentError(f"nodes: wanted at most {most}, came {len(definition.nodes)}. Use a coarser body.")
+        raise ArgumentError(
+            f"nodes: wanted at most {most}, came {len(definition.nodes)}. Use a coarser body."
+        )
     for name, (*_, mass) in definition.nodes.items():
         if mass <= 0:
             raise ArgumentError(
@@ -40,11 +42,15 @@ def check_nodes(definition: BodyDefinition, most: int) -> None:
             )
 
 
-def check_springs(names: Sequence[str], places: np.ndarray, springs: np.ndarray, most: int) -> None:
+def check_springs(
+    names: Sequence[str], positions: np.ndarray, springs: np.ndarray, most: int
+) -> None:
     """Refuse too many springs, springs without length, doubled ones, and a body in several pieces."""
     if len(springs) > most:
-        raise ArgumentError(f"springs: wanted at most {most}, came {len(springs)}. Use a coarser body.")
-    lengths = np.linalg.norm(places[springs[:, 1]] - places[springs[:, 0]], axis=1)
+        raise ArgumentError(
+            f"springs: wanted at most {most}, came {len(springs)}. Use a coarser body."
+        )
+    lengths = np.linalg.norm(positions[springs[:, 1]] - positions[springs[:, 0]], axis=1)
     seen = set()
     for ends, length in zip(springs, lengths, strict=True):
         pair = [names[i] for i in ends]
@@ -53,7 +59,9 @@ def check_springs(names: Sequence[str], places: np.ndarray, springs: np.ndarray,
                 f"springs: {pair} has no length at rest: both ends are at one place. Move one, or leave it out."
             )
         if frozenset(ends) in seen:
-            raise ArgumentError(f"springs: {pair} is there twice. Leave one out, or add up their stiffness.")
+            raise ArgumentError(
+                f"springs: {pair} is there twice. Leave one out, or add up their stiffness."
+            )
         seen.add(frozenset(ends))
     pieces = _pieces(len(names), springs)
     if len(pieces) > 1:
@@ -67,36 +75,44 @@ def check_springs(names: Sequence[str], places: np.ndarray, springs: np.ndarray,
 def check_muscles(names: Sequence[str], springs: np.ndarray, shorten: np.ndarray) -> None:
     """Refuse muscles (P, M) that together leave a spring next to nothing of its length."""
     total = shorten.sum(axis=1)
-    if (total > MOST_SHORTENING).any():
+    if (total > MAX_SHORTENING).any():
         worst = int(np.argmax(total))
         raise ArgumentError(
             f"muscles.shorten: the muscles together shorten {[names[i] for i in springs[worst]]} by {total[worst]:g} "
-            f"of its length; wanted at most {MOST_SHORTENING:g}. Shorten less, or give each its own spring."
+            f"of its length; wanted at most {MAX_SHORTENING:g}. Shorten less, or give each its own spring."
         )
 
 
-def check_faces(faces: Sequence[Sequence[str]], places: np.ndarray, corners: np.ndarray) -> None:
+def check_faces(faces: Sequence[Sequence[str]], positions: np.ndarray, corners: np.ndarray) -> None:
     """Refuse faces without area, and faces that look into the body.
 
     A face that is there from both sides is a fin's and may look anywhere.
     """
-    p = places[corners]
+    p = positions[corners]
     areas = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]) / 2
     rings = [list(dict.fromkeys(face)) for face in corners.tolist()]
     sides = Counter(frozenset(ring) for ring in rings)
     for face, ring, area in zip(faces, rings, areas, strict=True):
-        if len(ring) < 3 or np.linalg.norm(area) < SMALLEST_FACE:
-            raise ArgumentError(f"faces: {list(face)} has no area. Name three or four corners that are not in a line.")
+        if len(ring) < 3 or np.linalg.norm(area) < MIN_FACE:
+            raise ArgumentError(
+                f"faces: {list(face)} has no area. Name three or four corners that are not in a line."
+            )
     single = [i for i, ring in enumerate(rings) if sides[frozenset(ring)] == 1]
-    middles = np.array([places[ring].mean(axis=0) for ring in rings]).reshape(-1, 3)
-    inward = _looking_inward(rings, single, areas, middles, places.mean(axis=0))
+    middles = np.array([positions[ring].mean(axis=0) for ring in rings]).reshape(-1, 3)
+    inward = _looking_inward(rings, single, areas, middles, positions.mean(axis=0))
     for number, face in enumerate(faces):
         if number in inward:
-            raise ArgumentError(f"faces: {list(face)} looks inward. List its corners counterclockwise from outside.")
+            raise ArgumentError(
+                f"faces: {list(face)} looks inward. List its corners counterclockwise from outside."
+            )
 
 
 def _looking_inward(
-    rings: list[list[int]], single: list[int], areas: np.ndarray, middles: np.ndarray, centre: np.ndarray
+    rings: list[list[int]],
+    single: list[int],
+    areas: np.ndarray,
+    middles: np.ndarray,
+    centre: np.ndarray,
 ) -> set[int]:
     """Return the faces that look inward, of those in `single`."""
     neighbours, found, left = _neighbours(rings, single), set(), set(single)
@@ -131,7 +147,9 @@ def _neighbours(rings: list[list[int]], single: list[int]) -> dict[int, list[tup
     return neighbours
 
 
-def _negative(signs: dict[int, int], areas: np.ndarray, middles: np.ndarray, centre: np.ndarray) -> set[int]:
+def _negative(
+    signs: dict[int, int], areas: np.ndarray, middles: np.ndarray, centre: np.ndarray
+) -> set[int]:
     """Return those of a connected skin's faces that make its volume smaller; of a flat one's, seen from `centre`."""
     numbers = np.array(list(signs))
     signed = areas[numbers] * np.array(list(signs.values()))[:, None]
@@ -146,37 +164,50 @@ def check_mirror(body: Body, nodes: np.ndarray, controls: np.ndarray, names: Seq
 
     `nodes` (N,) and `controls` (C,) are the partners, `names` those of the controls.
     """
-    across, size = np.array([1.0, -1.0, 1.0]), np.ptp(body.places, axis=0).max()
-    seen = np.abs(body.places[nodes] - body.places * across).max(axis=1)
+    across, size = np.array([1.0, -1.0, 1.0]), np.ptp(body.positions, axis=0).max()
+    seen = np.abs(body.positions[nodes] - body.positions * across).max(axis=1)
     for i in np.flatnonzero(seen > MIRROR_TOLERANCE * size)[:1].tolist():
-        wanted, came = ((place + 0.0).tolist() for place in (body.places[i] * across, body.places[nodes[i]]))
+        wanted, came = (
+            (position + 0.0).tolist()
+            for position in (body.positions[i] * across, body.positions[nodes[i]])
+        )
         raise ArgumentError(
             f"mirror: '{body.names[i]}' needs a partner at {wanted}, but '{body.names[int(nodes[i])]}' is at {came}. "
             "Move one, or name the other."
         )
-    for i in np.flatnonzero(~np.isclose(body.masses[nodes], body.masses, rtol=MIRROR_TOLERANCE, atol=0))[:1].tolist():
+    for i in np.flatnonzero(
+        ~np.isclose(body.masses[nodes], body.masses, rtol=MIRROR_TOLERANCE, atol=0)
+    )[:1].tolist():
         raise ArgumentError(
             f"mirror: '{body.names[i]}' has {body.masses[i]:g} kg and its partner '{body.names[int(nodes[i])]}' "
             f"{body.masses[nodes[i]]:g} kg. Give both the same mass."
         )
     _check_mirrored_springs(body, nodes, controls, names)
     _check_mirrored_faces(body, nodes)
-    pushed = np.abs(body.pushes[:, controls] - body.pushes * across[:, None]).max(axis=0)
-    for c in np.flatnonzero(pushed > MIRROR_TOLERANCE * np.abs(body.pushes).max(initial=0))[:1].tolist():
+    pushed = np.abs(body.external_forces[:, controls] - body.external_forces * across[:, None]).max(
+        axis=0
+    )
+    for c in np.flatnonzero(
+        pushed > MIRROR_TOLERANCE * np.abs(body.external_forces).max(initial=0)
+    )[:1].tolist():
         raise ArgumentError(
             f"mirror: reversing Y, the push '{names[c]}' does not become that of '{names[int(controls[c])]}'. "
             "Make them mirror images, or leave out the mirror."
         )
 
 
-def _check_mirrored_springs(body: Body, nodes: np.ndarray, controls: np.ndarray, names: Sequence[str]) -> None:
+def _check_mirrored_springs(
+    body: Body, nodes: np.ndarray, controls: np.ndarray, names: Sequence[str]
+) -> None:
     numbers = {frozenset(ends): p for p, ends in enumerate(body.springs.tolist())}
     for p, ends in enumerate(body.springs.tolist()):
         partners = nodes[ends].tolist()
         pair, wanted = ([body.names[i] for i in both] for both in (ends, partners))
         other = numbers.get(frozenset(partners))
         if other is None:
-            raise ArgumentError(f"mirror: spring {pair} has no partner {wanted}. Add it, or leave out the mirror.")
+            raise ArgumentError(
+                f"mirror: spring {pair} has no partner {wanted}. Add it, or leave out the mirror."
+            )
         for what, numbers_of in (("stiffness", body.stiffness), ("damping", body.damping)):
             if not np.isclose(numbers_of[p], numbers_of[other], rtol=MIRROR_TOLERANCE, atol=0):
                 raise ArgumentError(
@@ -213,10 +244,17 @@ def check_steps(definition: BodyDefinition, body: Body) -> None:
     """Refuse a step at which the body's own small vibrations would grow."""
     physics, limit = definition.physics, largest_step(body)
     for key in ("step", "truth_step", "fine_step"):
-        step, integrator = getattr(physics, key), getattr(physics, key.replace("step", "integrator"))
+        step, integrator = (
+            getattr(physics, key),
+            getattr(physics, key.replace("step", "integrator")),
+        )
         most = limit * (RK4_OVER_SYMPLECTIC if integrator == "rk4" else 1.0)
         if step > most:
-            why = "its matrix holds nothing of a spring at rest" if integrator == "semi-implicit" else "they grow"
+            why = (
+                "its matrix holds nothing of a spring at rest"
+                if integrator == "semi-implicit"
+                else "they grow"
+            )
             raise ArgumentError(
                 f"physics.{key}: {step:g} s is too large for the fastest vibrations: {integrator} needs at most "
                 f"{most:.3g} s ({why}). Take a smaller step, softer springs or more mass."
@@ -226,8 +264,8 @@ def check_steps(definition: BodyDefinition, body: Body) -> None:
 def listed(names: Iterable[str]) -> str:
     """Return the names with commas; of very many the first ones."""
     every = list(names)
-    rest = f" and {len(every) - MOST_LISTED} more" if len(every) > MOST_LISTED else ""
-    return ", ".join(every[:MOST_LISTED]) + rest
+    rest = f" and {len(every) - MAX_LISTED} more" if len(every) > MAX_LISTED else ""
+    return ", ".join(every[:MAX_LISTED]) + rest
 
 
 def _pieces(count: int, springs: np.ndarray) -> list[list[int]]:

@@ -11,8 +11,8 @@ import numpy as np
 
 from neuroanimator.definitions.body import BodyDefinition, control_names
 from neuroanimator.state.layout import Bounds, Layout, Slice
-from neuroanimator.state.reference_shape import Cloud, shown_by
-from neuroanimator.state.rotation import facing, multiply, turned_by
+from neuroanimator.state.reference_shape import Cloud, to_world_axes
+from neuroanimator.state.rotation import facing, multiply, rotated_by
 from neuroanimator.state.structure import Group, Mirror, Probe, Segment, Structure
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.systems.deformable.body import Body
@@ -29,7 +29,7 @@ ROWS = 256
 BODIES, RUNNERS = 16, 64
 """How many bodies, and compiled motions of theirs, are kept: compiling one takes longer than most runs."""
 
-WILDEST_STRAIN = 5.0
+MAX_STRAIN = 5.0
 """A spring stretched to more than this many times its length belongs to a body that has blown up."""
 
 
@@ -50,8 +50,8 @@ class DeformableSystem(System):
         self.truth = Scheme(physics.truth_integrator, physics.truth_step)
         self.fine = Scheme(physics.fine_integrator, physics.fine_step)
         self.structure = _structure(definition, self.body)
-        places = self.body.places + np.array([0.0, 0.0, self.body.rest_height])
-        self.rest = self.pack(places, np.zeros_like(places), np.zeros(self.muscles))
+        positions = self.body.positions + np.array([0.0, 0.0, self.body.rest_height])
+        self.rest = self.pack(positions, np.zeros_like(positions), np.zeros(self.muscles))
         self.sampling, self.warm_up = definition.sampling, definition.sampling.warm_up
         self.skeleton = body_skeleton(self.body, definition.skin)
         self.gait = gait_of(definition)
@@ -62,17 +62,19 @@ class DeformableSystem(System):
         """How many muscle contractions belong to the state."""
         return self.body.muscles.shape[1]
 
-    def pack(self, places: np.ndarray, speeds: np.ndarray, contractions: np.ndarray) -> np.ndarray:
+    def pack(
+        self, positions: np.ndarray, velocities: np.ndarray, activations: np.ndarray
+    ) -> np.ndarray:
         """Return states (..., S) from places and speeds (..., N, 3) and contractions (..., M)."""
-        flat = (part.reshape(*part.shape[:-2], -1) for part in (places, speeds))
-        return np.concatenate([*flat, contractions], axis=-1)
+        flat = (part.reshape(*part.shape[:-2], -1) for part in (positions, velocities))
+        return np.concatenate([*flat, activations], axis=-1)
 
     def unpack(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return places and speeds (..., N, 3) and contractions (..., M) of states (..., S)."""
         size = 3 * len(self.body.masses)
-        places, speeds = states[..., :size], states[..., size : 2 * size]
+        positions, velocities = states[..., :size], states[..., size : 2 * size]
         shape = (*states.shape[:-1], -1, 3)
-        return places.reshape(shape), speeds.reshape(shape), states[..., 2 * size :]
+        return positions.reshape(shape), velocities.reshape(shape), states[..., 2 * size :]
 
     def simulate(
         self,
@@ -97,7 +99,10 @@ class DeformableSystem(System):
 
     def _run(self, run: Any, starts: np.ndarray, controls: np.ndarray) -> np.ndarray:
         """Return states (B, T, S): rows go last and come back first."""
-        last = lambda array, axis=0: jnp.asarray(np.moveaxis(array, axis, -1))  # noqa: E731
+
+        def last(array, axis=0):
+            return jnp.asarray(np.moveaxis(array, axis, -1))
+
         motion = Motion(*(last(part) for part in self.unpack(starts)))
         found = run(motion, jnp.asarray(np.moveaxis(controls, 0, -1)))
         return self.pack(*(np.moveaxis(np.asarray(part), -1, 0) for part in found))
@@ -105,60 +110,71 @@ class DeformableSystem(System):
     def is_sane(self, states: np.ndarray) -> np.ndarray:
         """Return (B,) False for each run (B, T+1, S) that is not finite or torn apart."""
         with np.errstate(all="ignore"):
-            places = np.moveaxis(self.unpack(states)[0], (2, 3), (0, 1))
-            torn = np.abs(strains(self.body, places)).max(axis=(0, 2)) > WILDEST_STRAIN
+            positions = np.moveaxis(self.unpack(states)[0], (2, 3), (0, 1))
+            torn = np.abs(strains(self.body, positions)).max(axis=(0, 2)) > MAX_STRAIN
         return np.isfinite(states).all(axis=(1, 2)) & ~torn
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         sampling, cloud = self.sampling, self.structure.cloud
         assert cloud is not None
         moving = (rng.random(count) >= sampling.rest_share)[:, None]
-        rest = np.array(cloud.places)
+        rest = np.array(cloud.positions)
         shape = rest * (1 + rng.normal(size=(count, 1, 3)) * sampling.strain * moving[:, None])
-        speeds = rng.normal(size=(count, 3)) * np.array(sampling.speed) * moving
-        spin = rng.normal(size=(count, 3)) * sampling.spin * moving
-        turn = self._turns(rng, count, moving)
+        velocities = rng.normal(size=(count, 3)) * np.array(sampling.velocity) * moving
+        angular_velocity = rng.normal(size=(count, 3)) * sampling.angular_velocity * moving
+        orientation = self._turns(rng, count, moving)
         centre = cloud.centroid(self.unpack(self.rest)[0]) + np.zeros((count, 3))
         centre[:, 2] += rng.uniform(*sampling.height, count) * moving[:, 0]
-        flow = speeds[:, None] + np.cross(spin[:, None], shape)
-        contractions = rng.uniform(-1, 1, (count, self.muscles)) * moving * 0.3
-        return self.pack(centre[:, None] + shown_by(turn, shape), shown_by(turn, flow), contractions)
+        flow = velocities[:, None] + np.cross(angular_velocity[:, None], shape)
+        activations = rng.uniform(-1, 1, (count, self.muscles)) * moving * 0.3
+        return self.pack(
+            centre[:, None] + to_world_axes(orientation, shape),
+            to_world_axes(orientation, flow),
+            activations,
+        )
 
     def _turns(self, rng: np.random.Generator, count: int, moving: np.ndarray) -> np.ndarray:
         """Return quaternions (count, 4): any heading; any turn at all where there is no up and down."""
-        if not self.body.weighs:
+        if not self.body.has_gravity:
             anyhow = rng.normal(size=(count, 4))
             return anyhow / np.linalg.norm(anyhow, axis=1, keepdims=True)
         heading = facing(rng.uniform(-np.pi, np.pi, count))
         return multiply(
-            heading, turned_by(facing(np.zeros(count)), rng.normal(size=(count, 3)) * self.sampling.tilt * moving)
+            heading,
+            rotated_by(
+                facing(np.zeros(count)), rng.normal(size=(count, 3)) * self.sampling.tilt * moving
+            ),
         )
 
 
 def _state_layout(body: Body, controls: list[str]) -> Layout:
-    places = [Slice(name, 3, "m") for name in body.names]
-    speeds = [Slice(f"{name}.speed", 3, "m/s") for name in body.names]
-    contractions = [Slice(f"{name}.contraction", 1, "1") for name in controls[: body.muscles.shape[1]]]
-    return Layout((*places, *speeds, *contractions))
+    positions = [Slice(name, 3, "m") for name in body.names]
+    velocities = [Slice(f"{name}.velocity", 3, "m/s") for name in body.names]
+    activations = [
+        Slice(f"{name}.contraction", 1, "1") for name in controls[: body.muscles.shape[1]]
+    ]
+    return Layout((*positions, *velocities, *activations))
 
 
 def _structure(definition: BodyDefinition, body: Body) -> Structure:
     size, muscles = 3 * len(body.masses), body.muscles.shape[1]
     segments = [Segment("points", size, rate=size), Segment("point velocities", size)]
     if muscles:
-        segments.append(Segment("follower", muscles, response=body.response))
+        segments.append(Segment("lag", muscles, time_constant=body.time_constant))
     return Structure(
         angles=(),
         rates=tuple((i, size + i) for i in range(size)),
         plain=(),
         segments=tuple(segments),
-        cloud=Cloud.of(body.places, body.masses),
-        weighs=body.weighs,
+        cloud=Cloud.of(body.positions, body.masses),
+        has_gravity=body.has_gravity,
         is_immersed=body.water is not None and body.ground is None,
         mirror=_mirror(definition, body),
         probes=_probes(definition, body),
         groups=_groups(definition, body),
-        pushes=tuple(tuple(float(force) for force in row) for row in body.pushes) if body.pushes.any() else (),
+        external_forces=tuple(tuple(float(force) for force in row) for row in body.external_forces)
+        if body.external_forces.any()
+        else (),
     )
 
 
@@ -168,16 +184,19 @@ def _groups(definition: BodyDefinition, body: Body) -> tuple[Group, ...]:
     found = []
     for name, points in group_numbers(definition).items():
         touched = np.isin(body.springs, points).any(axis=1)
-        found.append(Group(name, points, tuple(int(c) for c in np.flatnonzero(pulls[touched].any(axis=0)))))
+        found.append(
+            Group(name, points, tuple(int(c) for c in np.flatnonzero(pulls[touched].any(axis=0))))
+        )
     return tuple(found)
 
 
 def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:
     """Return the probes from the centroid; what is there as a radius is the height of the surface."""
-    centre = body.masses @ body.places / body.masses.sum()
+    centre = body.masses @ body.positions / body.masses.sum()
     level = (body.water and body.water.surface) or 0.0
     return tuple(
-        (float(x), float(y), float(z), level) for x, y, z in np.array(definition.probes).reshape(-1, 3) - centre
+        (float(x), float(y), float(z), level)
+        for x, y, z in np.array(definition.probes).reshape(-1, 3) - centre
     )
 
 

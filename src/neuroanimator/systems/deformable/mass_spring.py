@@ -28,23 +28,27 @@ SMALLEST = 1e-12
 class Motion(NamedTuple):
     """Where a body is, how it moves, how far its muscles are contracted."""
 
-    places: Float[Array, "N 3 ..."]
+    positions: Float[Array, "N 3 ..."]
     """[m]"""
-    speeds: Float[Array, "N 3 ..."]
+    velocities: Float[Array, "N 3 ..."]
     """[m/s]"""
-    contractions: Float[Array, "C ..."]
+    activations: Float[Array, "C ..."]
     """1: a muscle as short as it gets."""
 
 
-def spring_stiffness(body: Body, places: Array, speeds: Array, contractions: Array) -> tuple[Array, Array]:
+def spring_stiffness(
+    body: Body, positions: Array, velocities: Array, activations: Array
+) -> tuple[Array, Array]:
     """Return effective stiffness (P, ...) [N/m] and extent (P, 3, ...) [m] of every spring; their product is its force.
 
     n = (c·(|r| - l) + k·ė) / |r| after Tu: negative in compression. Muscles shorten the rest length l.
     """
     first, second = body.springs.T
-    extent, parting = places[second] - places[first], speeds[second] - speeds[first]
+    extent, parting = positions[second] - positions[first], velocities[second] - velocities[first]
     length = jnp.sqrt(_dot(extent, extent) + SMALLEST**2)
-    rest = _along(body.lengths, length) * (1 - jnp.tensordot(body.muscles.astype(length.dtype), contractions, 1))
+    rest = _along(body.lengths, length) * (
+        1 - jnp.tensordot(body.muscles.astype(length.dtype), activations, 1)
+    )
     rate = _dot(extent, parting) / length
     stretch = _along(body.stiffness, length) * (length - rest) + _along(body.damping, length) * rate
     return stretch / length, extent
@@ -58,78 +62,86 @@ def spring_forces(body: Body, motion: Motion) -> Array:
 
 def outer_forces(body: Body, motion: Motion, controls: Array) -> Array:
     """Return all other forces on every mass point (N, 3, ...) [N]: water, weight, ground, pushes."""
-    places, speeds, _ = motion
-    force = jnp.zeros_like(places)
-    wet = _wet(body, places)
+    positions, velocities, _ = motion
+    force = jnp.zeros_like(positions)
+    wet = _wet(body, positions)
     if body.water is not None:
-        force = force + _water_forces(body, places, speeds, wet)
-    if body.weighs:
+        force = force + _water_forces(body, positions, velocities, wet)
+    if body.has_gravity:
         lift = 0.0 if body.water is None else _along(body.lift, wet) * wet
-        force = force.at[:, 2].add(_along(body.masses, places[:, 2]) * GRAVITY * (lift - 1))
+        force = force.at[:, 2].add(_along(body.masses, positions[:, 2]) * GRAVITY * (lift - 1))
     if body.ground is not None:
-        force = force + _ground_forces(body, places, speeds)
-    if body.pushes.any():
-        share = _along(body.masses / body.masses.sum(), places)
-        force = force + share * jnp.tensordot(body.pushes.astype(places.dtype), controls, 1)
+        force = force + _ground_forces(body, positions, velocities)
+    if body.external_forces.any():
+        share = _along(body.masses / body.masses.sum(), positions)
+        force = force + share * jnp.tensordot(
+            body.external_forces.astype(positions.dtype), controls, 1
+        )
     return force
 
 
 def energy(body: Body, motion: Motion) -> Array:
     """Return (...) kinetic and elastic energy, and that of weight [J]: in air, or in water without a surface."""
-    heights = motion.places[:, 2]
+    heights = motion.positions[:, 2]
     is_immersed = body.water is not None and body.water.surface is None
     weights = GRAVITY * body.masses * (1 - body.lift * is_immersed)
-    return inner_energy(body, motion) + jnp.sum(_along(weights, heights) * heights, axis=0)
+    return internal_energy(body, motion) + jnp.sum(_along(weights, heights) * heights, axis=0)
 
 
-def inner_energy(body: Body, motion: Motion) -> Array:
+def internal_energy(body: Body, motion: Motion) -> Array:
     """Return (...) kinetic and elastic energy [J]: what does not depend on the place."""
-    places, speeds, contractions = motion
-    kinetic = jnp.sum(_along(body.masses, speeds) * speeds * speeds, axis=(0, 1)) / 2
+    positions, velocities, activations = motion
+    kinetic = jnp.sum(_along(body.masses, velocities) * velocities * velocities, axis=(0, 1)) / 2
     first, second = body.springs.T
-    length = jnp.sqrt(_dot(places[second] - places[first], places[second] - places[first]))
-    rest = _along(body.lengths, length) * (1 - jnp.tensordot(body.muscles.astype(length.dtype), contractions, 1))
+    length = jnp.sqrt(
+        _dot(positions[second] - positions[first], positions[second] - positions[first])
+    )
+    rest = _along(body.lengths, length) * (
+        1 - jnp.tensordot(body.muscles.astype(length.dtype), activations, 1)
+    )
     elastic = jnp.sum(_along(body.stiffness, length) * (length - rest) ** 2, axis=0) / 2
     return kinetic + elastic
 
 
-def strains(body: Body, places: Numbers) -> Numbers:
-    """Return every spring's (P, ...) relative change of length; of NumPy's `places` (N, 3, ...) by NumPy."""
+def strains(body: Body, positions: Numbers) -> Numbers:
+    """Return every spring's (P, ...) relative change of length; of NumPy's `positions` (N, 3, ...) by NumPy."""
     first, second = body.springs.T
-    extent = places[second] - places[first]
-    length = places.__array_namespace__().sqrt(_dot(extent, extent))
+    extent = positions[second] - positions[first]
+    length = positions.__array_namespace__().sqrt(_dot(extent, extent))
     return length / _along(body.lengths, length) - 1
 
 
-def _water_forces(body: Body, places: Array, speeds: Array, wet: Array) -> Array:
+def _water_forces(body: Body, positions: Array, velocities: Array, wet: Array) -> Array:
     """Return the water's drag on mass points, and its push on faces that move outward: -μ A max(0, n·v) n."""
     water = body.water
     assert water is not None
-    drag = -water.drag * _along(body.masses, speeds) * speeds * wet[:, None]
+    drag = -water.drag * _along(body.masses, velocities) * velocities * wet[:, None]
     if not len(body.faces):
         return drag
-    corners = [places[body.faces[:, i]] for i in range(4)]
+    corners = [positions[body.faces[:, i]] for i in range(4)]
     area = _cross(corners[2] - corners[0], corners[3] - corners[1]) / 2
-    shares = body.face_shares.astype(places.dtype)
-    speed, wetness = jnp.tensordot(shares, speeds, 1), jnp.tensordot(shares, wet, 1)
+    shares = body.face_shares.astype(positions.dtype)
+    speed, wetness = jnp.tensordot(shares, velocities, 1), jnp.tensordot(shares, wet, 1)
     outward = jnp.maximum(_dot(area, speed), 0) / jnp.sqrt(_dot(area, area) + SMALLEST**2)
-    push = -water.push * (outward * wetness)[:, None] * area
+    push = -water.face_drag * (outward * wetness)[:, None] * area
     return drag + jnp.tensordot(shares.T, push, 1)
 
 
-def _wet(body: Body, places: Array) -> Array:
+def _wet(body: Body, positions: Array) -> Array:
     """Return how far each mass point (N, ...) is under water, 0 to 1."""
     if body.water is None or body.water.surface is None:
-        return jnp.ones_like(places[:, 2])
-    return jnp.clip((body.water.surface - places[:, 2]) / body.water.depth + 0.5, 0, 1)
+        return jnp.ones_like(positions[:, 2])
+    return jnp.clip((body.water.surface - positions[:, 2]) / body.water.depth + 0.5, 0, 1)
 
 
-def _ground_forces(body: Body, places: Array, speeds: Array) -> Array:
+def _ground_forces(body: Body, positions: Array, velocities: Array) -> Array:
     ground = body.ground
     assert ground is not None
-    depth = jnp.maximum(-places[:, 2], 0)
-    upward = ground.stiffness * depth * jnp.maximum(1 - ground.damping * speeds[:, 2], 0)
-    sliding = speeds[:, :2] / jnp.sqrt(jnp.sum(speeds[:, :2] ** 2, axis=1, keepdims=True) + ground.slip**2)
+    depth = jnp.maximum(-positions[:, 2], 0)
+    upward = ground.stiffness * depth * jnp.maximum(1 - ground.damping * velocities[:, 2], 0)
+    sliding = velocities[:, :2] / jnp.sqrt(
+        jnp.sum(velocities[:, :2] ** 2, axis=1, keepdims=True) + ground.slip**2
+    )
     return jnp.concatenate([-ground.friction * upward[:, None] * sliding, upward[:, None]], axis=1)
 
 
@@ -155,24 +167,28 @@ def _gather(body: Body, pulls: Array) -> Array:
     return zeros.at[first].add(pulls).at[second].add(-pulls)
 
 
-def _contracted(body: Body, contractions: Array, controls: Array, seconds: float) -> Array:
+def _activated(body: Body, activations: Array, controls: Array, seconds: float) -> Array:
     """Return the contractions after `seconds` of held controls, to which they tend exponentially."""
-    if not contractions.shape[0]:
-        return contractions
-    if body.response <= 0:
+    if not activations.shape[0]:
+        return activations
+    if body.time_constant <= 0:
         return controls
-    return controls + (contractions - controls) * np.exp(-seconds / body.response)
+    return controls + (activations - controls) * np.exp(-seconds / body.time_constant)
 
 
 def _acceleration(body: Body, motion: Motion, controls: Array) -> Array:
-    return (spring_forces(body, motion) + outer_forces(body, motion, controls)) / _along(body.masses, motion.places)
+    return (spring_forces(body, motion) + outer_forces(body, motion, controls)) / _along(
+        body.masses, motion.positions
+    )
 
 
 def symplectic_step(body: Body, motion: Motion, controls: Array, dt: float) -> Motion:
     """Return the motion after one step of symplectic Euler, order 1: explicit and cheapest."""
-    places, _, contractions = motion
-    speeds = motion.speeds + dt * _acceleration(body, motion, controls)
-    return Motion(places + dt * speeds, speeds, _contracted(body, contractions, controls, dt))
+    positions, _, activations = motion
+    velocities = motion.velocities + dt * _acceleration(body, motion, controls)
+    return Motion(
+        positions + dt * velocities, velocities, _activated(body, activations, controls, dt)
+    )
 
 
 def semi_implicit_step(body: Body, motion: Motion, controls: Array, dt: float) -> Motion:
@@ -181,15 +197,21 @@ def semi_implicit_step(body: Body, motion: Motion, controls: Array, dt: float) -
     (M/δt + δt K) v' = M/δt v + f, with the springs' effective stiffness in K. In compression it is negative
     and would take the matrix its positive definiteness, and the motion its energy bound: there it is left out.
     """
-    places, speeds, contractions = motion
+    positions, velocities, activations = motion
     stiffness, extent = spring_stiffness(body, *motion)
     force = _gather(body, stiffness[:, None] * extent) + outer_forces(body, motion, controls)
     matrix = implicit_matrix(body, jnp.maximum(stiffness, 0), dt)
-    pushed = force + _along(body.masses / dt, speeds) * speeds
+    pushed = force + _along(body.masses / dt, velocities) * velocities
     columns = jnp.moveaxis(pushed.reshape(*pushed.shape[:2], -1), -1, 0)
-    found = cho_solve(cho_factor(matrix, lower=True), columns) if matrix.ndim == 2 else _solve(matrix, columns)
-    speeds = jnp.moveaxis(found.reshape(-1, *pushed.shape[:2]), 0, -1).reshape(speeds.shape)
-    return Motion(places + dt * speeds, speeds, _contracted(body, contractions, controls, dt))
+    found = (
+        cho_solve(cho_factor(matrix, lower=True), columns)
+        if matrix.ndim == 2
+        else _solve(matrix, columns)
+    )
+    velocities = jnp.moveaxis(found.reshape(-1, *pushed.shape[:2]), 0, -1).reshape(velocities.shape)
+    return Motion(
+        positions + dt * velocities, velocities, _activated(body, activations, controls, dt)
+    )
 
 
 def implicit_matrix(body: Body, stiffness: Array, dt: float) -> Array:
@@ -203,40 +225,56 @@ def implicit_matrix(body: Body, stiffness: Array, dt: float) -> Array:
 
 
 def _solve(matrices: Array, columns: Array) -> Array:
-    return jax.vmap(lambda matrix, column: cho_solve(cho_factor(matrix, lower=True), column))(matrices, columns)
+    return jax.vmap(lambda matrix, column: cho_solve(cho_factor(matrix, lower=True), column))(
+        matrices, columns
+    )
 
 
 def rk4_step(body: Body, motion: Motion, controls: Array, dt: float) -> Motion:
     """Return the motion after one step of the classical Runge-Kutta scheme, order 4 where forces are smooth."""
-    places, speeds, contractions = motion
-    middle, last = (_contracted(body, contractions, controls, share * dt) for share in (0.5, 1.0))
+    positions, velocities, activations = motion
+    middle, last = (_activated(body, activations, controls, share * dt) for share in (0.5, 1.0))
 
     def slope(v_ahead: Array, x_ahead: Array, share: float, held: Array) -> tuple[Array, Array]:
-        v = speeds + share * dt * v_ahead
-        return v, _acceleration(body, Motion(places + share * dt * x_ahead, v, held), controls)
+        v = velocities + share * dt * v_ahead
+        return v, _acceleration(body, Motion(positions + share * dt * x_ahead, v, held), controls)
 
-    x1, v1 = slope(speeds, speeds, 0.0, contractions)
+    x1, v1 = slope(velocities, velocities, 0.0, activations)
     x2, v2 = slope(v1, x1, 0.5, middle)
     x3, v3 = slope(v2, x2, 0.5, middle)
     x4, v4 = slope(v3, x3, 1.0, last)
-    mean = lambda a, b, c, d: dt / 6 * (a + 2 * b + 2 * c + d)  # noqa: E731
-    return Motion(places + mean(x1, x2, x3, x4), speeds + mean(v1, v2, v3, v4), last)
+
+    def mean(a, b, c, d):
+        return dt / 6 * (a + 2 * b + 2 * c + d)
+
+    return Motion(positions + mean(x1, x2, x3, x4), velocities + mean(v1, v2, v3, v4), last)
 
 
 Stepper = Callable[[Body, Motion, Array, float], Motion]
-STEPPERS: dict[str, Stepper] = {"symplectic": symplectic_step, "semi-implicit": semi_implicit_step, "rk4": rk4_step}
+STEPPERS: dict[str, Stepper] = {
+    "symplectic": symplectic_step,
+    "semi-implicit": semi_implicit_step,
+    "rk4": rk4_step,
+}
 
 
-def advance(body: Body, integrator: str, dt: float, steps: int, motion: Motion, controls: Array) -> Motion:
+def advance(
+    body: Body, integrator: str, dt: float, steps: int, motion: Motion, controls: Array
+) -> Motion:
     """Return the motion after `steps` physics steps of `dt` [s] under held controls (C, ...)."""
     step = STEPPERS[integrator]
-    if body.response <= 0 and motion.contractions.shape[0]:
-        motion = motion._replace(contractions=controls)  # at once: else the first step is of order 1
-    one = lambda motion, _: (step(body, motion, controls, dt), None)  # noqa: E731
+    if body.time_constant <= 0 and motion.activations.shape[0]:
+        motion = motion._replace(activations=controls)  # at once: else the first step is of order 1
+
+    def one(motion, _):
+        return (step(body, motion, controls, dt), None)
+
     return jax.lax.scan(one, motion, None, length=steps)[0]
 
 
-def trajectory(body: Body, integrator: str, dt: float, steps: int, motion: Motion, controls: Array) -> Motion:
+def trajectory(
+    body: Body, integrator: str, dt: float, steps: int, motion: Motion, controls: Array
+) -> Motion:
     """Return the motions (T, ...) after each of the controls (T, C, ...), each held for `steps` physics steps."""
 
     def follow(motion: Motion, held: Array) -> tuple[Motion, Motion]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.definitions.function import PythonDefinition
-from neuroanimator.parsing.numbers import LARGEST_NUMBER
+from neuroanimator.parsing.numbers import MAX_MAGNITUDE
 from neuroanimator.systems.functions.step_file import StepFunction, call_step, run_file
 from neuroanimator.systems.state_parts import (
     goals_of,
@@ -74,7 +74,9 @@ class PythonSystem(System):
             runs[:, t + 1] = now
         return Runs(runs, np.asarray(is_sane(runs).all(axis=1)))
 
-    def _advance(self, function: StepFunction, states: np.ndarray, controls: np.ndarray, dt: float) -> None:
+    def _advance(
+        self, function: StepFunction, states: np.ndarray, controls: np.ndarray, dt: float
+    ) -> None:
         """Take one step of all `states` (B, S) in place; those that have blown up stay as they are."""
         alive = np.flatnonzero(is_sane(states))
         if self.batched and len(alive):
@@ -92,4 +94,4 @@ class PythonSystem(System):
 
 def is_sane(states: np.ndarray) -> np.ndarray:
     """Return (...,) False for each state (..., S) that is not finite or too large for a dataset: it has blown up."""
-    return np.asarray((np.abs(states) < LARGEST_NUMBER).all(axis=-1))  # false for NaN too
+    return np.asarray((np.abs(states) < MAX_MAGNITUDE).all(axis=-1))  # false for NaN too

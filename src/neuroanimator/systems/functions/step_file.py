@@ -58,11 +58,15 @@ def run_file(digest: str, name: str) -> ModuleType:
     except (Exception, SystemExit) as error:
         raise fault(error, name) from error
     if not callable(getattr(module, "step", None)):
-        raise BadFileError(f"{name}: wanted a function `def step(state, control, dt): return next_state`. Add one.")
+        raise BadFileError(
+            f"{name}: wanted a function `def step(state, control, dt): return next_state`. Add one."
+        )
     return module
 
 
-def call_step(function: StepFunction, name: str, state: np.ndarray, control: np.ndarray, dt: float) -> np.ndarray:
+def call_step(
+    function: StepFunction, name: str, state: np.ndarray, control: np.ndarray, dt: float
+) -> np.ndarray:
     """Return the user's next state, of the shape of `state`; whatever it raises becomes one line."""
     try:
         with np.errstate(all="ignore"):
@@ -70,13 +74,21 @@ def call_step(function: StepFunction, name: str, state: np.ndarray, control: np.
     except (Exception, SystemExit) as error:
         raise fault(error, name) from error
     if following.shape != state.shape:
-        raise BadFileError(f"{name}: step returned shape {following.shape}; wanted {state.shape}, like the state.")
+        raise BadFileError(
+            f"{name}: step returned shape {following.shape}; wanted {state.shape}, like the state."
+        )
     return following
 
 
 def fault(error: BaseException, name: str) -> BadFileError:
     """Return one line saying where in the user's file `error` came up."""
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == name]
-    place = f"{name}, line {lines[-1]}" if lines else name
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename == name
+    ]
+    where = f"{name}, line {lines[-1]}" if lines else name
     text = " ".join(str(error).split())[:200]
-    return BadFileError(f"{place}: {type(error).__name__}: {text}. Correct the function; states come as float arrays.")
+    return BadFileError(
+        f"{where}: {type(error).__name__}: {text}. Correct the function; states come as float arrays."
+    )

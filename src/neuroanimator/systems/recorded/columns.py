@@ -12,10 +12,10 @@ from neuroanimator.parsing.names import PART_PATTERN
 from neuroanimator.state.units import known_unit
 from neuroanimator.text import quoted
 
-MOST_COLUMNS = 514
+MAX_COLUMNS = 514
 """A definition has room for 256 parts of the state and 256 of the control; a run and a time beside them."""
 
-LARGEST_NUMBER = 1e30
+MAX_MAGNITUDE = 1e30
 """In a recording: beyond it, sums and differences in single precision overflow."""
 
 
@@ -37,7 +37,7 @@ class Samples:
     lines: np.ndarray | None = None
     """(N,) line numbers of a text file."""
 
-    def place(self, row: int) -> str:
+    def where(self, row: int) -> str:
         """Return where the row lies, for people."""
         return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
 
@@ -46,7 +46,9 @@ def name_and_unit(text: str, where: str) -> tuple[str, str]:
     """Return (name, unit) of a column called `angle rad`; BadFileError says `where` it is not."""
     name, _, unit = text.strip().partition(" ")
     if not re.fullmatch(PART_PATTERN, name) or not unit.strip():
-        raise BadFileError(f"{where}: wanted a name and a unit such as 'angle rad', came {quoted(text, 40)}.")
+        raise BadFileError(
+            f"{where}: wanted a name and a unit such as 'angle rad', came {quoted(text, 40)}."
+        )
     return name, known_unit(unit.strip(), where)
 
 
@@ -54,11 +56,15 @@ def refuse_columns(name: str, state: list[tuple[str, str]], control: list[tuple[
     """Refuse names that clash and recordings without a state or a control."""
     for kind, columns in (("state", state), ("control", control)):
         names = [column for column, _ in columns]
-        if len(names) > MOST_COLUMNS:
-            raise BadFileError(f"{name}: {len(names):,} {kind} columns; wanted at most {MOST_COLUMNS}. Leave some out.")
+        if len(names) > MAX_COLUMNS:
+            raise BadFileError(
+                f"{name}: {len(names):,} {kind} columns; wanted at most {MAX_COLUMNS}. Leave some out."
+            )
         if not names:
             example = "state.angle rad" if kind == "state" else "control.torque N·m"
             raise BadFileError(f"{name}: no {kind} column. Name at least one, such as '{example}'.")
         for column in names:
             if names.count(column) > 1:
-                raise BadFileError(f"{name}: two columns are called '{kind}.{column}'. Rename one of them.")
+                raise BadFileError(
+                    f"{name}: two columns are called '{kind}.{column}'. Rename one of them."
+                )

@@ -13,14 +13,14 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.csv_text import csv_rows
 from neuroanimator.storage.files import one_line
 from neuroanimator.systems.recorded.columns import (
-    LARGEST_NUMBER,
-    MOST_COLUMNS,
+    MAX_COLUMNS,
+    MAX_MAGNITUDE,
     Samples,
     name_and_unit,
     refuse_columns,
 )
 
-HEADER = "run,time s,state.angle rad,state.speed rad/s,control.torque N·m"
+HEADER = "run,time s,state.angle rad,state.velocity rad/s,control.torque N·m"
 
 
 @dataclass(frozen=True)
@@ -76,10 +76,14 @@ def _samples(header: _Header, rows: Iterator[tuple[int, list[str]]], name: str) 
 
 def _header(cells: list[str], name: str) -> _Header:
     cells = [cell.strip() for cell in cells]
-    if len(cells) > MOST_COLUMNS:
-        raise BadFileError(f"{name}, line 1: {len(cells):,} columns; wanted at most {MOST_COLUMNS}. Leave some out.")
+    if len(cells) > MAX_COLUMNS:
+        raise BadFileError(
+            f"{name}, line 1: {len(cells):,} columns; wanted at most {MAX_COLUMNS}. Leave some out."
+        )
     if "time s" not in cells:
-        raise BadFileError(f"{name}, line 1: no column 'time s'. Wanted a header such as '{HEADER}'.")
+        raise BadFileError(
+            f"{name}, line 1: no column 'time s'. Wanted a header such as '{HEADER}'."
+        )
     states, controls = {}, {}
     for column, cell in enumerate(cells):
         where = f"{name}, line 1, column {column + 1}"
@@ -87,12 +91,22 @@ def _header(cells: list[str], name: str) -> _Header:
             if cell.startswith(prefix):
                 found[column] = name_and_unit(cell.removeprefix(prefix), where)
         if cell not in ("run", "time s") and not cell.startswith(("state.", "control.")):
-            raise BadFileError(f"{where}: {cell[:40]!r} is none of run, time s, state.NAME UNIT, control.NAME UNIT.")
+            raise BadFileError(
+                f"{where}: {cell[:40]!r} is none of run, time s, state.NAME UNIT, control.NAME UNIT."
+            )
     for cell in ("run", "time s"):
         if cells.count(cell) > 1:
-            raise BadFileError(f"{name}, line 1: two columns are called '{cell}'. Remove one of them.")
+            raise BadFileError(
+                f"{name}, line 1: two columns are called '{cell}'. Remove one of them."
+            )
     refuse_columns(f"{name}, line 1", list(states.values()), list(controls.values()))
-    return _Header(cells, cells.index("run") if "run" in cells else None, cells.index("time s"), states, controls)
+    return _Header(
+        cells,
+        cells.index("run") if "run" in cells else None,
+        cells.index("time s"),
+        states,
+        controls,
+    )
 
 
 def _row(cells: list[str], columns: list[int], header: _Header, where: str) -> list[float]:
@@ -100,7 +114,10 @@ def _row(cells: list[str], columns: list[int], header: _Header, where: str) -> l
         raise BadFileError(
             f"{where}: {len(cells)} cells; wanted {len(header.cells)}, as in the header. Correct the row."
         )
-    return [_number(cells[column], f"{where}, column {column + 1} ({header.cells[column]})") for column in columns]
+    return [
+        _number(cells[column], f"{where}, column {column + 1} ({header.cells[column]})")
+        for column in columns
+    ]
 
 
 def _number(cell: str, where: str) -> float:
@@ -108,7 +125,7 @@ def _number(cell: str, where: str) -> float:
         value = float(cell)
     except ValueError:
         value = math.nan
-    if not abs(value) < LARGEST_NUMBER:  # true for NaN too
+    if not abs(value) < MAX_MAGNITUDE:  # true for NaN too
         raise BadFileError(
             f"{where}: wanted a finite number, came {cell[:40]!r}. Fill it in, or begin a new run after it."
         )

@@ -10,7 +10,12 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.recorded.recording import Recording, read_recording
-from neuroanimator.systems.state_parts import layout_of_control, layout_of_state, numbers_of, structure_of_parts
+from neuroanimator.systems.state_parts import (
+    layout_of_control,
+    layout_of_state,
+    numbers_of,
+    structure_of_parts,
+)
 from neuroanimator.systems.system import Runs, Scheme, System
 
 
@@ -64,14 +69,19 @@ def check_agreement(recording: Recording, system: RecordedSystem) -> None:
         ("state", system.state, recording.state),
         ("control", system.control, recording.control),
     ):
-        said, found = [f"{p.name} {p.unit}" for p in layout.slices if p.size == 1], [" ".join(c) for c in columns]
+        said, found = (
+            [f"{p.name} {p.unit}" for p in layout.slices if p.size == 1],
+            [" ".join(c) for c in columns],
+        )
         if said != found or layout.size != len(found):
             raise ArgumentError(
                 f"{recording.file}: {kind} columns are {', '.join(found)}; the TOML file says {', '.join(said)}."
             )
     rows = tuple(len(states) for states in recording.states)
     if rows != system.rows:
-        raise BadFileError(f"{recording.file}: other runs than its definition says. Pass its TOML file again.")
+        raise BadFileError(
+            f"{recording.file}: other runs than its definition says. Pass its TOML file again."
+        )
     if abs(recording.step - system.physics_dt) > 1e-6 * recording.step:
         raise ArgumentError(
             f"physics.step: {recording.file} is sampled every {recording.step:g} s, came {system.physics_dt:g}."

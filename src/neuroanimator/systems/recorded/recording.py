@@ -3,7 +3,7 @@
 A CSV begins with a header of names and units; `run` may be left out, a new run then starts where
 time goes back:
 
-    run,time s,state.angle rad,state.speed rad/s,control.torque N·m
+    run,time s,state.angle rad,state.velocity rad/s,control.torque N·m
     1,0.00,0.1,0.0,0.5
 
 An NPZ holds the same as arrays: time (N,) [s], states (N, S), controls (N, C), state_names and
@@ -24,7 +24,7 @@ from neuroanimator.systems.recorded.columns import Samples
 from neuroanimator.systems.recorded.csv_file import read_csv
 from neuroanimator.systems.recorded.npz_file import read_npz
 from neuroanimator.systems.trusted_files import trusted_file
-from neuroanimator.tables import SHORTEST_STEP
+from neuroanimator.tables import MIN_STEP
 from neuroanimator.text import printable
 
 READERS: dict[str, Callable[[bytes, str], Samples]] = {".csv": read_csv, ".npz": read_npz}
@@ -74,7 +74,9 @@ def cut_runs(samples: Samples, name: str) -> Recording:
     inside = np.ones(len(gaps), bool)
     inside[begins - 1] = False
     if not inside.any():
-        raise BadFileError(f"{name}: every run has one row only. Sort the rows by run, then by time.")
+        raise BadFileError(
+            f"{name}: every run has one row only. Sort the rows by run, then by time."
+        )
     step = _interval(samples, name, gaps, inside)
     first = [0, *begins.tolist()]
     return Recording(
@@ -84,7 +86,7 @@ def cut_runs(samples: Samples, name: str) -> Recording:
         step,
         tuple(np.split(samples.states, begins)),
         tuple(np.split(samples.controls, begins)),
-        tuple(samples.place(row) for row in first),
+        tuple(samples.where(row) for row in first),
     )
 
 
@@ -94,11 +96,11 @@ def _interval(samples: Samples, name: str, gaps: np.ndarray, inside: np.ndarray)
     if usual <= 0 or len(wrong):
         row = int(wrong[0]) if len(wrong) else 0
         raise BadFileError(
-            f"{name}, {samples.place(row + 1)}, time: {gaps[row]:.6g} s after the row before, elsewhere {usual:.6g} s. "
+            f"{name}, {samples.where(row + 1)}, time: {gaps[row]:.6g} s after the row before, elsewhere {usual:.6g} s. "
             "Resample to a constant interval, or begin a new run there (column run)."
         )
-    if usual < SHORTEST_STEP:
+    if usual < MIN_STEP:
         raise BadFileError(
-            f"{name}: sampled every {usual:g} s; wanted at least {SHORTEST_STEP:g} s. Give the time in seconds."
+            f"{name}: sampled every {usual:g} s; wanted at least {MIN_STEP:g} s. Give the time in seconds."
         )
     return float(f"{gaps[inside].mean():.6g}")

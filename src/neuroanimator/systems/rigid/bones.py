@@ -13,7 +13,7 @@ from neuroanimator.parsing.names import model_name
 DRAWN_GROUPS = 3
 """Geoms of groups 0 to 2 are drawn, as in MuJoCo's own viewer; higher groups are for contact only."""
 
-WIDEST_GROUND = 20.0
+MAX_GROUND = 20.0
 """[m] Half the side at which an infinite plane is drawn."""
 
 GROUND_THICKNESS = 0.01
@@ -39,7 +39,7 @@ def _bone(model: mujoco.MjModel, body: int, first: int) -> Bone:
         name=model_name(model.body(body).name, f"body_{body}"),
         parent=-1 if body == 0 else int(model.body_parentid[body]) - first,
         offset=_numbers(model.body_pos[body]),
-        turn=_numbers(model.body_quat[body]),
+        orientation=_numbers(model.body_quat[body]),
         joints=tuple(_joint(model, joint) for joint in joints),
         shapes=_shapes(model, body),
     )
@@ -48,21 +48,33 @@ def _bone(model: mujoco.MjModel, body: int, first: int) -> Bone:
 def _joint(model: mujoco.MjModel, joint: int) -> Joint:
     kind, entry = JOINT_NAMES[int(model.jnt_type[joint])], int(model.jnt_qposadr[joint])
     reference = float(model.qpos0[entry]) if kind in ("hinge", "slide") else 0.0
-    return Joint(kind, entry, _numbers(model.jnt_axis[joint]), _numbers(model.jnt_pos[joint]), reference)
+    return Joint(
+        kind, entry, _numbers(model.jnt_axis[joint]), _numbers(model.jnt_pos[joint]), reference
+    )
 
 
 def _shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
     geoms = range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
-    drawn = [geom for geom in geoms if model.geom_group[geom] < DRAWN_GROUPS and model.geom_rgba[geom][3] > 0]
+    drawn = [
+        geom
+        for geom in geoms
+        if model.geom_group[geom] < DRAWN_GROUPS and model.geom_rgba[geom][3] > 0
+    ]
     return tuple(_shape(model, geom) for geom in drawn)
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> Shape:
     kind, size = SHAPES.get(int(model.geom_type[geom]), _bounding_box)(model, geom)
-    place = np.array(model.geom_pos[geom])
+    position = np.array(model.geom_pos[geom])
     if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-        place[2] -= GROUND_THICKNESS
-    return Shape(kind, size, _numbers(place), _numbers(model.geom_quat[geom]), _numbers(_colour(model, geom)))
+        position[2] -= GROUND_THICKNESS
+    return Shape(
+        kind,
+        size,
+        _numbers(position),
+        _numbers(model.geom_quat[geom]),
+        _numbers(_colour(model, geom)),
+    )
 
 
 def _colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
@@ -92,8 +104,8 @@ def _as_is(kind: str) -> Callable[[mujoco.MjModel, int], tuple[str, tuple[float,
 
 
 def _plane(model: mujoco.MjModel, geom: int) -> tuple[str, tuple[float, ...]]:
-    sides = [float(side) or WIDEST_GROUND for side in model.geom_size[geom][:2]]
-    return "box", (*(min(side, WIDEST_GROUND) for side in sides), GROUND_THICKNESS)
+    sides = [float(side) or MAX_GROUND for side in model.geom_size[geom][:2]]
+    return "box", (*(min(side, MAX_GROUND) for side in sides), GROUND_THICKNESS)
 
 
 def _bounding_box(model: mujoco.MjModel, geom: int) -> tuple[str, tuple[float, ...]]:

@@ -32,8 +32,8 @@ class JointView:
     """Its number in the model."""
     name: str
     kind: str
-    look: str
-    place: int
+    feature: str
+    position_entry: int
     """State entry where its position begins."""
     rate: int
     """State entry where its speed begins."""
@@ -64,7 +64,9 @@ def sensor_numbers(model: mujoco.MjModel, names: tuple[str, ...]) -> list[int]:
     return [known.index(name) for name in names]
 
 
-def joint_views(model: mujoco.MjModel, looks: dict[str, str], planar: tuple[str, ...] = ()) -> list[JointView]:
+def joint_views(
+    model: mujoco.MjModel, looks: dict[str, str], planar: tuple[str, ...] = ()
+) -> list[JointView]:
     """Return the joints in the model's order; `looks` names how each is seen, its kind's first way if not there."""
     views = []
     for joint in range(model.njnt):
@@ -89,29 +91,44 @@ def _check(views: list[JointView], looks: dict[str, str], planar: tuple[str, ...
         raise ArgumentError(
             "A free joint must be the model's first joint, and the only free one. Fix the other bodies in place."
         )
-    if planar and (len(planar) != 3 or names[names.index(planar[0]) + 1] != planar[1] or views[0].kind == "free"):
-        raise ArgumentError("frame.planar: wanted three joints x, y, heading, of which x and y follow each other.")
+    if planar and (
+        len(planar) != 3
+        or names[names.index(planar[0]) + 1] != planar[1]
+        or views[0].kind == "free"
+    ):
+        raise ArgumentError(
+            "frame.planar: wanted three joints x, y, heading, of which x and y follow each other."
+        )
 
 
-def state_layout(model: mujoco.MjModel, views: list[JointView], sensors: tuple[str, ...] = ()) -> Layout:
+def state_layout(
+    model: mujoco.MjModel, views: list[JointView], sensors: tuple[str, ...] = ()
+) -> Layout:
     """Return the named parts of (qpos, qvel, act, sensors)."""
-    places = [part for view in views for part in _place_slices(view)]
+    positions = [part for view in views for part in _position_slices(view)]
     rates = [part for view in views for part in _rate_slices(view)]
     activation = [Slice("activation", model.na, "1")] if model.na else []
     places_of = zip(sensors, sensor_numbers(model, sensors), strict=True)
-    sensed = [Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1") for name, number in places_of]
-    parts = [*places, *rates, *activation, *sensed]
+    sensed = [
+        Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1") for name, number in places_of
+    ]
+    parts = [*positions, *rates, *activation, *sensed]
     names = [part.name for part in parts]
     for name in names:
         if names.count(name) > 1:
-            raise ArgumentError(f"Two parts of the state would be called '{name}'. Rename one of the joints.")
+            raise ArgumentError(
+                f"Two parts of the state would be called '{name}'. Rename one of the joints."
+            )
     return Layout(tuple(parts))
 
 
-def _place_slices(view: JointView) -> list[Slice]:
+def _position_slices(view: JointView) -> list[Slice]:
     return {
-        "free": [Slice(f"{view.name}.place", 3, "m"), Slice(f"{view.name}.turn", 4, "quaternion")],
-        "ball": [Slice(f"{view.name}.turn", 4, "quaternion")],
+        "free": [
+            Slice(f"{view.name}.position", 3, "m"),
+            Slice(f"{view.name}.orientation", 4, "quaternion"),
+        ],
+        "ball": [Slice(f"{view.name}.orientation", 4, "quaternion")],
         "slide": [Slice(view.name, 1, "m")],
         "hinge": [Slice(view.name, 1, "rad")],
     }[view.kind]
@@ -119,10 +136,13 @@ def _place_slices(view: JointView) -> list[Slice]:
 
 def _rate_slices(view: JointView) -> list[Slice]:
     return {
-        "free": [Slice(f"{view.name}.velocity", 3, "m/s"), Slice(f"{view.name}.spin", 3, "rad/s")],
-        "ball": [Slice(f"{view.name}.spin", 3, "rad/s")],
-        "slide": [Slice(f"{view.name}.speed", 1, "m/s")],
-        "hinge": [Slice(f"{view.name}.speed", 1, "rad/s")],
+        "free": [
+            Slice(f"{view.name}.velocity", 3, "m/s"),
+            Slice(f"{view.name}.angular_velocity", 3, "rad/s"),
+        ],
+        "ball": [Slice(f"{view.name}.angular_velocity", 3, "rad/s")],
+        "slide": [Slice(f"{view.name}.velocity", 1, "m/s")],
+        "hinge": [Slice(f"{view.name}.velocity", 1, "rad/s")],
     }[view.kind]
 
 
@@ -130,26 +150,34 @@ def structure_of(
     model: mujoco.MjModel, views: list[JointView], frame: FrameTable, control: Layout, size: int
 ) -> Structure:
     """Return what an emulator of `model` with states of `size` entries may exploit."""
-    if frame.fold > 1 and [view.kind for view in views] != ["free"]:
-        raise ArgumentError("frame.fold: only a body whose one joint is free may have such a symmetry.")
-    rates = [(v.place + i, v.rate + i) for v in views for i in range({"free": 3, "ball": 0}.get(v.kind, 1))]
+    if frame.symmetry_order > 1 and [view.kind for view in views] != ["free"]:
+        raise ArgumentError(
+            "frame.fold: only a body whose one joint is free may have such a symmetry."
+        )
+    rates = [
+        (v.position_entry + i, v.rate + i)
+        for v in views
+        for i in range({"free": 3, "ball": 0}.get(v.kind, 1))
+    ]
     return Structure(
         angles=tuple(_angle_rows(model, views, size)),
         rates=tuple(rates),
         plain=tuple(_plain(model, views, frame.ground)),
         segments=_segments(views, frame.planar, size),
         probes=frame.probes,
-        fold=frame.fold,
-        fold_controls=tuple((control.index(x).start, control.index(y).start) for x, y in frame.fold_controls),
+        symmetry_order=frame.symmetry_order,
+        symmetry_controls=tuple(
+            (control.index(x).start, control.index(y).start) for x, y in frame.symmetry_controls
+        ),
     )
 
 
 def _plain(model: mujoco.MjModel, views: list[JointView], ground: bool) -> list[int]:
     """Return the state entries seen as they are; a free root's velocity is seen along its own axes instead."""
-    entries = [view.place for view in views if view.look == "plain"]
-    entries += [views[0].place + 2] if views[0].kind == "free" and ground else []
+    entries = [view.position_entry for view in views if view.feature == "plain"]
+    entries += [views[0].position_entry + 2] if views[0].kind == "free" and ground else []
     for view in views:
-        if view.kind == "slide" and view.look == "planar":
+        if view.kind == "slide" and view.feature == "planar":
             continue
         sizes = {"free": range(3, 6), "ball": range(3)}
         entries += [view.rate + i for i in sizes.get(view.kind, range(1))]
@@ -158,23 +186,27 @@ def _plain(model: mujoco.MjModel, views: list[JointView], ground: bool) -> list[
 
 def _angle_rows(model: mujoco.MjModel, views: list[JointView], size: int) -> list[tuple[int, ...]]:
     """Return each sine hinge's angle, and its sum with those of parallel hinges above it: gravity sees the sum."""
-    hinges = {v.index: v for v in views if v.look == "sine"}
+    hinges = {v.index: v for v in views if v.feature == "sine"}
     rows: list[tuple[int, ...]] = []
     for view in hinges.values():
         alone = np.zeros(size, int)
-        alone[view.place] = 1
+        alone[view.position_entry] = 1
         chain = alone.copy()
         for above in _parallel_above(model, view, hinges):
-            chain[above.place] = 1
+            chain[above.position_entry] = 1
         rows += [tuple(int(x) for x in row) for row in (alone, chain)]
     return list(dict.fromkeys(rows))
 
 
-def _parallel_above(model: mujoco.MjModel, view: JointView, hinges: dict[int, JointView]) -> list[JointView]:
+def _parallel_above(
+    model: mujoco.MjModel, view: JointView, hinges: dict[int, JointView]
+) -> list[JointView]:
     found, axis = [], model.jnt_axis[view.index]
     body = int(model.body_parentid[model.jnt_bodyid[view.index]])
     while body:
-        for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+        for joint in range(
+            model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]
+        ):
             above = hinges.get(joint)
             if above and np.allclose(model.jnt_axis[joint], axis):
                 found.append(above)
@@ -198,7 +230,11 @@ def _place_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
     if view.kind == "ball":
         return [Segment("quaternion", 4, view.rate)]
     if view.name in planar:
-        kinds = {0: [Segment("planar position", 2, view.rate)], 1: [], 2: [Segment("heading", 1, view.rate)]}
+        kinds = {
+            0: [Segment("planar position", 2, view.rate)],
+            1: [],
+            2: [Segment("heading", 1, view.rate)],
+        }
         return kinds[planar.index(view.name)]
     return [Segment("plain", 1)]
 
@@ -209,7 +245,9 @@ def _rate_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
     if view.kind == "ball":
         return [Segment("plain", 3)]
     if view.name in planar:
-        return {0: [Segment("planar velocity", 2)], 1: [], 2: [Segment("plain", 1)]}[planar.index(view.name)]
+        return {0: [Segment("planar velocity", 2)], 1: [], 2: [Segment("plain", 1)]}[
+            planar.index(view.name)
+        ]
     return [Segment("plain", 1)]
 
 

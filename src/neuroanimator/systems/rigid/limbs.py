@@ -17,7 +17,9 @@ ENTRIES = {"free": (7, 6), "ball": (4, 3)}
 """State entries of a joint's place and of its rate; of any other kind one and one."""
 
 
-def groups_of(model: mujoco.MjModel, views: list[JointView], groups: dict[str, tuple[str, ...]]) -> tuple[Group, ...]:
+def groups_of(
+    model: mujoco.MjModel, views: list[JointView], groups: dict[str, tuple[str, ...]]
+) -> tuple[Group, ...]:
     """Return what each group of joints has of the state and which controls act on it.
 
     Raises ArgumentError for a group without joints, an unknown or repeated joint, and for the root's.
@@ -26,23 +28,34 @@ def groups_of(model: mujoco.MjModel, views: list[JointView], groups: dict[str, t
         return ()
     _check(views, groups)
     acting = _acting(model)
-    return tuple(_group(model, name, [v for v in views if v.name in joints], acting) for name, joints in groups.items())
+    return tuple(
+        _group(model, name, [v for v in views if v.name in joints], acting)
+        for name, joints in groups.items()
+    )
 
 
 def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
-    kept = [view.name for view in views if view.kind == "free" or view.look == "planar"]
+    kept = [view.name for view in views if view.kind == "free" or view.feature == "planar"]
     names = [view.name for view in views if view.name not in kept]
     seen: dict[str, str] = {}
     for group, joints in groups.items():
         if not joints:
-            raise ArgumentError(f"groups.{group}: wanted one or more joints, came none. Joints: {listed(names)}.")
+            raise ArgumentError(
+                f"groups.{group}: wanted one or more joints, came none. Joints: {listed(names)}."
+            )
         for joint in joints:
             if joint in kept:
-                raise ArgumentError(f"groups.{group}: '{joint}' is the root's; it belongs to no group. Leave it out.")
+                raise ArgumentError(
+                    f"groups.{group}: '{joint}' is the root's; it belongs to no group. Leave it out."
+                )
             if joint not in names:
-                raise ArgumentError(f"groups.{group}: no joint called '{joint}'. Joints: {listed(names)}.")
+                raise ArgumentError(
+                    f"groups.{group}: no joint called '{joint}'. Joints: {listed(names)}."
+                )
             if joint in seen:
-                raise ArgumentError(f"groups.{group}: joint '{joint}' is in '{seen[joint]}' already. Leave it in one.")
+                raise ArgumentError(
+                    f"groups.{group}: joint '{joint}' is in '{seen[joint]}' already. Leave it in one."
+                )
             seen[joint] = group
 
 
@@ -50,9 +63,12 @@ def _group(model: mujoco.MjModel, name: str, views: list[JointView], acting: np.
     entries: list[int] = []
     dofs: list[int] = []
     for view in views:
-        places, rates = ENTRIES.get(view.kind, (1, 1))
-        entries += [*range(view.place, view.place + places), *range(view.rate, view.rate + rates)]
-        dofs += range(view.rate - model.nq, view.rate - model.nq + rates)
+        position_count, rate_count = ENTRIES.get(view.kind, (1, 1))
+        entries += [
+            *range(view.position_entry, view.position_entry + position_count),
+            *range(view.rate, view.rate + rate_count),
+        ]
+        dofs += range(view.rate - model.nq, view.rate - model.nq + rate_count)
     controls = [int(actuator) for actuator in np.flatnonzero(acting[:, dofs].any(axis=1))]
     return Group(name, tuple(sorted(entries)), tuple(controls))
 
@@ -63,5 +79,7 @@ def _acting(model: mujoco.MjModel) -> np.ndarray:
     mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), POSE_SPREAD)
     mujoco.mj_forward(model, data)
     moments = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+    mujoco.mju_sparse2dense(
+        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
     return moments != 0

@@ -28,7 +28,7 @@ from neuroanimator.systems.rigid.model_xml import (
 URDF_PARTS = {"link", "joint", "material", "mujoco"}
 """What MuJoCo reads of a URDF; the rest, such as <gazebo>, is dropped."""
 
-LONGEST_NAME, LONGEST_SHOWN = 255, 40
+MAX_NAME, MAX_SHOWN = 255, 40
 """Most characters of a file's name, and of a wrong one shown in an error."""
 
 
@@ -50,10 +50,14 @@ class ModelFiles:
         if not isinstance(files, dict) or not all(
             isinstance(text, str) for text in (value.get("main"), *files.values())
         ):
-            raise BadFileError("The model's files are not {main, files}. Read them again with read_model_files.")
+            raise BadFileError(
+                "The model's files are not {main, files}. Read them again with read_model_files."
+            )
         for name in (value["main"], *files):
-            if not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
-                raise BadFileError(f"The model's files: {name[:LONGEST_SHOWN]!r} is no file name. Rename the file.")
+            if not 0 < len(name) <= MAX_NAME or not name.isprintable():
+                raise BadFileError(
+                    f"The model's files: {name[:MAX_SHOWN]!r} is no file name. Rename the file."
+                )
         return cls(value["main"], tuple(sorted(files.items())))
 
 
@@ -74,12 +78,12 @@ def read_model_files(path: Path) -> ModelFiles:
 
 
 def _read(folder: Path, name: str) -> bytes | None:
-    place = (folder / name).resolve()
-    if not place.is_relative_to(folder):
+    path = (folder / name).resolve()
+    if not path.is_relative_to(folder):
         refuse(name, "", "a link that leaves the model's folder. Put the file itself there")
-    if not place.is_file():
+    if not path.is_file():
         return None
-    with open(place, "rb") as file:
+    with open(path, "rb") as file:
         return file.read(FILE_LIMIT + 1)
 
 
@@ -91,7 +95,9 @@ def compile_model(files: ModelFiles) -> mujoco.MjModel:
     or more bodies, freedoms or memory than supported.
     """
     stored = dict(files.files)
-    source = Source(lambda name: base64.b64decode(stored[name], validate=True) if name in stored else None)
+    source = Source(
+        lambda name: base64.b64decode(stored[name], validate=True) if name in stored else None
+    )
     try:
         root, assets = _assemble(files.main, source)
         with _quiet():

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from neuroanimator.systems.rigid.model_xml import Element, refuse, refuse_at
-from neuroanimator.tables import SHORTEST_STEP
+from neuroanimator.tables import MIN_STEP
 
 BODY_LIMIT, FREEDOM_LIMIT, STEP_LIMIT = 500, 200, 0.1
 """Most bodies, most degrees of freedom, longest time step [s]."""
@@ -24,7 +24,9 @@ ACTUATOR_LIMIT = 500
 CELL_LIMIT, SIZE_LIMIT, MEMORY_LIMIT = 2**26, 1000, 256 * 2**20
 """Most cells (see `_cells`), largest value of SIZES, largest model and working memory [bytes]."""
 
-SIZES = re.compile("nkey|nuserdata|nuser_.*|nsample|nchannel|actdim|dim|num|sdf_initpoints|.*iterations")
+SIZES = re.compile(
+    "nkey|nuserdata|nuser_.*|nsample|nchannel|actdim|dim|num|sdf_initpoints|.*iterations"
+)
 """Attributes whose value MuJoCo allocates or repeats, whatever it is."""
 
 REFUSED = {
@@ -36,7 +38,10 @@ REFUSED = {
 """Elements that are never allowed, and why."""
 
 REFUSED_ATTRIBUTES = {
-    ("mesh", "builtin"): "it may have any number of corners. Use a mesh file or a geom's own shapes",
+    (
+        "mesh",
+        "builtin",
+    ): "it may have any number of corners. Use a mesh file or a geom's own shapes",
     ("rangefinder", "camera"): "it may have any number of pixels. Measure from a site",
 }
 """Attributes, each with its element, that are never allowed, and why."""
@@ -64,13 +69,23 @@ def check_elements(root: Element) -> None:
         elements, copies = elements + 1, max(copies, times)
         bodies += times if element.tag in ("body", "link") else 0
         if bodies > BODY_LIMIT:
-            refuse_at(element, "count", f"at least {bodies:,} bodies; at most {BODY_LIMIT} are supported")
+            refuse_at(
+                element, "count", f"at least {bodies:,} bodies; at most {BODY_LIMIT} are supported"
+            )
         if copies * elements > COPY_LIMIT:
-            refuse_at(element, "count", f"more than {COPY_LIMIT:,} elements, counting copies. Write a smaller model")
+            refuse_at(
+                element,
+                "count",
+                f"more than {COPY_LIMIT:,} elements, counting copies. Write a smaller model",
+            )
         waiting.extend((child, times) for child in element.children())
     actuators = copies * sum(len(section) for section in root.iter("actuator"))
     if actuators > ACTUATOR_LIMIT:
-        refuse(root.origin[0], "actuator", f"{actuators:,} with copies; at most {ACTUATOR_LIMIT} are supported")
+        refuse(
+            root.origin[0],
+            "actuator",
+            f"{actuators:,} with copies; at most {ACTUATOR_LIMIT} are supported",
+        )
 
 
 def _check_element(element: Element) -> None:
@@ -95,9 +110,15 @@ def check_cells(root: Element, assets: dict[str, bytes]) -> None:
     """Refuse images, grids and files that take too much memory together, counting a file each time it is used."""
     cells = 0
     for element in root.descendants():
-        cells += _cells(element) + sum(_file_cells(assets[element.attrib[name]]) for name in element.file_attributes())
+        cells += _cells(element) + sum(
+            _file_cells(assets[element.attrib[name]]) for name in element.file_attributes()
+        )
         if cells > CELL_LIMIT:
-            refuse_at(element, "", f"over {CELL_LIMIT:,} pixels or cells up to here. Use smaller images and meshes")
+            refuse_at(
+                element,
+                "",
+                f"over {CELL_LIMIT:,} pixels or cells up to here. Use smaller images and meshes",
+            )
 
 
 def _cells(element: Element) -> int:
@@ -121,19 +142,27 @@ def _file_cells(content: bytes) -> int:
 def check_model(main: str, model: mujoco.MjModel) -> None:
     """Refuse a compiled model that cannot move, is too large, or has an infinite number or NaN anywhere."""
     step = model.opt.timestep
-    if not SHORTEST_STEP <= step <= STEP_LIMIT:
-        refuse(main, f"option timestep={step:g}", f"wanted {SHORTEST_STEP:g} to {STEP_LIMIT} s")
+    if not MIN_STEP <= step <= STEP_LIMIT:
+        refuse(main, f"option timestep={step:g}", f"wanted {MIN_STEP:g} to {STEP_LIMIT} s")
     if model.njnt == 0:
         refuse(main, "worldbody", "no joints, so nothing can move. Add a joint")
     for name, (size, limit) in LARGEST.items():
         if getattr(model, size) > limit:
-            refuse(main, f"{name} ({size}={getattr(model, size):,})", f"at most {limit:,} is supported")
+            refuse(
+                main, f"{name} ({size}={getattr(model, size):,})", f"at most {limit:,} is supported"
+            )
     for part in (model, model.opt, model.stat):
         for name in dir(part):
             if not _is_finite(getattr(part, name)):
-                refuse(main, name, "not finite. Write finite numbers, and leave out a range that has no end")
+                refuse(
+                    main,
+                    name,
+                    "not finite. Write finite numbers, and leave out a range that has no end",
+                )
 
 
 def _is_finite(value: Any) -> bool:
-    is_numbers = isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype.kind == "f")
+    is_numbers = isinstance(value, float) or (
+        isinstance(value, np.ndarray) and value.dtype.kind == "f"
+    )
     return not is_numbers or bool(np.isfinite(value).all())

@@ -12,7 +12,7 @@ from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds, Layout, Slice
-from neuroanimator.state.rotation import facing, multiply, rotate, turned_by
+from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
 from neuroanimator.systems.rigid.bones import skeleton_of
 from neuroanimator.systems.rigid.joints import (
     JointView,
@@ -69,82 +69,109 @@ class ModelSystem(MujocoSystem):
         start = super().start_at(parts)
         return self.with_sensors(start[None, : self.physical_size])[0]
 
-    def with_sensors(self, physical: np.ndarray) -> np.ndarray:
+    def with_sensors(self, physics_states: np.ndarray) -> np.ndarray:
         """Return states (B, S) with what the sensors say in the physical states (B, P)."""
         if not self.sensors:
-            return physical
-        data, sensed = mujoco.MjData(self.model), np.empty((len(physical), len(self.sensors)))
+            return physics_states
+        data, sensed = mujoco.MjData(self.model), np.empty((len(physics_states), len(self.sensors)))
         with warnings_counted:
-            for row, state in enumerate(physical):
+            for row, state in enumerate(physics_states):
                 self.put(data, state)
                 mujoco.mj_forward(self.model, data)
                 sensed[row] = data.sensordata[list(self.sensors)]
-        return np.concatenate([physical, sensed], axis=1)
+        return np.concatenate([physics_states, sensed], axis=1)
 
-    def _scatter(self, view: JointView, starts: np.ndarray, spread: np.ndarray, rng: np.random.Generator) -> None:
+    def _scatter(
+        self, view: JointView, starts: np.ndarray, spread: np.ndarray, rng: np.random.Generator
+    ) -> None:
         count, sampling = len(starts), self.sampling
-        speeds = np.array(sampling.speed.get(view.name, ()))
-        drawn = rng.normal(size=(count, len(speeds))) * speeds * spread
+        velocities = np.array(sampling.velocity.get(view.name, ()))
+        drawn = rng.normal(size=(count, len(velocities))) * velocities * spread
         if view.kind == "free":
-            turn = slice(view.place + 3, view.place + 7)
+            orientation = slice(view.position_entry + 3, view.position_entry + 7)
             heading = facing(rng.uniform(-np.pi, np.pi, count))
-            turned = turned_by(starts[:, turn], rng.normal(size=(count, 3)) * [1, 1, 0] * sampling.tilt * spread)
-            starts[:, turn] = multiply(heading, turned)
-            starts[:, view.place + 2] += rng.uniform(*sampling.height, count) * spread[:, 0]
-            if len(speeds):
-                starts[:, view.rate : view.rate + 3] = rotate(starts[:, turn], drawn[:, :3])
+            turned = rotated_by(
+                starts[:, orientation],
+                rng.normal(size=(count, 3)) * [1, 1, 0] * sampling.tilt * spread,
+            )
+            starts[:, orientation] = multiply(heading, turned)
+            starts[:, view.position_entry + 2] += (
+                rng.uniform(*sampling.height, count) * spread[:, 0]
+            )
+            if len(velocities):
+                starts[:, view.rate : view.rate + 3] = rotate(starts[:, orientation], drawn[:, :3])
                 starts[:, view.rate + 3 : view.rate + 6] = drawn[:, 3:]
             return
         width = sampling.position.get(view.name, 0.0)
         if view.kind == "ball":
-            turn = slice(view.place, view.place + 4)
-            starts[:, turn] = turned_by(starts[:, turn], rng.normal(size=(count, 3)) * width * spread)
+            orientation = slice(view.position_entry, view.position_entry + 4)
+            starts[:, orientation] = rotated_by(
+                starts[:, orientation], rng.normal(size=(count, 3)) * width * spread
+            )
         else:
-            starts[:, view.place] += (rng.uniform(-1, 1, count) * width) * spread[:, 0]
-        starts[:, view.rate : view.rate + len(speeds)] = drawn
+            starts[:, view.position_entry] += (rng.uniform(-1, 1, count) * width) * spread[:, 0]
+        starts[:, view.rate : view.rate + len(velocities)] = drawn
 
     def _check_sampling(self) -> None:
         sizes = {view.name: {"free": 6, "ball": 3}.get(view.kind, 1) for view in self.views}
-        for table in ("position", "speed"):
+        for table in ("position", "velocity"):
             for name, value in getattr(self.sampling, table).items():
                 if name not in sizes:
-                    raise ArgumentError(f"sampling.{table}: no joint called '{name}'. Joints: {', '.join(sizes)}.")
-                if table == "speed" and len(value) != sizes[name]:
-                    raise ArgumentError(f"sampling.speed.{name}: wanted {sizes[name]} numbers, came {len(value)}.")
+                    raise ArgumentError(
+                        f"sampling.{table}: no joint called '{name}'. Joints: {', '.join(sizes)}."
+                    )
+                if table == "velocity" and len(value) != sizes[name]:
+                    raise ArgumentError(
+                        f"sampling.velocity.{name}: wanted {sizes[name]} numbers, came {len(value)}."
+                    )
 
     def goal(self, name: str, table: GoalTable) -> Goal:
         """Return the goal that `table` describes; ArgumentError names `name` and the part that is wrong."""
         reach = {part: np.array(values, float) for part, values in table.reach.items()}
         if table.site:
             reach |= self._at_site(name, table.site)
-        return goal_of(name, table, {part: self._entries(name, part, numbers) for part, numbers in reach.items()})
+        return goal_of(
+            name,
+            table,
+            {part: self._entries(name, part, numbers) for part, numbers in reach.items()},
+        )
 
     def _at_site(self, name: str, site: str) -> dict[str, np.ndarray]:
         sites = [self.model.site(i).name for i in range(self.model.nsite)]
         if self.views[0].kind != "free" or site not in sites:
-            raise ArgumentError(f"goals.{name}.site: no site '{site}', or no free root. Sites: {', '.join(sites)}.")
+            raise ArgumentError(
+                f"goals.{name}.site: no site '{site}', or no free root. Sites: {', '.join(sites)}."
+            )
         data, root = mujoco.MjData(self.model), self.views[0].name
         mujoco.mj_kinematics(self.model, data)
-        turn = np.empty(4)
-        mujoco.mju_mat2Quat(turn, data.site(site).xmat)
-        at_rest = {f"{root}.velocity": np.zeros(3), f"{root}.spin": np.zeros(3)}
-        return {f"{root}.place": np.array(data.site(site).xpos), f"{root}.turn": turn, **at_rest}
+        orientation = np.empty(4)
+        mujoco.mju_mat2Quat(orientation, data.site(site).xmat)
+        at_rest = {f"{root}.velocity": np.zeros(3), f"{root}.angular_velocity": np.zeros(3)}
+        return {
+            f"{root}.position": np.array(data.site(site).xpos),
+            f"{root}.orientation": orientation,
+            **at_rest,
+        }
 
     def _entries(self, name: str, part: str, numbers: np.ndarray) -> tuple[list[int], np.ndarray]:
         """Return the state entries of a part, and its numbers; `<root>.heading` stands for the root's turn."""
         if part.endswith(".heading"):
-            part, numbers = part.removesuffix(".heading") + ".turn", facing(numbers[0])
-        place = self.state.index(part)
-        entries = list(range(place.start, place.stop))[: len(numbers)]
-        if len(entries) < len(numbers) or (part.endswith(".turn") and len(numbers) != 4):
-            raise ArgumentError(f"goals.{name}.reach: '{part}' has {place.stop - place.start} numbers.")
+            part, numbers = part.removesuffix(".heading") + ".orientation", facing(numbers[0])
+        position = self.state.index(part)
+        entries = list(range(position.start, position.stop))[: len(numbers)]
+        if len(entries) < len(numbers) or (part.endswith(".orientation") and len(numbers) != 4):
+            raise ArgumentError(
+                f"goals.{name}.reach: '{part}' has {position.stop - position.start} numbers."
+            )
         return entries, numbers
 
 
 def sensor_entries(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, ...]:
     """Return the entries of MuJoCo's sensor data the sensors called `names` fill."""
-    places = [(int(model.sensor_adr[i]), int(model.sensor_dim[i])) for i in sensor_numbers(model, names)]
-    return tuple(start + i for start, size in places for i in range(size))
+    positions = [
+        (int(model.sensor_adr[i]), int(model.sensor_dim[i])) for i in sensor_numbers(model, names)
+    ]
+    return tuple(start + i for start, size in positions for i in range(size))
 
 
 def _controls(model: mujoco.MjModel, definition: Definition) -> tuple[Layout, Bounds]:
@@ -152,11 +179,17 @@ def _controls(model: mujoco.MjModel, definition: Definition) -> tuple[Layout, Bo
     names = [actuator_name(model, i) for i in range(model.nu)]
     for name in definition.control:
         if name not in names:
-            raise ArgumentError(f"control: no actuator called '{name}'. Actuators: {', '.join(names)}.")
-    bounds = [definition.control.get(name) or control_range(model, i) for i, name in enumerate(names)]
+            raise ArgumentError(
+                f"control: no actuator called '{name}'. Actuators: {', '.join(names)}."
+            )
+    bounds = [
+        definition.control.get(name) or control_range(model, i) for i, name in enumerate(names)
+    ]
     for name, bound in zip(names, bounds, strict=True):
         if bound is None or not bound[0] < bound[1]:
-            raise ArgumentError(f"control.{name}: wanted [least, largest], such as [-1, 1]; the model gives no range.")
+            raise ArgumentError(
+                f"control.{name}: wanted [least, largest], such as [-1, 1]; the model gives no range."
+            )
     low, high = zip(*bounds, strict=True)
     units = [control_unit(model, i) for i in range(model.nu)]
     slices = tuple(Slice(name, 1, unit) for name, unit in zip(names, units, strict=True))

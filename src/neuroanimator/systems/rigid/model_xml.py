@@ -44,16 +44,20 @@ class Element(ET.Element):
         return [name for name in self.attrib if name.startswith("file")]
 
 
-def refuse(file: str, place: str, fault: str) -> NoReturn:
-    """Raise BadFileError: `file: place: fault.`"""
-    raise BadFileError(f"{file}: {place + ': ' if place else ''}{fault}.")
+def refuse(file: str, where: str, fault: str) -> NoReturn:
+    """Raise BadFileError: `file: where: fault.`"""
+    raise BadFileError(f"{file}: {where + ': ' if where else ''}{fault}.")
 
 
 def refuse_at(element: Element, attribute: str, fault: str) -> NoReturn:
     """Raise BadFileError naming the element, its line, and `attribute` where it has it."""
     name = f" {_shown(element.attrib['name'])}" if "name" in element.attrib else ""
-    given = f" {attribute}={_shown(element.attrib[attribute])}" if attribute in element.attrib else ""
-    refuse(element.origin[0], f"{element.tag[:40]}{name}{given}", f"{fault} (line {element.origin[1]})")
+    given = (
+        f" {attribute}={_shown(element.attrib[attribute])}" if attribute in element.attrib else ""
+    )
+    refuse(
+        element.origin[0], f"{element.tag[:40]}{name}{given}", f"{fault} (line {element.origin[1]})"
+    )
 
 
 def _shown(text: str) -> str:
@@ -80,7 +84,11 @@ class Source:
         if len(content) > FILE_LIMIT:
             refuse(name, "", f"larger than {FILE_LIMIT:,} bytes. Make the file smaller")
         if len(self.taken) > COUNT_LIMIT or sum(map(len, self.taken.values())) > TOTAL_LIMIT:
-            refuse(name, "", f"the model has more than {COUNT_LIMIT} files or {TOTAL_LIMIT:,} bytes. Make it smaller")
+            refuse(
+                name,
+                "",
+                f"the model has more than {COUNT_LIMIT} files or {TOTAL_LIMIT:,} bytes. Make it smaller",
+            )
         return content
 
     def find(self, element: Element, attribute: str, folders: list[str]) -> tuple[str, bytes]:
@@ -102,8 +110,14 @@ def _candidates(element: Element, attribute: str, folders: list[str]) -> list[st
     for part in (text, *folders):
         if re.search(r"^/|(^|/)\.\.(/|$)|[\\:\0]", part):
             culprit = "" if part == text else f" by {_shown(part)}"
-            refuse_at(element, attribute, f"leaves the model's folder{culprit}. Put the file beside the model")
-    return list(dict.fromkeys(str(PurePosixPath(folder, path)) for path in paths for folder in folders))
+            refuse_at(
+                element,
+                attribute,
+                f"leaves the model's folder{culprit}. Put the file beside the model",
+            )
+    return list(
+        dict.fromkeys(str(PurePosixPath(folder, path)) for path in paths for folder in folders)
+    )
 
 
 def parse(source: Source, name: str, content: bytes) -> Element:
@@ -136,7 +150,7 @@ def parse(source: Source, name: str, content: bytes) -> Element:
 
 
 def expand(source: Source, element: Element, chain: tuple[str, ...], seen: set[str]) -> None:
-    """Replace each include inside `element` by the contents of its file.
+    """Rewhere each include inside `element` by the contents of its file.
 
     `chain` holds the files around `element`, outermost first; `seen` every file included so far.
     """
@@ -150,12 +164,18 @@ def expand(source: Source, element: Element, chain: tuple[str, ...], seen: set[s
     element[:] = children
 
 
-def _included(source: Source, include: Element, chain: tuple[str, ...], seen: set[str]) -> list[Element]:
+def _included(
+    source: Source, include: Element, chain: tuple[str, ...], seen: set[str]
+) -> list[Element]:
     if "file" not in include.attrib:
         refuse_at(include, "", "no file attribute. Name the file to include")
     name, content = source.find(include, "file", ["", str(PurePosixPath(chain[-1]).parent)])
     if name in seen or len(chain) > INCLUDE_LIMIT:
-        refuse_at(include, "file", f"included twice, in a circle, or over {INCLUDE_LIMIT} deep. Include it once")
+        refuse_at(
+            include,
+            "file",
+            f"included twice, in a circle, or over {INCLUDE_LIMIT} deep. Include it once",
+        )
     seen.add(name)
     root = parse(source, name, content)
     expand(source, root, (*chain, name), seen)

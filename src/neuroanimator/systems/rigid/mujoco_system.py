@@ -18,7 +18,7 @@ INTEGRATORS = {
     "rk4": mujoco.mjtIntegrator.mjINT_RK4,
 }
 
-BLOW_UP_SPEED = 1e3
+DIVERGED_VELOCITY = 1e3
 """A joint faster than this has left physics [rad/s or m/s]: a hundred times what starts and motors give."""
 
 STEPS_IN_MEMORY = 2_000_000
@@ -37,12 +37,12 @@ class MujocoSystem(System):
     Sensors are what MuJoCo reports at the last physics step. They are emulated like the rest, but nothing
     follows from them.
 
-    Subclasses set the fields of `System`, `model`, and `pushes`: per control a (body, axis) pair
+    Subclasses set the fields of `System`, `model`, and `external_forces`: per control a (body, axis) pair
     naming the world-frame force it is [N]; empty where the controls are the model's own actuators.
     """
 
     model: mujoco.MjModel
-    pushes: tuple[tuple[str, int], ...] = ()
+    external_forces: tuple[tuple[str, int], ...] = ()
     sensors: tuple[int, ...] = ()
     """Entries of MuJoCo's sensor data that belong to the state."""
 
@@ -83,18 +83,24 @@ class MujocoSystem(System):
 
     def is_sane(self, runs: np.ndarray) -> np.ndarray:
         """Return (B,) False for each run (B, T+1, S) that is not finite or impossibly fast."""
-        speeds = np.abs(runs[..., self.model.nq : self.model.nq + self.model.nv])
-        return np.asarray(np.isfinite(runs).all(axis=(1, 2)) & (speeds < BLOW_UP_SPEED).all(axis=(1, 2)))
+        velocities = np.abs(runs[..., self.model.nq : self.model.nq + self.model.nv])
+        return np.asarray(
+            np.isfinite(runs).all(axis=(1, 2)) & (velocities < DIVERGED_VELOCITY).all(axis=(1, 2))
+        )
 
     def put(self, data: mujoco.MjData, state: np.ndarray) -> None:
         """Make `state` (S,) the state of `data`."""
         mujoco.mj_resetData(self.model, data)
-        parts = np.split(state[: self.physical_size], [self.model.nq, self.model.nq + self.model.nv])
+        parts = np.split(
+            state[: self.physical_size], [self.model.nq, self.model.nq + self.model.nv]
+        )
         data.qpos[:], data.qvel[:], data.act[:] = parts
 
     def _rollout(self, model, workers, starts, controls, substeps) -> np.ndarray:
-        physical = starts[:, : self.physical_size]
-        initial = np.concatenate([np.zeros((len(starts), 1)), physical], axis=1)  # MuJoCo's state leads with time
+        physics_states = starts[:, : self.physical_size]
+        initial = np.concatenate(
+            [np.zeros((len(starts), 1)), physics_states], axis=1
+        )  # MuJoCo's state leads with time
         kind, signal = self.drive(controls)
         signal = np.repeat(signal, substeps, axis=1)
         with warnings_counted:
@@ -104,9 +110,9 @@ class MujocoSystem(System):
 
     def drive(self, controls: np.ndarray) -> tuple[mujoco.mjtState, np.ndarray]:
         """Return which part of MuJoCo's input the controls are, and their values there."""
-        if not self.pushes:
+        if not self.external_forces:
             return mujoco.mjtState.mjSTATE_CTRL, controls
         wrenches = np.zeros((*controls.shape[:2], self.model.nbody, 6))
-        for entry, (body, axis) in enumerate(self.pushes):
+        for entry, (body, axis) in enumerate(self.external_forces):
             wrenches[:, :, self.model.body(body).id, axis] = controls[..., entry]
         return mujoco.mjtState.mjSTATE_XFRC_APPLIED, wrenches.reshape(*controls.shape[:2], -1)

@@ -57,7 +57,9 @@ class Pendulum(MujocoSystem):
     rest = np.zeros(6)
     structure = Structure(ANGLES, rates=((0, 3), (1, 4), (2, 5)), plain=(3, 4, 5), is_odd=True)
 
-    def __init__(self, name: str, control: Layout, limit: tuple[float, ...], damping: tuple[float, ...]):
+    def __init__(
+        self, name: str, control: Layout, limit: tuple[float, ...], damping: tuple[float, ...]
+    ):
         self.name = name
         self.control = control
         self.bounds = Bounds.symmetric(limit)
@@ -65,13 +67,13 @@ class Pendulum(MujocoSystem):
         self.model.dof_damping[:] = damping
         self.skeleton = skeleton_of(self.model)
         if control.slices[0].unit == "N":
-            self.pushes = (("upper", 0), ("middle", 0), ("lower", 0))
+            self.external_forces = (("upper", 0), ("middle", 0), ("lower", 0))
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         angles = rng.uniform(-np.pi, np.pi, (count, 3))
-        speeds = rng.normal(size=(count, 3)) * START_SPEED
+        velocities = rng.normal(size=(count, 3)) * START_SPEED
         spread = np.where(rng.random(count) < REST_SHARE, REST_SPREAD, 1.0)
-        return np.concatenate([angles, speeds], axis=1) * spread[:, None]
+        return np.concatenate([angles, velocities], axis=1) * spread[:, None]
 
 
 def active_pendulum() -> Pendulum:
@@ -81,4 +83,6 @@ def active_pendulum() -> Pendulum:
 
 def passive_pendulum() -> Pendulum:
     """Return the arm without motors, pushed sideways at each link: s, f → s'."""
-    return Pendulum("pendulum-passive", Layout((Slice("push", 3, "N"),)), PUSH_FORCE, BEARING_DAMPING)
+    return Pendulum(
+        "pendulum-passive", Layout((Slice("push", 3, "N"),)), PUSH_FORCE, BEARING_DAMPING
+    )

@@ -9,10 +9,10 @@ from typing import Any
 
 import mujoco
 
-LONGEST_WARNING = 160
+MAX_WARNING = 160
 """Characters of a warning that are kept: some repeat a model's names."""
 
-MOST_KINDS = 100
+MAX_KINDS = 100
 """Different warnings kept apart; whatever else is said is counted as one."""
 
 OTHERS = "other warnings"
@@ -59,13 +59,21 @@ def warning_line() -> str:
     times = "once" if count == 1 else f"{count:,} times"
     text = _heard.most_common(1)[0][0]
     others = len(_heard) - 1
-    more = f", and of {others} other kinds" if others > 1 else ", and of one other kind" if others else ""
-    return f"MuJoCo warned {times}: {text}{more}. Runs that blew up were dropped, or count as failed."
+    more = (
+        f", and of {others} other kinds"
+        if others > 1
+        else ", and of one other kind"
+        if others
+        else ""
+    )
+    return (
+        f"MuJoCo warned {times}: {text}{more}. Runs that blew up were dropped, or count as failed."
+    )
 
 
 def _hear(text: str) -> None:
     kind = shortened(text)
-    if kind not in _heard and len(_heard) >= MOST_KINDS:
+    if kind not in _heard and len(_heard) >= MAX_KINDS:
         kind = OTHERS
     _heard[kind] += 1
 
@@ -75,4 +83,4 @@ def shortened(text: str) -> str:
     line = " ".join(str(text).split())
     line = line.replace("The simulation is unstable.", "")
     line = re.sub(r"Time = \S+", "", line)
-    return line[:LONGEST_WARNING].rstrip(". ")
+    return line[:MAX_WARNING].rstrip(". ")

@@ -29,7 +29,9 @@ class CTwin:
     dtype: type[np.floating]
     lanes: int
 
-    def play(self, start: np.ndarray, controls: np.ndarray, integrator: str, dt: float, steps: int) -> np.ndarray:
+    def play(
+        self, start: np.ndarray, controls: np.ndarray, integrator: str, dt: float, steps: int
+    ) -> np.ndarray:
         """Return the states (T, S) after each of the controls (T, C), each held for `steps` steps of `dt` [s].
 
         With several lanes, start is (S, lanes), controls are (T, C, lanes) and so are the states.
@@ -39,7 +41,9 @@ class CTwin:
         self._call("play", (start, controls, states), len(controls), integrator, dt, steps)
         return states
 
-    def advance(self, starts: np.ndarray, controls: np.ndarray, integrator: str, dt: float, steps: int) -> np.ndarray:
+    def advance(
+        self, starts: np.ndarray, controls: np.ndarray, integrator: str, dt: float, steps: int
+    ) -> np.ndarray:
         """Return the states (B, S) `steps` steps of `dt` [s] after `starts` (B, S) under held controls (B, C)."""
         ends = np.empty((len(starts) // self.lanes, self.size, self.lanes), self.dtype)
         self.player(starts, controls, integrator, dt, steps, ends)()
@@ -57,7 +61,9 @@ class CTwin:
         """Return a function that does what `advance` does in one call of C, into `ends`."""
         starts, controls = (self._check(self._side_by_side(each)) for each in (starts, controls))
         ends = np.empty(starts.shape, self.dtype) if ends is None else ends
-        return lambda: self._call("advance", (starts, controls, ends), len(starts), integrator, dt, steps)
+        return lambda: self._call(
+            "advance", (starts, controls, ends), len(starts), integrator, dt, steps
+        )
 
     def _side_by_side(self, rows: np.ndarray) -> np.ndarray:
         """Return rows (B, X) as (B / lanes, X, lanes)."""
@@ -67,11 +73,19 @@ class CTwin:
         return np.ascontiguousarray(numbers, self.dtype)
 
     def _call(
-        self, name: str, arrays: tuple[np.ndarray, ...], count: int, integrator: str, dt: float, steps: int
+        self,
+        name: str,
+        arrays: tuple[np.ndarray, ...],
+        count: int,
+        integrator: str,
+        dt: float,
+        steps: int,
     ) -> None:
         pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in arrays)
         kind = INTEGRATORS.index(integrator)
-        getattr(self.library, name)(kind, ctypes.c_long(count), ctypes.c_long(steps), ctypes.c_double(dt), *pointers)
+        getattr(self.library, name)(
+            kind, ctypes.c_long(count), ctypes.c_long(steps), ctypes.c_double(dt), *pointers
+        )
 
 
 def c_twin(body: Body, dtype: type[np.floating] = np.float32, lanes: int = 1) -> CTwin | None:

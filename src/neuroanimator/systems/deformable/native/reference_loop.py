@@ -23,8 +23,17 @@ FLOATS = ctypes.POINTER(ctypes.c_float)
 
 class _Body(ctypes.Structure):
     _fields_ = (
-        [(name, ctypes.c_int) for name in ("points", "springs", "faces", "muscles", "pushes")]
-        + [("ends", INTEGERS), ("stiffness", FLOATS), ("damping", FLOATS), ("length", FLOATS), ("muscle", INTEGERS)]
+        [
+            (name, ctypes.c_int)
+            for name in ("points", "springs", "faces", "muscles", "external_forces")
+        ]
+        + [
+            ("ends", INTEGERS),
+            ("stiffness", FLOATS),
+            ("damping", FLOATS),
+            ("length", FLOATS),
+            ("muscle", INTEGERS),
+        ]
         + [
             ("shorten", FLOATS),
             ("mass", FLOATS),
@@ -50,7 +59,7 @@ def plain_player(
     library = compiled_library(PROGRAM.read_text(encoding="utf-8"))
     if library is None or (np.count_nonzero(body.muscles, axis=1) > 1).any():
         return None
-    kept = float(np.exp(-dt / body.response)) if body.response else 0.0
+    kept = float(np.exp(-dt / body.time_constant)) if body.time_constant else 0.0
     described, tables = _described(body)
     held = np.ascontiguousarray(controls, np.float32)
 
@@ -72,14 +81,45 @@ def _described(body: Body) -> tuple[_Body, list[np.ndarray]]:
     owner = np.where(body.muscles.any(axis=1), body.muscles.argmax(axis=1) if muscles else 0, -1)
     share = np.take_along_axis(body.face_shares, body.faces, axis=1)
     share[:, 3] *= body.faces[:, 3] != body.faces[:, 0]
-    pushes = 0 if muscles else body.pushes.shape[1]
-    numbers = [body.springs, body.stiffness, body.damping, body.lengths, owner, body.muscles.sum(axis=1)]
-    numbers += [body.masses, 1 / body.masses, body.lift, body.faces, share, body.pushes / body.masses.sum()]
-    tables = [np.ascontiguousarray(each, np.int32 if each.dtype.kind == "i" else np.float32) for each in numbers]
+    external_forces = 0 if muscles else body.external_forces.shape[1]
+    numbers = [
+        body.springs,
+        body.stiffness,
+        body.damping,
+        body.lengths,
+        owner,
+        body.muscles.sum(axis=1),
+    ]
+    numbers += [
+        body.masses,
+        1 / body.masses,
+        body.lift,
+        body.faces,
+        share,
+        body.external_forces / body.masses.sum(),
+    ]
+    tables = [
+        np.ascontiguousarray(each, np.int32 if each.dtype.kind == "i" else np.float32)
+        for each in numbers
+    ]
     pointers = [t.ctypes.data_as(INTEGERS if t.dtype.kind == "i" else FLOATS) for t in tables]
     surface = water.surface if water else None
-    around = [water.push, water.drag] if water else [0.0, 0.0]
-    around += [surface or 0.0, water.depth if water and surface is not None else 0.0, GRAVITY * body.weighs]
-    below = [ground.stiffness, ground.damping, ground.friction, ground.slip] if ground else [0.0, 0.0, 0.0, 1.0]
-    sizes = len(body.masses), len(body.springs), len(body.faces) if water else 0, muscles, pushes
+    around = [water.face_drag, water.drag] if water else [0.0, 0.0]
+    around += [
+        surface or 0.0,
+        water.depth if water and surface is not None else 0.0,
+        GRAVITY * body.has_gravity,
+    ]
+    below = (
+        [ground.stiffness, ground.damping, ground.friction, ground.slip]
+        if ground
+        else [0.0, 0.0, 0.0, 1.0]
+    )
+    sizes = (
+        len(body.masses),
+        len(body.springs),
+        len(body.faces) if water else 0,
+        muscles,
+        external_forces,
+    )
     return _Body(*sizes, *pointers, *around, *below), tables

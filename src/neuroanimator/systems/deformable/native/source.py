@@ -12,7 +12,7 @@ from neuroanimator.systems.deformable.mass_spring import SMALLEST
 
 PROGRAM = Path(__file__).with_name("mass_spring.c")
 
-MOST_STATEMENTS = 1_000
+MAX_STATEMENTS = 1_000
 """Statements of a kind written out one after another; longer lists become loops, lest compiling take minutes.
 
 So do all lists of bodies side by side, where looking up a place in a table is shared by all of them."""
@@ -32,21 +32,27 @@ def c_source(body: Body, precision: str, lanes: int) -> str:
         "SPRINGS": len(body.springs),
         "FACES": len(body.faces) if body.water else 0,
         "MUSCLES": body.muscles.shape[1],
-        "CONTROLS": max(body.muscles.shape[1], body.pushes.shape[1]),
-        "RESPONSE": repr(float(body.response)),
+        "CONTROLS": max(body.muscles.shape[1], body.external_forces.shape[1]),
+        "RESPONSE": repr(float(body.time_constant)),
         "SMALLEST_SQUARE": repr(SMALLEST**2),
         **_surroundings(body),
     }
-    most = MOST_STATEMENTS if lanes == 1 else 0
+    most = MAX_STATEMENTS if lanes == 1 else 0
     defines = "\n".join(f"#define {name} {value}" for name, value in sizes.items())
     return "\n".join(
-        [defines, *_numbers(body), *_lists(body, most), *_elimination(body, most), PROGRAM.read_text(encoding="utf-8")]
+        [
+            defines,
+            *_numbers(body),
+            *_lists(body, most),
+            *_elimination(body, most),
+            PROGRAM.read_text(encoding="utf-8"),
+        ]
     )
 
 
 def _surroundings(body: Body) -> dict[str, str]:
     """Return what is felt besides springs and faces; what is not defined costs nothing."""
-    found: dict[str, float] = {"WEIGHT": GRAVITY} if body.weighs else {}
+    found: dict[str, float] = {"WEIGHT": GRAVITY} if body.has_gravity else {}
     if body.water is not None:
         water = body.water
         found |= {"DRAG": water.drag} if water.drag else {}
@@ -60,7 +66,7 @@ def _surroundings(body: Body) -> dict[str, str]:
 def _numbers(body: Body) -> Iterable[str]:
     """Yield the body's numbers; PUSH is for twice the area and the sum of the corners' speeds."""
     corners = np.array([len(set(face)) for face in body.faces.tolist()], float)
-    push = body.water.push if body.water else 0.0
+    push = body.water.face_drag if body.water else 0.0
     arrays = {
         "STIFFNESS": body.stiffness,
         "DAMPING": body.damping,
@@ -79,13 +85,22 @@ def _numbers(body: Body) -> Iterable[str]:
 def _lists(body: Body, most: int) -> Iterable[str]:
     """Yield the lists X(...) X(...) that the program walks through."""
     springs, faces = body.springs.tolist(), body.faces.tolist()
-    muscles = [(*map(int, place), float(body.muscles[tuple(place)])) for place in np.argwhere(body.muscles)]
-    pushes = [(*map(int, place), float(body.pushes[tuple(place)])) for place in np.argwhere(body.pushes)]
+    muscles = [
+        (*map(int, index), float(body.muscles[tuple(index)])) for index in np.argwhere(body.muscles)
+    ]
+    external_forces = [
+        (*map(int, index), float(body.external_forces[tuple(index)]))
+        for index in np.argwhere(body.external_forces)
+    ]
     mass = float(body.masses.sum())
     yield from _list("SPRING_LIST", [(i, *pair) for i, pair in enumerate(springs)], most)
-    yield from _list("FACE_LIST", [(i, *face, int(len(set(face)) == 4)) for i, face in enumerate(faces)], most)
+    yield from _list(
+        "FACE_LIST", [(i, *face, int(len(set(face)) == 4)) for i, face in enumerate(faces)], most
+    )
     yield from _list("MUSCLE_LIST", muscles, most)
-    yield "#define PUSH_LIST(X) " + " ".join(f"X({axis}, {number}, {n / mass!r})" for axis, number, n in pushes)
+    yield "#define PUSH_LIST(X) " + " ".join(
+        f"X({axis}, {number}, {n / mass!r})" for axis, number, n in external_forces
+    )
 
 
 def _list(name: str, rows: Rows, most: int) -> Iterable[str]:
@@ -107,7 +122,10 @@ def _elimination(body: Body, most: int) -> Iterable[str]:
     for k, below in columns.items():
         for i in below:
             entries[k, i] = entries[i, k] = len(columns) + (len(entries) - len(columns)) // 2
-    matrix = [(s, entries[a, a], entries[b, b], entries[a, b]) for s, (a, b) in enumerate(body.springs.tolist())]
+    matrix = [
+        (s, entries[a, a], entries[b, b], entries[a, b])
+        for s, (a, b) in enumerate(body.springs.tolist())
+    ]
     yield f"#define ENTRIES {max(entries.values()) + 1}"
     yield from _list("DIAGONAL_LIST", [(k, k) for k in columns], most)
     yield from _list("MATRIX_LIST", matrix, most)
@@ -116,7 +134,9 @@ def _elimination(body: Body, most: int) -> Iterable[str]:
         forward.append(("PIVOT", [(k, k)]))
         forward.append(("COLUMN", [(i, k, entries[i, k]) for i in below]))
         pairs = [(i, j) for n, i in enumerate(below) for j in below[: n + 1]]
-        forward.append(("UPDATE", [(entries[i, j], entries[i, k], entries[j, k]) for i, j in pairs]))
+        forward.append(
+            ("UPDATE", [(entries[i, j], entries[i, k], entries[j, k]) for i, j in pairs])
+        )
     for k, below in reversed(columns.items()):
         back += [("SCALE", [(k,)]), ("BACK", [(i, k, entries[i, k]) for i in below])]
     yield from _program("ELIMINATE", forward + back, most)
@@ -125,7 +145,9 @@ def _elimination(body: Body, most: int) -> Iterable[str]:
 def _program(name: str, parts: list[tuple[str, list[tuple[int, ...]]]], most: int) -> Iterable[str]:
     """Yield the macro `name`: every part's statement for each of its rows, or loops over a table where that is long."""
     if sum(len(rows) for _, rows in parts) <= 5 * most:
-        statements = (f"{macro}({', '.join(map(str, row))})" for macro, rows in parts for row in rows)
+        statements = (
+            f"{macro}({', '.join(map(str, row))})" for macro, rows in parts for row in rows
+        )
         yield f"#define {name} " + " ".join(statements)
         return
     table, loops = [], []
@@ -134,7 +156,9 @@ def _program(name: str, parts: list[tuple[str, list[tuple[int, ...]]]], most: in
         cells = ", ".join(f"{name}_TABLE[row + {column}]" for column in range(width))
         end = len(table) + width * len(rows)
         loops.append(
-            f"for (int row = {len(table)}; row < {end}; row += {width}) {{ {macro}({cells}) }}" if rows else ""
+            f"for (int row = {len(table)}; row < {end}; row += {width}) {{ {macro}({cells}) }}"
+            if rows
+            else ""
         )
         table += [number for row in rows for number in row]
     yield f"static const int {name}_TABLE[] = {{{', '.join(map(str, table))}}};"
