@@ -1,4 +1,4 @@
-"""Training killed at many moments, also while it writes a checkpoint. Two kills are in tests/test_training.py."""
+"""Training killed at many moments, also while it writes a checkpoint. Two kills are in tests/training/test_train.py."""
 
 from __future__ import annotations
 

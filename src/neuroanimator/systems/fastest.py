@@ -25,7 +25,7 @@ def play(
 ) -> Runs:
     """Return what `System.simulate` does from `starts` (B, S) under `controls` (B, T, C), sooner where possible.
 
-    C and JAX agree to the last digits but a few (tests/test_c_twin.py).
+    C and JAX agree to the last digits but a few (tests/systems/deformable/native/test_compiled.py).
     """
     scheme = scheme or system.truth
     if isinstance(system, DeformableSystem) and (

@@ -27,7 +27,7 @@ from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.system import Goal, System
 
-TUTORIAL = Path(__file__).parents[1] / "docs" / "tutorials" / "my-objective.md"
+TUTORIAL = Path(__file__).parents[3] / "docs" / "tutorials" / "my-objective.md"
 
 
 @functools.cache
