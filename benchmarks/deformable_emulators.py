@@ -15,8 +15,9 @@ from neuroanimator import Emulator, find_emulator, load_system
 from neuroanimator.bench.long_run import measure_long_run
 from neuroanimator.bench.spring_relaxation import relaxed
 from neuroanimator.bench.swims import compare_swims
+from neuroanimator.data.config import dataset_config
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.transitions import Transitions, dataset_config
+from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.accuracy import (
     HeldOut,
     held_out_runs,
@@ -94,7 +95,9 @@ def long_rows(repeats: int) -> Rows:
     for name in ("fish", "dolphin"):
         emulator, system = Emulator.load(find_emulator(f"{name}-50")), deformable(name)
         known = simulate_transitions(
-            dataset_config(system=name, count=KNOWN_RUNS // (20 if quick else 1), picks=36)
+            dataset_config(
+                system=name, count=KNOWN_RUNS // (20 if quick else 1), samples_per_run=36
+            )
         )
         states = known.states.reshape(-1, known.states.shape[-1])
         steps = 2_000 if quick else LONG_STEPS
@@ -159,7 +162,7 @@ def hierarchy_rows(repeats: int) -> Rows:
     quick, rows = repeats < 5, []
     for name, modes in (("fish", (32, 44)), ("dolphin", (28, 40))):
         examples = HIERARCHY_EXAMPLES // (20 if quick else 1)
-        data = simulate_transitions(dataset_config(system=name, count=examples, picks=36))
+        data = simulate_transitions(dataset_config(system=name, count=examples, samples_per_run=36))
         flat = {
             label: {**each, "position_modes": modes[0], "velocity_modes": modes[1]}
             for label, each in FLAT.items()

@@ -18,8 +18,9 @@ import numpy as np
 
 from neuroanimator import training_config
 from neuroanimator.bench.run_table import describe_machine, write_csv
+from neuroanimator.data.config import dataset_config
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.transitions import Transitions, dataset_config
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.accuracy import (
     HeldOut,
@@ -227,7 +228,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         system, definition, _ = resolve(str(floating_humanoid(folder)))
-        wanted = {"system": system, "definition": definition, "substeps": SUBSTEPS, "picks": 36}
+        wanted = {
+            "system": system,
+            "definition": definition,
+            "substeps": SUBSTEPS,
+            "samples_per_run": 36,
+        }
         data = simulate_transitions(dataset_config(**wanted, count=effort.windows))
         measured, test, physics = measure(data, effort, folder)
     rows = [row(one, measured, physics) for one in measured]

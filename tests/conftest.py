@@ -15,7 +15,7 @@ import pytest
 from tally import Tally, tally_line
 
 from neuroanimator import Emulator, dataset_config, find_emulator, generate, read_transitions
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.store import Transitions
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 

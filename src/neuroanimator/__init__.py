@@ -37,9 +37,10 @@ if TYPE_CHECKING:
     from neuroanimator.control.policies.policy import Policy, load_policy
     from neuroanimator.control.synthesis.replay import replay
     from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
+    from neuroanimator.data.config import dataset_config
     from neuroanimator.data.diverged_runs import read_diverged
     from neuroanimator.data.generate import generate
-    from neuroanimator.data.transitions import dataset_config, read_transitions
+    from neuroanimator.data.store import read_transitions
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.errors import NeuroAnimatorError
     from neuroanimator.evaluation.evaluate import Effort, evaluate
@@ -70,7 +71,7 @@ _HOMES = {
     "Synthesis": "control.synthesis.synthesise",
     "Term": "control.objective.objective",
     "avoid": "control.objective.obstacles",
-    "dataset_config": "data.transitions",
+    "dataset_config": "data.config",
     "descend": "control.descent.descend",
     "effort": "control.objective.costs",
     "evaluate": "evaluation.evaluate",
@@ -94,7 +95,7 @@ _HOMES = {
     "read_clip": "export.csv_file",
     "read_diverged": "data.diverged_runs",
     "read_pose": "state.pose",
-    "read_transitions": "data.transitions",
+    "read_transitions": "data.store",
     "replay": "control.synthesis.replay",
     "smoothness": "control.objective.costs",
     "stand_up": "control.objective.costs",

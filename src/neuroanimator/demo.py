@@ -13,8 +13,9 @@ from neuroanimator.animation.clip import make_clip
 from neuroanimator.control.objective.goals import is_upright
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise_goal
+from neuroanimator.data.config import dataset_config
 from neuroanimator.data.generate import generate
-from neuroanimator.data.transitions import Transitions, dataset_config, read_transitions
+from neuroanimator.data.store import Transitions, read_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.evaluate import Evaluation, evaluate

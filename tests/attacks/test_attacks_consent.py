@@ -27,8 +27,8 @@ from neuroanimator import (
 )
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.transitions import DatasetConfig
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.evaluation.accuracy import system_of
 from neuroanimator.storage.files import canonical_json

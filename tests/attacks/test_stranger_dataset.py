@@ -18,7 +18,7 @@ from neuroanimator import (
     read_diverged,
     read_transitions,
 )
-from neuroanimator.data.transitions import CONFIG_NAME
+from neuroanimator.data.store import CONFIG_NAME
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_tensors, write_tensors
 
@@ -47,9 +47,9 @@ def forge(folder: Path, change: Callable[[Tensors, dict[str, Any]], object]) -> 
     write_tensors(path, tensors, metadata)
 
 
-def set_pick(value: int) -> Callable[[Tensors, dict[str, Any]], None]:
+def set_sample(value: int) -> Callable[[Tensors, dict[str, Any]], None]:
     def change(tensors: Tensors, _: dict[str, Any]) -> None:
-        tensors["picks"][0, 0] = value
+        tensors["samples"][0, 0] = value
 
     return change
 
@@ -64,20 +64,20 @@ def replace(
 
 
 SHARDS: dict[str, tuple[Callable[[Tensors, dict[str, Any]], object], str]] = {
-    "no states": (lambda tensors, _: tensors.pop("states"), "tensors controls, picks; wanted"),
-    "no controls": (lambda tensors, _: tensors.pop("controls"), "tensors picks, states; wanted"),
-    "no picks": (lambda tensors, _: tensors.pop("picks"), "tensors controls, states; wanted"),
+    "no states": (lambda tensors, _: tensors.pop("states"), "tensors controls, samples; wanted"),
+    "no controls": (lambda tensors, _: tensors.pop("controls"), "tensors samples, states; wanted"),
+    "no samples": (lambda tensors, _: tensors.pop("samples"), "tensors controls, states; wanted"),
     "nothing": (lambda tensors, _: tensors.clear(), "tensors none; wanted"),
     "one more": (
-        lambda tensors, _: tensors.update(runs=tensors["picks"][:, 0]),
-        "runs, states; wanted",
+        lambda tensors, _: tensors.update(segments=tensors["samples"][:, 0]),
+        "segments, states; wanted",
     ),
-    "a negative pick": (set_pick(-1), "'picks' holds -1 to"),
-    "a pick beyond the run": (set_pick(37), "wanted 0 to 36"),
-    "a pick far beyond the run": (set_pick(2**31 - 1), "wanted 0 to 36"),
-    "picks with fractions": (
-        replace("picks", lambda picks: picks.astype(np.float32)),
-        "'picks' holds float32",
+    "a negative sample": (set_sample(-1), "'samples' holds -1 to"),
+    "a sample beyond the run": (set_sample(37), "wanted 0 to 36"),
+    "a sample far beyond the run": (set_sample(2**31 - 1), "wanted 0 to 36"),
+    "samples with fractions": (
+        replace("samples", lambda samples: samples.astype(np.float32)),
+        "'samples' holds float32",
     ),
     "states as whole numbers": (
         replace("states", lambda states: states.astype(np.int32)),
@@ -102,7 +102,10 @@ SHARDS: dict[str, tuple[Callable[[Tensors, dict[str, Any]], object], str]] = {
         replace("states", lambda states: states[0, 0, 0]),
         "tensor 'states' has shape ()",
     ),
-    "flat picks": (replace("picks", lambda picks: picks[:, 0]), "tensor 'picks' has shape (8,)"),
+    "flat samples": (
+        replace("samples", lambda samples: samples[:, 0]),
+        "tensor 'samples' has shape (8,)",
+    ),
     "no blow-ups told": (lambda _, metadata: metadata.pop("diverged"), "diverged is 'None'"),
     "blow-ups in words": (
         lambda _, metadata: metadata.update(diverged="many"),
@@ -141,8 +144,8 @@ CONFIGS = {
     "no object": ("[]", "wanted a JSON object"),
     "deep": ('{"system":' * 100_000, "deep"),
     "a long number": ('{"seed":' + "1" * 5_000 + "}", "5,000 digits"),
-    "an unknown key": ('{"system": "pendulum", "more": 1}', "more: extra inputs"),
-    "a negative count": ('{"system": "pendulum", "count": -1}', "count: "),
+    "an unknown key": ('{"format": 2, "system": "pendulum", "more": 1}', "more: extra inputs"),
+    "a negative count": ('{"format": 2, "system": "pendulum", "count": -1}', "count: "),
     "no text": ("\xff", "is damaged"),
 }
 
@@ -155,6 +158,16 @@ def test_settings_that_are_none_are_refused(folder: Path, name: str):
         read_transitions(folder)
     assert message in str(caught.value)
     assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("format_number", [None, 1, 3, 2.0, True, "2"])
+def test_a_dataset_of_another_version_is_refused_in_one_line(folder: Path, format_number: object):
+    config = json.loads((folder / CONFIG_NAME).read_text()) | {"format": format_number}
+    (folder / CONFIG_NAME).write_text(json.dumps(config))
+    with pytest.raises(BadFileError, match="is of another version") as caught:
+        read_transitions(folder)
+    assert str(caught.value).endswith("this one reads 2. Generate the dataset again.")
+    assert "\n" not in str(caught.value)
 
 
 def test_more_in_the_folder_than_its_settings_say_is_refused(folder: Path):
@@ -172,7 +185,7 @@ def test_a_shard_as_large_as_a_disk_is_refused_unread(folder: Path):
 
 
 def test_a_damaged_shard_is_made_again_with_the_same_bytes(folder: Path, honest: Path):
-    forge(folder, set_pick(-1))
+    forge(folder, set_sample(-1))
     generate(dataset_config(system="pendulum", count=96), folder)
     name = "shard-00000.safetensors"
     assert (folder / name).read_bytes() == (honest / name).read_bytes()

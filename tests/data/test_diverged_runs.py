@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from neuroanimator import (
     read_diverged,
     read_transitions,
 )
+from neuroanimator.data.store import read_config
 from neuroanimator.systems.loading import resolve
 
 JELLY = """\
@@ -112,7 +112,7 @@ def test_a_damaged_file_is_refused_when_read_and_other_runs_are_not_overwritten(
     first.write_bytes(second.read_bytes())
     with pytest.raises(NeuroAnimatorError, match="diverged-00000.* belongs to another dataset"):
         read_diverged(tmp_path)
-    config = dataset_config(**json.loads((tmp_path / "dataset.json").read_text()))
+    config = read_config(tmp_path)
     with pytest.raises(
         NeuroAnimatorError, match="diverged-00000.* holds other runs .* Move it away"
     ):

@@ -17,9 +17,9 @@ from neuroanimator import (
     load_system,
     read_transitions,
 )
-from neuroanimator.data.generate import make_shard, sample_picks
+from neuroanimator.data.config import MAX_GAP, MAX_UNROLL, RUN_STEPS
+from neuroanimator.data.generate import make_shard, sample_steps
 from neuroanimator.data.sampling import sample_control_runs, sample_controls
-from neuroanimator.data.transitions import MAX_GAP, MAX_UNROLL, RUN_STEPS
 from neuroanimator.state.layout import Bounds
 
 
@@ -31,13 +31,15 @@ def fingerprint(folder: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(("count", "largest"), [(12, MAX_GAP), (18, 3), (24, 2), (36, 1)])
-def test_picks_lie_one_to_five_super_steps_apart_and_leave_room_to_unroll(count: int, largest: int):
+def test_samples_lie_one_to_five_super_steps_apart_and_leave_room_to_unroll(
+    count: int, largest: int
+):
     rng = np.random.default_rng(0)
-    picks = np.stack([sample_picks(rng, count) for _ in range(500)])
-    gaps = np.diff(picks, axis=1)
+    samples = np.stack([sample_steps(rng, count) for _ in range(500)])
+    gaps = np.diff(samples, axis=1)
     assert set(np.unique(gaps)) == set(range(1, largest + 1))
-    assert picks.min() >= 0
-    assert picks.max() + MAX_UNROLL <= RUN_STEPS
+    assert samples.min() >= 0
+    assert samples.max() + MAX_UNROLL <= RUN_STEPS
 
 
 def test_a_window_is_what_the_physics_does(transitions):

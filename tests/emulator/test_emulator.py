@@ -23,7 +23,7 @@ from neuroanimator import (
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.control.descent.problem import Problem
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import rollout
 from neuroanimator.emulator.features import Features, sine_cosine
 from neuroanimator.emulator.networks import make_network

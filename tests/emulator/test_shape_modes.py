@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, load_system, training_config
+from neuroanimator.data.config import dataset_config
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.transitions import Transitions, dataset_config
+from neuroanimator.data.store import Transitions
 from neuroanimator.definitions.body import BodyDefinition
 from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part, check_parts
 from neuroanimator.emulator.pca import reflection
@@ -36,7 +37,7 @@ DEEP = {"network": "hierarchy", "widths": (16, 0, 8), "local_modes": 3}
 
 @cache
 def few(system: str) -> Transitions:
-    return simulate_transitions(dataset_config(system=system, count=360, picks=36))
+    return simulate_transitions(dataset_config(system=system, count=360, samples_per_run=36))
 
 
 @pytest.fixture(params=["fish", "dolphin"])
@@ -291,7 +292,9 @@ def test_the_tutorials_body_is_learnt(tmp_path: Path):
     page = (Path(__file__).parents[2] / "docs/tutorials/my-body.md").read_text()
     (tmp_path / "worm.toml").write_text(page.partition("```toml\n")[2].partition("```")[0])
     name, text, _ = resolve(str(tmp_path / "worm.toml"))
-    data = simulate_transitions(dataset_config(system=name, definition=text, count=3600, picks=36))
+    data = simulate_transitions(
+        dataset_config(system=name, definition=text, count=3600, samples_per_run=36)
+    )
     errors: list[float] = []
     config = training_config(updates=1000, widths=(16,))
     train(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, evaluate, write_report
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.accuracy import (
     baselines,
     held_out_runs,

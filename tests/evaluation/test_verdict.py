@@ -11,7 +11,7 @@ import pytest
 
 from neuroanimator import Emulator, dataset_config, evaluate, generate, read_transitions, train
 from neuroanimator import training_config as settings
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.accuracy import CONSTANT_VELOCITY, NO_CHANGE
 from neuroanimator.evaluation.evaluate import Effort, judge_training
 from neuroanimator.evaluation.report import write_report

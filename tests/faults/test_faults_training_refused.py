@@ -8,7 +8,7 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import NeuroAnimatorError, load_system, train, training_config
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.networks import MAX_LAYER, check_widths
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Layout, Slice

@@ -97,7 +97,7 @@ def seeds() -> dict[str, dict[str, bytes]]:
         "tensors": {
             "states": ["F32", [2, 41, 6], 0],
             "controls": ["F32", [2, 40, 3], 0],
-            "picks": ["I32", [2, 12], 1],
+            "samples": ["I32", [2, 12], 1],
         },
         "metadata": {"diverged": 0},
     }
@@ -112,7 +112,14 @@ def seeds() -> dict[str, dict[str, bytes]]:
     text = json.dumps({"definition": {"name": "a", "model": "m.xml", "physics": {"step": 0.01, "truth_step": 0.01,
         "fine_step": 0.001}}, "files": {"main": "m.xml", "files": {"m.xml": "PGEvPg=="}}})  # fmt: skip
     setting = json.dumps(
-        {"system": "pendulum", "substeps": 50, "count": 24, "picks": 12, "seed": 0}
+        {
+            "format": 2,
+            "system": "pendulum",
+            "substeps": 50,
+            "count": 24,
+            "samples_per_run": 12,
+            "seed": 0,
+        }
     )
     return {
         "clip": {"good": b"time s,angle[0] rad,angle[1] rad,speed[0] rad/s\n0,1,2,3\n0.1,1,2,3\n"},

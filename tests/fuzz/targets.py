@@ -14,12 +14,8 @@ import numpy as np
 
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.control.synthesis.objective_file import read_objective
-from neuroanimator.data.transitions import (
-    DatasetConfig,
-    claim_folder,
-    read_config,
-    read_transitions,
-)
+from neuroanimator.data.config import DatasetConfig
+from neuroanimator.data.store import claim_folder, read_config, read_transitions
 from neuroanimator.definitions.carried import TABLES
 from neuroanimator.emulator.artifact import load
 from neuroanimator.errors import NeuroAnimatorError

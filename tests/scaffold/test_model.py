@@ -17,7 +17,7 @@ from neuroanimator import (
     generate,
     load_system,
 )
-from neuroanimator.data.transitions import read_transitions
+from neuroanimator.data.store import read_transitions
 from neuroanimator.evaluation.evaluate import Effort
 from neuroanimator.scaffold.model import propose
 from neuroanimator.scaffold.write_toml import write_definition

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import NeuroAnimatorError, training_config
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.store import Transitions
 from neuroanimator.training.train import Report, run_folder, train, validation_mask
 
 SMALL = ["--widths", "16,16", "--updates", "3000", "--batch", "64"]

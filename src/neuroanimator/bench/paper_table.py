@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.codegen.c_emulator import CEmulator
+from neuroanimator.data.config import RUN_STEPS, dataset_config
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.transitions import RUN_STEPS, Transitions, dataset_config
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator, rollout
 from neuroanimator.evaluation.accuracy import (
     held_out_runs,
@@ -137,7 +138,7 @@ def few_transitions(emulator: Emulator) -> Transitions:
             definition=spec.definition,
             substeps=spec.substeps,
             count=BASELINE_EXAMPLES,
-            picks=36,
+            samples_per_run=36,
         )
     )
 

@@ -92,7 +92,7 @@ def run(
     with phase("loading"):
         from neuroanimator.control.synthesis.progress import watching
         from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
-        from neuroanimator.data.transitions import read_transitions
+        from neuroanimator.data.store import read_transitions
         from neuroanimator.export.formats import emulator_for
         from neuroanimator.systems import load_system
 

@@ -54,7 +54,7 @@ def _evaluate(
     from neuroanimator.text import print_line
 
     with phase("loading"):
-        from neuroanimator.data.transitions import read_transitions
+        from neuroanimator.data.store import read_transitions
         from neuroanimator.emulator.emulator import Emulator
         from neuroanimator.evaluation.evaluate import evaluate
         from neuroanimator.evaluation.report import write_report

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from neuroanimator.data.transitions import DatasetConfig
+    from neuroanimator.data.config import DatasetConfig
 
 EXAMPLE = (
     "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0 --out data/pendulum"
@@ -35,8 +35,9 @@ def run(
     from neuroanimator.terminal import phase, print_rows
 
     with phase("loading"):
+        from neuroanimator.data.config import dataset_config
         from neuroanimator.data.diverged_runs import PATTERN
-        from neuroanimator.data.transitions import dataset_config
+        from neuroanimator.data.recorded_segments import limited_to_recordings
         from neuroanimator.systems.loading import resolve, trust_files
 
         if system.endswith(".toml"):
@@ -46,11 +47,12 @@ def run(
     config = dataset_config(
         system=name, definition=definition, substeps=chosen, count=count, seed=seed
     )
+    config = limited_to_recordings(config)
     diverged = generate_with_bar(config, out, threads)
     kept = [("to be replayed from", out / PATTERN)] if diverged else []
     print_rows(
         [
-            ("transitions", (config.runs - diverged) * config.picks),
+            ("transitions", (config.runs - diverged) * config.samples_per_run),
             ("runs blown up and dropped", diverged),
             *kept,
             ("shards", config.shards),
@@ -77,7 +79,8 @@ def generate_with_bar(config: DatasetConfig, out: Path, threads: int | None = No
 
 def ensure_data(reference: str, emulator: Path) -> Path:
     """Return the dataset folder `reference` is, or one made beside `emulator` for the system or TOML file it names."""
-    from neuroanimator.data.transitions import dataset_config
+    from neuroanimator.data.config import dataset_config
+    from neuroanimator.data.recorded_segments import limited_to_recordings
     from neuroanimator.errors import BadFileError
     from neuroanimator.systems import SYSTEMS
     from neuroanimator.systems.loading import resolve, trust_files
@@ -95,5 +98,6 @@ def ensure_data(reference: str, emulator: Path) -> Path:
     folder = emulator.with_name(
         emulator.name.removesuffix(".safetensors").removesuffix(".emulator") + ".data"
     )
-    generate_with_bar(dataset_config(system=name, definition=definition, substeps=usual), folder)
+    config = dataset_config(system=name, definition=definition, substeps=usual)
+    generate_with_bar(limited_to_recordings(config), folder)
     return folder

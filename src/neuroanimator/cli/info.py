@@ -92,7 +92,7 @@ def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
 
 
 def _dataset(folder: Path) -> tuple[dict[str, Any], Rows]:
-    from neuroanimator.data.transitions import read_config
+    from neuroanimator.data.store import read_config
 
     config = read_config(folder)
     present = sum(config.shard_path(folder, shard).is_file() for shard in range(config.shards))

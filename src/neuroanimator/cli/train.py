@@ -46,7 +46,7 @@ def run(
     with phase("loading"):
         from neuroanimator.cli.generate import ensure_data
         from neuroanimator.cli.numbers import whole_numbers
-        from neuroanimator.data.transitions import read_transitions
+        from neuroanimator.data.store import read_transitions
         from neuroanimator.evaluation.evaluate import judge_training
         from neuroanimator.tables import read_toml
         from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config

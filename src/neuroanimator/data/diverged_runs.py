@@ -9,34 +9,46 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
-from neuroanimator.data.shard_checks import Wanted, check_tensors
-from neuroanimator.data.transitions import RUN_STEPS, DatasetConfig, read_config
+from neuroanimator.data.config import RUN_STEPS, DatasetConfig
+from neuroanimator.data.shard_checks import TensorSpec, check_tensors
+from neuroanimator.data.store import read_config
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems import load_system
 
 KIND = "diverged"
+"""What the metadata of these files says they are."""
+
 PATTERN = "diverged-*.safetensors"
 """Names of these files in a dataset's folder; one for each shard that had such runs."""
 
+NAMES = {"starts", "controls"}
+"""The tensors of these files."""
+
 
 def write_diverged(
-    folder: Path, config: DatasetConfig, shard: int, starts: np.ndarray, controls: np.ndarray
+    folder: Path,
+    config: DatasetConfig,
+    shard: int,
+    starts: Float[np.ndarray, "B S"],
+    controls: Float[np.ndarray, "B T C"],
 ) -> None:
-    """Write the starts (B, S) and controls (B, T, C) of a shard's runs that blew up; nothing if none did.
+    """Write the starts and controls of a shard's runs that blew up; nothing if none did.
 
     Raises BadFileError if other such runs are there already; a damaged file is made again.
     """
     path = _path(folder, shard)
     tensors = {"starts": starts.astype(np.float64), "controls": controls.astype(np.float64)}
     try:
-        there, metadata = read_tensors(path, KIND)
+        present, metadata = read_tensors(path, KIND)
     except BadFileError:
-        there, metadata = {}, {}
-    if there:
-        is_same = all(np.array_equal(there.get(name, np.nan), tensors[name]) for name in tensors)
-        if not is_same or not _belongs(there, metadata, config, shard):
+        present = {}
+        metadata = {}
+    if present:
+        is_same = all(np.array_equal(present.get(name, np.nan), tensors[name]) for name in tensors)
+        if not is_same or not _belongs(present, metadata, config, shard):
             raise BadFileError(
                 f"{path} holds other runs than this dataset's. Move it away, and generate again."
             )
@@ -55,7 +67,9 @@ def has_diverged(folder: Path, config: DatasetConfig, shard: int, count: int) ->
     return _belongs(tensors, metadata, config, shard) and len(tensors["starts"]) == count
 
 
-def read_diverged(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
+def read_diverged(
+    folder: str | Path,
+) -> tuple[Float[np.ndarray, "B S"], Float[np.ndarray, "B T C"]]:
     """Return starts (B, S) and controls (B, T, C) of all runs that blew up, each control held for one super step.
 
     Raises BadFileError if a file is damaged or belongs to another dataset.
@@ -63,22 +77,25 @@ def read_diverged(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
     folder = Path(folder)
     config = read_config(folder)
     system = load_system(config.system, config.definition)
-    found = []
+    specs = {
+        "starts": TensorSpec(np.float64, (None, system.state.size)),
+        "controls": TensorSpec(np.float64, (None, RUN_STEPS, system.control.size)),
+    }
+    starts = []
+    controls = []
     for shard in range(config.shards):
-        if (path := _path(folder, shard)).exists():
-            tensors, metadata = read_tensors(path, KIND)
-            wanted = {
-                "starts": Wanted(np.float64, (None, system.state.size)),
-                "controls": Wanted(np.float64, (None, RUN_STEPS, system.control.size)),
-            }
-            check_tensors(path, tensors, wanted)
-            if not _belongs(tensors, metadata, config, shard):
-                raise BadFileError(f"{path} belongs to another dataset. Move it away.")
-            found.append((tensors["starts"], tensors["controls"]))
-    if not found:
+        path = _path(folder, shard)
+        if not path.exists():
+            continue
+        tensors, metadata = read_tensors(path, KIND)
+        check_tensors(path, tensors, specs)
+        if not _belongs(tensors, metadata, config, shard):
+            raise BadFileError(f"{path} belongs to another dataset. Move it away.")
+        starts.append(tensors["starts"])
+        controls.append(tensors["controls"])
+    if not starts:
         return np.zeros((0, 0)), np.zeros((0, 0, 0))
-    starts, controls = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return starts, controls
+    return np.concatenate(starts), np.concatenate(controls)
 
 
 def _path(folder: Path, shard: int) -> Path:
@@ -88,9 +105,7 @@ def _path(folder: Path, shard: int) -> Path:
 def _belongs(
     tensors: dict[str, np.ndarray], metadata: dict[str, object], config: DatasetConfig, shard: int
 ) -> bool:
-    named = (metadata.get("config"), metadata.get("shard")) == (config.hash, shard)
-    return (
-        named
-        and set(tensors) == {"starts", "controls"}
-        and len(tensors["starts"]) == len(tensors["controls"])
-    )
+    is_of_shard = (metadata.get("config"), metadata.get("shard")) == (config.hash, shard)
+    if not is_of_shard or set(tensors) != NAMES:
+        return False
+    return len(tensors["starts"]) == len(tensors["controls"])

@@ -1,20 +1,27 @@
-"""Simulate, pick, store: resumable, and the same bytes for any number of threads."""
+"""Simulate, sample, store: resumable, and the same bytes for any number of threads."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from neuroanimator.data import transitions
+from neuroanimator.data.config import (
+    MAX_GAP,
+    MAX_UNROLL,
+    RUN_STEPS,
+    RUNS_PER_SHARD,
+    SAMPLES_PER_RUN,
+    DatasetConfig,
+)
 from neuroanimator.data.diverged_runs import has_diverged, write_diverged
+from neuroanimator.data.recorded_segments import limited_to_recordings
 from neuroanimator.data.recorded_windows import cut_shard, write_held_out
 from neuroanimator.data.sampling import sample_control_runs, sample_starts, with_idle_runs
-from neuroanimator.data.transitions import (
-    DatasetConfig,
+from neuroanimator.data.store import (
     Transitions,
     claim_folder,
     gather_transitions,
@@ -24,6 +31,7 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.storage.files import locked, write_tensors
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems import carried_system
+from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 
@@ -38,16 +46,18 @@ def generate(
     """Fill `folder` with the dataset `config` describes; return how many runs blew up and were dropped.
 
     Shards already there are kept, damaged ones made again. `on_shard` is called as each is done. The runs that blew
-    up can be replayed, see `data.diverged`. `threads`: none, or 0, for all cores.
+    up can be replayed, see `data.diverged_runs`. `threads`: none, or 0, for all cores. Recordings hold only so many
+    transitions: `count` is then lowered, see `limited_to_recordings`.
     """
-    cores = _checked_threads(threads)
+    threads = _checked_threads(threads)
+    config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)
     with locked(folder):
         claim_folder(folder, config)
         remove_stale(folder)
         diverged = 0
         for shard in range(config.shards):
-            diverged += _ensure_shard(system, config, folder, shard, cores)
+            diverged += _ensure_shard(system, config, folder, shard, threads)
             on_shard()
         if isinstance(system, RecordedSystem):
             write_held_out(system, config, folder)
@@ -56,10 +66,12 @@ def generate(
 
 def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> Transitions:
     """Return the dataset `config` describes without storing it."""
-    cores = _checked_threads(threads)
+    threads = _checked_threads(threads)
+    config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)
-    made = (make_shard(system, config, shard, cores) for shard in range(config.shards))
-    return gather_transitions(config, system, ((shard.tensors, shard.diverged) for shard in made))
+    shards = (make_shard(system, config, shard, threads) for shard in range(config.shards))
+    counted = ((shard.tensors, shard.diverged) for shard in shards)
+    return gather_transitions(config, system, counted)
 
 
 def _checked_threads(threads: int | None) -> int:
@@ -67,17 +79,17 @@ def _checked_threads(threads: int | None) -> int:
     if threads is not None and threads < 0:
         raise ArgumentError(f"threads: wanted 1 or more, or 0 for all cores; came {threads}.")
     # More than a shard has runs would have nothing to do, and each takes memory.
-    return min(threads or os.cpu_count() or 1, transitions.RUNS_PER_SHARD)
+    return min(threads or core_count(), RUNS_PER_SHARD)
 
 
 class Shard(NamedTuple):
     """A shard, and what was left out of it."""
 
     tensors: dict[str, np.ndarray]
-    starts: np.ndarray
-    """(B, S) of the runs that blew up."""
-    controls: np.ndarray
-    """(B, T, C) of the runs that blew up."""
+    starts: Float[np.ndarray, "B S"]
+    """Where the runs began that blew up."""
+    controls: Float[np.ndarray, "B T C"]
+    """What the runs were driven by that blew up."""
 
     @property
     def diverged(self) -> int:
@@ -88,10 +100,11 @@ class Shard(NamedTuple):
 def _ensure_shard(
     system: System, config: DatasetConfig, folder: Path, shard: int, threads: int
 ) -> int:
+    """Return how many of a shard's runs blew up; the shard is made unless it is there."""
     try:
-        diverged = read_shard(folder, config, system, shard)[1]["diverged"]
-        if has_diverged(folder, config, shard, diverged):
-            return diverged
+        _, metadata = read_shard(folder, config, system, shard)
+        if has_diverged(folder, config, shard, metadata["diverged"]):
+            return metadata["diverged"]
     except BadFileError:
         pass
     made = make_shard(system, config, shard, threads)
@@ -106,28 +119,28 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
     if isinstance(system, RecordedSystem):
         return Shard(cut_shard(system, config, shard), np.zeros((0, 0)), np.zeros((0, 0, 0)))
     rng = np.random.default_rng([config.seed, shard])
-    count = min(transitions.RUNS_PER_SHARD, config.runs - shard * transitions.RUNS_PER_SHARD)
+    count = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
     dt = config.substeps * system.physics_dt
     starts = sample_starts(system, rng, count, threads)
-    controls = sample_control_runs(rng, count, transitions.RUN_STEPS, dt, system)
-    picks = np.stack([sample_picks(rng, config.picks) for _ in range(count)])
+    controls = sample_control_runs(rng, count, RUN_STEPS, dt, system)
+    samples = np.stack([sample_steps(rng, config.samples_per_run) for _ in range(count)])
     controls = with_idle_runs(rng, controls, system.bounds, config.idle_share)
     runs = system.simulate(starts, controls, dt, threads=threads)
-    alive = runs.is_alive
+    is_alive = runs.is_alive
     tensors = {
-        "states": runs.states[alive].astype(np.float32),
-        "controls": controls[alive].astype(np.float32),
-        "picks": picks[alive].astype(np.int32),
+        "states": runs.states[is_alive].astype(np.float32),
+        "controls": controls[is_alive].astype(np.float32),
+        "samples": samples[is_alive].astype(np.int32),
     }
-    return Shard(tensors, starts[~alive], controls[~alive])
+    return Shard(tensors, starts[~is_alive], controls[~is_alive])
 
 
-def sample_picks(rng: np.random.Generator, count: int) -> np.ndarray:
+def sample_steps(rng: np.random.Generator, count: int) -> Int[np.ndarray, " K"]:
     """Return the `count` super steps of one run that become examples, 1 to 5 apart (eq. 8)."""
-    last = transitions.RUN_STEPS - transitions.MAX_UNROLL
-    largest = transitions.MAX_GAP * transitions.PICKS_PER_RUN // count
+    last = RUN_STEPS - MAX_UNROLL
+    largest_gap = MAX_GAP * SAMPLES_PER_RUN // count
     while True:
-        gaps = rng.integers(1, largest + 1, count)
-        picks = np.cumsum(gaps) - 1
-        if picks[-1] <= last:
-            return picks
+        gaps = rng.integers(1, largest_gap + 1, count)
+        steps = np.cumsum(gaps) - 1
+        if steps[-1] <= last:
+            return steps

@@ -1,92 +1,101 @@
 """Datasets from recordings: windows of super steps at any offset, and whole runs kept for the test.
 
-A super step's control is the mean over its samples. Windows of one stretch share its run number, so
-that training validates on stretches it has not seen; the test's stretches it never gets.
+A super step's control is the mean over its samples. Windows of one segment share its number, so
+that training validates on segments it has not seen; the test's segments it never gets.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
-from neuroanimator.data.recorded_splits import Stretch, cut_stretches
-from neuroanimator.data.transitions import (
-    HELD_OUT_NAME,
+from neuroanimator.data.config import (
     MAX_UNROLL,
     RUN_STEPS,
     RUNS_PER_SHARD,
     DatasetConfig,
     window_length,
 )
+from neuroanimator.data.recorded_segments import Segment, split_recordings
+from neuroanimator.data.store import HELD_OUT_NAME
 from neuroanimator.storage.files import write_tensors
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
+
+WINDOWS_STREAM = 2
+"""The order of windows is drawn from a stream of its own: the seed with this number."""
+
+
+class RecordedRun(NamedTuple):
+    """Consecutive samples, or super steps; of super steps there is one state more than controls."""
+
+    states: Float[np.ndarray, "T S"]
+    controls: Float[np.ndarray, "K C"]
 
 
 def cut_shard(system: RecordedSystem, config: DatasetConfig, shard: int) -> dict[str, np.ndarray]:
     """Return the tensors of shard number `shard`: a function of its arguments and the recordings alone."""
-    learn, _ = cut_stretches(system, window_length(config.substeps))
-    counts = np.array([stretch.windows(window_length(config.substeps)) for stretch in learn])
-    order = np.random.default_rng([config.seed, 2]).permutation(counts.sum())[
-        : config.runs * config.picks
-    ]
-    each = RUNS_PER_SHARD * config.picks
-    chosen = order[shard * each : (shard + 1) * each]
+    length = window_length(config.substeps)
+    segments = split_recordings(system, length).learning
+    counts = np.array([segment.windows(length) for segment in segments])
+    rng = np.random.default_rng([config.seed, WINDOWS_STREAM])
+    order = rng.permutation(counts.sum())[: config.runs * config.samples_per_run]
+    shard_size = RUNS_PER_SHARD * config.samples_per_run
+    chosen = order[shard * shard_size : (shard + 1) * shard_size]
     ends = np.cumsum(counts)
-    number = np.searchsorted(ends, chosen, side="right")
-    offsets = chosen - (ends - counts)[number]
+    numbers = np.searchsorted(ends, chosen, side="right")
+    offsets = chosen - (ends - counts)[numbers]
     runs = unwrapped(system)
-    windows = [
-        super_steps(
-            runs, learn[i]._replace(start=learn[i].start + offset), config.substeps, MAX_UNROLL
-        )
-        for i, offset in zip(number.tolist(), offsets.tolist(), strict=True)
-    ]
+    windows = []
+    for number, offset in zip(numbers.tolist(), offsets.tolist(), strict=True):
+        segment = segments[number]
+        begin = segment._replace(start=segment.start + offset)
+        windows.append(super_steps(runs, begin, config.substeps, MAX_UNROLL))
     return {
-        "states": np.stack([states for states, _ in windows]).astype(np.float32),
-        "controls": np.stack([controls for _, controls in windows]).astype(np.float32),
-        "picks": np.zeros((len(windows), 1), np.int32),
-        "runs": number.astype(np.int32),
+        "states": np.stack([window.states for window in windows]).astype(np.float32),
+        "controls": np.stack([window.controls for window in windows]).astype(np.float32),
+        "samples": np.zeros((len(windows), 1), np.int32),
+        "segments": numbers.astype(np.int32),
     }
 
 
-def unwrapped(system: RecordedSystem) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return each run's (states, controls); angles seen by sine and cosine go on over ±π instead of jumping."""
-    recording, runs = system.recording(), []
+def unwrapped(system: RecordedSystem) -> list[RecordedRun]:
+    """Return each run's samples; angles given by sine and cosine go on over ±π instead of jumping."""
+    recording = system.recording()
+    runs = []
     for states, controls in zip(recording.states, recording.controls, strict=True):
-        states = states.copy()
-        states[:, system.turning] = np.unwrap(states[:, system.turning], axis=0)
-        runs.append((states, controls))
+        continuous = states.copy()
+        continuous[:, system.turning] = np.unwrap(states[:, system.turning], axis=0)
+        runs.append(RecordedRun(continuous, controls))
     return runs
 
 
 def super_steps(
-    runs: list[tuple[np.ndarray, np.ndarray]], stretch: Stretch, substeps: int, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (states (T+1, S), controls (T, C)) of the first `count` super steps of a stretch."""
-    states, controls = runs[stretch.run]
-    stop = stretch.start + count * substeps
-    held = controls[stretch.start : stop].reshape(count, substeps, -1).mean(axis=1)
-    return states[stretch.start : stop + 1 : substeps], held
+    runs: list[RecordedRun], segment: Segment, substeps: int, count: int
+) -> RecordedRun:
+    """Return the first `count` super steps of a segment: count + 1 states, and the mean control of each step."""
+    states, controls = runs[segment.run]
+    stop = segment.start + count * substeps
+    held = controls[segment.start : stop].reshape(count, substeps, -1).mean(axis=1)
+    return RecordedRun(states[segment.start : stop + 1 : substeps], held)
 
 
 def write_held_out(system: RecordedSystem, config: DatasetConfig, folder: Path) -> None:
     """Store the test's runs beside the shards: as many as fit, equally long, none overlapping another."""
-    _, test = cut_stretches(system, window_length(config.substeps))
-    fitting = [(stretch.stop - stretch.start - 1) // config.substeps for stretch in test]
-    steps, runs = min(RUN_STEPS, *fitting), unwrapped(system)
-    pieces = [
-        super_steps(
-            runs,
-            stretch._replace(start=stretch.start + k * steps * config.substeps),
-            config.substeps,
-            steps,
-        )
-        for stretch, fits in zip(test, fitting, strict=True)
-        for k in range(fits // steps)
-    ]
+    segments = split_recordings(system, window_length(config.substeps)).test
+    fitting = [(segment.stop - segment.start - 1) // config.substeps for segment in segments]
+    steps = min(RUN_STEPS, *fitting)
+    runs = unwrapped(system)
+    pieces = []
+    for segment, fits in zip(segments, fitting, strict=True):
+        for piece in range(fits // steps):
+            start = segment.start + piece * steps * config.substeps
+            begin = segment._replace(start=start)
+            pieces.append(super_steps(runs, begin, config.substeps, steps))
     tensors = {
-        "states": np.stack([s for s, _ in pieces]),
-        "controls": np.stack([c for _, c in pieces]),
+        "states": np.stack([piece.states for piece in pieces]),
+        "controls": np.stack([piece.controls for piece in pieces]),
     }
     write_tensors(folder / HELD_OUT_NAME, tensors, {"kind": "held-out", "config": config.hash})

@@ -1,36 +1,60 @@
-"""Controls worth learning from: random, bounded, never idle."""
+"""Starts and controls worth learning from: random, bounded, never idle."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.system import System
 
-SMOOTH_SHARE, HELD_SHARE = 0.6, 0.25
-"""Shares of runs with smooth and with held (piecewise constant) controls; the rest jump at every super step."""
+SMOOTH_SHARE = 0.6
+"""Share of runs with smooth controls."""
+
+HELD_SHARE = 0.25
+"""Share of runs with held (piecewise constant) controls; those of the rest jump at every super step."""
 
 WAVES = 3
-"""Sinusoids summed in a smooth control."""
+"""So many sinusoids are summed in a smooth control."""
 
-FASTEST_WAVE = 1.5
-"""[Hz] Motors of arms and muscles of animals seldom reverse faster."""
+MAX_FREQUENCY = 1.5
+"""Smooth controls vary no faster [Hz]: motors of arms and muscles of animals seldom reverse faster."""
+
+MIN_FREQUENCY = 0.1
+"""Smooth controls vary no slower [Hz], but where half the highest frequency is lower still."""
+
+MIN_HEIGHT = 0.3
+"""The least standard deviation of the waves' heights, before they are pressed into ±1."""
+
+MAX_HEIGHT = 1.5
+"""The largest standard deviation of the waves' heights: such controls saturate as optimised ones do."""
 
 MIN_SCALE = 0.2
-"""Least share of the controls' range a run uses: an idle control teaches nothing."""
+"""A run uses at least this share of the controls' range: an idle control teaches nothing."""
 
 MAX_HOLD = 0.6
-"""[s] Longest a held control stays."""
+"""A held control stays no longer [s]."""
 
 GAIT_SHARE = 0.4
 """Share of runs that move along by the system's gait, if it has one: faster, slower, weaker, steered."""
+
 FASTER_THAN_GAIT = 1.25
-"""Times the gait's frequency up to which smooth controls go."""
-STRONGEST_STEERING = 0.5
-"""Of the control's range, added to the gait."""
+"""Smooth controls of a system with a gait vary up to so many times the gait's frequency."""
+
+GAIT_TEMPO = (0.6, 1.4)
+"""Random runs go by the gait at a tempo between these, as multiples of its own."""
+
+GAIT_STRENGTH = (0.2, 1.2)
+"""Random runs go by the gait with a strength between these, as multiples of its own."""
+
+MAX_STEERING = 0.5
+"""At most this share of the control's range is added to the gait, so that the body is steered."""
+
+WARM_UP_SUBSTEPS = 50
+"""A control is held for so many physics steps while a system warms up."""
 
 
 class Driven(Protocol):
@@ -38,7 +62,7 @@ class Driven(Protocol):
 
     @property
     def bounds(self) -> Bounds:
-        """Of the controls."""
+        """The bounds of the controls."""
         ...
 
     @property
@@ -49,8 +73,8 @@ class Driven(Protocol):
 
 def sample_starts(
     system: System, rng: np.random.Generator, count: int, threads: int = 1
-) -> np.ndarray:
-    """Return `count` random states (count, S) as they occur in use: after some warm-up, if the system has one."""
+) -> Float[np.ndarray, "B S"]:
+    """Return `count` random states as they occur in use: after some warm-up, if the system has one."""
     starts = system.sample_starts(rng, count)
     if system.warm_up <= 0:
         return starts
@@ -62,23 +86,18 @@ def sample_starts(
     return np.where(runs.is_alive[:, None], chosen, system.rest)
 
 
-WARM_UP_SUBSTEPS = 50
-"""Physics steps a control is held for while warming up."""
-
-
 def sample_control_runs(
     rng: np.random.Generator, count: int, steps: int, dt: float, driven: Driven
-) -> np.ndarray:
-    """Return the controls (count, steps, C) of `count` runs of `driven`, see `sample_controls`."""
-    return np.stack(
-        [sample_controls(rng, steps, dt, driven.bounds, driven.gait) for _ in range(count)]
-    )
+) -> Float[np.ndarray, "B T C"]:
+    """Return the controls of `count` runs of `driven` over `steps` super steps, see `sample_controls`."""
+    runs = [sample_controls(rng, steps, dt, driven.bounds, driven.gait) for _ in range(count)]
+    return np.stack(runs)
 
 
 def with_idle_runs(
-    rng: np.random.Generator, controls: np.ndarray, bounds: Bounds, share: float
-) -> np.ndarray:
-    """Return the controls (B, T, C), a `share` of the runs without control from a random super step on."""
+    rng: np.random.Generator, controls: Float[np.ndarray, "B T C"], bounds: Bounds, share: float
+) -> Float[np.ndarray, "B T C"]:
+    """Return the controls, a `share` of the runs without control from a random super step on."""
     count, steps, _ = controls.shape
     ends = np.where(rng.random(count) < share, rng.integers(0, steps, count), steps)
     is_idle = np.arange(steps) >= ends[:, None]
@@ -87,49 +106,56 @@ def with_idle_runs(
 
 def sample_controls(
     rng: np.random.Generator, steps: int, dt: float, bounds: Bounds, gait: Gait | None = None
-) -> np.ndarray:
-    """Return one run's controls (steps, C), each entry held for `dt` [s] and within `bounds`."""
+) -> Float[np.ndarray, "T C"]:
+    """Return one run's controls, each of `steps` entries held for `dt` [s] and within `bounds`."""
     if gait is not None and rng.random() < GAIT_SHARE:
-        return _steered(rng, steps, dt, bounds, gait)
-    kind, size = rng.random(), len(bounds.half)
-    if kind < SMOOTH_SHARE:
-        fastest = (
-            FASTEST_WAVE if gait is None else max(FASTEST_WAVE, FASTER_THAN_GAIT / gait.period)
-        )
-        shape = _smooth(rng, steps, dt, size, fastest)
-    elif kind < SMOOTH_SHARE + HELD_SHARE:
+        return _steered_gait(rng, steps, dt, bounds, gait)
+    draw = rng.random()
+    size = len(bounds.half)
+    if draw < SMOOTH_SHARE:
+        shape = _smooth(rng, steps, dt, size, _max_frequency(gait))
+    elif draw < SMOOTH_SHARE + HELD_SHARE:
         shape = _held(rng, steps, dt, size)
     else:
         shape = rng.uniform(-1, 1, (steps, size))
     return bounds.middle + shape * rng.uniform(MIN_SCALE, 1) * bounds.half
 
 
-def _steered(
+def _max_frequency(gait: Gait | None) -> float:
+    """Return the highest frequency of smooth controls [Hz]."""
+    if gait is None:
+        return MAX_FREQUENCY
+    return max(MAX_FREQUENCY, FASTER_THAN_GAIT / gait.period)
+
+
+def _steered_gait(
     rng: np.random.Generator, steps: int, dt: float, bounds: Bounds, gait: Gait
-) -> np.ndarray:
+) -> Float[np.ndarray, "T C"]:
     """Return the gait at a random tempo and strength, with slow random offsets that steer."""
     start = int(rng.integers(0, max(1, round(gait.period / dt))))
-    moves = gait.controls(
-        start + steps, dt, bounds, tempo=rng.uniform(0.6, 1.4), strength=rng.uniform(0.2, 1.2)
-    )
-    offset = _smooth(rng, steps, dt, len(bounds.half), 0.5 / gait.period) * rng.uniform(
-        0, STRONGEST_STEERING
-    )
-    return bounds.clip(moves[start:] + offset * bounds.half)
+    tempo = rng.uniform(*GAIT_TEMPO)
+    strength = rng.uniform(*GAIT_STRENGTH)
+    strokes = gait.controls(start + steps, dt, bounds, tempo=tempo, strength=strength)
+    waves = _smooth(rng, steps, dt, len(bounds.half), 0.5 / gait.period)
+    offset = waves * rng.uniform(0, MAX_STEERING)
+    return bounds.clip(strokes[start:] + offset * bounds.half)
 
 
 def _smooth(
-    rng: np.random.Generator, steps: int, dt: float, size: int, fastest: float
-) -> np.ndarray:
-    """Sums of sinusoids, pressed into ±1 so that strong ones saturate as optimised controls do."""
+    rng: np.random.Generator, steps: int, dt: float, size: int, max_frequency: float
+) -> Float[np.ndarray, "T C"]:
+    """Return sums of sinusoids, pressed into ±1 so that strong ones saturate as optimised controls do."""
     time = np.arange(steps) * dt
-    frequency = rng.uniform(min(0.1, fastest / 2), fastest, (WAVES, 1, size))
+    min_frequency = min(MIN_FREQUENCY, max_frequency / 2)
+    frequency = rng.uniform(min_frequency, max_frequency, (WAVES, 1, size))
     phase = rng.uniform(0, 2 * np.pi, (WAVES, 1, size))
-    height = rng.normal(size=(WAVES, 1, size)) * rng.uniform(0.3, 1.5)
-    return np.tanh((height * np.sin(2 * np.pi * frequency * time[:, None] + phase)).sum(axis=0))
+    height = rng.normal(size=(WAVES, 1, size)) * rng.uniform(MIN_HEIGHT, MAX_HEIGHT)
+    waves = height * np.sin(2 * np.pi * frequency * time[:, None] + phase)
+    return np.tanh(waves.sum(axis=0))
 
 
-def _held(rng: np.random.Generator, steps: int, dt: float, size: int) -> np.ndarray:
+def _held(rng: np.random.Generator, steps: int, dt: float, size: int) -> Float[np.ndarray, "T C"]:
+    """Return values within ±1, each held for the same random number of super steps."""
     hold = int(rng.integers(2, max(3, round(MAX_HOLD / dt) + 1)))
     values = rng.uniform(-1, 1, (steps // hold + 1, size))
     return np.repeat(values, hold, axis=0)[:steps]

@@ -7,60 +7,75 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
+from jaxtyping import Int
 
 from neuroanimator.errors import BadFileError
 
+MAX_SHOWN = 40
+"""Longer values are cut off in an error [characters]."""
 
-class Wanted(NamedTuple):
-    """One tensor as it must be."""
+MAX_LISTED = 8
+"""So many names of tensors are listed in an error."""
+
+MAX_NAME = 20
+"""Longer names of tensors are cut off in an error [characters]."""
+
+
+class TensorSpec(NamedTuple):
+    """The type and shape one tensor must have."""
 
     dtype: type[np.generic]
     shape: tuple[int | None, ...]
     """None where any length will do, the same one throughout the file."""
 
+    def filled(self, open_length: int | None) -> tuple[int | None, ...]:
+        """Return the shape, with `open_length` where any length would do."""
+        return tuple(open_length if length is None else length for length in self.shape)
 
-def largest_size(wanted: dict[str, Wanted], rows: int) -> int:
+
+def largest_size(specs: dict[str, TensorSpec], rows: int) -> int:
     """Return how many bytes the tensors take if the open length is `rows`."""
-    counts = [
-        math.prod(rows if length is None else length for length in shape)
-        for _, shape in wanted.values()
-    ]
-    return sum(
-        count * np.dtype(dtype).itemsize
-        for count, (dtype, _) in zip(counts, wanted.values(), strict=True)
-    )
+    total = 0
+    for spec in specs.values():
+        count = math.prod(rows if length is None else length for length in spec.shape)
+        total += count * np.dtype(spec.dtype).itemsize
+    return total
 
 
-def check_tensors(path: Path, tensors: dict[str, np.ndarray], wanted: dict[str, Wanted]) -> int:
-    """Return the length that was left open; BadFileError unless names, types and shapes are as `wanted`."""
-    if set(tensors) != set(wanted):
-        refuse(path, f"tensors {_listed(tensors)}; wanted {_listed(wanted)}")
+def check_tensors(path: Path, tensors: dict[str, np.ndarray], specs: dict[str, TensorSpec]) -> int:
+    """Return the length that was left open; BadFileError unless names, types and shapes are as `specs` say."""
+    if set(tensors) != set(specs):
+        refuse(path, f"tensors {_listed(tensors)}; wanted {_listed(specs)}")
     open_length: int | None = None
-    for name, (dtype, shape) in wanted.items():
+    for name, spec in specs.items():
         array = tensors[name]
-        if array.dtype != dtype:
-            refuse(path, f"tensor '{name}' holds {array.dtype}; wanted {np.dtype(dtype)}")
-        open_length = array.shape[0] if open_length is None and array.ndim else open_length
-        filled = tuple(open_length if length is None else length for length in shape)
-        if array.shape != filled:
-            refuse(path, f"tensor '{name}' has shape {array.shape}; wanted {filled}")
+        if array.dtype != spec.dtype:
+            refuse(path, f"tensor '{name}' holds {array.dtype}; wanted {np.dtype(spec.dtype)}")
+        if open_length is None and array.ndim:
+            open_length = array.shape[0]
+        shape = spec.filled(open_length)
+        if array.shape != shape:
+            refuse(path, f"tensor '{name}' has shape {array.shape}; wanted {shape}")
     return open_length or 0
 
 
-def check_range(path: Path, name: str, array: np.ndarray, least: int, largest: int) -> None:
-    """Refuse whole numbers outside `least` to `largest`: negative ones would count from the end."""
-    if array.size and (array.min() < least or array.max() > largest):
+def check_range(
+    path: Path, name: str, array: Int[np.ndarray, ...], minimum: int, maximum: int
+) -> None:
+    """Refuse whole numbers outside `minimum` to `maximum`: negative ones would count from the end."""
+    if array.size and (array.min() < minimum or array.max() > maximum):
         refuse(
             path,
-            f"tensor '{name}' holds {array.min()} to {array.max()}; wanted {least} to {largest}",
+            f"tensor '{name}' holds {array.min()} to {array.max()}; wanted {minimum} to {maximum}",
         )
 
 
-def whole_number(path: Path, metadata: dict[str, Any], key: str, largest: int) -> int:
-    """Return what `metadata` says under `key`; BadFileError unless it is a whole number from 0 to `largest`."""
+def whole_number(path: Path, metadata: dict[str, Any], key: str, maximum: int) -> int:
+    """Return what `metadata` says under `key`; BadFileError unless it is a whole number from 0 to `maximum`."""
     value = metadata.get(key)
-    if type(value) is not int or not 0 <= value <= largest:
-        refuse(path, f"{key} is {str(value)[:40]!r}; wanted a whole number from 0 to {largest:,}")
+    if type(value) is not int or not 0 <= value <= maximum:
+        shown = str(value)[:MAX_SHOWN]
+        refuse(path, f"{key} is {shown!r}; wanted a whole number from 0 to {maximum:,}")
     return value
 
 
@@ -70,4 +85,4 @@ def refuse(path: Path, fault: str) -> NoReturn:
 
 
 def _listed(names: dict[str, Any]) -> str:
-    return ", ".join(name[:20] for name in sorted(names)[:8]) or "none"
+    return ", ".join(name[:MAX_NAME] for name in sorted(names)[:MAX_LISTED]) or "none"

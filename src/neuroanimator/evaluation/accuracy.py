@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
-from neuroanimator.data.transitions import RUN_STEPS, Transitions
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems import carried_system
+from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.system import Runs, Scheme, System
 
 HELD_OUT_SEED = 2**31
@@ -119,7 +120,7 @@ def held_out_runs(
     spec, rng = emulator.spec, np.random.default_rng([HELD_OUT_SEED, seed])
     system = system_of(emulator)
     steps = round(seconds / spec.dt)
-    threads = os.cpu_count() or 1
+    threads = core_count()
     starts = sample_starts(system, rng, count, threads)
     controls = sample_control_runs(rng, count, steps, spec.dt, system)
     if is_shifted:
@@ -169,7 +170,7 @@ def rollout_error(frame: Frame, found: np.ndarray, truth: np.ndarray) -> np.ndar
 def scheme_error(test: HeldOut, scheme: Scheme) -> float:
     """Return the one-step error of the physics itself when stepped by `scheme`; infinite if it blows up."""
     states, controls, _ = test.transitions
-    threads = os.cpu_count() or 1
+    threads = core_count()
     runs = test.system.simulate(states, controls[:, None], test.dt, scheme=scheme, threads=threads)
     return runs_error(test, runs)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,6 +10,7 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.evaluation.accuracy import system_of
+from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
@@ -38,7 +38,7 @@ def count_blow_ups(
     spec, rng = emulator.spec, np.random.default_rng(seed)
     system = system_of(emulator)
     drawn = (
-        sample_starts(system, rng, starts, os.cpu_count() or 1)
+        sample_starts(system, rng, starts, core_count())
         if among is None
         else rng.choice(among, starts)
     )
@@ -63,7 +63,7 @@ def reach(emulator: Emulator, steps: int) -> np.ndarray:
     largest = np.maximum(np.abs(np.asarray(domain.low)), np.abs(np.asarray(domain.high)))
     if not isinstance(system, MujocoSystem | DeformableSystem):
         return largest
-    rng, threads = np.random.default_rng(2), os.cpu_count() or 1
+    rng, threads = np.random.default_rng(2), core_count()
     states = sample_starts(system, rng, PHYSICS_STARTS, threads)
     for block in _control_blocks(emulator, rng, PHYSICS_STARTS, steps):
         runs = system.simulate(states, block, emulator.dt, scheme=system.scheme, threads=threads)

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from neuroanimator.data.config import dataset_config
 from neuroanimator.data.generate import generate
-from neuroanimator.data.transitions import dataset_config, read_transitions
+from neuroanimator.data.store import read_transitions
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import (
     held_out_runs,

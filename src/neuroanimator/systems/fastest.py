@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from functools import lru_cache
 
 import numpy as np
 
+from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.native.compiled import CTwin, c_twin
@@ -32,7 +32,7 @@ def play(
         twin := _twin(system.body, 1 if len(starts) == 1 else LANES)
     ):
         return _play_twin(system, twin, starts, system.check_controls(controls), dt, scheme)
-    return system.simulate(starts, controls, dt, scheme=scheme, threads=os.cpu_count() or 1)
+    return system.simulate(starts, controls, dt, scheme=scheme, threads=core_count())
 
 
 @lru_cache(maxsize=32)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from neuroanimator.data.transitions import MAX_UNROLL
+from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.emulator.networks import DEFAULT_WIDTHS, check_widths
 from neuroanimator.errors import ArgumentError
 from neuroanimator.storage.files import canonical_json

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Domain, Emulator, EmulatorSpec
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.group_modes import GroupedModes, fit_grouped_modes

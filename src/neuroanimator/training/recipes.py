@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from neuroanimator.data.config import DatasetConfig, dataset_config
 from neuroanimator.data.generate import generate
-from neuroanimator.data.transitions import DatasetConfig, dataset_config, read_transitions
+from neuroanimator.data.store import read_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems.loading import USUAL_SUBSTEPS
 from neuroanimator.training.config import TrainingConfig, training_config
@@ -23,7 +24,7 @@ class Recipe:
     widths: tuple[int, ...]
     transitions: int
     updates: int
-    picks: Literal[12, 36] = 12
+    samples_per_run: Literal[12, 36] = 12
     """Examples from each run; 36 where contacts make rare events matter and physics is dear."""
     network: Literal["gated", "linear-glu"] = "gated"
     rare_share: float = 0.0
@@ -42,7 +43,7 @@ class Recipe:
             system=system,
             substeps=substeps,
             count=count,
-            picks=self.picks,
+            samples_per_run=self.samples_per_run,
             idle_share=self.idle_share,
         )
 
@@ -67,7 +68,7 @@ RECIPES = {
         (96, 64),
         transitions=360_000,
         updates=60_000,
-        picks=36,
+        samples_per_run=36,
         network="linear-glu",
         rare_share=0.5,
         modes=(18, 18),
@@ -77,7 +78,7 @@ RECIPES = {
         (96, 64),
         transitions=360_000,
         updates=80_000,
-        picks=36,
+        samples_per_run=36,
         idle_share=0.15,
         modes=(28, 40),
         aside=0.5,
@@ -86,15 +87,17 @@ RECIPES = {
         (64,),
         transitions=504_000,
         updates=100_000,
-        picks=36,
+        samples_per_run=36,
         idle_share=0.15,
         modes=(36, 48),
         aside=0.5,
     ),
-    "lander": Recipe((64, 48), transitions=1_440_000, updates=120_000, picks=36, rare_share=0.5),
+    "lander": Recipe(
+        (64, 48), transitions=1_440_000, updates=120_000, samples_per_run=36, rare_share=0.5
+    ),
     "pendulum": Recipe((96, 64), transitions=300_000, updates=300_000),
     "pendulum-passive": Recipe((64, 64), transitions=300_000, updates=300_000),
-    "truck": Recipe((128, 96), transitions=480_000, updates=100_000, picks=36),
+    "truck": Recipe((128, 96), transitions=480_000, updates=100_000, samples_per_run=36),
 }
 
 

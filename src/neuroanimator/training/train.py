@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network

@@ -35,7 +35,7 @@ from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import objective_cost
 from neuroanimator.control.synthesis.finetune import transitions_near
 from neuroanimator.control.synthesis.synthesise import CORRECTING_ITERATIONS, synthesise_goal
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.store import Transitions
 from neuroanimator.demo import CORRECTIONS, SWEEPS
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.system import Goal

@@ -21,8 +21,8 @@ from neuroanimator import (
     training_config,
     write_report,
 )
-from neuroanimator.data.recorded_splits import cut_stretches
-from neuroanimator.data.transitions import window_length
+from neuroanimator.data.config import window_length
+from neuroanimator.data.recorded_segments import limited_to_recordings, split_recordings
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.evaluate import Effort
 from neuroanimator.scaffold.write_toml import write_definition
@@ -112,9 +112,7 @@ def test_every_number_of_the_dataset_is_one_of_the_recording(folder: Path, table
     np.testing.assert_allclose(data.controls[..., 0], held, rtol=1e-5, atol=1e-6)
 
 
-def test_stretches_share_no_sample_and_the_test_is_never_trained_on(
-    folder: Path, table: np.ndarray
-):
+def test_segments_share_no_sample_and_the_test_is_never_trained_on(folder: Path, table: np.ndarray):
     data = read_transitions(folder / "data")
     assert data.held_out is not None
     rows = rows_of(table, data.states.reshape(-1, 2)).reshape(data.states.shape[:2])
@@ -269,8 +267,9 @@ def test_a_missing_file_is_refused(tmp_path: Path):
 def test_runs_too_short_or_too_few_are_refused(tmp_path: Path, rows: int, message: str):
     write_csv(tmp_path / "bad.csv", recordings(runs=1, rows=rows))
     system = system_from(tmp_path / "bad.csv")
+    config = dataset_config(system=system.name, definition=system.definition, substeps=SUBSTEPS)
     with pytest.raises(BadFileError, match=message):
-        dataset_config(system=system.name, definition=system.definition, substeps=SUBSTEPS)
+        limited_to_recordings(config)
 
 
 class _Trap:
@@ -304,10 +303,10 @@ def test_a_bad_npz_is_refused_by_array(
 
 def test_one_long_recording_is_cut_so_that_something_is_left_to_test_on(tmp_path: Path):
     write_csv(tmp_path / "one.csv", recordings(runs=1, rows=2400))
-    learn, test = cut_stretches(system_from(tmp_path / "one.csv"), window_length(SUBSTEPS))
+    learn, test = split_recordings(system_from(tmp_path / "one.csv"), window_length(SUBSTEPS))
     assert len(learn) > 10
     assert len(test) > 1
-    assert sum(stretch.stop - stretch.start for stretch in [*learn, *test]) == 2400
+    assert sum(segment.stop - segment.start for segment in [*learn, *test]) == 2400
 
 
 def test_a_toml_that_disagrees_with_its_recordings_is_refused(

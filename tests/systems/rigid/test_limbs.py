@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, NeuroAnimatorError, load_system, training_config
+from neuroanimator.data.config import dataset_config
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.transitions import Transitions, dataset_config
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
@@ -50,7 +51,9 @@ def toml(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def data(toml: Path) -> Transitions:
     name, definition, n = resolve(str(toml))
     return simulate_transitions(
-        dataset_config(system=name, definition=definition, substeps=n, count=360, picks=36)
+        dataset_config(
+            system=name, definition=definition, substeps=n, count=360, samples_per_run=36
+        )
     )
 
 
@@ -151,7 +154,7 @@ def test_joints_that_are_all_in_groups_are_refused_where_no_root_is_left(tmp_pat
     path.write_text(path.read_text() + ARMS.replace("left =", 'waist = ["waist"]\nleft ='))
     name, definition, n = resolve(str(path))
     windows = simulate_transitions(
-        dataset_config(system=name, definition=definition, substeps=n, count=72, picks=36)
+        dataset_config(system=name, definition=definition, substeps=n, count=72, samples_per_run=36)
     )
     with pytest.raises(NeuroAnimatorError, match="groups: every joint is in one"):
         parts_of(windows)

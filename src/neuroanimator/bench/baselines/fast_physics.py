@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import abc
-import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +16,7 @@ from jaxtyping import Array
 from mujoco import rollout
 
 from neuroanimator.data.sampling import sample_controls
+from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.deformable_system import MAX_STRAIN, DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import strains
@@ -66,7 +66,7 @@ class MujocoPhysics(FastPhysics):
         )
         self.steps, self.batch = self.substeps * length, batch
         self.model, self.start = system.model_with(scheme), np.asarray(start, float)
-        self.workers = [mujoco.MjData(self.model) for _ in range(cores())]
+        self.workers = [mujoco.MjData(self.model) for _ in range(core_count())]
         self._alone = rollout.Rollout(nthread=0)
         first = np.concatenate(
             [[0.0], self.start[: system.physical_size]]
@@ -180,7 +180,7 @@ def fast_physics(
 
 def side_by_side(system: System) -> int:
     """Return how many motions cost no more time than one of them: the lanes of C, or cores."""
-    return LANES if isinstance(system, DeformableSystem) else cores()
+    return LANES if isinstance(system, DeformableSystem) else core_count()
 
 
 def cheapest_scheme(system: System, dt: float, start: np.ndarray) -> Scheme:
@@ -200,15 +200,10 @@ def _seconds(physics: MujocoPhysics, controls: np.ndarray) -> float:
     return time.perf_counter() - began
 
 
-def cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 @cache
 def threads() -> ThreadPoolExecutor:
     """Return as many threads as cores, kept."""
-    return ThreadPoolExecutor(cores())
+    return ThreadPoolExecutor(core_count())
 
 
 @partial(jax.jit, static_argnums=0)

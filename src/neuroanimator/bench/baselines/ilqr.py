@@ -6,9 +6,10 @@ import mujoco
 import numpy as np
 
 from neuroanimator.bench.baselines.budgeted_cost import Contest, CostEvaluator
-from neuroanimator.bench.baselines.fast_physics import MujocoPhysics, cores, threads
+from neuroanimator.bench.baselines.fast_physics import MujocoPhysics, threads
 from neuroanimator.control.descent.methods import DAMPINGS, FIRST_DAMPING, MAX_DAMPING, MIN_DAMPING
 from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
@@ -121,7 +122,7 @@ def super_step_derivatives(
 
     A change has V = 2 nv + na numbers: quaternions change as they turn, by three.
     """
-    shares = np.array_split(np.arange(len(states)), cores())
+    shares = np.array_split(np.arange(len(states)), core_count())
 
     def share(data: mujoco.MjData, rows: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         return [_super_step(physics, data, states[t], controls[t]) for t in rows]

@@ -8,8 +8,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from neuroanimator.data.config import MAX_UNROLL, dataset_config
 from neuroanimator.data.generate import simulate_transitions
-from neuroanimator.data.transitions import MAX_UNROLL, Transitions, dataset_config
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.artifact import describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.body_frame import Frame

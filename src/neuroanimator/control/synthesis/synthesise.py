@@ -16,7 +16,7 @@ from neuroanimator.control.objective.goals import find_goal, goal_start
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.synthesis.replay import Replay, beside_emulated, ranked_on_physics
 from neuroanimator.data.sampling import sample_control_runs
-from neuroanimator.data.transitions import Transitions
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import system_of

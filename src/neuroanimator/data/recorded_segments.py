@@ -1,0 +1,95 @@
+"""Recordings cut into segments, some to learn from and some to test on: disjoint, so that no sample is in both."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+from neuroanimator.data.config import DatasetConfig, window_length
+from neuroanimator.errors import BadFileError
+from neuroanimator.systems import carried_system
+from neuroanimator.systems.recorded.recorded_system import RecordedSystem
+
+MANY_SEGMENTS = 40
+"""Long runs are cut until there are about so many: training keeps whole segments to validate on."""
+
+MIN_SEGMENTS = 3
+"""There must be one segment to learn from, one to validate on and one to test on."""
+
+TEST_EVERY = 10
+"""Every tenth segment is kept for the test, and at least the last."""
+
+MIN_WINDOWS = 3
+"""A segment is at least so many windows long: cutting loses one."""
+
+
+class Segment(NamedTuple):
+    """Consecutive samples of one run."""
+
+    run: int
+    start: int
+    stop: int
+
+    def windows(self, length: int) -> int:
+        """Return at how many offsets a window of `length` samples fits."""
+        return self.stop - self.start - length + 1
+
+
+class Split(NamedTuple):
+    """Segments to learn from, and others to test on."""
+
+    learning: list[Segment]
+    test: list[Segment]
+
+
+def split_recordings(system: RecordedSystem, length: int) -> Split:
+    """Return the segments of all runs, each at least `length` samples long; BadFileError where they are too few."""
+    for rows, origin in zip(system.rows, system.origins, strict=True):
+        if rows < length:
+            raise BadFileError(
+                f"{system.file}, {origin}: a run of {rows} rows; wanted at least {length} for so long a super step. "
+                "Use a smaller --substeps, or leave the run out."
+            )
+    segments: list[Segment] = []
+    for run in range(len(system.rows)):
+        segments += _cut_run(system, run, length)
+    if len(segments) < MIN_SEGMENTS:
+        raise BadFileError(
+            f"{system.file}: {sum(system.rows)} rows are too few to learn from and to test on; "
+            f"wanted at least {MIN_SEGMENTS * MIN_WINDOWS * length}. Record longer, or use a smaller --substeps."
+        )
+    test = segments[TEST_EVERY - 1 :: TEST_EVERY] or segments[-1:]
+    learning = [segment for segment in segments if segment not in test]
+    return Split(learning, test)
+
+
+def _cut_run(system: RecordedSystem, run: int, length: int) -> list[Segment]:
+    rows = system.rows[run]
+    most_parts = rows // (MIN_WINDOWS * length)
+    parts = max(1, min(round(MANY_SEGMENTS * rows / sum(system.rows)), most_parts))
+    edges = [rows * part // parts for part in range(parts + 1)]
+    return [Segment(run, start, stop) for start, stop in pairwise(edges)]
+
+
+def limited_to_recordings(config: DatasetConfig) -> DatasetConfig:
+    """Return `config` with `count` lowered to what its recordings hold; unchanged if its system is simulated.
+
+    The recordings are read and held against the definition, so that a wrong file is refused before a folder is made
+    for it. Raises BadFileError if they hold too few windows for even one run's worth of examples.
+    """
+    system = carried_system(config.system, config.definition)
+    if not isinstance(system, RecordedSystem):
+        return config
+    system.recording()
+    available = count_available(system, config)
+    return config.model_copy(update={"count": min(config.count, available)})
+
+
+def count_available(system: RecordedSystem, config: DatasetConfig) -> int:
+    """Return how many examples recordings hold, in whole runs' worth of `samples_per_run`."""
+    length = window_length(config.substeps)
+    learning = split_recordings(system, length).learning
+    windows = sum(segment.windows(length) for segment in learning)
+    if windows < config.samples_per_run:
+        raise BadFileError(f"{system.file}: only {windows} windows of super steps. Record longer.")
+    return windows // config.samples_per_run * config.samples_per_run

@@ -1,0 +1,271 @@
+"""The store of transitions: a folder of shards, and what is read back from it.
+
+A shard holds whole runs and, per run, the super steps sampled as training examples, Δt to 5Δt
+apart (the seminar paper's eq. 8). Keeping the run lets training unroll from a sampled step.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from pydantic import ValidationError
+
+from neuroanimator.data.config import (
+    MAX_UNROLL,
+    RUN_STEPS,
+    RUNS_PER_SHARD,
+    DatasetConfig,
+)
+from neuroanimator.data.shard_checks import (
+    TensorSpec,
+    check_range,
+    check_tensors,
+    largest_size,
+    refuse,
+    whole_number,
+)
+from neuroanimator.errors import BadFileError
+from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.storage.files import (
+    HEADER_LIMIT,
+    one_line,
+    read_bounded,
+    read_tensors,
+    write_whole,
+)
+from neuroanimator.systems import carried_system
+from neuroanimator.systems.recorded.recorded_system import RecordedSystem
+from neuroanimator.systems.system import System
+from neuroanimator.tables import first_fault
+from neuroanimator.text import quoted
+
+CONFIG_NAME = "dataset.json"
+"""The file in a dataset's folder that says what the dataset is made of."""
+
+FORMAT = 2
+"""The format of a dataset's folder: it is raised whenever keys or tensors get other names or meanings."""
+
+MAX_CONFIG = 2 * 2**20
+"""The largest configuration read [bytes]: a definition, twice escaped, and a few numbers."""
+
+MAX_SHOWN = 60
+"""Longer settings are not shown in an error [characters]: a definition has thousands."""
+
+MAX_HELD_OUT = 512 * 2**20
+"""The largest file of held-out runs read [bytes]: they are no larger than the recordings they come from."""
+
+HELD_OUT_NAME = "held-out.safetensors"
+"""The file with the runs of recordings kept for the test; simulated systems make their tests anew."""
+
+
+def claim_folder(folder: Path, config: DatasetConfig) -> None:
+    """Mark `folder` as holding `config`; refuse a folder that holds another one."""
+    path = folder / CONFIG_NAME
+    if not path.exists():
+        text = json.dumps({"format": FORMAT} | config.model_dump(), indent=2)
+        write_whole(path, f"{text}\n".encode())
+        return
+    present = read_config(folder)
+    if present != config:
+        raise BadFileError(
+            f"{folder} holds another dataset ({_differences(present, config)}). "
+            "Choose another --out, or the same values."
+        )
+
+
+def _differences(present: DatasetConfig, wanted: DatasetConfig) -> str:
+    """Return which settings differ, such as `seed 0 there, 1 asked`."""
+    old = present.model_dump()
+    new = wanted.model_dump()
+    changed = [key for key in new if old[key] != new[key]]
+    return ", ".join(f"{key} {_short(old[key])} there, {_short(new[key])} asked" for key in changed)
+
+
+def _short(value: object) -> object:
+    return "another" if len(str(value)) > MAX_SHOWN else value
+
+
+def read_config(folder: Path) -> DatasetConfig:
+    """Return the configuration of the dataset in `folder`; BadFileError if it is none, damaged or of another format."""
+    path = folder / CONFIG_NAME
+    if not path.exists():
+        raise BadFileError(
+            f"{folder} is not a dataset: no {CONFIG_NAME}. Make one with 'generate'."
+        )
+    content = read_bounded(path, MAX_CONFIG)
+    try:
+        values = parse_json_object(content, MAX_CONFIG)
+    except ValueError as error:
+        raise BadFileError(
+            f"{path} is damaged: {one_line(error)}. Generate the dataset again."
+        ) from error
+    _check_format(path, values.pop("format", None))
+    try:
+        return DatasetConfig.model_validate(values)
+    except ValidationError as error:
+        raise BadFileError(
+            f"{path} is damaged: {first_fault(error)}. Generate the dataset again."
+        ) from error
+
+
+def _check_format(path: Path, format_number: object) -> None:
+    if type(format_number) is not int or format_number != FORMAT:
+        stated = "no format" if format_number is None else f"format {quoted(format_number)}"
+        raise BadFileError(
+            f"{path} is of another version: {stated}; this one reads {FORMAT}. Generate the dataset again."
+        )
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """A dataset in memory: windows of consecutive super steps, one per example.
+
+    A window spans H = `MAX_UNROLL` super steps, so it holds T = H + 1 states; its first step is the training example.
+    """
+
+    config: DatasetConfig
+    system: System
+    states: Float[np.ndarray, "N T S"]
+    controls: Float[np.ndarray, "N H C"]
+    run: Int[np.ndarray, " N"]
+    """Which run each window comes from; of recordings, which segment."""
+    diverged: int
+    held_out: tuple[np.ndarray, np.ndarray] | None = None
+    """(states (B, T+1, S), controls (B, T, C)) kept for the test; of recordings only."""
+
+    def __repr__(self) -> str:
+        config = self.config
+        return f'Transitions("{config.system}", {len(self.states):,} windows, {config.substeps} substeps)'
+
+    def where(self, mask: Bool[np.ndarray, " N"]) -> Transitions:
+        """Return the windows `mask` selects."""
+        return replace(
+            self, states=self.states[mask], controls=self.controls[mask], run=self.run[mask]
+        )
+
+
+class Windows(NamedTuple):
+    """The windows of one shard; T = H + 1."""
+
+    states: Float[np.ndarray, "N T S"]
+    controls: Float[np.ndarray, "N H C"]
+    run: Int[np.ndarray, " N"]
+    """Which run of the whole dataset each window comes from."""
+
+
+def read_transitions(folder: Path) -> Transitions:
+    """Return every transition in `folder`; BadFileError if a shard is missing, damaged or not what a dataset holds."""
+    config = read_config(folder)
+    system = carried_system(config.system, config.definition)
+    shards = (read_shard(folder, config, system, shard) for shard in range(config.shards))
+    counted = ((tensors, metadata["diverged"]) for tensors, metadata in shards)
+    transitions = gather_transitions(config, system, counted)
+    if isinstance(system, RecordedSystem):
+        return replace(transitions, held_out=read_held_out(folder, config, system))
+    return transitions
+
+
+def read_held_out(
+    folder: Path, config: DatasetConfig, system: System
+) -> tuple[Float[np.ndarray, "B _ S"], Float[np.ndarray, "B T C"]]:
+    """Return (states (B, T+1, S), controls (B, T, C)) of the recorded runs kept for the test."""
+    path = folder / HELD_OUT_NAME
+    tensors, metadata = read_tensors(path, "held-out", MAX_HELD_OUT)
+    if metadata.get("config") != config.hash:
+        raise BadFileError(f"{path} belongs to another dataset. Generate into an empty folder.")
+    controls = tensors.get("controls", np.zeros(0))
+    steps = controls.shape[1] if controls.ndim == 3 else 1
+    specs = {
+        "states": TensorSpec(np.float64, (None, steps + 1, system.state.size)),
+        "controls": TensorSpec(np.float64, (None, steps, system.control.size)),
+    }
+    runs = check_tensors(path, tensors, specs)
+    if not runs or not 1 <= steps <= RUN_STEPS:
+        refuse(path, f"no runs of 1 to {RUN_STEPS} super steps")
+    return tensors["states"], tensors["controls"]
+
+
+def gather_transitions(
+    config: DatasetConfig, system: System, shards: Iterable[tuple[dict[str, np.ndarray], int]]
+) -> Transitions:
+    """Return the transitions in `shards`: pairs of tensors and how many runs diverged, in order of their number."""
+    windows = []
+    diverged = 0
+    for shard, (tensors, dropped) in enumerate(shards):
+        windows.append(windows_of(tensors, shard))
+        diverged += dropped
+    return Transitions(
+        config,
+        system,
+        states=np.concatenate([part.states for part in windows]),
+        controls=np.concatenate([part.controls for part in windows]),
+        run=np.concatenate([part.run for part in windows]),
+        diverged=diverged,
+    )
+
+
+def read_shard(
+    folder: Path, config: DatasetConfig, system: System, shard: int
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return one shard's (tensors, metadata), checked to belong to `config` and to hold what such a shard does."""
+    path = config.shard_path(folder, shard)
+    runs = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
+    if isinstance(system, RecordedSystem):
+        specs = recorded_shard_specs(system)
+        rows = runs * config.samples_per_run
+    else:
+        specs = simulated_shard_specs(system, config)
+        rows = runs
+    tensors, metadata = read_tensors(path, "shard", HEADER_LIMIT + largest_size(specs, rows))
+    if metadata.get("config") != config.hash or metadata.get("shard") != shard:
+        raise BadFileError(f"{path} belongs to another dataset. Generate into an empty folder.")
+    diverged = whole_number(path, metadata, "diverged", runs)
+    present = check_tensors(path, tensors, specs)
+    if present + diverged != rows:
+        refuse(path, f"{present:,} rows and {diverged:,} blow-ups; wanted {rows:,} together")
+    last_sample = tensors["controls"].shape[1] - MAX_UNROLL
+    check_range(path, "samples", tensors["samples"], 0, last_sample)
+    return tensors, metadata
+
+
+def simulated_shard_specs(system: System, config: DatasetConfig) -> dict[str, TensorSpec]:
+    """Return what a shard of simulated runs holds."""
+    return {
+        "states": TensorSpec(np.float32, (None, RUN_STEPS + 1, system.state.size)),
+        "controls": TensorSpec(np.float32, (None, RUN_STEPS, system.control.size)),
+        "samples": TensorSpec(np.int32, (None, config.samples_per_run)),
+    }
+
+
+def recorded_shard_specs(system: System) -> dict[str, TensorSpec]:
+    """Return what a shard of windows cut out of recordings holds."""
+    return {
+        "states": TensorSpec(np.float32, (None, MAX_UNROLL + 1, system.state.size)),
+        "controls": TensorSpec(np.float32, (None, MAX_UNROLL, system.control.size)),
+        "samples": TensorSpec(np.int32, (None, 1)),
+        "segments": TensorSpec(np.int32, (None,)),
+    }
+
+
+def windows_of(tensors: dict[str, np.ndarray], shard: int) -> Windows:
+    """Return the windows that begin at a shard's samples; simulated runs are numbered through all shards."""
+    states = tensors["states"]
+    controls = tensors["controls"]
+    samples = tensors["samples"]
+    rows = np.arange(len(states))[:, None, None]
+    steps = samples[:, :, None] + np.arange(MAX_UNROLL + 1)
+    if "segments" in tensors:
+        numbers = tensors["segments"]
+    else:
+        numbers = np.arange(len(states)) + shard * RUNS_PER_SHARD
+    return Windows(
+        states=states[rows, steps].reshape(-1, MAX_UNROLL + 1, states.shape[-1]),
+        controls=controls[rows, steps[..., :-1]].reshape(-1, MAX_UNROLL, controls.shape[-1]),
+        run=np.repeat(numbers, samples.shape[1]),
+    )
