@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, final
+from typing import Any, final
 
 import gymnasium
 import jax
@@ -43,7 +43,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
         "render_modes": ["rgb_array"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
@@ -233,7 +233,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     time is up. `info["success"]` says which, `info["covered"]` whether training covered the step.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"]}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, task: str, render_mode: str | None = None):
         """Make it from the name of a task, such as `fish-reach`."""
