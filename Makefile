@@ -1,17 +1,24 @@
 # make demo: the main job on real physics, results in out/    make test: every test but the long ones
+# make docs: the documentation, readable offline, into site/
 # make endurance: every fault and attack, the long ones too; its last line counts them    make fuzz: random input
-# Both set up .venv by themselves. PYTHON chooses the interpreter (3.11 or newer).
+# All set up .venv by themselves. PYTHON chooses the interpreter (3.11 or newer).
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
+DOCS_STAMP := .venv/.ready-docs
 
-.PHONY: setup demo test endurance fuzz lint check bench lock clean
+.PHONY: setup demo test docs endurance fuzz lint check bench lock clean
 
 demo: setup
 	$(BIN)/neuroanimator demo --out out
 
 test: setup
 	$(BIN)/pytest
+
+# A warning is an error, and so is a link that leads nowhere or a page that needs another host (docs/hooks.py).
+docs: $(DOCS_STAMP)
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "The documentation is in site/index.html."
 
 endurance: setup
 	$(BIN)/pytest -m "endurance or fault or attack"
@@ -46,10 +53,21 @@ $(STAMP): pyproject.toml constraints.txt
 	fi
 	@touch $@
 
+# What only the documentation needs: `make demo` and `make test` do not wait for it.
+$(DOCS_STAMP): $(STAMP) constraints-docs.txt
+	@if command -v uv >/dev/null; then \
+	  uv pip install --quiet --python $(BIN)/python --require-hashes -r constraints-docs.txt; \
+	else \
+	  $(BIN)/python -m pip install --quiet --require-hashes -r constraints-docs.txt; \
+	fi
+	@touch $@
+
 # Pins every package with its hashes; run after changing dependencies. Needs uv.
 lock:
 	uv pip compile pyproject.toml --group dev --group build --universal --python-version 3.11 --generate-hashes \
 	  --no-emit-index-url --no-annotate --quiet --output-file constraints.txt
+	uv pip compile --group docs --constraints constraints.txt --universal --python-version 3.11 --generate-hashes \
+	  --no-emit-index-url --no-annotate --quiet --output-file constraints-docs.txt
 
 clean:
-	rm -rf .venv out
+	rm -rf .venv out site

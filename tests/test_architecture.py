@@ -59,7 +59,8 @@ def test_the_architecture_names_what_exists_and_leaves_out_no_room():
 
 
 def test_constraints_name_no_registry():
-    text = (ROOT / "constraints.txt").read_text()
-    assert "--hash=sha256:" in text
-    assert "http" not in text
-    assert "--index" not in text
+    for name in ("constraints.txt", "constraints-docs.txt"):
+        text = (ROOT / name).read_text()
+        assert "--hash=sha256:" in text
+        assert "http" not in text
+        assert "--index" not in text
