@@ -12,7 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shapes import check_shapes
 from tally import Tally, tally_line
+
+if os.environ.get("NEUROANIMATOR_CHECK_SHAPES"):
+    # Before anything of the package is imported: what is imported already is not checked.
+    check_shapes()
 
 from neuroanimator import Emulator, dataset_config, find_emulator, generate, read_transitions
 from neuroanimator.data.store import Transitions

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -57,6 +57,7 @@ WARM_UP_SUBSTEPS = 50
 """A control is held for so many physics steps while a system warms up."""
 
 
+@runtime_checkable
 class Driven(Protocol):
     """What controls are drawn for: a system, or what an emulator stands for."""
 

@@ -80,7 +80,7 @@ class Features(eqx.Module):
         return ordered[: len(odd)], ordered[len(odd) :]
 
 
-def reordered(vector: Float[Array, " K"], order: tuple[int, ...]) -> Float[Array, " K"]:
+def reordered(vector: Float[Array, " K"], order: tuple[int, ...]) -> Float[Array, " M"]:
     """Return the entries of `vector` in another order, each once: a third of the time of slices put together."""
     return vector.at[np.array(order)].get(mode="promise_in_bounds", unique_indices=True)
 

@@ -6,7 +6,7 @@ import io
 import json
 import os
 import sys
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -30,6 +30,7 @@ DEPTH = 6.0
 """Of the floor under the body at rest, over its size; where the system has ground, the floor is that."""
 
 
+@runtime_checkable
 class View(Protocol):
     """What is drawn."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import imageio_ffmpeg
 import mujoco
@@ -34,6 +34,7 @@ CRAMPED = 3.0
 """Shadows also fall on so much around a body that rests on scenery, over its size."""
 
 
+@runtime_checkable
 class Scene(Protocol):
     """What is filmed."""
 

@@ -1,0 +1,33 @@
+"""Shapes checked at run time: in the tests, every call of the package is held against its annotations.
+
+`jaxtyping` gives every function of `neuroanimator` the decorator `checked`; `conftest.py` asks for it before
+anything of the package is imported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, get_args, get_origin
+
+from beartype import BeartypeConf, FrozenDict, beartype
+from jaxtyping import install_import_hook
+from numpy.typing import ArrayLike
+
+NESTED = [part for part in get_args(ArrayLike) if "NestedSequence" in str(get_origin(part))]
+"""What NumPy calls a list of lists in `ArrayLike`; it is a protocol that a tuple does not fulfil at run time."""
+
+RULES = BeartypeConf(
+    is_pep484_tower=True,
+    hint_overrides=FrozenDict({part: Sequence[Any] for part in NESTED}),
+)
+"""A whole number may stand where a `float` is asked for, and a tuple of numbers where an `ArrayLike` is."""
+
+
+def checked(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function`, checking what it is given and what it returns."""
+    return beartype(function, conf=RULES)
+
+
+def check_shapes() -> None:
+    """Check every function of the package that is imported from now on."""
+    install_import_hook("neuroanimator", "shapes.checked")
