@@ -18,7 +18,7 @@ NESTED = [part for part in get_args(ArrayLike) if "NestedSequence" in str(get_or
 
 RULES = BeartypeConf(
     is_pep484_tower=True,
-    hint_overrides=FrozenDict({part: Sequence[Any] for part in NESTED}),
+    hint_overrides=FrozenDict(dict.fromkeys(NESTED, Sequence[Any])),
 )
 """A whole number may stand where a `float` is asked for, and a tuple of numbers where an `ArrayLike` is."""
 
