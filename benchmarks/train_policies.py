@@ -16,14 +16,14 @@ import numpy as np
 from neuroanimator import Emulator, find_emulator, load_system
 from neuroanimator.bench.run_table import write_csv
 from neuroanimator.control.policies.behaviours import Tank, shoal
-from neuroanimator.control.policies.closed_loop import drive, live
+from neuroanimator.control.policies.closed_loop import rollout_on_emulator, rollout_on_physics
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_training import train_policy
 from neuroanimator.control.policies.steering import (
     SteeringTarget,
-    command,
-    forward,
+    command_toward,
     leftward,
+    steer_forward,
     unit,
     upright,
 )
@@ -51,8 +51,8 @@ TOO_NEAR = 0.5
 """Body lengths between middles: two fish nearer than this touch."""
 
 
-def trial_courses(policy: Policy, starts: np.ndarray, rng: np.random.Generator) -> SteeringTarget:
-    """Return a random course for each of `starts` (B, S)."""
+def trial_targets(policy: Policy, starts: np.ndarray, rng: np.random.Generator) -> SteeringTarget:
+    """Return a random target for each of `starts` (B, S)."""
     pose, count = policy.pose(policy.emulator.encode(starts)), len(starts)
     aside, above = (
         rng.uniform(-WIDEST, WIDEST, (count, 1)),
@@ -65,11 +65,11 @@ def trial_courses(policy: Policy, starts: np.ndarray, rng: np.random.Generator) 
 
 
 def gait_alone(
-    policy: Policy, system: System, starts: np.ndarray, course: SteeringTarget, steps: int
+    policy: Policy, system: System, starts: np.ndarray, target: SteeringTarget, steps: int
 ) -> np.ndarray:
     """Return what the gait does without a policy, as strong as the speed commanded: (B, T+1, S)."""
     assert system.gait is not None
-    strengths = np.asarray(course.speed) / policy.ranges.high[0]
+    strengths = np.asarray(target.speed) / policy.ranges.high[0]
     controls = [
         system.gait.controls(steps, policy.dt, system.bounds, strength=float(each))
         for each in strengths
@@ -77,15 +77,15 @@ def gait_alone(
     return play(system, starts, np.stack(controls), policy.dt).states
 
 
-def errors(policy: Policy, states: np.ndarray, course: SteeringTarget) -> dict[str, float]:
-    """Return quartiles of how far the last two periods of motions (B, T+1, S) are from their courses."""
+def errors(policy: Policy, states: np.ndarray, target: SteeringTarget) -> dict[str, float]:
+    """Return quartiles of how far the last two periods of motions (B, T+1, S) are from their targets."""
     last = round(2 * policy.rhythm.period / policy.dt)
     pose = policy.pose(np.asarray(policy.emulator.encode(np.asarray(states[:, -last:], float))))
     speed = np.sum(pose.velocity * pose.forward, axis=-1).mean(axis=1)
-    cosine = np.sum(unit(pose.forward.mean(axis=1)) * np.asarray(course.direction), axis=-1)
-    rolls = command(forward(pose, 0.0), pose)[..., 3].mean(axis=1)
+    cosine = np.sum(unit(pose.forward.mean(axis=1)) * np.asarray(target.direction), axis=-1)
+    rolls = command_toward(steer_forward(pose, 0.0), pose)[..., 3].mean(axis=1)
     found = {
-        "speed_error_mps": np.abs(speed - np.asarray(course.speed)),
+        "speed_error_mps": np.abs(speed - np.asarray(target.speed)),
         "heading_error_deg": np.degrees(np.arccos(np.clip(cosine, -1, 1))),
         "roll_deg": np.degrees(np.abs(rolls)),
     }
@@ -98,7 +98,7 @@ def errors(policy: Policy, states: np.ndarray, course: SteeringTarget) -> dict[s
 
 
 def measure(name: str) -> list[dict[str, Any]]:
-    """Return a row per kind of start and driver, all from the same unseen starts to the same courses."""
+    """Return a row per kind of start and driver, all from the same unseen starts to the same targets."""
     policy, system, rng = (
         Policy.load(find_policy(name)),
         load_system(name),
@@ -119,10 +119,12 @@ def measure_from(
     policy: Policy, system: System, kind: str, starts: np.ndarray, rng: np.random.Generator
 ) -> list[dict[str, Any]]:
     """Return a row per driver of bodies from `starts` (B, S)."""
-    course, steps = trial_courses(policy, starts, rng), round(SECONDS / policy.dt)
-    physics_states, _ = drive(policy, system, starts, course, steps)
-    emulator_states = np.asarray(live(policy, lambda pose, time: course, starts, steps))
-    alone = gait_alone(policy, system, starts, course, steps)
+    target, steps = trial_targets(policy, starts, rng), round(SECONDS / policy.dt)
+    physics_states, _ = rollout_on_physics(policy, system, starts, target, steps)
+    emulator_states = np.asarray(
+        rollout_on_emulator(policy, lambda pose, time: target, starts, steps)
+    )
+    alone = gait_alone(policy, system, starts, target, steps)
     found = {
         "policy on physics": physics_states.states,
         "policy on emulator": emulator_states,
@@ -134,7 +136,7 @@ def measure_from(
         "policies_alive": int(physics_states.is_alive.sum()),
     }
     return [
-        {**about, "driver": label, **errors(policy, states, course)}
+        {**about, "driver": label, **errors(policy, states, target)}
         for label, states in found.items()
     ]
 
@@ -145,14 +147,16 @@ def measure_straight(name: str) -> list[dict[str, Any]]:
     starts = np.tile(system.rest, (len(SHARES), 1))
     pose = policy.pose(policy.emulator.encode(starts))
     velocities = policy.ranges.high[0] * np.array(SHARES)
-    course = forward(pose, jnp.asarray(velocities, jnp.float32))
-    runs, _ = drive(policy, system, starts, course, round(2 * STRAIGHT_SECONDS / policy.dt))
+    target = steer_forward(pose, jnp.asarray(velocities, jnp.float32))
+    runs, _ = rollout_on_physics(
+        policy, system, starts, target, round(2 * STRAIGHT_SECONDS / policy.dt)
+    )
     path = policy.pose(np.asarray(policy.emulator.encode(runs.states)))
     period = round(policy.rhythm.period / policy.dt)
     then = round(STRAIGHT_SECONDS / policy.dt)
     pointing = unit(path.forward[:, then - period : then].mean(axis=1))
     off = np.degrees(
-        np.arccos(np.clip(np.sum(pointing * np.asarray(course.direction), axis=-1), -1, 1))
+        np.arccos(np.clip(np.sum(pointing * np.asarray(target.direction), axis=-1), -1, 1))
     )
     speed = np.sum(path.velocity * path.forward, axis=-1)[:, -2 * period :].mean(axis=1)
     pitch = np.degrees(np.arcsin(np.clip(path.forward[..., 2], -1, 1)))
@@ -185,7 +189,7 @@ def school_row(
     speed = 0.9 * policy.ranges.high[0]
     starts = spread_out(system, np.random.default_rng([seed, 3]), SCHOOL, tank, length)
     steps = round(SCHOOL_SECONDS / policy.dt)
-    lives = live(
+    lives = rollout_on_emulator(
         policy, shoal(tank, length=length, speed=speed, seed=seed), starts, steps, seed=seed
     )
     pose = policy.pose(np.asarray(policy.emulator.encode(np.asarray(lives, float))))

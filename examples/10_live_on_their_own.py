@@ -6,7 +6,7 @@ import numpy as np
 
 import neuroanimator as na
 from neuroanimator.control.policies.behaviours import Tank, shoal
-from neuroanimator.control.policies.closed_loop import live
+from neuroanimator.control.policies.closed_loop import rollout_on_emulator
 
 policy = na.load_policy(
     "fish"
@@ -23,7 +23,7 @@ starts[:, points] += np.tile(corners, 23)
 
 # Stroll with the others, mostly level, run into nobody, and stay off the glass.
 behaviour = shoal(tank, length=LENGTH, speed=0.9 * policy.ranges.high[0])
-lives = np.asarray(live(policy, behaviour, starts, round(seconds / policy.dt)))
+lives = np.asarray(rollout_on_emulator(policy, behaviour, starts, round(seconds / policy.dt)))
 
 pose = policy.pose(np.asarray(policy.emulator.encode(lives.astype(float))))
 apart = (

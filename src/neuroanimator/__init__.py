@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from neuroanimator.control.objective.objective import Objective, Term
     from neuroanimator.control.objective.obstacles import avoid
     from neuroanimator.control.policies.pilot import Pilot
-    from neuroanimator.control.policies.policy import Policy, load_policy
+    from neuroanimator.control.policies.policy import Policy
+    from neuroanimator.control.policies.policy_file import load_policy
     from neuroanimator.control.synthesis.replay import replay
     from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
     from neuroanimator.data.config import dataset_config
@@ -84,7 +85,7 @@ _HOMES = {
     "keep_speed": "control.objective.costs",
     "keep_velocity": "control.objective.costs",
     "reach_positions": "control.objective.costs",
-    "load_policy": "control.policies.policy",
+    "load_policy": "control.policies.policy_file",
     "load_system": "systems",
     "make_clip": "animation.clip",
     "reach_goal": "control.objective.goals",

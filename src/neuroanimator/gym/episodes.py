@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
-from neuroanimator.control.policies.policy import structure_of
+from neuroanimator.control.policies.policy import latent_structure
 from neuroanimator.control.policies.steering import leftward, unit
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.pose import read_pose
@@ -124,7 +124,7 @@ def _goal_seen(
     emulator: Emulator, latent: Array, sight: Sight, scale: float, sees_world: bool
 ) -> list[Array]:
     """Return the goal's place, the wished direction and up, along the body's axes; nothing if it has none."""
-    structure = structure_of(emulator)
+    structure = latent_structure(emulator)
     if not any(segment.kind == "position" for segment in structure.segments):
         return []
     pose = read_pose(structure, latent)

@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_policy, load_system
-from neuroanimator.control.policies.behaviours import Tank, ease, first, give_way, keep_apart, shoal
-from neuroanimator.control.policies.closed_loop import live
+from neuroanimator.control.policies.behaviours import (
+    Tank,
+    give_way,
+    keep_apart,
+    limit_angles,
+    prioritise,
+    shoal,
+)
+from neuroanimator.control.policies.closed_loop import rollout_on_emulator
 from neuroanimator.state.pose import Pose
 
 LENGTH = 0.26
@@ -39,9 +46,9 @@ def test_the_nearer_the_stronger_and_away_from_each_other():
 
 def test_bodies_about_to_meet_begin_to_turn_early_and_give_way_to_the_same_side():
     pose = poses([[0, 0, 0], [0.6, 0, 0]], [0.0, np.pi])
-    urge = np.asarray(keep_apart(pose, 0.3))
-    assert urge[0, 1] > 0.1
-    assert urge[1, 1] < -0.1
+    force = np.asarray(keep_apart(pose, 0.3))
+    assert force[0, 1] > 0.1
+    assert force[1, 1] < -0.1
     parting = poses([[0, 0, 0], [0.6, 0, 0]], [np.pi, 0.0])
     np.testing.assert_allclose(keep_apart(parting, 0.3), 0, atol=1e-6)
 
@@ -55,22 +62,22 @@ def test_who_is_behind_slows_down_and_who_is_ahead_does_not():
 def test_what_is_urgent_comes_first():
     urgent, other = jnp.array([[0.0, 1, 0], [0, 0.25, 0], [0, 0, 0]]), jnp.array([[3.0, 0, 0]] * 3)
     np.testing.assert_allclose(
-        first(urgent, other), [[0, 1, 0], [0.75, 0.25, 0], [1, 0, 0]], atol=1e-5
+        prioritise(urgent, other), [[0, 1, 0], [0.75, 0.25, 0], [1, 0, 0]], atol=1e-5
     )
 
 
-def test_an_eased_urge_is_neither_steep_nor_sharp():
+def test_a_limited_force_is_neither_steep_nor_sharp():
     pose = poses([[0, 0, 0]] * 64, list(np.linspace(-3, 3, 64)))
-    urge = jnp.asarray(np.random.default_rng(0).normal(size=(64, 3)) * 10)
-    eased = np.asarray(ease(urge, pose, steepest=0.3, sharpest=0.7))
-    np.testing.assert_allclose(np.linalg.norm(eased, axis=1), 1, rtol=1e-4)
-    assert np.abs(np.arcsin(eased[:, 2])).max() < 0.3 + 1e-4
-    flat = eased[:, :2] / np.linalg.norm(eased[:, :2], axis=1, keepdims=True)
+    force = jnp.asarray(np.random.default_rng(0).normal(size=(64, 3)) * 10)
+    limited = np.asarray(limit_angles(force, pose, max_climb=0.3, max_turn=0.7))
+    np.testing.assert_allclose(np.linalg.norm(limited, axis=1), 1, rtol=1e-4)
+    assert np.abs(np.arcsin(limited[:, 2])).max() < 0.3 + 1e-4
+    flat = limited[:, :2] / np.linalg.norm(limited[:, :2], axis=1, keepdims=True)
     assert (
         np.arccos(np.clip(np.sum(flat * np.asarray(pose.forward[:, :2]), axis=1), -1, 1)).max()
         < 0.7 + 1e-2
     )
-    vertical = ease(jnp.array([[0.0, 0, 5]]), poses([[0, 0, 0]], [1.0]))
+    vertical = limit_angles(jnp.array([[0.0, 0, 5]]), poses([[0, 0, 0]], [1.0]))
     assert np.arctan2(vertical[0, 1], vertical[0, 0]) == pytest.approx(1.0, abs=1e-4)
 
 
@@ -81,7 +88,9 @@ def test_a_school_keeps_its_distance_stays_level_and_in_its_tank():
     starts = np.tile(system.rest, (len(corners), 1))
     starts[:, :69] += np.tile(corners, 23)
     behaviour = shoal(tank, length=LENGTH, speed=0.9 * policy.ranges.high[0])
-    lives = np.asarray(live(policy, behaviour, starts, round(20.0 / policy.dt)), float)
+    lives = np.asarray(
+        rollout_on_emulator(policy, behaviour, starts, round(20.0 / policy.dt)), float
+    )
     pose = policy.pose(np.asarray(policy.emulator.encode(lives)))
     apart = np.linalg.norm(pose.position[:, None] - pose.position[None], axis=-1)
     apart[np.arange(len(starts)), np.arange(len(starts))] = np.inf

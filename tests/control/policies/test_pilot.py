@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from neuroanimator import NeuroAnimatorError, Pilot, Policy, load_policy, load_system, read_pose
-from neuroanimator.control.policies.closed_loop import decide
-from neuroanimator.control.policies.pilot import LEASH, PilotFrame
+from neuroanimator.control.policies.closed_loop import choose_controls
+from neuroanimator.control.policies.pilot import MAX_LEAD, PilotFrame
 from neuroanimator.control.policies.steering import SteeringTarget
 
 
@@ -26,9 +26,9 @@ def pilot(policy: Policy) -> Pilot:
     return Pilot(policy)
 
 
-def steered(pilot: Pilot, rate: float, seconds: float, **wish: float) -> list[PilotFrame]:
+def steered(pilot: Pilot, rate: float, seconds: float, **asked: float) -> list[PilotFrame]:
     frames = [pilot.reset()]
-    return frames + [pilot.step(dt=1 / rate, **wish) for _ in range(round(seconds * rate))]
+    return frames + [pilot.step(dt=1 / rate, **asked) for _ in range(round(seconds * rate))]
 
 
 def test_in_super_steps_it_is_the_emulators_motion_under_the_policys_muscles(
@@ -39,14 +39,14 @@ def test_in_super_steps_it_is_the_emulators_motion_under_the_policys_muscles(
     advance = eqx.filter_jit(
         lambda e, latent, u: e.advance(latent[0], e.encode_control(u[0]))[None]
     )
-    choose = eqx.filter_jit(decide)
-    course, phase, states = (
+    choose = eqx.filter_jit(choose_controls)
+    target, phase, states = (
         SteeringTarget(jnp.array([[1.0, 0, 0]]), jnp.array([speed])),
         jnp.zeros(1),
         [],
     )
     for _ in range(15):
-        controls = choose(policy, latent, phase, course)
+        controls = choose(policy, latent, phase, target)
         latent, phase = advance(emulator, latent, controls), phase + policy.tick
         states.append(np.asarray(emulator.decode(np.asarray(latent[0]))))
     frames = steered(pilot, 1 / policy.dt, 15 * policy.dt, speed=speed)
@@ -85,7 +85,7 @@ def test_it_turns_to_the_side_it_is_told_and_then_holds_its_heading(side: int, p
 def test_what_it_cannot_follow_is_not_saved_up(pilot: Pilot):
     pilot.step(speed=0.05, turn=40.0, dt=1.0)
     heading = [math.atan2(*pilot.step(speed=0.05, dt=0.1).pose.forward[1::-1]) for _ in range(40)]
-    assert 0 < np.unwrap(heading)[-1] < 2 * LEASH
+    assert 0 < np.unwrap(heading)[-1] < 2 * MAX_LEAD
 
 
 def test_told_to_climb_it_rises_and_to_dive_it_sinks(pilot: Pilot):
@@ -128,7 +128,7 @@ def test_frames_make_a_clip_and_bones(pilot: Pilot):
 
 
 @pytest.mark.parametrize(
-    ("wish", "message"),
+    ("asked", "message"),
     [
         ({"speed": math.nan}, "speed: wanted a finite number, came nan"),
         ({"speed": "fast"}, "speed: wanted a finite number, came 'fast'"),
@@ -140,12 +140,12 @@ def test_frames_make_a_clip_and_bones(pilot: Pilot):
         ({"speed": 0.1, "state": np.zeros((2, 150))}, "state: wanted one of 150 numbers"),
     ],
 )
-def test_a_wish_that_makes_no_sense_is_refused_and_changes_nothing(
-    wish: dict[str, Any], message: str, pilot: Pilot
+def test_what_is_asked_that_makes_no_sense_is_refused_and_changes_nothing(
+    asked: dict[str, Any], message: str, pilot: Pilot
 ):
     pilot.reset()
     with pytest.raises(NeuroAnimatorError, match=message):
-        pilot.step(**wish)
+        pilot.step(**asked)
     before, after = pilot.step(speed=0.1), Pilot(pilot.policy).step(speed=0.1)
     np.testing.assert_array_equal(before.state, after.state)
 

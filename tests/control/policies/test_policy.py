@@ -14,13 +14,13 @@ from neuroanimator import Emulator, find_emulator, load_system
 from neuroanimator.control.policies.behaviours import (
     Tank,
     avoid,
-    follow,
     pursue,
     school,
     stay_inside,
+    steer_along,
     wander,
 )
-from neuroanimator.control.policies.closed_loop import drive, live
+from neuroanimator.control.policies.closed_loop import rollout_on_emulator, rollout_on_physics
 from neuroanimator.control.policies.policy import Policy, fresh_policy
 from neuroanimator.control.policies.policy_training import (
     PolicyTraining,
@@ -29,11 +29,11 @@ from neuroanimator.control.policies.policy_training import (
 )
 from neuroanimator.control.policies.steering import (
     SteeringTarget,
-    command,
-    dive,
-    forward,
+    command_toward,
     leftward,
-    turn,
+    steer_down,
+    steer_forward,
+    steer_left,
     unit,
 )
 from neuroanimator.data.sampling import sample_starts
@@ -93,13 +93,13 @@ def moved(states: np.ndarray, heading: float, shift: np.ndarray) -> np.ndarray:
     return np.concatenate(parts, axis=1)
 
 
-def course_error(
-    policy: Policy, states: np.ndarray, course: SteeringTarget
+def steering_error(
+    policy: Policy, states: np.ndarray, target: SteeringTarget
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (speed (B,) [m/s], angle off course (B,) [rad]) over the last two periods of `states` (B, T+1, S)."""
     pose = policy.pose(np.asarray(policy.emulator.encode(states[:, -12:])))
     speed = np.sum(pose.velocity * pose.forward, axis=-1).mean(axis=1)
-    cosine = np.sum(unit(pose.forward.mean(axis=1)) * np.asarray(course.direction), axis=-1)
+    cosine = np.sum(unit(pose.forward.mean(axis=1)) * np.asarray(target.direction), axis=-1)
     return speed, np.arccos(np.clip(cosine, -1, 1))
 
 
@@ -125,23 +125,25 @@ def test_moving_and_turning_the_world_changes_no_muscle(policy: Policy, starts: 
     np.testing.assert_allclose(there, here, atol=2e-3)
 
 
-def test_the_command_of_a_course_turns_with_the_world(policy: Policy, starts: np.ndarray):
+def test_the_command_toward_a_target_turns_with_the_world(policy: Policy, starts: np.ndarray):
     pose = policy.pose(np.asarray(policy.emulator.encode(starts)))
-    course = turn(pose, 0.8, 0.1)
+    target = steer_left(pose, 0.8, 0.1)
     elsewhere = policy.pose(
         np.asarray(policy.emulator.encode(moved(starts, 1.9, np.array([3.0, -2.0, 0.5]))))
     )
-    turned_course = turn(elsewhere, 0.8, 0.1)
-    np.testing.assert_allclose(command(turned_course, elsewhere), command(course, pose), atol=1e-4)
+    turned_target = steer_left(elsewhere, 0.8, 0.1)
     np.testing.assert_allclose(
-        command(course, pose)[:, :3], np.tile([0.1, 0.8, 0.0], (len(starts), 1)), atol=2e-3
+        command_toward(turned_target, elsewhere), command_toward(target, pose), atol=1e-4
+    )
+    np.testing.assert_allclose(
+        command_toward(target, pose)[:, :3], np.tile([0.1, 0.8, 0.0], (len(starts), 1)), atol=2e-3
     )
 
 
 def test_a_dive_points_below_a_level_body():
     pose = Pose(*(np.array([row], float) for row in ([0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 0, 1])))
-    assert dive(pose, 0.5, 0.1).direction[0, 2] == pytest.approx(-np.sin(0.5), abs=1e-5)
-    assert command(dive(pose, 0.5, 0.1), pose)[0, 2] == pytest.approx(-0.5, abs=1e-3)
+    assert steer_down(pose, 0.5, 0.1).direction[0, 2] == pytest.approx(-np.sin(0.5), abs=1e-5)
+    assert command_toward(steer_down(pose, 0.5, 0.1), pose)[0, 2] == pytest.approx(-0.5, abs=1e-3)
 
 
 def test_the_mirrored_fish_does_the_mirrored_thing(
@@ -168,12 +170,12 @@ def test_the_mirrored_fish_does_the_mirrored_thing(
 def test_on_the_true_physics_it_swims_faster_when_told_to(policy: Policy, fish: DeformableSystem):
     starts = np.tile(fish.rest, (3, 1))
     pose = policy.pose(jnp.asarray(policy.emulator.encode(starts)))
-    course = forward(pose, jnp.array([0.04, 0.08, 0.12]))
-    runs, _ = drive(policy, fish, starts, course, round(SECONDS / policy.dt))
-    speed, off = course_error(policy, runs.states, course)
+    target = steer_forward(pose, jnp.array([0.04, 0.08, 0.12]))
+    runs, _ = rollout_on_physics(policy, fish, starts, target, round(SECONDS / policy.dt))
+    speed, off = steering_error(policy, runs.states, target)
     assert runs.is_alive.all()
     assert (np.diff(speed) > 0.02).all()
-    np.testing.assert_allclose(speed, course.speed, atol=0.02)
+    np.testing.assert_allclose(speed, target.speed, atol=0.02)
     assert np.degrees(off).max() < 12
 
 
@@ -182,22 +184,22 @@ def test_on_the_true_physics_it_turns_left_or_right_as_told(
     policy: Policy, fish: DeformableSystem, angle: float
 ):
     pose = policy.pose(jnp.asarray(policy.emulator.encode(fish.rest[None])))
-    course = turn(pose, angle, 0.08)
-    runs, _ = drive(policy, fish, fish.rest[None], course, round(SECONDS / policy.dt))
+    target = steer_left(pose, angle, 0.08)
+    runs, _ = rollout_on_physics(policy, fish, fish.rest[None], target, round(SECONDS / policy.dt))
     after = policy.pose(np.asarray(policy.emulator.encode(runs.states[:, -12:]))).forward.mean(
         axis=1
     )
     assert np.sign(np.sum(after * np.asarray(leftward(pose)))) == np.sign(angle)
-    assert np.degrees(course_error(policy, runs.states, course)[1][0]) < 15
+    assert np.degrees(steering_error(policy, runs.states, target)[1][0]) < 15
 
 
-def test_on_the_true_physics_most_courses_are_found_from_anywhere(
+def test_on_the_true_physics_most_targets_are_found_from_anywhere(
     policy: Policy, fish: DeformableSystem, starts: np.ndarray
 ):
     pose = policy.pose(jnp.asarray(policy.emulator.encode(starts)))
-    course = turn(pose, jnp.linspace(-1.5, 1.5, len(starts)), 0.08)
-    runs, _ = drive(policy, fish, starts, course, round(SECONDS / policy.dt))
-    assert np.degrees(np.median(course_error(policy, runs.states, course)[1])) < 10
+    target = steer_left(pose, jnp.linspace(-1.5, 1.5, len(starts)), 0.08)
+    runs, _ = rollout_on_physics(policy, fish, starts, target, round(SECONDS / policy.dt))
+    assert np.degrees(np.median(steering_error(policy, runs.states, target)[1])) < 10
 
 
 def test_a_policy_survives_its_file(policy: Policy, tmp_path: Path, starts: np.ndarray):
@@ -319,11 +321,13 @@ def test_a_school_stays_in_its_tank_and_in_shape(policy: Policy, fish: Deformabl
     starts = np.tile(fish.rest, (count, 1))
     starts[:, :69] += np.tile(rng.uniform(-0.5, 0.5, (count, 3)) * [1, 1, 0.5], 23)
 
-    def wish(pose: Pose, time: jax.Array) -> SteeringTarget:
+    def behave(pose: Pose, time: jax.Array) -> SteeringTarget:
         company = wander(pose, time) + school(pose, spacing=0.3, reach=0.6)
-        return follow(company * jnp.array([1.0, 1.0, 0.3]) + 12 * stay_inside(pose, TANK, 0.4), 0.1)
+        return steer_along(
+            company * jnp.array([1.0, 1.0, 0.3]) + 12 * stay_inside(pose, TANK, 0.4), 0.1
+        )
 
-    lives = np.asarray(live(policy, wish, starts, 200))
+    lives = np.asarray(rollout_on_emulator(policy, behave, starts, 200))
     positions = lives[..., :69].reshape(count, -1, 23, 3)
     assert (positions > np.array(TANK.low)).all()
     assert (positions < np.array(TANK.high)).all()
@@ -336,13 +340,15 @@ def test_a_school_stays_in_its_tank_and_in_shape(policy: Policy, fish: Deformabl
 def test_fish_catch_what_they_pursue(policy: Policy, fish: DeformableSystem):
     bait = np.array([0.8, 0.9, 0.2])
     lives = np.asarray(
-        live(policy, lambda pose, time: follow(pursue(pose, bait), 0.12), fish.rest[None], 150)
+        rollout_on_emulator(
+            policy, lambda pose, time: steer_along(pursue(pose, bait), 0.12), fish.rest[None], 150
+        )
     )
     distance = np.linalg.norm(lives[0, :, :3] - bait, axis=-1)
     assert distance.min() < 0.1 < distance[0]
 
 
-def test_urges_point_away_from_walls_places_and_neighbours():
+def test_forces_point_away_from_walls_places_and_neighbours():
     positions = np.array([[0.9, 0.0, 0.0], [0.85, 0.0, 0.0], [-0.9, 0.0, 0.4]])
     axes = np.tile([1.0, 0.0, 0.0], (3, 1)), np.tile([0.0, 0.0, 1.0], (3, 1))
     pose = Pose(jnp.asarray(positions), jnp.zeros((3, 3)), *map(jnp.asarray, axes))
@@ -358,4 +364,4 @@ def test_urges_point_away_from_walls_places_and_neighbours():
 
 def test_lives_of_the_wrong_shape_are_refused(policy: Policy, fish: DeformableSystem):
     with pytest.raises(ArgumentError, match="^starts and steps: wanted"):
-        live(policy, lambda pose, time: forward(pose, 0.1), fish.rest, 5)
+        rollout_on_emulator(policy, lambda pose, time: steer_forward(pose, 0.1), fish.rest, 5)

@@ -1,7 +1,8 @@
-"""What a body wants from moment to moment: small functions from poses to urges, and from these to a course.
+"""Behaviours: steering forces of many bodies from moment to moment, and the targets that follow from them.
 
-An urge (B, 3) is a vector in the world for each of B bodies: where to go, and how much it matters.
-Urges are added up (Reynolds, Flocks, herds, and schools, SIGGRAPH 87).
+A steering force (B, 3) is a vector in the world for each of B bodies: where to go, and how much that
+matters. Forces are added up (Reynolds, Flocks, herds, and schools, SIGGRAPH 87, and Steering behaviors for
+autonomous characters, GDC 99).
 """
 
 from __future__ import annotations
@@ -11,134 +12,173 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Num
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
 from neuroanimator.state.pose import Pose
 
-WANDERING = ((0.37, 1.0), (0.83, 0.5))
-"""[rad/s] and height of the slow waves that make up a stroll."""
+
+class Wave(NamedTuple):
+    """One of the slow waves that add up to a stroll."""
+
+    rate: float
+    """How fast its phase goes on [rad/s]."""
+    height: float
+    """Its amplitude, as a share of the stroll's width."""
 
 
-GIVING_WAY = 0.1
-"""How far to the side two bodies that would meet exactly are taken to pass, over their spacing."""
-SLOWING = 0.7
-"""Share of its speed a body gives up for one it is about to touch."""
+WANDER_WAVES = (Wave(rate=0.37, height=1.0), Wave(rate=0.83, height=0.5))
+"""What a stroll is made of: rates of no simple ratio, so that it does not repeat itself soon."""
+
+SCHOOL_SEPARATION = 2.0
+"""How much more keeping apart matters in a school than swimming along and together."""
+
+PASSING_SIDE = 0.1
+"""How far to the side two bodies that would meet exactly are taken to pass, as a share of their spacing."""
+
+GIVEN_UP_SPEED = 0.7
+"""Share of its speed that a body gives up for one it is about to touch."""
+
 STRAIGHT_ON = 0.1
-"""Of an urge of one: decides where to go when the urge itself is straight up or down."""
-SPACING = 2.0
-"""Body lengths within which a shoal's bodies mind each other; a fish turns within about two."""
-PUSHING, WALL = 12.0, 4.0
-"""Of distance and of glass in a shoal: together they come before anything else from a length of one on. With half as
-much pushing, twelve fish of a school touched in 2 to 6 % of the time at the glass."""
+"""Force forward, of a force of one: it decides where to go when the force itself is straight up or down."""
+
+SHOAL_SPACING = 1.5
+"""Body lengths that the company of a shoal leaves between its bodies."""
+
+SHOAL_REACH = 3.0
+"""Body lengths within which the bodies of a shoal count as company."""
+
+SHOAL_MARGIN = 1.5
+"""Body lengths from the glass within which a shoal's bodies turn inward."""
+
+SHOAL_CLEARANCE = 2.0
+"""Body lengths within which a shoal's bodies mind that they may meet; a fish turns within about two."""
+
+SHOAL_AVOIDANCE = 12.0
+"""Weight of keeping apart in a shoal: with the glass's it comes before anything else from a force of one on.
+
+With half as much, twelve fish of a school touched in 2 to 6 % of the time at the glass.
+"""
+
+SHOAL_CONTAINMENT = 4.0
+"""Weight of staying off the glass in a shoal."""
 
 Behaviour = Callable[[Pose, Array], SteeringTarget]
-"""(poses of B bodies, time [s]) → where each wants to go now."""
+"""A function of the poses of B bodies and the time [s] that returns where each shall go now."""
 
 
 class Tank(NamedTuple):
     """A box that bodies stay in."""
 
     low: tuple[float, float, float]
-    """[m]"""
+    """Its corner of the smallest coordinates [m]."""
     high: tuple[float, float, float]
-    """[m]"""
+    """Its corner of the largest coordinates [m]."""
 
 
-def wander(pose: Pose, time: Array, *, width: float = 0.8, seed: int = 0) -> Float[Array, "B 3"]:
-    """Return the urge to stroll at `time` [s]: up to about `width` [rad] aside, half of that up or down."""
-    keys, sway = (
-        jax.random.split(jax.random.key(seed), len(WANDERING)),
-        jnp.zeros((2, pose.position.shape[0])),
-    )
-    for (rate, height), key in zip(WANDERING, keys, strict=True):
-        sway += (
-            width
-            * height
-            * jnp.sin(rate * time + jax.random.uniform(key, sway.shape, maxval=2 * jnp.pi))
-        )
-    aside, above = jnp.tan(sway[0] / 2), jnp.tan(sway[1] / 4)
+def wander(
+    pose: Pose, time: Num[Array, ""], *, width: float = 0.8, seed: int = 0
+) -> Float[Array, "B 3"]:
+    """Return the force of a stroll at `time` [s]: up to about `width` [rad] aside, half of that up or down."""
+    keys = jax.random.split(jax.random.key(seed), len(WANDER_WAVES))
+    sway = jnp.zeros((2, pose.position.shape[0]))
+    for wave, key in zip(WANDER_WAVES, keys, strict=True):
+        begin = jax.random.uniform(key, sway.shape, maxval=2 * jnp.pi)
+        sway += width * wave.height * jnp.sin(wave.rate * time + begin)
+    aside = jnp.tan(sway[0] / 2)
+    above = jnp.tan(sway[1] / 4)
     return unit(pose.forward + aside[:, None] * leftward(pose) + above[:, None] * upright(pose))
 
 
 def pursue(pose: Pose, targets: ArrayLike) -> Float[Array, "B 3"]:
-    """Return the urge toward `targets` (3,) or (B, 3) [m]."""
+    """Return the force toward `targets` (3,) or (B, 3) [m]."""
     return unit(jnp.asarray(targets) - pose.position)
 
 
 def avoid(pose: Pose, positions: ArrayLike, reach: float) -> Float[Array, "B 3"]:
-    """Return the urge away from `positions` (K, 3) [m] nearer than `reach` [m]: none there, one at the place itself."""
-    apart = pose.position[:, None] - jnp.asarray(positions)
-    return _pushed(apart, reach).sum(axis=1)
+    """Return the force away from `positions` (K, 3) [m]: none beyond `reach` [m], one at a position itself."""
+    offsets = pose.position[:, None] - jnp.asarray(positions)
+    return _repulsion(offsets, reach).sum(axis=1)
 
 
 def stay_inside(
     pose: Pose, tank: Tank, margin: float, *, ahead: float = 2.0
 ) -> Float[Array, "B 3"]:
-    """Return the urge inward: none further than `margin` [m] from the walls, one at a wall.
+    """Return the force inward: none further than `margin` [m] from the walls, one at a wall.
 
     What counts is where the body will be `ahead` [s] from now, since it cannot turn at once.
     """
     position = pose.position + ahead * pose.velocity
-    low, high = (jnp.asarray(side) for side in tank)
-    return (
-        jnp.maximum(low + margin - position, 0) - jnp.maximum(position - (high - margin), 0)
-    ) / margin
+    low = jnp.asarray(tank.low)
+    high = jnp.asarray(tank.high)
+    too_low = jnp.maximum(low + margin - position, 0)
+    too_high = jnp.maximum(position - (high - margin), 0)
+    return (too_low - too_high) / margin
 
 
 def school(pose: Pose, *, spacing: float, reach: float) -> Float[Array, "B 3"]:
-    """Return the urge to swim with those nearer than `reach` [m]: as they do, toward them, at least `spacing` apart."""
-    apart = pose.position[:, None] - pose.position[None]
-    others = ~jnp.eye(len(pose.position), dtype=bool)
-    near = jnp.exp(-jnp.sum((apart / reach) ** 2, axis=-1)) * others
-    shares = near / (near.sum(axis=1, keepdims=True) + jnp.finfo(near.dtype).tiny)
-    along, toward = shares @ pose.forward, -jnp.sum(shares[..., None] * apart, axis=1) / reach
-    away = jnp.sum(_pushed(apart, spacing) * others[..., None], axis=1)
-    return along + toward + 2 * away
+    """Return the force to swim with those nearer than about `reach` [m], and at least `spacing` [m] from them.
+
+    It is Reynolds' three: alignment with the neighbours, cohesion toward them, separation from the nearest.
+    """
+    offsets = pose.position[:, None] - pose.position[None]
+    others = _others(pose)
+    nearness = jnp.exp(-jnp.sum((offsets / reach) ** 2, axis=-1)) * others
+    total = nearness.sum(axis=1, keepdims=True)
+    shares = nearness / (total + jnp.finfo(nearness.dtype).tiny)
+    alignment = shares @ pose.forward
+    cohesion = -jnp.sum(shares[..., None] * offsets, axis=1) / reach
+    separation = jnp.sum(_repulsion(offsets, spacing) * others[..., None], axis=1)
+    return alignment + cohesion + SCHOOL_SEPARATION * separation
 
 
 def keep_apart(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array, "B 3"]:
-    """Return the urge away from others: none while nobody comes nearer than `spacing` [m] in `ahead` [s], one at touch.
+    """Return the force away from others: none while nobody comes nearer than `spacing` [m] in `ahead` [s], one at touch.
 
     What counts is how near two bodies come if both go on as they do: a body that cannot turn at once must begin early.
     Two that would meet exactly give way to the same side, each to its left.
     """
-    gap, nearness = _meetings(pose, spacing, ahead)
-    away = gap + GIVING_WAY * spacing * leftward(pose)[:, None]
+    offsets, nearness = _nearest_approaches(pose, spacing, ahead)
+    away = offsets + PASSING_SIDE * spacing * leftward(pose)[:, None]
     return jnp.sum(unit(away) * nearness[..., None], axis=1)
 
 
 def give_way(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array, " B"]:
-    """Return the share of its speed that each body should keep, for those in front of it: 1 if there are none."""
-    _, nearness = _meetings(pose, spacing, ahead)
+    """Return the share of its speed that each body should keep, for those in front of it: 1 if there are none.
+
+    `spacing` [m] and `ahead` [s] are those of `keep_apart`.
+    """
+    _, nearness = _nearest_approaches(pose, spacing, ahead)
     toward = unit(pose.position[None] - pose.position[:, None])
     in_front = jnp.maximum(jnp.sum(toward * pose.forward[:, None], axis=-1), 0)
-    return 1 - SLOWING * jnp.max(in_front * nearness, axis=1)
+    return 1 - GIVEN_UP_SPEED * jnp.max(in_front * nearness, axis=1)
 
 
-def first(urgent: Float[Array, "B 3"], other: Float[Array, "B 3"]) -> Float[Array, "B 3"]:
+def prioritise(urgent: Float[Array, "B 3"], other: Float[Array, "B 3"]) -> Float[Array, "B 3"]:
     """Return `urgent` before anything else: all of it where its length is one, `other` where it is none."""
-    length = jnp.sqrt(jnp.sum(urgent**2, axis=-1, keepdims=True) + jnp.finfo(urgent.dtype).tiny)
+    squares = jnp.sum(urgent**2, axis=-1, keepdims=True)
+    length = jnp.sqrt(squares + jnp.finfo(urgent.dtype).tiny)
     share = jnp.clip(length, 0, 1)
     return share * urgent / length + (1 - share) * unit(other)
 
 
-def ease(
-    urge: Float[Array, "B 3"], pose: Pose, *, steepest: float = 0.35, sharpest: float = 0.8
+def limit_angles(
+    force: Float[Array, "B 3"], pose: Pose, *, max_climb: float = 0.35, max_turn: float = 0.8
 ) -> Float[Array, "B 3"]:
-    """Return `urge` made easy to follow: no steeper than `steepest`, no more than `sharpest` [rad] off the heading.
+    """Return `force` as a unit vector no steeper than `max_climb`, at most `max_turn` [rad] off the heading.
 
     A body asked to go back the way it came rolls on its side to do it; asked to turn for longer, it stays level.
-    Where the urge is straight up or down, the body goes on as it points.
+    Where the force is straight up or down, the body goes on as it points.
     """
-    onward = urge + STRAIGHT_ON * pose.forward
+    onward = force + STRAIGHT_ON * pose.forward
     heading = jnp.arctan2(pose.forward[:, 1], pose.forward[:, 0])
-    bend = (jnp.arctan2(onward[:, 1], onward[:, 0]) - heading + jnp.pi) % (2 * jnp.pi) - jnp.pi
-    eased = heading + jnp.clip(bend, -sharpest, sharpest)
-    flat = jnp.sqrt(jnp.sum(onward[:, :2] ** 2, axis=-1) + jnp.finfo(urge.dtype).tiny)
-    climb = jnp.clip(urge[:, 2] / flat, -jnp.tan(steepest), jnp.tan(steepest))
-    return unit(jnp.stack([jnp.cos(eased), jnp.sin(eased), climb], axis=-1))
+    wanted_heading = jnp.arctan2(onward[:, 1], onward[:, 0])
+    turn = (wanted_heading - heading + jnp.pi) % (2 * jnp.pi) - jnp.pi
+    new_heading = heading + jnp.clip(turn, -max_turn, max_turn)
+    level = jnp.sqrt(jnp.sum(onward[:, :2] ** 2, axis=-1) + jnp.finfo(force.dtype).tiny)
+    slope = jnp.clip(force[:, 2] / level, -jnp.tan(max_climb), jnp.tan(max_climb))
+    return unit(jnp.stack([jnp.cos(new_heading), jnp.sin(new_heading), slope], axis=-1))
 
 
 def shoal(tank: Tank, *, length: float, speed: float, seed: int = 0) -> Behaviour:
@@ -147,43 +187,48 @@ def shoal(tank: Tank, *, length: float, speed: float, seed: int = 0) -> Behaviou
     Running into nobody, and into no glass, comes before company; nobody dives steeply.
     """
 
-    def wish(pose: Pose, time: Array) -> SteeringTarget:
-        company = wander(pose, time, seed=seed) + school(
-            pose, spacing=1.5 * length, reach=3.0 * length
-        )
-        inward = WALL * stay_inside(pose, tank, margin=1.5 * length)
-        apart = PUSHING * keep_apart(pose, SPACING * length)
-        return follow(
-            ease(first(apart + inward, company), pose), speed * give_way(pose, SPACING * length)
-        )
+    def behave(pose: Pose, time: Array) -> SteeringTarget:
+        stroll = wander(pose, time, seed=seed)
+        company = school(pose, spacing=SHOAL_SPACING * length, reach=SHOAL_REACH * length)
+        inward = SHOAL_CONTAINMENT * stay_inside(pose, tank, margin=SHOAL_MARGIN * length)
+        apart = SHOAL_AVOIDANCE * keep_apart(pose, SHOAL_CLEARANCE * length)
+        force = limit_angles(prioritise(apart + inward, stroll + company), pose)
+        return steer_along(force, speed * give_way(pose, SHOAL_CLEARANCE * length))
 
-    return wish
+    return behave
 
 
-def follow(urge: Float[Array, "B 3"], speed: ArrayLike) -> SteeringTarget:
-    """Return the course along `urge` at `speed` (B,) or one for all [m/s]."""
-    return SteeringTarget(unit(urge), jnp.zeros_like(urge[:, 0]) + jnp.asarray(speed, urge.dtype))
+def steer_along(force: Float[Array, "B 3"], speed: ArrayLike) -> SteeringTarget:
+    """Return the target along `force` at `speed`, one for all or (B,) [m/s]."""
+    speeds = jnp.zeros_like(force[:, 0]) + jnp.asarray(speed, force.dtype)
+    return SteeringTarget(unit(force), speeds)
 
 
-def _meetings(
+def _others(pose: Pose) -> Array:
+    """Return (B, B) whether a pair is of two bodies, not of a body and itself."""
+    return ~jnp.eye(len(pose.position), dtype=bool)
+
+
+def _nearest_approaches(
     pose: Pose, spacing: float, ahead: float
 ) -> tuple[Float[Array, "B B 3"], Float[Array, "B B"]]:
-    """Return from where (B, B, 3) [m] each body is at its nearest to each other, and how near that is: 1 at touch.
+    """Return from where [m] each body is at its nearest to each other, and how near that is: 1 at touch.
 
-    Meetings far in the future count less.
+    Nothing nearer than `spacing` [m] within `ahead` [s] is 0; approaches far in the future count less.
     """
-    apart = pose.position[:, None] - pose.position[None]
+    offsets = pose.position[:, None] - pose.position[None]
     drift = pose.velocity[:, None] - pose.velocity[None]
-    closing = -jnp.sum(apart * drift, axis=-1) / (
-        jnp.sum(drift**2, axis=-1) + jnp.finfo(apart.dtype).eps
-    )
-    when = jnp.clip(closing, 0, ahead)
-    gap = apart + when[..., None] * drift
-    distance = jnp.sqrt(jnp.sum(gap**2, axis=-1) + jnp.finfo(apart.dtype).tiny)
-    others = ~jnp.eye(len(pose.position), dtype=bool)
-    return gap, jnp.maximum(1 - distance / spacing, 0) / (1 + when / ahead) * others
+    # The distance |offsets + t·drift| is least at t = -offsets·drift / |drift|².
+    squares = jnp.sum(drift**2, axis=-1) + jnp.finfo(offsets.dtype).eps
+    time_of_approach = jnp.clip(-jnp.sum(offsets * drift, axis=-1) / squares, 0, ahead)
+    nearest = offsets + time_of_approach[..., None] * drift
+    distance = jnp.sqrt(jnp.sum(nearest**2, axis=-1) + jnp.finfo(offsets.dtype).tiny)
+    nearness = jnp.maximum(1 - distance / spacing, 0)
+    return nearest, nearness / (1 + time_of_approach / ahead) * _others(pose)
 
 
-def _pushed(apart: Float[Array, "B K 3"], reach: float) -> Float[Array, "B K 3"]:
-    distance = jnp.sqrt(jnp.sum(apart**2, axis=-1, keepdims=True) + jnp.finfo(apart.dtype).tiny)
-    return apart / distance * jnp.maximum(1 - distance / reach, 0)
+def _repulsion(offsets: Float[Array, "B K 3"], reach: float) -> Float[Array, "B K 3"]:
+    """Return the forces along `offsets` [m], which fall from one at none to none at `reach` [m]."""
+    squares = jnp.sum(offsets**2, axis=-1, keepdims=True)
+    distance = jnp.sqrt(squares + jnp.finfo(offsets.dtype).tiny)
+    return offsets / distance * jnp.maximum(1 - distance / reach, 0)

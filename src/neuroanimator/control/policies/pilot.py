@@ -14,31 +14,40 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import interpolate_hermite
-from neuroanimator.control.policies.policy import Policy, load_policy
-from neuroanimator.control.policies.steering import SteeringTarget, command
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.control.policies.steering import SteeringTarget, command_toward
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import Pose, read_pose
-from neuroanimator.state.rotation import Numbers
 from neuroanimator.state.structure import Structure
 
-LEASH = 1.2
-"""[rad] The wished heading never leads the body's by more: what it cannot follow is not saved up for later."""
-STEEPEST = 1.2
-"""[rad] Of a wished climb or dive: straight up there is no heading left to hold."""
+MAX_LEAD = 1.2
+"""How far the asked heading may lead the body's [rad]: what it cannot follow is not saved up for later."""
+
+MAX_CLIMB = 1.2
+"""The steepest climb or dive [rad]: straight up there is no heading left to hold."""
+
 MAX_FRAME = 60.0
-"""[s] A longer one is a mistake, such as milliseconds for seconds."""
+"""The longest frame [s]: a longer one is a mistake, such as milliseconds for seconds."""
+
+TINY = 1e-9
+"""Less time than this is nothing [s]: sums of frames round."""
+
+UNEVEN = 1e-3
+"""Share of a frame by which the frames of a clip may differ in length."""
 
 
 class PilotFrame(NamedTuple):
     """Where the body is at one moment."""
 
     time: float
-    """[s] Since `Pilot.reset`."""
-    state: np.ndarray
-    """(S,) in the system's own layout."""
+    """The time since `Pilot.reset` [s]."""
+    state: Float[np.ndarray, " S"]
+    """The state in the system's own layout."""
     pose: Pose
-    """Place (3,) [m], velocity (3,) [m/s] and the directions (3,) of its X and Z, all in the world."""
+    """Position (3,) [m], velocity (3,) [m/s] and the directions (3,) of the body's X and Z, all in the world."""
 
 
 @final
@@ -52,7 +61,7 @@ class Pilot:
     def __init__(self, policy: Policy | str | Path):
         """Make it from a policy, its file, or a shipped one's name, such as `fish`; it stands at rest."""
         self.policy = policy if isinstance(policy, Policy) else load_policy(policy)
-        self._structure = _structure(self.policy.emulator)
+        self._structure = _state_structure(self.policy.emulator)
         self.reset()
 
     @property
@@ -61,8 +70,8 @@ class Pilot:
         return self.policy.ranges.high[0]
 
     @property
-    def controls(self) -> np.ndarray:
-        """Return the controls (C,) held since the super step began: for a physics of one's own."""
+    def controls(self) -> Float[np.ndarray, " C"]:
+        """Return the controls held since the super step began: for a physics of one's own."""
         return self._controls
 
     def reset(self, state: ArrayLike | None = None, *, phase: float = 0.0) -> PilotFrame:
@@ -75,11 +84,11 @@ class Pilot:
         emulator = self.policy.emulator
         start = np.array(emulator.spec.rest if state is None else state, float)
         self._begin = self._checked(start)
-        self._inner: Numbers = np.asarray(emulator.encode(self._begin), np.float32)
+        self._end: Float[np.ndarray, " S"] | None = None
+        self._latent: Float[AnyArray, " I"] = np.asarray(emulator.encode(self._begin), np.float32)
         self._phase = _finite("phase", phase) % (2 * math.pi)
         self._time = 0.0
-        self._since = 0.0
-        self._end: np.ndarray | None = None
+        self._since_begin = 0.0
         self._controls = np.asarray(emulator.spec.bounds.middle, float)
         pose = self._pose(self._begin)
         self._heading = _heading(pose)
@@ -102,32 +111,32 @@ class Pilot:
 
         Raises ArgumentError for numbers that are not finite, and unless 0 < `dt` ≤ `MAX_FRAME`.
         """
-        wanted_speed = _finite("speed", speed)
-        turning = _finite("turn", turn)
-        steepness = _finite("climb", climb)
+        asked_speed = _finite("speed", speed)
+        asked_turn = _finite("turn", turn)
+        asked_climb = _finite("climb", climb)
         if not TINY < _finite("dt", dt) <= MAX_FRAME:
             raise ArgumentError(
                 f"dt: wanted more than 0 s and at most {MAX_FRAME:g} s, came {dt:g}."
             )
         if state is not None:
             self._go_on_from(self._checked(np.array(state, float)))
-        length = self.policy.dt
+        super_step = self.policy.dt
         left = dt
         while left > TINY:
-            if self._since > length - TINY:
-                self._finish()
+            if self._since_begin > super_step - TINY:
+                self._finish_super_step()
             if self._end is None:
-                self._leap(wanted_speed, steepness)
-            ahead = min(left, length - self._since)
-            self._heading += turning * ahead
-            self._since += ahead
+                self._start_super_step(asked_speed, asked_climb)
+            ahead = min(left, super_step - self._since_begin)
+            self._heading += asked_turn * ahead
+            self._since_begin += ahead
             left -= ahead
         self._time += dt
-        now = self._between()
+        now = self._interpolated()
         return PilotFrame(self._time, now, self._pose(now))
 
-    def bones(self, frame: PilotFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Return the places (B, 3) [m] and quaternions wxyz (B, 4) of the body's bones in the world."""
+    def bones(self, frame: PilotFrame) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:
+        """Return the positions [m] and quaternions wxyz of the body's bones in the world."""
         positions, orientations = self.policy.emulator.spec.skeleton.world_poses(frame.state[None])
         return positions[0], orientations[0]
 
@@ -146,60 +155,57 @@ class Pilot:
         states = np.stack([frame.state for frame in frames])
         return Clip(spec.system, spec.skeleton, times - times[0], states, spec.definition)
 
-    def _leap(self, speed: float, climb: float) -> None:
-        """Set the muscles for the wished course, and make the super step under them."""
+    def _start_super_step(self, speed: float, climb: float) -> None:
+        """Set the muscles for what is asked, and make the super step under them."""
         heading = _heading(self._pose(self._begin))
         lead = (self._heading - heading + math.pi) % (2 * math.pi) - math.pi
-        self._heading = heading + float(np.clip(lead, -LEASH, LEASH))
-        steepness = float(np.clip(climb, -STEEPEST, STEEPEST))
+        self._heading = heading + float(np.clip(lead, -MAX_LEAD, MAX_LEAD))
+        steepness = float(np.clip(climb, -MAX_CLIMB, MAX_CLIMB))
         level = math.cos(steepness)
         direction = [
             level * math.cos(self._heading),
             level * math.sin(self._heading),
             math.sin(steepness),
         ]
-        course = SteeringTarget(
-            np.array(direction, np.float32), np.array(max(speed, 0.0), np.float32)
-        )
+        forward_speed = np.array(max(speed, 0.0), np.float32)
+        target = SteeringTarget(np.array(direction, np.float32), forward_speed)
         phase = np.array(self._phase, np.float32)
-        self._following, end, controls = _leap(self.policy, self._inner, phase, course)
+        self._next_latent, end, controls = _super_step(self.policy, self._latent, phase, target)
         self._end = np.asarray(end, float)
         self._controls = np.asarray(controls, float)
 
-    def _finish(self) -> None:
+    def _finish_super_step(self) -> None:
         """Begin the next super step where this one ends."""
         assert self._end is not None
         self._begin = self._end
-        self._inner = self._following
+        self._latent = self._next_latent
         self._phase = (self._phase + self.policy.tick) % (2 * math.pi)
-        self._since = 0.0
+        self._since_begin = 0.0
         self._end = None
 
-    def _go_on_from(self, state: np.ndarray) -> None:
+    def _go_on_from(self, state: Float[np.ndarray, " S"]) -> None:
         """Put the body where it really is; its clock goes on."""
-        self._phase = (self._phase + self.policy.tick * self._since / self.policy.dt) % (
-            2 * math.pi
-        )
+        passed = self.policy.tick * self._since_begin / self.policy.dt
+        self._phase = (self._phase + passed) % (2 * math.pi)
         self._begin = state
-        self._inner = np.asarray(self.policy.emulator.encode(state), np.float32)
-        self._since = 0.0
+        self._latent = np.asarray(self.policy.emulator.encode(state), np.float32)
+        self._since_begin = 0.0
         self._end = None
 
-    def _between(self) -> np.ndarray:
-        """Return the state (S,) at this moment of the super step."""
+    def _interpolated(self) -> Float[np.ndarray, " S"]:
+        """Return the state at this moment of the super step."""
         assert self._end is not None
         emulator = self.policy.emulator
-        orientations = (
-            emulator.frame.orientations if emulator.modes is None else ()
-        )  # mass points have no quaternions to keep
         ends = np.stack([self._begin, self._end])
-        now = np.array([min(self._since, emulator.dt)])
+        now = np.array([min(self._since_begin, emulator.dt)])
+        # Mass points have no quaternions that must stay of length one.
+        orientations = emulator.frame.orientations if emulator.modes is None else ()
         return interpolate_hermite(ends, emulator.dt, now, emulator.spec.rates, orientations)[0]
 
-    def _pose(self, state: np.ndarray) -> Pose:
+    def _pose(self, state: Float[np.ndarray, " S"]) -> Pose:
         return read_pose(self._structure, state)
 
-    def _checked(self, state: np.ndarray) -> np.ndarray:
+    def _checked(self, state: np.ndarray) -> Float[np.ndarray, " S"]:
         checked = self.policy.emulator.spec.state.check(state, "state")
         if checked.ndim != 1:
             raise ArgumentError(
@@ -208,24 +214,22 @@ class Pilot:
         return checked
 
 
-TINY = 1e-9
-"""[s] Less than this is nothing: sums of frames round."""
-UNEVEN = 1e-3
-"""Share of a frame by which frames may differ in length."""
-
-
 @eqx.filter_jit
-def _leap(
-    policy: Policy, latent: Numbers, phase: Numbers, course: SteeringTarget
+def _super_step(
+    policy: Policy,
+    latent: Float[AnyArray, " I"],
+    phase: Float[AnyArray, ""],
+    target: SteeringTarget,
 ) -> tuple[Float[Array, " I"], Float[Array, " S"], Float[Array, " C"]]:
-    """Return where `latent` (I,) is a super step later, as few numbers and as a state, and the controls held."""
+    """Return the latent state and the state a super step later, and the controls held on the way."""
     emulator = policy.emulator
-    controls = policy.control(latent, phase, command(course, policy.pose(latent)))
+    command = command_toward(target, policy.pose(latent))
+    controls = policy.control(latent, phase, command)
     following = emulator.advance(latent, emulator.encode_control(controls))
     return following, emulator.decode(following), controls
 
 
-def _structure(emulator: Emulator) -> Structure:
+def _state_structure(emulator: Emulator) -> Structure:
     """Return the structure of the emulator's states, as far as a pose needs it."""
     if emulator.modes is None:
         return Structure((), (), (), segments=emulator.frame.segments)
@@ -233,6 +237,7 @@ def _structure(emulator: Emulator) -> Structure:
 
 
 def _heading(pose: Pose) -> float:
+    """Return where the body points, seen from above, from the world's X axis [rad]."""
     return math.atan2(pose.forward[1], pose.forward[0])
 
 

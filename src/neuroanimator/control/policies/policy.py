@@ -1,4 +1,4 @@
-"""Policies: from what a body feels and an abstract command to its muscles, forward(s, v) → u (SIGGRAPH 98).
+"""Policies: networks from a body's state and an abstract command to its muscles, forward(s, v) → u (SIGGRAPH 98).
 
 A policy sees what its emulator sees, so place and heading do not matter to it. A clock gives it the rhythm
 to swim by; the system's gait is its first guess. Whatever is mirrored in, comes out mirrored.
@@ -20,11 +20,10 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.pca import mixing
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.pose import Pose, read_pose
-from neuroanimator.state.rotation import Numbers
 from neuroanimator.state.structure import Structure
-from neuroanimator.zoo import find_policy
 
 COMMAND = Layout(
     (
@@ -34,53 +33,57 @@ COMMAND = Layout(
         Slice("roll", 1, "rad"),
     )
 )
-"""Forward speed; how far still to turn left, to pitch up and to roll over to the right, as seen from the body."""
+"""What a command says: the forward speed, and how far still to turn left, to pitch up and to roll over to the right,
+as seen from the body."""
 
-# The mirror reverses every second one: turn and roll.
+EVEN_COMMANDS = slice(0, None, 2)
+"""Commands that the mirror leaves as they are: speed and climb."""
 
-USUAL_PERIOD = 1.0
-"""[s] Of the clock where no gait says one."""
+ODD_COMMANDS = slice(1, None, 2)
+"""Commands that the mirror reverses: turn and roll."""
+
+CLOCK_SIZE = 2
+"""Numbers that tell a network the clock's phase: its sine and its cosine."""
+
+DEFAULT_PERIOD = 1.0
+"""Period of the clock where no gait says one [s]."""
 
 
 class Rhythm(NamedTuple):
     """The waves a clock gives to the muscles: amplitude · sin(phase - lag), full at the highest speed."""
 
     period: float
-    """[s]"""
+    """The time one turn of the clock takes [s]."""
     amplitudes: tuple[float, ...]
-    """(C,) of each control."""
+    """The (C,) amplitudes, each in its control's unit."""
     lags: tuple[float, ...]
-    """(C,) [rad]"""
+    """How far (C,) each control lags behind the clock [rad]."""
     is_odd: bool
     """Whether left and right take turns, so that half a period later is the mirror's image."""
 
     @classmethod
-    def of(cls, emulator: Emulator) -> Rhythm:
+    def from_emulator(cls, emulator: Emulator) -> Rhythm:
         """Return the rhythm of the emulator's gait; without one, a clock alone."""
-        gait, size = emulator.spec.gait, emulator.spec.control.size
+        gait = emulator.spec.gait
         if gait is None:
-            return cls(USUAL_PERIOD, (0.0,) * size, (0.0,) * size, False)
-        odd = odd_controls(emulator)
+            still = (0.0,) * emulator.spec.control.size
+            return cls(DEFAULT_PERIOD, still, still, is_odd=False)
         waves = np.array(gait.amplitudes) * np.exp(-1j * np.array(gait.lags))
-        sizes = np.abs(
-            np.stack([emulator.encode_control(part) for part in (waves.real, waves.imag)])
-        )
-        return cls(
-            gait.period,
-            gait.amplitudes,
-            gait.lags,
-            bool(sizes[:, :odd].sum() > sizes[:, odd:].sum()),
-        )
+        mixed = [emulator.encode_control(part) for part in (waves.real, waves.imag)]
+        sizes = np.abs(np.stack(mixed))
+        odd = odd_controls(emulator)
+        is_odd = bool(sizes[:, :odd].sum() > sizes[:, odd:].sum())
+        return cls(gait.period, gait.amplitudes, gait.lags, is_odd)
 
 
 class Policy(eqx.Module):
     """u = middle + half · tanh(waves of the gait + network(what the body feels, clock, command))."""
 
     emulator: Emulator
-    """The one it was trained through: it feels what that sees."""
+    """The emulator it was trained through: it feels what that sees."""
     network: Network
     ranges: Bounds = eqx.field(static=True)
-    """Of the commands it was trained on, in the order of `COMMAND`."""
+    """The range of each command it was trained on, in the order of `COMMAND`."""
     rhythm: Rhythm = eqx.field(static=True)
 
     def __repr__(self) -> str:
@@ -100,28 +103,31 @@ class Policy(eqx.Module):
     def control(
         self, latent: Float[Array, " I"], phase: Float[Array, ""], command: Float[Array, " 4"]
     ) -> Float[Array, " C"]:
-        """Return the control for a body that feels `latent` (see `Emulator.encode`) at `phase` [rad] of the clock.
+        """Return the control for a body in the state `latent` (see `Emulator.encode`) at `phase` [rad] of the clock.
 
         Commands out of range count as the nearest in range. Differentiable, unchecked: for use inside jit.
         """
-        wish, bounds = self._wish(command), self.emulator.spec.bounds
-        numbers = self.network(*self._streams(latent, phase, wish))
-        steered = (
-            numbers if self.emulator.modes is None else self.emulator.modes.decode_control(numbers)
-        )
-        lags, amplitudes = (
-            jnp.asarray(each) for each in (self.rhythm.lags, self.rhythm.amplitudes)
-        )
-        waves = amplitudes * jnp.sin(phase + self.tick / 2 - lags) * (wish[0] + 1) / 2
-        middle, half = (jnp.asarray(each, jnp.float32) for each in (bounds.middle, bounds.half))
+        emulator = self.emulator
+        bounds = emulator.spec.bounds
+        normalised = self._normalised(command)
+        odd, even = self._streams(latent, phase, normalised)
+        mixed = self.network(odd, even)
+        steered = mixed if emulator.modes is None else emulator.modes.decode_control(mixed)
+        amplitudes = jnp.asarray(self.rhythm.amplitudes)
+        lags = jnp.asarray(self.rhythm.lags)
+        # The wave at the middle of the super step, full at the highest speed, nothing at the lowest.
+        waves = amplitudes * jnp.sin(phase + self.tick / 2 - lags) * (normalised[0] + 1) / 2
+        middle = jnp.asarray(bounds.middle, jnp.float32)
+        half = jnp.asarray(bounds.half, jnp.float32)
         return middle + half * jnp.tanh(steered + waves)
 
-    def pose(self, latent: Numbers) -> Pose:
-        """Return where bodies are and where they point, of `latent` (..., I) as `Emulator.encode` gives it."""
-        return read_pose(structure_of(self.emulator), latent)
+    def pose(self, latent: Float[AnyArray, "*B I"]) -> Pose:
+        """Return where bodies are and where they point, of `latent` as `Emulator.encode` gives it."""
+        return read_pose(latent_structure(self.emulator), latent)
 
     def save(self, path: str | Path) -> None:
         """Write the policy, its emulator included, as one `.safetensors` file."""
+        # Imported here: what reads and writes policies must know what a policy is first.
         from neuroanimator.control.policies.policy_file import save_policy
 
         save_policy(self, Path(path))
@@ -132,42 +138,40 @@ class Policy(eqx.Module):
 
         BadFileError says what is wrong with the file, or which names there are.
         """
+        from neuroanimator.control.policies.policy_file import load_policy
+
         return load_policy(path)
 
-    def _wish(self, command: Float[Array, " 4"]) -> Float[Array, " 4"]:
-        """Return the command within ±1."""
-        middle, half = (
-            jnp.asarray(each, jnp.float32) for each in (self.ranges.middle, self.ranges.half)
-        )
+    def _normalised(self, command: Float[Array, " 4"]) -> Float[Array, " 4"]:
+        """Return the command with its ranges as ±1, and brought within."""
+        middle = jnp.asarray(self.ranges.middle, jnp.float32)
+        half = jnp.asarray(self.ranges.half, jnp.float32)
         return jnp.clip((command - middle) / half, -1, 1)
 
-    def _streams(self, latent: Array, phase: Array, wish: Array) -> tuple[Array, Array]:
-        """Return (odd, even) numbers of order one: of the body, its muscles' controls relaxed, clock and command."""
+    def _streams(
+        self, latent: Float[Array, " I"], phase: Float[Array, ""], command: Float[Array, " 4"]
+    ) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
+        """Return the (odd, even) numbers of order one that the network is given.
+
+        They are the body's as the emulator sees it with its controls in the middle, the clock's, and the `command`
+        within ±1.
+        """
         emulator = self.emulator
         relaxed = emulator.encode_control(jnp.asarray(emulator.spec.bounds.middle, latent.dtype))
-        plain = emulator.normaliser.forward(emulator.domain.clip(emulator.seen(latent, relaxed)))
-        odd, even = emulator.features.streams(latent, plain)
+        features = emulator.domain.clip(emulator.seen(latent, relaxed))
+        odd, even = emulator.features.streams(latent, emulator.normaliser.forward(features))
         clock = jnp.stack([jnp.sin(phase), jnp.cos(phase)])
         if not is_mirrored(emulator):
-            return jnp.concatenate([odd, clock, wish]), even
-        odd_clock, even_clock = (clock, clock[:0]) if self.rhythm.is_odd else (clock[:0], clock)
-        return jnp.concatenate([odd, odd_clock, wish[1::2]]), jnp.concatenate(
-            [even, even_clock, wish[::2]]
-        )
+            return jnp.concatenate([odd, clock, command]), even
+        no_clock = clock[:0]
+        odd_clock, even_clock = (clock, no_clock) if self.rhythm.is_odd else (no_clock, clock)
+        odd = jnp.concatenate([odd, odd_clock, command[ODD_COMMANDS]])
+        even = jnp.concatenate([even, even_clock, command[EVEN_COMMANDS]])
+        return odd, even
 
 
-def load_policy(name: str | Path) -> Policy:
-    """Return the policy in the file `name`, or the shipped one of the system called `name`, such as `fish`.
-
-    Raises BadFileError, which says what is wrong with the file, or which policies ship.
-    """
-    from neuroanimator.control.policies import policy_file
-
-    return policy_file.load_policy(find_policy(str(name)))
-
-
-def structure_of(emulator: Emulator) -> Structure:
-    """Return the structure of `Emulator.encode`'s numbers, as far as a pose needs it."""
+def latent_structure(emulator: Emulator) -> Structure:
+    """Return the structure of the states that `Emulator.encode` gives, as far as a pose needs it."""
     return Structure((), (), (), segments=emulator.frame.segments)
 
 
@@ -179,29 +183,34 @@ def is_mirrored(emulator: Emulator) -> bool:
 def odd_controls(emulator: Emulator) -> int:
     """Return how many of the mixed controls, the first ones, the mirror reverses."""
     modes = emulator.modes
-    return 0 if modes is None or modes.mirror is None else mixing(modes.mirror)[1]
+    if modes is None or modes.mirror is None:
+        return 0
+    return mixing(modes.mirror)[1]
 
 
 def fresh_policy(
     emulator: Emulator, ranges: Bounds, widths: tuple[int, ...], seed: int = 0
 ) -> Policy:
-    """Return an untrained policy, nearly the gait alone.
+    """Return an untrained policy, nearly the gait alone, with hidden layers of `widths`.
 
     Raises ArgumentError for a system that cannot point anywhere.
     """
-    rhythm, size = Rhythm.of(emulator), emulator.spec.control.size
-    read_pose(structure_of(emulator), emulator.encode(jnp.asarray(emulator.spec.rest)))
-    key, others = (
-        jax.random.key(seed),
-        emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain),
-    )
+    rhythm = Rhythm.from_emulator(emulator)
+    size = emulator.spec.control.size
+    key = jax.random.key(seed)
+    read_pose(latent_structure(emulator), emulator.encode(jnp.asarray(emulator.spec.rest)))
+    others = emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain)
     odd, even = emulator.features.sizes(others)
-    kind = "mirrored" if is_mirrored(emulator) else "linear-glu"
-    if kind == "mirrored":
-        odd, even = odd + 2 + 2 * rhythm.is_odd, even + 2 + 2 * (not rhythm.is_odd)
+    if is_mirrored(emulator):
+        odd += len(range(COMMAND.size)[ODD_COMMANDS])
+        even += len(range(COMMAND.size)[EVEN_COMMANDS])
+        if rhythm.is_odd:
+            odd += CLOCK_SIZE
+        else:
+            even += CLOCK_SIZE
+        even_out = tuple(range(odd_controls(emulator), size))
+        network = make_network("mirrored", odd, even, size, widths, key, even_out)
     else:
-        odd += 2 + COMMAND.size
-    even_out = tuple(range(odd_controls(emulator), size)) if kind == "mirrored" else ()
-    return Policy(
-        emulator, make_network(kind, odd, even, size, widths, key, even_out), ranges, rhythm
-    )
+        odd += CLOCK_SIZE + COMMAND.size
+        network = make_network("linear-glu", odd, even, size, widths, key)
+    return Policy(emulator, network, ranges, rhythm)

@@ -1,4 +1,4 @@
-"""One policy, one safetensors file: its emulator and its network, what commands mean, nothing executable."""
+"""The file of a policy: one safetensors file with its emulator, its network and what commands mean, nothing executable."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.numbers import listed, whole
 from neuroanimator.state.layout import Bounds
 from neuroanimator.storage.files import digest, read_tensors, write_tensors
+from neuroanimator.zoo import find_policy
 
 FORMAT = 2
-"""Raised whenever an older reader would misunderstand a file."""
+"""The version of the file format, raised whenever an older reader would misunderstand a file."""
 
 
 def save_policy(policy: Policy, path: Path, provenance: dict[str, Any] | None = None) -> None:
-    """Write `policy`; `provenance` says how it was trained (any JSON)."""
-    write_tensors(
-        path, tensors_of(policy), {**describe_policy(policy), "provenance": provenance or {}}
-    )
+    """Write `policy` to `path`; `provenance` says how it was trained (any JSON)."""
+    metadata = describe_policy(policy) | {"provenance": provenance or {}}
+    write_tensors(path, tensors_of(policy), metadata)
 
 
 def describe_policy(policy: Policy) -> dict[str, Any]:
@@ -48,14 +48,18 @@ def describe_policy(policy: Policy) -> dict[str, Any]:
     }
 
 
-def load_policy(path: Path) -> Policy:
-    """Return the policy at `path`, every name, text, shape and number checked."""
+def load_policy(name: str | Path) -> Policy:
+    """Return the policy in the file `name`, or the shipped one of the system called `name`, such as `fish`.
+
+    Every name, text, shape and number in the file is checked. Raises BadFileError, which says what is wrong with the
+    file, or which policies ship.
+    """
+    path = find_policy(str(name))
     tensors, metadata = read_tensors(path, "policy")
     check_format(path, metadata.get("format"), FORMAT)
-    carried = metadata.get("emulator")
-    check_format(
-        path, carried.get("format") if isinstance(carried, dict) else None, EMULATOR_FORMAT
-    )
+    emulator = metadata.get("emulator")
+    emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
+    check_format(path, emulator_format, EMULATOR_FORMAT)
     try:
         policy = with_tensors(jax.eval_shape(lambda: _blank(metadata)), tensors)
         if digest(tensors_of(policy.emulator)) != metadata["emulator_sha256"]:
@@ -75,7 +79,10 @@ def _blank(metadata: dict[str, Any]) -> Policy:
     for low, high in zip(ranges.low, ranges.high, strict=True):
         if not low < high:
             raise ValueError("ranges: wanted low below high for every command")
-    widths = listed(
-        metadata["widths"], "widths", lambda width, what: whole(width, what, 1, MAX_LAYER)
-    )
+    widths = listed(metadata["widths"], "widths", _checked_width)
     return fresh_policy(blank(metadata["emulator"]), ranges, widths)
+
+
+def _checked_width(width: Any, label: str) -> int:
+    """Return the size of a hidden layer; ValueError if it is none."""
+    return whole(width, label, 1, MAX_LAYER)

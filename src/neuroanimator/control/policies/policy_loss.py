@@ -1,4 +1,4 @@
-"""What a policy should do, as a loss over swims of many bodies at once on the emulator."""
+"""What a policy is trained for: random targets, rollouts of many bodies at once on the emulator, and their loss."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
-from neuroanimator.control.policies.closed_loop import decide
+from neuroanimator.control.policies.closed_loop import choose_controls
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
 from neuroanimator.emulator.emulator import Emulator
 
 NEARLY_AHEAD = 0.2
-"""Half of the random courses lie within this share of all angles: most of a life is small corrections."""
-STEEPEST = 1.05
-"""[rad] Of random courses, up or down."""
+"""Share of all angles within which half of the random targets lie: most of a life is small corrections."""
+
+MAX_CLIMB = 1.05
+"""How far random targets lie above or below the body at most [rad]."""
 
 
 @dataclass(frozen=True)
@@ -25,107 +26,133 @@ class LossWeights:
     """What being amiss costs."""
 
     speed: float = 1.5
-    """Of the squared error, as a share of the highest speed."""
+    """Weight of the squared error in speed, as a share of the highest speed."""
     heading: float = 5.0
-    """Of the squared distance between unit vectors: 1 at 60 degrees off course, pitch counting like yaw. With a fifth
-    of it, beside a speed that weighs 1, a fish told to swim straight on at nine tenths of its speed was 18 degrees off
-    after three seconds on the true physics: it rather hurried."""
+    """Weight of the squared distance between the unit vectors of the body and of its target.
+
+    That is 1 at 60 degrees off course, pitch counting like yaw. With a fifth of it, beside a speed that weighs 1, a
+    fish told to swim straight on at nine tenths of its speed was 18 degrees off after three seconds on the true
+    physics: it rather hurried.
+    """
     roll: float = 1.0
-    """The same between up and where a body's back points. With a third of it, fish that keep turning or hurry lie on
-    their sides."""
+    """Weight of the squared distance between up and where a body's back points.
+
+    With a third of it, fish that keep turning or hurry lie on their sides.
+    """
     effort: float = 0.02
-    """Of the squared share of full effort."""
+    """Weight of the squared controls, as shares of full effort."""
     jumps: float = 0.06
-    """Of the squared change from control to control. With 0.02, and half of the effort's weight, one fish was 7.3
-    instead of 4.6 degrees off course on the true physics after a turn of 120 (medians of 64 starts, one seed)."""
+    """Weight of the squared changes from control to control, as shares of full effort.
+
+    With 0.02, and half of the effort's weight, one fish was 7.3 instead of 4.6 degrees off course on the true physics
+    after a turn of 120 (medians of 64 starts, one seed).
+    """
     outside: float = 0.3
-    """Of the squared standard deviations outside of what the emulator was trained on: there it may be wrong, and
-    descents like to go there."""
+    """Weight of the squared standard deviations outside of what the emulator was trained on.
+
+    There it may be wrong, and descents like to go there.
+    """
 
 
 class Swimmers(NamedTuple):
     """Bodies on their way, each as its emulator sees it."""
 
     latent: Float[Array, "B I"]
+    """Their states, as `Emulator.encode` gives them."""
     phase: Float[Array, " B"]
-    """[rad] Of the clock."""
-    course: SteeringTarget
+    """The phases of their clocks [rad]."""
+    target: SteeringTarget
+    """Where each shall go."""
 
 
-def begin(policy: Policy, latent: Float[Array, "B I"], key: Array) -> Swimmers:
-    """Return the bodies, each with its clock at random and a random course."""
-    first, second = jax.random.split(key)
-    phase = jax.random.uniform(first, latent.shape[:1], maxval=2 * jnp.pi)
-    return Swimmers(latent, phase, random_courses(policy, latent, second))
+def start_swimmers(policy: Policy, latent: Float[Array, "B I"], key: PRNGKeyArray) -> Swimmers:
+    """Return bodies in the states `latent`, each with its clock at random and a random target."""
+    phase_key, target_key = jax.random.split(key)
+    phase = jax.random.uniform(phase_key, latent.shape[:1], maxval=2 * jnp.pi)
+    return Swimmers(latent, phase, random_targets(policy, latent, target_key))
 
 
-def random_courses(policy: Policy, latent: Float[Array, "B I"], key: Array) -> SteeringTarget:
-    """Return a random speed and direction for each: half of them nearly ahead, half anywhere."""
-    keys, pose, count = jax.random.split(key, 4), policy.pose(latent), latent.shape[0]
-    wide = jnp.where(jax.random.bernoulli(keys[0], 0.5, (count,)), 1.0, NEARLY_AHEAD)
-    aside = wide * jax.random.uniform(keys[1], (count,), minval=-jnp.pi, maxval=jnp.pi)
-    above = wide * jax.random.uniform(keys[2], (count,), minval=-STEEPEST, maxval=STEEPEST)
+def random_targets(
+    policy: Policy, latent: Float[Array, "B I"], key: PRNGKeyArray
+) -> SteeringTarget:
+    """Return a random direction and speed for each body: half of them nearly ahead, half anywhere."""
+    wide_key, aside_key, above_key, speed_key = jax.random.split(key, 4)
+    pose = policy.pose(latent)
+    shape = latent.shape[:1]
+    is_anywhere = jax.random.bernoulli(wide_key, 0.5, shape)
+    width = jnp.where(is_anywhere, 1.0, NEARLY_AHEAD)
+    aside = width * jax.random.uniform(aside_key, shape, minval=-jnp.pi, maxval=jnp.pi)
+    above = width * jax.random.uniform(above_key, shape, minval=-MAX_CLIMB, maxval=MAX_CLIMB)
     level = jnp.cos(aside)[:, None] * pose.forward + jnp.sin(aside)[:, None] * leftward(pose)
     direction = jnp.cos(above)[:, None] * level + jnp.sin(above)[:, None] * upright(pose)
-    top = policy.ranges.high[0]
-    return SteeringTarget(unit(direction), jax.random.uniform(keys[3], (count,), maxval=top))
+    speed = jax.random.uniform(speed_key, shape, maxval=policy.ranges.high[0])
+    return SteeringTarget(unit(direction), speed)
 
 
-def swim(policy: Policy, swimmers: Swimmers, steps: int) -> tuple[Swimmers, Array, Array]:
-    """Return the bodies after so many super steps, their inner states (T, B, I) on the way and controls (T, B, C)."""
+def rollout_swimmers(
+    policy: Policy, swimmers: Swimmers, steps: int
+) -> tuple[Swimmers, Float[Array, "{steps} B I"], Float[Array, "{steps} B C"]]:
+    """Return the bodies after so many super steps, their latent states on the way, and their controls."""
     emulator = policy.emulator
 
     def advance(
-        state: tuple[Array, Array], _: None
+        carry: tuple[Array, Array], _: None
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        latent, phase = state
-        controls = decide(policy, latent, phase, swimmers.course)
+        latent, phase = carry
+        controls = choose_controls(policy, latent, phase, swimmers.target)
         following = jax.vmap(emulator.advance)(latent, emulator.encode_control(controls))
         return (following, phase + policy.tick), (following, controls)
 
-    (latent, phase), (path, controls) = jax.lax.scan(
-        advance, (swimmers.latent, swimmers.phase), length=steps
-    )
-    return Swimmers(latent, phase % (2 * jnp.pi), swimmers.course), path, controls
+    start = (swimmers.latent, swimmers.phase)
+    (latent, phase), (path, controls) = jax.lax.scan(advance, start, length=steps)
+    return Swimmers(latent, phase % (2 * jnp.pi), swimmers.target), path, controls
 
 
 def motion_loss(
-    weights: LossWeights, policy: Policy, swimmers: Swimmers, path: Array, controls: Array
-) -> Array:
-    """Return what is amiss in `path` (T, B, I) under `controls` (T, B, C), on average.
+    weights: LossWeights,
+    policy: Policy,
+    swimmers: Swimmers,
+    path: Float[Array, "T B I"],
+    controls: Float[Array, "T B C"],
+) -> Float[Array, ""]:
+    """Return what is amiss in `path` under `controls`, on average over bodies and super steps.
 
     Speed and heading are means over whole periods of the clock, since a swimming body sways.
     """
-    pose, course, top = policy.pose(path), swimmers.course, policy.ranges.high[0]
+    pose = policy.pose(path)
+    target = swimmers.target
+    top_speed = policy.ranges.high[0]
     period = min(max(1, round(policy.rhythm.period / policy.dt)), len(path))
-    pointing, upward = (unit(_moving_mean(axis, period)) for axis in (pose.forward, pose.upward))
-    speed = _moving_mean(jnp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True), period)[
-        ..., 0
-    ]
+    pointing = unit(_moving_mean(pose.forward, period))
+    upward = unit(_moving_mean(pose.upward, period))
+    speed_now = jnp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True)
+    speed = _moving_mean(speed_now, period)[..., 0]
+    # What lies at right angles to where the body points, and as far up as it can.
     level = unit(jnp.array([0.0, 0.0, 1.0]) - pointing[..., 2:] * pointing)
     control_scale = jnp.asarray(policy.emulator.spec.bounds.magnitude, jnp.float32)
 
-    def square(vectors):
+    def mean_square(vectors: Array) -> Array:
         return jnp.mean(jnp.sum(vectors**2, axis=-1))
 
     return (
-        weights.speed * jnp.mean(((speed - course.speed) / top) ** 2)
-        + weights.heading * square(pointing - course.direction)
-        + weights.roll * square(upward - level)
+        weights.speed * jnp.mean(((speed - target.speed) / top_speed) ** 2)
+        + weights.heading * mean_square(pointing - target.direction)
+        + weights.roll * mean_square(upward - level)
         + weights.effort * jnp.mean((controls / control_scale) ** 2)
         + weights.jumps * jnp.mean((jnp.diff(controls, axis=0) / control_scale) ** 2)
-        + weights.outside * jnp.mean(beyond(policy.emulator, path, controls) ** 2)
+        + weights.outside * jnp.mean(outside_training(policy.emulator, path, controls) ** 2)
     )
 
 
-def _moving_mean(rows: Float[Array, "T B A"], period: int) -> Float[Array, "T-period+1 B A"]:
+def _moving_mean(rows: Float[Array, "T B A"], period: int) -> Float[Array, "T-{period}+1 B A"]:
     total = jnp.cumsum(jnp.concatenate([jnp.zeros_like(rows[:1]), rows]), axis=0)
     return (total[period:] - total[:-period]) / period
 
 
-def beyond(
+def outside_training(
     emulator: Emulator, path: Float[Array, "T B I"], controls: Float[Array, "T B C"]
-) -> Array:
-    """Return (T, B, K) how far what the emulator sees lies outside of what training showed, in standard deviations."""
-    plain, domain = emulator.seen(path, emulator.encode_control(controls)), emulator.domain
-    return (plain - jax.vmap(jax.vmap(domain.clip))(plain)) / emulator.normaliser.plain_scale
+) -> Float[Array, "T B K"]:
+    """Return how far what the emulator sees lies outside of what training showed, in standard deviations."""
+    features = emulator.seen(path, emulator.encode_control(controls))
+    inside = jax.vmap(jax.vmap(emulator.domain.clip))(features)
+    return (features - inside) / emulator.normaliser.plain_scale

@@ -14,42 +14,71 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from neuroanimator.control.policies.policy import Policy, fresh_policy
+from neuroanimator.control.policies.policy import (
+    COMMAND,
+    Policy,
+    fresh_policy,
+    latent_structure,
+)
 from neuroanimator.control.policies.policy_file import save_policy
 from neuroanimator.control.policies.policy_loss import (
     LossWeights,
     Swimmers,
-    begin,
     motion_loss,
-    swim,
+    rollout_swimmers,
+    start_swimmers,
 )
+from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.emulator.artifact import tensors_of
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds
+from neuroanimator.state.pose import read_pose
 from neuroanimator.storage.files import append_line, canonical_json, digest, locked
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems.system import System
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
 
 MAX_TURN = 1.5
-"""[rad] Commands to turn further count as this: a quarter of a circle is turned as fast as the body can anyway."""
+"""Commands to turn, climb or roll further count as this [rad]: a quarter of a circle is turned as fast as the body can
+anyway."""
 
 UPDATES_PER_REPORT = 100
-CHECKED_SHARE = 0.25
-"""Of the starts, kept for validation."""
-CHECKED_SECONDS = 6.0
+"""Updates compiled into one chunk, after which the policy is validated and a checkpoint written."""
+
+VALIDATION_SHARE = 0.25
+"""Share of the starts that are set aside for validation."""
+
+VALIDATION_SECONDS = 6.0
 """How long bodies swim for validation [s]."""
+
 GAIT_SECONDS = 6.0
-"""After which a gait is under way [s]."""
-STEERABLE = 0.9
-"""Highest commanded speed over the gait's own at full strength: what steers must have strength to spare."""
-FRESH_SHARE, NEW_COURSE_SHARE = 0.2, 0.5
-"""Shares of bodies that start anew, and that get another course, before every update; others go on."""
+"""Time after which a gait is under way [s]."""
+
+GAIT_PERIODS = 2
+"""Periods of the gait over which its speed is measured."""
+
+STEERABLE_SPEED = 0.9
+"""Highest commanded speed, as a share of the gait's own at full strength: what steers must have strength to spare."""
+
+FRESH_SHARE = 0.2
+"""Share of the bodies that start anew before every update; the others go on."""
+
+NEW_TARGET_SHARE = 0.5
+"""Share of the bodies that get another target before every update, besides those that start anew."""
+
+MAX_GRADIENT = 1.0
+"""Norm to which longer gradients are cut: through many super steps a few are huge."""
+
+STARTS_STREAM = 21
+"""Tells the random numbers of the starts from others of the same seed."""
+
+FIRST_BODIES_STREAM = 2**30
+"""Tells the random numbers of the first bodies from those of the chunks, which are numbered from 0."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +91,7 @@ class PolicyTraining:
     steps: int = 30
     """Super steps gradients go back through."""
     starts: int = 1024
-    """Random states of the true physics, from which bodies start."""
+    """Number of random states of the true physics, from which bodies start."""
     learning_rate: float = 1e-3
     weights: LossWeights = field(default_factory=LossWeights)
     seed: int = 0
@@ -82,9 +111,11 @@ class PolicyReport(NamedTuple):
 
     update: int
     loss: float
+    """The mean loss of the updates since the last report."""
     validation: float
-    """The loss from starts and to courses unseen in training."""
+    """The loss from starts and to targets unseen in training."""
     seconds: float
+    """Time since the run began or was taken up again [s]."""
 
 
 def train_policy(
@@ -105,7 +136,8 @@ def train_policy(
         remove_stale(folder)
         while not run.is_over:
             on_report(run.advance())
-        save_policy(run.best, out, {"training": json.loads(canonical_json(asdict(training)))})
+        provenance = {"training": json.loads(canonical_json(asdict(training)))}
+        save_policy(run.best, out, provenance)
     return run.best
 
 
@@ -116,43 +148,33 @@ class _Run:
     training: PolicyTraining
     folder: Path
     base: Policy
+    """The policy with the weights it began with."""
     progress: Progress
-    pool: Array
-    """(P, I) starts."""
-    checked: Swimmers
+    pool: Float[Array, "P I"]
+    """Latent states that bodies start from."""
+    validation: Swimmers
+    """Bodies whose swims are the validation."""
     identity: str
+    """What tells this run's checkpoints from those of other settings or starts."""
     began: float = field(default_factory=time.monotonic)
 
     @classmethod
     def prepare(
         cls, emulator: Emulator, system: System, training: PolicyTraining, folder: Path
     ) -> _Run:
-        rng = np.random.default_rng([training.seed, 21])
-        ranges = command_ranges(emulator)
-        base = fresh_policy(emulator, ranges, training.widths, training.seed)
-        starts = np.asarray(
-            emulator.encode(sample_starts(system, rng, training.starts)), np.float32
-        )
-        kept, pool = (
-            jnp.asarray(part) for part in np.split(starts, [round(CHECKED_SHARE * len(starts))])
-        )
-        checked = begin(base, kept, jax.random.key(training.seed + 1))
-        key = jax.random.fold_in(jax.random.key(training.seed), 2**30)
-        swimmers = begin(base, jax.random.choice(key, pool, (training.batch,)), key)
-        optimizer = make_optimizer(training)
-        memory = optimizer.init(eqx.filter(base.network, eqx.is_array)), swimmers
-        fresh = Progress(base.network, memory, base.network, 1e30, 0, 0)
+        rng = np.random.default_rng([training.seed, STARTS_STREAM])
+        base = fresh_policy(emulator, command_ranges(emulator), training.widths, training.seed)
+        states = sample_starts(system, rng, training.starts)
+        starts = np.asarray(emulator.encode(states), np.float32)
+        set_aside, pool = np.split(starts, [round(VALIDATION_SHARE * len(starts))])
+        pool = jnp.asarray(pool)
+        key = jax.random.key(training.seed + 1)
+        validation = start_swimmers(base, jnp.asarray(set_aside), key)
+        fresh = _fresh_progress(base, training, pool)
         contents = {"starts": starts, **tensors_of(emulator)}
         identity = f"{digest(contents)[:16]}-{canonical_json(asdict(training))}"
-        return cls(
-            training,
-            folder,
-            base,
-            read_checkpoint(folder, identity, fresh),
-            pool,
-            checked,
-            identity,
-        )
+        progress = read_checkpoint(folder, identity, fresh)
+        return cls(training, folder, base, progress, pool, validation, identity)
 
     @property
     def is_over(self) -> bool:
@@ -160,7 +182,7 @@ class _Run:
 
     @property
     def best(self) -> Policy:
-        return eqx.tree_at(lambda policy: policy.network, self.base, self.progress.best)
+        return _with_network(self.base, self.progress.best)
 
     def advance(self) -> PolicyReport:
         """Train until the next report, then validate, log and checkpoint."""
@@ -173,46 +195,63 @@ class _Run:
             self.pool,
             jnp.asarray(progress.chunk),
         )
-        progress = progress._replace(
-            network=network, optimizer_state=memory, chunk=progress.chunk + 1
-        )
-        steps = round(CHECKED_SECONDS / self.base.dt)
-        validation = float(_validate(self.training, self.base, network, self.checked, steps))
+        done = progress.chunk + 1
+        progress = progress._replace(network=network, optimizer_state=memory, chunk=done)
+        steps = round(VALIDATION_SECONDS / self.base.dt)
+        trained = _with_network(self.base, network)
+        validation = float(_validate(self.training.weights, trained, self.validation, steps))
         self.progress = progress.judged(validation)
-        update, seconds = progress.chunk * UPDATES_PER_REPORT, time.monotonic() - self.began
-        report = PolicyReport(update, float(loss), validation, seconds)
+        seconds = time.monotonic() - self.began
+        report = PolicyReport(done * UPDATES_PER_REPORT, float(loss), validation, seconds)
         write_checkpoint(self.folder, self.identity, self.progress)
         append_line(self.folder / "metrics.jsonl", json.dumps(report._asdict()))
         return report
 
 
+def _fresh_progress(base: Policy, training: PolicyTraining, pool: Float[Array, "P I"]) -> Progress:
+    """Return the progress of a run that has not begun: its first bodies start from the `pool`."""
+    key = jax.random.fold_in(jax.random.key(training.seed), FIRST_BODIES_STREAM)
+    starts = jax.random.choice(key, pool, (training.batch,))
+    progress = Progress.fresh(base.network, make_optimizer(training))
+    memory = (progress.optimizer_state, start_swimmers(base, starts, key))
+    return progress._replace(optimizer_state=memory)
+
+
+def _with_network(policy: Policy, network: Network) -> Policy:
+    """Return `policy` with another network."""
+    return eqx.tree_at(lambda policy: policy.network, policy, network)
+
+
 def command_ranges(emulator: Emulator) -> Bounds:
     """Return the range of each command: speeds up to nearly that of the gait at full strength."""
-    speed = STEERABLE * gait_speed(emulator)
-    return Bounds((0.0, *(-MAX_TURN,) * 3), (speed, *(MAX_TURN,) * 3))
+    top_speed = STEERABLE_SPEED * gait_speed(emulator)
+    angles = COMMAND.size - 1
+    return Bounds((0.0, *(-MAX_TURN,) * angles), (top_speed, *(MAX_TURN,) * angles))
 
 
 def gait_speed(emulator: Emulator) -> float:
-    """Return how fast the gait drives the emulated body once it is under way [m/s]."""
-    identity = emulator.spec
-    if identity.gait is None:
+    """Return how fast the gait drives the emulated body once it is under way [m/s].
+
+    Raises ArgumentError for a system without a gait.
+    """
+    spec = emulator.spec
+    if spec.gait is None:
         raise ArgumentError(
-            f"The system {identity.system} has no gait. Give its definition one, to know its speed."
+            f"The system {spec.system} has no gait. Give its definition one, to know its speed."
         )
-    steps, period = (
-        round(GAIT_SECONDS / emulator.dt),
-        max(1, round(identity.gait.period / emulator.dt)),
-    )
-    controls = identity.gait.controls(steps, emulator.dt, identity.bounds)
-    latent = emulator.encode(emulator.rollout(np.array(identity.rest), controls))
-    way = latent[-1, :3] - latent[-1 - 2 * period, :3]
-    return float(np.linalg.norm(way)) / (2 * period * emulator.dt)
+    steps = round(GAIT_SECONDS / emulator.dt)
+    controls = spec.gait.controls(steps, emulator.dt, spec.bounds)
+    latent = emulator.encode(emulator.rollout(np.array(spec.rest), controls))
+    positions = read_pose(latent_structure(emulator), latent).position
+    measured = GAIT_PERIODS * max(1, round(spec.gait.period / emulator.dt))
+    travelled = positions[-1] - positions[-1 - measured]
+    return float(np.linalg.norm(travelled)) / (measured * emulator.dt)
 
 
 def make_optimizer(training: PolicyTraining) -> optax.GradientTransformation:
     """Return Adam with clipped gradients and a rate that falls to nothing."""
     rate = optax.cosine_decay_schedule(training.learning_rate, training.updates)
-    return optax.chain(optax.clip_by_global_norm(1.0), optax.adam(rate))
+    return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optax.adam(rate))
 
 
 @eqx.filter_jit
@@ -221,58 +260,59 @@ def _train_chunk(
     base: Policy,
     network: Network,
     memory: tuple,
-    pool: Array,
-    chunk: Array,
-) -> tuple[Network, tuple, Array]:
+    pool: Float[Array, "P I"],
+    chunk: Int[Array, ""],
+) -> tuple[Network, tuple, Float[Array, ""]]:
     """Return (network, (optimiser state, bodies), mean loss) after one chunk of updates.
 
     Random numbers follow from the seed and the chunk's number alone, so that a resumed run sees the same.
     """
-    optimizer, key = (
-        make_optimizer(training),
-        jax.random.fold_in(jax.random.key(training.seed), chunk),
-    )
+    optimizer = make_optimizer(training)
+    key = jax.random.fold_in(jax.random.key(training.seed), chunk)
 
     def loss_of(network: Network, swimmers: Swimmers) -> tuple[Array, Swimmers]:
-        policy = eqx.tree_at(lambda policy: policy.network, base, network)
-        following, path, controls = swim(policy, swimmers, training.steps)
+        policy = _with_network(base, network)
+        following, path, controls = rollout_swimmers(policy, swimmers, training.steps)
         return motion_loss(training.weights, policy, swimmers, path, controls), following
 
-    def update(carry, key):
+    def update(carry: tuple, key: PRNGKeyArray) -> tuple[tuple, Array]:
         network, (state, swimmers) = carry
         (loss, following), gradient = jax.value_and_grad(loss_of, has_aux=True)(network, swimmers)
         step, state = optimizer.update(gradient, state)
         following = _renewed(base, jax.lax.stop_gradient(following), pool, key)
         return (eqx.apply_updates(network, step), (state, following)), loss
 
-    (network, memory), losses = jax.lax.scan(
-        update, (network, memory), jax.random.split(key, UPDATES_PER_REPORT)
-    )
+    keys = jax.random.split(key, UPDATES_PER_REPORT)
+    (network, memory), losses = jax.lax.scan(update, (network, memory), keys)
     return network, memory, losses.mean()
 
 
-def _renewed(policy: Policy, swimmers: Swimmers, pool: Array, key: Array) -> Swimmers:
-    """Return the bodies, some put back to random starts and some with another course."""
-    keys, count = jax.random.split(key, 4), len(swimmers.phase)
-    is_fresh = jax.random.bernoulli(keys[0], FRESH_SHARE, (count,))
+def _renewed(
+    policy: Policy, swimmers: Swimmers, pool: Float[Array, "P I"], key: PRNGKeyArray
+) -> Swimmers:
+    """Return the bodies, some put back to random starts and some with another target.
+
+    Those whose numbers are no longer finite start anew, too.
+    """
+    fresh_key, target_key, choice_key, start_key = jax.random.split(key, 4)
+    shape = swimmers.phase.shape
+    is_fresh = jax.random.bernoulli(fresh_key, FRESH_SHARE, shape)
     is_fresh |= ~jnp.isfinite(swimmers.latent).all(axis=1)
-    is_sent = is_fresh | jax.random.bernoulli(keys[1], NEW_COURSE_SHARE, (count,))
-    latent = jnp.where(
-        is_fresh[:, None], jax.random.choice(keys[2], pool, (count,)), swimmers.latent
+    has_new_target = is_fresh | jax.random.bernoulli(target_key, NEW_TARGET_SHARE, shape)
+    chosen = jax.random.choice(choice_key, pool, shape)
+    latent = jnp.where(is_fresh[:, None], chosen, swimmers.latent)
+    other = start_swimmers(policy, latent, start_key)
+    target = SteeringTarget(
+        jnp.where(has_new_target[:, None], other.target.direction, swimmers.target.direction),
+        jnp.where(has_new_target, other.target.speed, swimmers.target.speed),
     )
-    other = begin(policy, latent, keys[3])
-    course = jax.tree.map(
-        lambda new, old: jnp.where(is_sent.reshape(-1, *(1,) * (new.ndim - 1)), new, old),
-        other.course,
-        swimmers.course,
-    )
-    return Swimmers(latent, jnp.where(is_fresh, other.phase, swimmers.phase), course)
+    return Swimmers(latent, jnp.where(is_fresh, other.phase, swimmers.phase), target)
 
 
 @eqx.filter_jit
 def _validate(
-    training: PolicyTraining, base: Policy, network: Network, swimmers: Swimmers, steps: int
-) -> Array:
-    policy = eqx.tree_at(lambda policy: policy.network, base, network)
-    _, path, controls = swim(policy, swimmers, steps)
-    return motion_loss(training.weights, policy, swimmers, path, controls)
+    weights: LossWeights, policy: Policy, swimmers: Swimmers, steps: int
+) -> Float[Array, ""]:
+    """Return the loss of swims from `swimmers`, `steps` super steps long."""
+    _, path, controls = rollout_swimmers(policy, swimmers, steps)
+    return motion_loss(weights, policy, swimmers, path, controls)

@@ -1,80 +1,98 @@
-"""Skills: a wished course in the world, and the command that leads a body there from its present pose."""
+"""Steering: where a body shall go in the world, and the command that takes it there from its present pose."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from neuroanimator.state.pose import Pose
-from neuroanimator.state.rotation import Numbers, cross
+from jaxtyping import Float
+from numpy.typing import ArrayLike
 
-NEARLY_NOTHING = 1e-6
-"""Added under roots and to lengths, so that slopes stay finite."""
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.pose import Pose
+from neuroanimator.state.rotation import cross
+
+EPSILON = 1e-6
+"""Added under roots and to lengths, so that the slopes of vectors of no length stay finite."""
 
 
 class SteeringTarget(NamedTuple):
-    """Where bodies want to go, all in the world."""
+    """Where bodies shall go, all in the world."""
 
-    direction: Numbers
-    """(..., 3) unit vector"""
-    speed: Numbers
-    """(...) [m/s]"""
-
-
-def forward(pose: Pose, speed: Numbers) -> SteeringTarget:
-    """Return the course straight ahead at `speed` [m/s]."""
-    return SteeringTarget(pose.forward, _alike(speed, pose))
+    direction: Float[AnyArray, "*B 3"]
+    """The unit vector along which each shall point and go."""
+    speed: Float[AnyArray, "*B"]
+    """How fast each shall go along its own X axis [m/s]."""
 
 
-def turn(pose: Pose, angle: Numbers, speed: Numbers) -> SteeringTarget:
-    """Return the course `angle` [rad] to the left of where the body points, as the body sees it."""
-    return SteeringTarget(_between(pose.forward, leftward(pose), angle), _alike(speed, pose))
+def steer_forward(pose: Pose, speed: ArrayLike) -> SteeringTarget:
+    """Return the target straight ahead of the bodies (*B) at `speed`, one for all or (*B) [m/s]."""
+    return SteeringTarget(pose.forward, _for_each(speed, pose))
 
 
-def dive(pose: Pose, angle: Numbers, speed: Numbers) -> SteeringTarget:
-    """Return the course `angle` [rad] below where the body points, as the body sees it."""
-    return SteeringTarget(_between(pose.forward, -upright(pose), angle), _alike(speed, pose))
+def steer_left(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget:
+    """Return the target `angle` [rad] to the left of where the bodies (*B) point, as they see it.
+
+    `angle` and `speed` [m/s] are one for all or (*B); a negative angle is to the right.
+    """
+    direction = _rotated_toward(leftward(pose), pose.forward, angle)
+    return SteeringTarget(direction, _for_each(speed, pose))
 
 
-def command(course: SteeringTarget, pose: Pose) -> Numbers:
-    """Return the commands (..., 4) of `policy.COMMAND` that lead from `pose` to `course`."""
+def steer_down(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget:
+    """Return the target `angle` [rad] below where the bodies (*B) point, as they see it.
+
+    `angle` and `speed` [m/s] are one for all or (*B); a negative angle is above.
+    """
+    direction = _rotated_toward(-upright(pose), pose.forward, angle)
+    return SteeringTarget(direction, _for_each(speed, pose))
+
+
+def command_toward(target: SteeringTarget, pose: Pose) -> Float[AnyArray, "*B 4"]:
+    """Return the commands, as `policy.COMMAND` names them, that lead from `pose` to `target`."""
     xp = pose.position.__array_namespace__()
-    left, up = leftward(pose), upright(pose)
-    ahead, aside, above = (_dot(course.direction, axis) for axis in (pose.forward, left, up))
-    climb = xp.atan2(above, xp.sqrt(ahead**2 + aside**2 + NEARLY_NOTHING))
-    return xp.stack([course.speed, xp.atan2(aside, ahead), climb, -pose.roll], axis=-1)
+    left = leftward(pose)
+    up = upright(pose)
+    ahead = _dot(target.direction, pose.forward)
+    aside = _dot(target.direction, left)
+    above = _dot(target.direction, up)
+    climb = xp.atan2(above, xp.sqrt(ahead**2 + aside**2 + EPSILON))
+    turn = xp.atan2(aside, ahead)
+    return xp.stack([target.speed, turn, climb, -pose.roll], axis=-1)
 
 
-def leftward(pose: Pose) -> Numbers:
-    """Return the unit vectors (..., 3) to the bodies' left."""
+def leftward(pose: Pose) -> Float[AnyArray, "*B 3"]:
+    """Return the unit vectors to the bodies' left."""
     return unit(cross(pose.upward, pose.forward))
 
 
-def upright(pose: Pose) -> Numbers:
-    """Return the unit vectors (..., 3) upward from the bodies, across where they point."""
+def upright(pose: Pose) -> Float[AnyArray, "*B 3"]:
+    """Return the unit vectors upward from the bodies, at right angles to where they point."""
     return cross(pose.forward, leftward(pose))
 
 
-def unit(vectors: Numbers) -> Numbers:
-    """Return `vectors` (..., 3) of length one; those of no length stay so."""
-    return vectors / (_length(vectors) + NEARLY_NOTHING)[..., None]
+def unit(vectors: Float[AnyArray, "*B 3"]) -> Float[AnyArray, "*B 3"]:
+    """Return `vectors` made of length one; those of no length stay so."""
+    return vectors / (_length(vectors) + EPSILON)[..., None]
 
 
-def _length(vectors: Numbers) -> Numbers:
-    return vectors.__array_namespace__().sqrt(_dot(vectors, vectors) + NEARLY_NOTHING**2)
+def _length(vectors: Float[AnyArray, "*B 3"]) -> Float[AnyArray, "*B"]:
+    return vectors.__array_namespace__().sqrt(_dot(vectors, vectors) + EPSILON**2)
 
 
-def _dot(first: Numbers, second: Numbers) -> Numbers:
-    return first.__array_namespace__().sum(first * second, axis=-1)
+def _dot(left: Float[AnyArray, "*#B 3"], right: Float[AnyArray, "*#B 3"]) -> Float[AnyArray, ...]:
+    return left.__array_namespace__().sum(left * right, axis=-1)
 
 
-def _between(first: Numbers, second: Numbers, angle: Numbers) -> Numbers:
-    """Return what lies `angle` from `first` (..., 3) toward `second`, which is across."""
-    xp = first.__array_namespace__()
-    turned = xp.asarray(angle, dtype=first.dtype)
-    return xp.cos(turned)[..., None] * first + xp.sin(turned)[..., None] * second
+def _rotated_toward(
+    side: Float[AnyArray, "*B 3"], forward: Float[AnyArray, "*B 3"], angle: ArrayLike
+) -> Float[AnyArray, "*B 3"]:
+    """Return `forward` rotated by `angle` [rad] toward `side`, which is at right angles to it."""
+    xp = forward.__array_namespace__()
+    angles = xp.asarray(angle, dtype=forward.dtype)
+    return xp.cos(angles)[..., None] * forward + xp.sin(angles)[..., None] * side
 
 
-def _alike(speed: Numbers, pose: Pose) -> Numbers:
-    """Return `speed` for each of the bodies."""
+def _for_each(speed: ArrayLike, pose: Pose) -> Float[AnyArray, "*B"]:
+    """Return `speed`, one for all or (*B), once for each of the bodies."""
     xp = pose.forward.__array_namespace__()
     return xp.zeros_like(pose.forward[..., 0]) + xp.asarray(speed, dtype=pose.forward.dtype)
