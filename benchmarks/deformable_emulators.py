@@ -53,13 +53,13 @@ def accuracy_rows(repeats: int) -> Rows:
 
 def accuracy_row(emulator: Emulator, *, quick: bool) -> dict[str, Any]:
     """Return the errors of one emulator; quartiles are over swims."""
-    system, test = deformable(emulator.spec.system), held_out_runs(emulator, 8 if quick else 32)
+    system, test = deformable(emulator.system), held_out_runs(emulator, 8 if quick else 32)
     swims = compare_swims(emulator, system, 16 if quick else SWIMS, SWIM_STEPS)
     errors, last = one_step_error(emulator, test), -1
     size = 3 * len(system.body.masses)
     return {
         "system": system.name,
-        "substeps": emulator.spec.substeps,
+        "substeps": emulator.substeps,
         "one_step_error": float(root_mean_square(errors)),
         "places": float(root_mean_square(errors[:size])),
         "speeds": float(root_mean_square(errors[size:])),

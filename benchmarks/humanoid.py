@@ -158,7 +158,7 @@ def trained(
 
 def row(one: Measured, every: list[Measured], physics: float) -> dict[str, Any]:
     """Return a line of the table."""
-    names = one.emulator.spec.state.names
+    names = one.emulator.state.names
     root = [*range(6), *range(len(names) - len(names) // 2, len(names) - len(names) // 2 + 6)]
     rivals = [other for other in every if other.family != one.family]
     error = rival_error(one.cost, rivals)

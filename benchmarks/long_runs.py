@@ -18,7 +18,7 @@ import numpy as np
 from neuroanimator import Emulator, find_emulator, load_system
 from neuroanimator.bench.run_table import describe_machine, write_csv
 from neuroanimator.data.sampling import sample_control_runs
-from neuroanimator.emulator.emulator import follow
+from neuroanimator.emulator.emulator import rollout_latent
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 
@@ -33,7 +33,7 @@ PHYSICS_SECONDS = 60.0
 FAR = 1.1
 """Times the range of training that a number the network sees may fill and still be inside."""
 
-_follow = eqx.filter_jit(jax.vmap(follow, in_axes=(None, 0, 0)))
+_follow = eqx.filter_jit(jax.vmap(rollout_latent, in_axes=(None, 0, 0)))
 
 
 def moved(states: np.ndarray) -> float:
@@ -49,10 +49,10 @@ def physics_at_rest(system: System, dt: float) -> float:
 
 def emulator_at_rest(emulator: Emulator, steps: int) -> tuple[float, float]:
     """Return how far the emulator strays at rest, without control: in a minute, and in `steps` super steps."""
-    idle = emulator.spec.bounds.idle
+    idle = emulator.bounds.idle
     minute = np.tile(idle, (round(PHYSICS_SECONDS / emulator.dt), 1))
-    short = moved(np.asarray(emulator.rollout(np.array(emulator.spec.rest), minute), float)[1:])
-    latent, held = emulator.encode_motion(emulator.spec.rest, np.tile(idle, (BLOCK, 1)))
+    short = moved(np.asarray(emulator.rollout(emulator.rest, minute), float)[1:])
+    latent, held = emulator.encode_motion(emulator.rest, np.tile(idle, (BLOCK, 1)))
     first = np.asarray(_follow(emulator, latent[None], held[None])[:, 0])
     furthest = 0.0
     state = jnp.asarray(first)
@@ -68,7 +68,7 @@ def emulator_at_rest(emulator: Emulator, steps: int) -> tuple[float, float]:
 def driven(emulator: Emulator, system: System, steps: int) -> dict[str, float]:
     """Return how many motions under random controls stay finite and within the range of training, and how high."""
     rng = np.random.default_rng(7)
-    start, _ = emulator.encode_motion(emulator.spec.rest, emulator.spec.bounds.idle)
+    start, _ = emulator.encode_motion(emulator.rest, emulator.bounds.idle)
     state = jnp.tile(start, (STARTS, 1))
     is_alive = np.ones(STARTS, bool)
     is_inside = np.ones(STARTS, bool)

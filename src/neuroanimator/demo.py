@@ -118,7 +118,7 @@ def _write(out: Path, evaluation: Evaluation, found: Synthesis) -> list[Path]:
     ]
     write_glb(clip, files[0])
     times = np.arange(len(found.descent.controls)) * emulator.dt
-    write_table(files[1], times, found.descent.controls, emulator.spec.control)
+    write_table(files[1], times, found.descent.controls, emulator.control)
     write_report([evaluation], files[2], extra=[("Swing-up", _swing_up_html(found))])
     try:
         write_video(clip, out / "swing-up.mp4")

@@ -71,7 +71,7 @@ def test_the_skeleton_stands_where_mujoco_puts_the_bodies(name: str):
 
 
 def test_links_stay_joined_and_of_their_length(shipped: Emulator):
-    positions, _ = shipped.spec.skeleton.world_poses(random_motion(shipped, 5.0, seed=1))
+    positions, _ = shipped.skeleton.world_poses(random_motion(shipped, 5.0, seed=1))
     np.testing.assert_allclose(np.linalg.norm(np.diff(positions, axis=1), axis=-1), 0.5, atol=1e-9)
 
 

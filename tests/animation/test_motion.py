@@ -72,7 +72,7 @@ def test_what_names_no_rates_is_animated(write, tmp_path: Path):
     path = tmp_path / "own.emulator.safetensors"
     train(read_transitions(tmp_path / "data"), training_config(updates=250, widths=(8,)), path)
     emulator = Emulator.load(path)
-    assert emulator.spec.rates == ()
+    assert emulator.rates == ()
     clip = make_clip(emulator, random_motion(emulator, 2.0, seed=1))
     assert np.isfinite(clip.states).all()
     assert clip.times[-1] == pytest.approx(2.0)

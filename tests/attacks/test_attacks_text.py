@@ -137,7 +137,7 @@ def test_no_text_of_an_emulator_reaches_generated_c(shipped: Emulator):
     text = HOSTILE_TEXTS["C out of a comment"]
     assert c_program(renamed(shipped, text)) == c_program(shipped)
     assert "constructor" not in c_program(renamed(shipped, text))
-    assert shipped.spec.system not in c_program(shipped)
+    assert shipped.system not in c_program(shipped)
 
 
 def an_evaluation(text: str) -> Evaluation:
@@ -215,9 +215,9 @@ def test_what_animate_writes_read_clip_reads_for_every_name_that_loads(
         lambda metadata: metadata["state"][0].__setitem__(0, "left hip/x:2.Größe-1"),
     )
     emulator = Emulator.load(path)
-    states = np.zeros((3, emulator.spec.state.size))
-    clip = Clip(emulator.spec.system, emulator.spec.skeleton, np.arange(3) / 30, states)
-    write_clip(clip, tmp_path / "clip.csv", emulator.spec.state)
+    states = np.zeros((3, emulator.state.size))
+    clip = Clip(emulator.system, emulator.skeleton, np.arange(3) / 30, states)
+    write_clip(clip, tmp_path / "clip.csv", emulator.state)
     np.testing.assert_allclose(read_clip(tmp_path / "clip.csv", emulator).states, states)
 
 
@@ -283,4 +283,4 @@ def test_every_shipped_emulator_says_the_same_after_the_checks():
 
 
 def test_shipped_names_keep_the_rules():
-    assert Emulator.load(find_emulator("fish-50")).spec.state.names[0] == "nose[0] m"
+    assert Emulator.load(find_emulator("fish-50")).state.names[0] == "nose[0] m"

@@ -76,7 +76,7 @@ def test_a_long_double_beyond_double_precision_is_not_finite():
 
 
 def test_an_emulator_refuses_text_as_state_and_complex_controls(shipped: Emulator):
-    rest, still = np.array(shipped.spec.rest), np.zeros((4, 3))
+    rest, still = shipped.rest, np.zeros((4, 3))
     with pytest.raises(ArgumentError, match="state: wanted real numbers"):
         shipped.rollout(["a"] * 6, still)
     with pytest.raises(ArgumentError, match="control: wanted real numbers"):

@@ -91,13 +91,13 @@ def test_a_rollout_is_the_same_in_c(name: str):
     program = c_emulator(emulator)
     assert program is not None
     rng = np.random.default_rng(0)
-    bounds = emulator.spec.bounds
+    bounds = emulator.bounds
     held = bounds.middle + rng.uniform(-1, 1, (10, len(bounds.half))) * bounds.half
-    start, controls = emulator.encode_motion(emulator.spec.rest, held)
+    start, controls = emulator.encode_motion(emulator.rest, held)
     last = np.asarray(
         emulator.decode(jnp.asarray(program.play(np.asarray(start), np.asarray(controls))))
     )
-    expected = np.asarray(emulator.rollout(emulator.spec.rest, held))[-1]
+    expected = np.asarray(emulator.rollout(emulator.rest, held))[-1]
     np.testing.assert_allclose(last, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
 
 

@@ -33,7 +33,7 @@ def emulator_called(name: str) -> Emulator:
 
 
 def idle(emulator: Emulator, seconds: float = SECONDS) -> np.ndarray:
-    return np.tile(emulator.spec.bounds.idle, (round(seconds / emulator.dt), 1))
+    return np.tile(emulator.bounds.idle, (round(seconds / emulator.dt), 1))
 
 
 @pytest.mark.parametrize("name", ["cube", "dolphin", "fish", "lander", "pendulum", "truck"])
@@ -48,7 +48,7 @@ def test_the_physics_stays_at_rest(name: str):
 @pytest.mark.parametrize("name", RESTING)
 def test_an_emulated_body_stays_at_rest(name: str):
     emulator = emulator_called(name)
-    states = np.asarray(emulator.rollout(np.array(emulator.spec.rest), idle(emulator)), float)
+    states = np.asarray(emulator.rollout(emulator.rest, idle(emulator)), float)
     assert np.abs(states[1:] - states[1]).max() < STILL
     start = (
         states[1] - states[0]
@@ -59,13 +59,13 @@ def test_an_emulated_body_stays_at_rest(name: str):
 @pytest.mark.parametrize("name", ["cube-50", "lander-50", "truck-50"])
 def test_a_body_that_was_driven_comes_to_rest(name: str):
     emulator = emulator_called(name)
-    system = load_system(emulator.spec.system)
+    system = load_system(emulator.system)
     driven = round(2 / emulator.dt)
     controls = np.tile(idle(emulator), (8, 1, 1))
     controls[:, :driven] = sample_control_runs(
         np.random.default_rng(0), 8, driven, emulator.dt, system
     )
-    starts = np.tile(np.array(emulator.spec.rest), (8, 1))
+    starts = np.tile(emulator.rest, (8, 1))
     states = np.asarray(emulator.rollout(starts, controls), float)
     last = states[:, -round(10 / emulator.dt) :, :3]
     assert np.linalg.norm(last[:, -1] - last[:, 0], axis=-1).max() < 0.02
@@ -86,14 +86,14 @@ def test_some_runs_cease_to_be_controlled():
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300])
 def test_what_is_not_finite_or_huge_is_covered_nowhere_and_refused_by_name(name: str, wrong: float):
     emulator = emulator_called(name)
-    rest = np.array(emulator.spec.rest)
-    control = emulator.spec.bounds.idle
+    rest = emulator.rest
+    control = emulator.bounds.idle
     assert emulator.covers(rest, control)
     for entry in range(len(rest)):
         state = rest.copy()
         state[entry] = wrong
         assert not emulator.covers(state, control)
-    named = emulator.spec.state.names[len(rest) - 1]
+    named = emulator.state.names[len(rest) - 1]
     with pytest.raises(ArgumentError) as caught:
         emulator.rollout(state, control[None])
     assert named in str(caught.value)
@@ -104,8 +104,8 @@ def test_what_is_not_finite_or_huge_is_covered_nowhere_and_refused_by_name(name:
 
 def test_controls_are_covered_up_to_their_own_bounds_and_no_further():
     emulator = emulator_called("lander-50")
-    rest = np.array(emulator.spec.rest)
-    bounds = emulator.spec.bounds
+    rest = emulator.rest
+    bounds = emulator.bounds
     assert emulator.covers(rest, np.array(bounds.low))
     assert emulator.covers(rest, np.array(bounds.high))
     assert not emulator.covers(rest, np.array(bounds.high) * 1.01)
@@ -113,17 +113,17 @@ def test_controls_are_covered_up_to_their_own_bounds_and_no_further():
 
 def test_a_state_no_motion_follows_from_is_refused():
     emulator = emulator_called("fish-50")
-    control = emulator.spec.bounds.idle[None]
+    control = emulator.bounds.idle[None]
     with pytest.raises(ArgumentError, match="no motion follows from it"):
-        emulator.rollout(np.zeros(emulator.spec.state.size), control)
+        emulator.rollout(np.zeros(emulator.state.size), control)
 
 
 @pytest.mark.parametrize("name", ["fish-50", "pendulum-50"])
 def test_no_controls_leave_the_start_alone(name: str):
     emulator = emulator_called(name)
-    rest = np.array(emulator.spec.rest)
+    rest = emulator.rest
     assert np.array_equal(
-        emulator.rollout(rest, np.zeros((0, emulator.spec.control.size))), jnp.float32(rest)[None]
+        emulator.rollout(rest, np.zeros((0, emulator.control.size))), jnp.float32(rest)[None]
     )
 
 
@@ -131,7 +131,7 @@ def test_what_a_network_sees_stays_within_the_range_of_training():
     emulator = emulator_called("truck-50")
     seen = emulator.features.plain
     low, high = (np.asarray(end) for end in emulator.domain.widened(0.1, slice(len(seen))))
-    state = np.array(emulator.spec.rest)
+    state = emulator.rest
     state[2] += 5.0  # five metres over the ground
-    after = np.asarray(emulator.rollout(state, emulator.spec.bounds.idle[None]))[-1]
+    after = np.asarray(emulator.rollout(state, emulator.bounds.idle[None]))[-1]
     assert ((after[list(seen)] >= low - 1e-5) & (after[list(seen)] <= high + 1e-5)).all()

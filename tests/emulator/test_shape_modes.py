@@ -154,7 +154,7 @@ def test_a_rollout_is_repeated_steps_of_a_decoded_body(case: tuple[Transitions, 
     path = emulator.rollout(data.states[0, 0], data.controls[0])
     latent, advance = (
         emulator.encode(jnp.asarray(data.states[0, 0])),
-        eqx.filter_jit(emulator.advance),
+        eqx.filter_jit(emulator.step_latent),
     )
     for control, state in zip(data.controls[0], path[1:], strict=True):
         latent = advance(latent, emulator.encode_control(jnp.asarray(control)))
@@ -178,7 +178,7 @@ def test_the_gradient_of_a_motion_equals_finite_differences(case: tuple[Transiti
         def reach(controls):
             state = jnp.asarray(latent)
             for control in double.encode_control(controls):
-                state = double.advance(state, control)
+                state = double.step_latent(state, control)
             return double.decode(state)[0]
 
         slope = jnp.vdot(jax.jit(jax.grad(reach))(jnp.asarray(controls)), way)

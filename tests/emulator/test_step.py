@@ -23,8 +23,8 @@ def emulators() -> dict[str, Emulator]:
 
 
 def inputs(emulator: Emulator) -> tuple[np.ndarray, np.ndarray]:
-    bounds = emulator.spec.bounds
-    return np.array(emulator.spec.rest), bounds.middle + 0.3 * bounds.half
+    bounds = emulator.bounds
+    return emulator.rest, bounds.middle + 0.3 * bounds.half
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

@@ -60,7 +60,7 @@ def test_f19_c_and_jax_say_the_same_of_a_thousand_inputs(name: str, tally: Tally
     held = spec.bounds.middle + rng.uniform(-1, 1, (1000, spec.control.size)) * spec.bounds.half
     states = np.asarray(emulator.rollout(spec.rest, held), np.float32)[:-1]
     starts, controls = emulator.encode(states), emulator.encode_control(held.astype(np.float32))
-    advance = jax.jit(jax.vmap(lambda start, control: emulator.advance(start, control)))
+    advance = jax.jit(jax.vmap(lambda start, control: emulator.step_latent(start, control)))
     expected = np.asarray(advance(starts, controls))
     starts, controls = np.asarray(starts), np.asarray(controls)
     found = np.stack([program.play(*each) for each in zip(starts, controls[:, None], strict=True)])

@@ -49,7 +49,7 @@ def emulator_case(emulator: Emulator) -> dict[str, Any]:
 
 def policy_case(policy: Policy) -> dict[str, Any]:
     """Return states, phases, commands and the controls for them."""
-    rng, rest = np.random.default_rng(2), np.array(policy.emulator.spec.rest)
+    rng, rest = np.random.default_rng(2), policy.emulator.rest
     states = rest + rng.normal(size=(STEPS, len(rest))) * 0.003
     phases, commands = rng.uniform(0, 6, STEPS), rng.uniform(RANGES.low, RANGES.high, (STEPS, 4))
     controls = controls_of(policy, states, phases, commands)

@@ -23,7 +23,7 @@ ADVICE = "(A Box observation space m..imum value is|For Box action spaces, we re
 
 
 def random_actions(emulator: Emulator, *shape: int) -> np.ndarray:
-    bounds = emulator.spec.bounds
+    bounds = emulator.bounds
     return (
         np.random.default_rng(0)
         .uniform(bounds.low, bounds.high, (*shape, len(bounds.low)))
@@ -126,11 +126,11 @@ def test_starts_lie_near_rest_and_differ_with_the_noise(shipped: Emulator):
 
 def test_without_noise_a_start_is_rest_itself(every_kind: Emulator):
     start = start_near_rest(every_kind, 0.0, np.random.default_rng(0))
-    assert np.array_equal(start, every_kind.spec.rest)
+    assert np.array_equal(start, every_kind.rest)
 
 
 def test_a_start_lies_as_far_from_rest_as_the_noise_is_large(every_kind: Emulator):
-    rest = np.array(every_kind.spec.rest)
+    rest = every_kind.rest
     little, much = (
         start_near_rest(every_kind, noise, np.random.default_rng(0)) - rest
         for noise in (1e-6, 1e-5)
@@ -158,7 +158,7 @@ def test_actions_beyond_the_bounds_are_clipped(env: EmulatorEnv, shipped: Emulat
     ends = []
     for factor in (1, 10):
         env.reset(seed=0)
-        ends.append(env.step(factor * np.array(shipped.spec.bounds.high)))
+        ends.append(env.step(factor * np.array(shipped.bounds.high)))
     assert np.array_equal(ends[0][0], ends[1][0])
     assert ends[0][1] == ends[1][1] == pytest.approx(-1.5 * shipped.dt)
 

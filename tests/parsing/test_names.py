@@ -54,7 +54,7 @@ def test_everything_a_user_holds_shows_itself_in_one_line(transitions):
 
 @pytest.mark.parametrize("name", ["pendulum-50", "pendulum"])
 def test_a_shipped_emulator_is_loaded_by_its_name(name: str):
-    assert na.Emulator.load(name).spec.substeps == 50
+    assert na.Emulator.load(name).substeps == 50
 
 
 def test_an_unknown_name_lists_the_shipped_ones_and_a_path_is_never_a_name(tmp_path, monkeypatch):

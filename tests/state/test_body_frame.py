@@ -66,7 +66,7 @@ def moved(system: System, states: np.ndarray, heading: np.ndarray, shift: np.nda
 
 
 def test_turning_and_moving_the_world_changes_a_prediction_by_less_than_1e_5(fresh: Emulator):
-    system, rng = load_system(fresh.spec.system), np.random.default_rng(1)
+    system, rng = load_system(fresh.system), np.random.default_rng(1)
     states, controls = random_states(system, 200)
     heading = facing(rng.uniform(-np.pi, np.pi, 200))
     shift = np.concatenate([rng.uniform(-10, 10, (200, 2)), np.zeros((200, 1))], axis=1)
@@ -87,7 +87,7 @@ def test_turning_and_moving_the_world_changes_a_prediction_by_less_than_1e_5(fre
 
 def test_gravity_is_not_turned_away(fresh: Emulator):
     """Tipping the world over is no symmetry: the prediction must change."""
-    system = load_system(fresh.spec.system)
+    system = load_system(fresh.system)
     states, controls = random_states(system, 50)
     tipped = np.array(states)
     tipped[:, 3:7] = multiply(
@@ -101,7 +101,7 @@ def test_gravity_is_not_turned_away(fresh: Emulator):
 
 
 def test_quaternions_stay_of_unit_length(fresh: Emulator):
-    system = load_system(fresh.spec.system)
+    system = load_system(fresh.system)
     states, _ = random_states(system, 20)
     controls = system.bounds.middle + np.zeros((20, 200, system.control.size))
     path = np.asarray(fresh.rollout(states, controls))
@@ -177,7 +177,7 @@ def test_turns_are_undone_and_small_ones_are_rotation_vectors():
 
 
 def test_the_gradient_through_the_frame_equals_finite_differences(fresh: Emulator):
-    system = load_system(fresh.spec.system)
+    system = load_system(fresh.system)
     states, controls = random_states(system, 1)
     with jax.enable_x64(True):
         exact = jax.tree.map(

@@ -71,9 +71,9 @@ def _free_hinges(emulator: Emulator) -> np.ndarray:
     """Return the state entries of hinges that are at 0 at rest; a body of mass points has none."""
     if emulator.modes is not None:
         return np.array([], int)
-    angles = np.asarray(emulator.features.angles).any(axis=0) & (np.array(emulator.spec.rest) == 0)
+    angles = np.asarray(emulator.features.angles).any(axis=0) & (emulator.rest == 0)
     positions = np.array(
-        [position for position, _ in emulator.spec.rates], int
+        [position for position, _ in emulator.rates], int
     )  # int even where there are none
     return np.intersect1d(np.flatnonzero(angles), positions)
 
@@ -141,7 +141,7 @@ def _is_soft_on_ground(emulator: Emulator) -> bool:
     """Return whether this is a body of mass points that at rest lies wholly above the level its heights count from."""
     if emulator.modes is None or not emulator.frame.has_gravity or emulator.frame.is_immersed:
         return False
-    positions, _ = _points(emulator, np.array(emulator.spec.rest))
+    positions, _ = _points(emulator, emulator.rest)
     return float(positions[:, 2].min()) > _level(emulator) - 0.05 * float(np.ptp(positions[:, 2]))
 
 

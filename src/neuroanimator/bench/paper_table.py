@@ -182,7 +182,7 @@ def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: 
 def latency(emulator: Emulator) -> dict[str, float]:
     """Return the 50th and 99th percentile of one super step called from Python [µs]: mostly the call."""
     step = emulator.step
-    state, control = jnp.asarray(emulator.spec.rest), jnp.zeros(emulator.spec.control.size)
+    state, control = jnp.asarray(emulator.rest), jnp.zeros(emulator.control.size)
     spans = []
     with one_core():
         step(state, control).block_until_ready()  # compiles
@@ -204,8 +204,8 @@ def batch_microseconds(
     The faster counts; `program` is the emulator in C, if there is one: it keeps the last states only, as physics does.
     """
     run = compiled(emulator, jax.vmap(rollout, (None, 0, 0)))
-    states = jnp.tile(jnp.asarray(emulator.spec.rest), (batch, 1))
-    controls = jnp.tile(jnp.asarray(emulator.spec.bounds.middle, jnp.float32), (batch, steps, 1))
+    states = jnp.tile(jnp.asarray(emulator.rest), (batch, 1))
+    controls = jnp.tile(jnp.asarray(emulator.bounds.middle, jnp.float32), (batch, steps, 1))
     run(states, controls).block_until_ready()
     players: dict[str, Callable[[], Any]] = {
         IN_JAX: lambda: run(states, controls).block_until_ready()

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from neuroanimator.emulator.emulator import Emulator, follow
+from neuroanimator.emulator.emulator import Emulator, rollout_latent
 from neuroanimator.emulator.shape_modes import RIGID
 from neuroanimator.state.reference_shape import flat_of, points_of
 from neuroanimator.systems.deformable.body import Body, largest_step
@@ -56,10 +56,10 @@ def follow_corrected(
 ) -> Float[Array, "T I"]:
     """Return `follow`, corrected after `every` super steps; T must be a multiple of it."""
     if correction is None:
-        return follow(emulator, latent, controls, is_bounded=is_bounded)
+        return rollout_latent(emulator, latent, controls, is_bounded=is_bounded)
 
     def stretch(latent: Float[Array, " I"], held: Float[Array, "K C"]) -> tuple[Array, Array]:
-        path = follow(emulator, latent, held, is_bounded=is_bounded)
+        path = rollout_latent(emulator, latent, held, is_bounded=is_bounded)
         last = correction(path[-1])
         return last, path.at[-1].set(last)
 

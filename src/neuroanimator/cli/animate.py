@@ -54,7 +54,7 @@ def run(
     with phase("emulating"):
         begin = named_start(model, read_starts(start)) if start else None
         if controls:
-            states = controlled_motion(model, read_table(controls, model.spec.control)[1], begin)
+            states = controlled_motion(model, read_table(controls, model.control)[1], begin)
         else:
             states = random_motion(model, seconds, seed, begin)
     clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="emulator")

@@ -230,7 +230,7 @@ def _write(found: Synthesis, out: Path, glb: Path | None) -> None:
     from neuroanimator.terminal import phase
 
     controls, emulator = found.descent.controls, found.emulator
-    write_table(out, np.arange(len(controls)) * emulator.dt, controls, emulator.spec.control)
+    write_table(out, np.arange(len(controls)) * emulator.dt, controls, emulator.control)
     if glb:
         with phase("drawing"):
             write_comparison(emulator, found.outcome, glb)

@@ -13,7 +13,7 @@ import numpy as np
 from neuroanimator.codegen.c_function import HEAD, c_function
 from neuroanimator.codegen.program import UnsupportedError
 from neuroanimator.compiler.compiler import compiled_library, find_compiler
-from neuroanimator.emulator.emulator import Emulator, follow
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
 
 CHECKED_STEPS = 30
@@ -22,14 +22,14 @@ TOLERANCE = 1e-4
 
 
 def c_program(emulator: Emulator) -> str:
-    """Return C text of `play`: steps of `Emulator.advance` in float32, in the numbers of `Emulator.encode`.
+    """Return C text of `play`: steps of `Emulator.step_latent` in float32, in the numbers of `Emulator.encode`.
 
     Only numbers and names of our own are written: none of the text an emulator carries reaches a compiler.
     """
-    start, controls = emulator.encode_motion(emulator.spec.rest, emulator.spec.bounds.middle)
+    start, controls = emulator.encode_motion(emulator.rest, emulator.bounds.middle)
     (latent,), (control,) = start.shape, controls.shape
     return f"""/* A super step of {float(emulator.dt):g} s: {latent} numbers, {control} controls. */
-{HEAD}{c_function("super_step", emulator.advance, (latent,), (control,))}
+{HEAD}{c_function("super_step", emulator.step_latent, (latent,), (control,))}
 /* `steps` super steps under (steps, {control}) controls; `after` has the last. */
 void play(const float *before, const float *controls, long steps, float *after) {{
 float now[{latent}];
@@ -88,7 +88,7 @@ def _check(program: CEmulator, emulator: Emulator) -> None:
         spec.rest, spec.bounds.middle + share * spec.bounds.half
     )
     states = np.asarray(
-        jnp.concatenate([start[None], eqx.filter_jit(follow)(emulator, start, controls)])
+        jnp.concatenate([start[None], eqx.filter_jit(rollout_latent)(emulator, start, controls)])
     )
     finite = states[: int(np.isfinite(states).all(axis=1).cumprod().sum())]
     pairs = zip(finite[:-1], np.asarray(controls)[: len(finite) - 1, None], strict=True)

@@ -98,9 +98,59 @@ class Emulator(eqx.Module):
     """Of a deformable body: the few numbers the super step is made in."""
 
     @property
+    def system(self) -> str:
+        """Name of the system."""
+        return self.spec.system
+
+    @property
+    def state(self) -> Layout:
+        """Named parts and units of a state (S,)."""
+        return self.spec.state
+
+    @property
+    def control(self) -> Layout:
+        """Named parts and units of a control (C,)."""
+        return self.spec.control
+
+    @property
+    def bounds(self) -> Bounds:
+        """Lowest and highest value of every control."""
+        return self.spec.bounds
+
+    @property
+    def rest(self) -> Float[np.ndarray, " S"]:
+        """A state of rest, as a new array: motions begin there if nothing else is said."""
+        return np.array(self.spec.rest)
+
+    @property
     def dt(self) -> float:
         """Time one super step covers [s]."""
         return self.spec.dt
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps one super step stands for."""
+        return self.spec.substeps
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Bones to draw a state with."""
+        return self.spec.skeleton
+
+    @property
+    def rates(self) -> tuple[tuple[int, int], ...]:
+        """(i, j) where state entry j is the time derivative of entry i."""
+        return self.spec.rates
+
+    @property
+    def gait(self) -> Gait | None:
+        """How the system moves along if nothing else is said; None where it has no such way."""
+        return self.spec.gait
+
+    @property
+    def definition(self) -> str:
+        """JSON text the system can be made from again; empty for one that comes with the package."""
+        return self.spec.definition
 
     @property
     def step(self) -> Step:
@@ -112,7 +162,7 @@ class Emulator(eqx.Module):
         spec, kind = self.spec, self.normaliser.change_scale.dtype
         return Step(step, self, spec.state, spec.control, kind)
 
-    def advance(
+    def step_latent(
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
     ) -> Float[Array, " I"]:
         """Return `step` in the numbers it is made in: those of `encode` and `encode_control`.
@@ -120,7 +170,7 @@ class Emulator(eqx.Module):
         A deformable body's shape and speed, and the numbers a network is shown of any other state, are kept within
         what training showed.
         """
-        following = self.leap(latent, control)
+        following = self.step_latent_unbounded(latent, control)
         return self._kept(following) if self.modes is None else self.modes.bounded(following)
 
     def _kept(self, state: Float[Array, " S"]) -> Float[Array, " S"]:
@@ -132,17 +182,18 @@ class Emulator(eqx.Module):
         seen = self.features.plain_of(state)
         return self.features.with_plain(state, jnp.clip(seen, low, high))
 
-    def leap(self, latent: Float[Array, " I"], control: Float[Array, " C"]) -> Float[Array, " I"]:
-        """Return what the network makes of `latent`: `advance` before anything is kept within bounds."""
+    def step_latent_unbounded(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> Float[Array, " I"]:
+        """Return what the network makes of `latent`: `step_latent` before anything is kept within bounds."""
         plain = self.normaliser.forward(self.domain.clip(self.seen(latent, control)))
         change = self.normaliser.inverse(self.network(*self.features.streams(latent, plain)))
         return self.frame.apply(latent, change, control)
 
     def rest_streams(self) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
         """Return what the network sees at rest without control; left and right are alike there, to the last bit."""
-        spec = self.spec
-        latent = self.encode(np.array(spec.rest))
-        control = self.encode_control(spec.bounds.idle)
+        latent = self.encode(self.rest)
+        control = self.encode_control(self.bounds.idle)
         seen = jnp.asarray(self.seen(latent, control), jnp.float32)
         plain = self.normaliser.forward(self.domain.clip(seen))
         odd, even = self.features.streams(jnp.asarray(latent, jnp.float32), plain)
@@ -165,13 +216,13 @@ class Emulator(eqx.Module):
         return latent if self.modes is None else self.modes.decode(latent)
 
     def encode_control(self, control: Numbers) -> Numbers:
-        """Return the controls (..., C) as `advance` takes them."""
+        """Return the controls (..., C) as `step_latent` takes them."""
         return control if self.modes is None else self.modes.encode_control(control)
 
     def encode_motion(
         self, state: ArrayLike, controls: ArrayLike
     ) -> tuple[Float[Array, " I"], Float[Array, "*T C"]]:
-        """Return a start (S,) and the controls (..., C) from there on as `advance` takes them, in float32."""
+        """Return a start (S,) and the controls (..., C) from there on as `step_latent` takes them, in float32."""
         return self.encode(as_jax(state)), self.encode_control(as_jax(controls))
 
     def seen(self, latent: Numbers, control: Numbers) -> Numbers:
@@ -296,7 +347,7 @@ def step(
 ) -> Float[Array, " S"]:
     """Return the state one super step after `state`. For use inside jit, grad and vmap."""
     latent = emulator.encode(state)
-    return emulator.decode(emulator.advance(latent, emulator.encode_control(control)))
+    return emulator.decode(emulator.step_latent(latent, emulator.encode_control(control)))
 
 
 def rollout(
@@ -307,13 +358,13 @@ def rollout(
     unroll: int = UNROLL,
 ) -> Float[Array, "T+1 S"]:
     """Return the trajectory from `state`, start included. For use inside jit, grad and vmap."""
-    latent = follow(
+    latent = rollout_latent(
         emulator, emulator.encode(state), emulator.encode_control(controls), unroll=unroll
     )
     return jnp.concatenate([state[None], emulator.decode(latent)])
 
 
-def follow(
+def rollout_latent(
     emulator: Emulator,
     latent: Float[Array, " I"],
     controls: Float[Array, "T C"],
@@ -325,7 +376,7 @@ def follow(
 
     Training follows the network alone: what bounds do to a stray body teaches nothing.
     """
-    one = emulator.advance if is_bounded else emulator.leap
+    one = emulator.step_latent if is_bounded else emulator.step_latent_unbounded
 
     def advance(latent, control):
         following = one(latent, control)

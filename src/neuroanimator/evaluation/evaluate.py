@@ -221,10 +221,10 @@ def evaluate(
             else 0
         )
     return Evaluation(
-        system=emulator.spec.system,
-        substeps=emulator.spec.substeps,
+        system=emulator.system,
+        substeps=emulator.substeps,
         dt=emulator.dt,
-        entries=emulator.spec.state.names,
+        entries=emulator.state.names,
         error_by_entry=errors,
         times=np.arange(found.shape[1]) * emulator.dt,
         rollout_errors=rollout_error(test.frame, found, test.states),

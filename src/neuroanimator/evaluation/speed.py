@@ -175,7 +175,7 @@ def measure_speed(emulator: Emulator, test: HeldOut, error: float, repeats: int 
     )  # an error that is no number is no worse than any
     tuned = per_step[system.scheme.integrator]
     plain = per_step.get(PLAIN, tuned)
-    nominal = plain * emulator.spec.substeps / per_super_step
+    nominal = plain * emulator.substeps / per_super_step
     equal = rival.seconds / per_super_step
     return Speed(
         per_super_step,
@@ -245,7 +245,7 @@ def _timed_motion(emulator: Emulator) -> tuple[Array, Array]:
 def _last_state(
     emulator: Emulator, state: Float[Array, " I"], controls: Float[Array, "T C"]
 ) -> Float[Array, " I"]:
-    step = emulator.advance
+    step = emulator.step_latent
     return jax.lax.scan(
         lambda state, control: (step(state, control), None), state, controls, unroll=UNROLL
     )[0]

@@ -83,11 +83,11 @@ def write_clip(clip: Clip, path: Path, layout: Layout) -> None:
 
 def read_clip(path: Path, emulator: Emulator) -> Clip:
     """Return the clip that `write_clip` wrote of a motion of `emulator`'s system."""
-    times, states = read_table(path, emulator.spec.state)
+    times, states = read_table(path, emulator.state)
     if (
         len(times) < 2
         or not np.allclose(np.diff(times), times[1] - times[0], rtol=1e-4)
         or times[1] <= times[0]
     ):
         raise BadFileError(f"{path}: wanted at least two evenly spaced, rising times.")
-    return Clip(emulator.spec.system, emulator.spec.skeleton, times, states)
+    return Clip(emulator.system, emulator.skeleton, times, states)

@@ -22,7 +22,7 @@ def emulator_for(outs: list[Path], name: str) -> Emulator:
     """Return the emulator called `name`; refuse file names it cannot be exported to, before any work is done."""
     _check_formats(outs)
     emulator = Emulator.load(find_emulator(name))
-    _check_bodies(emulator.spec.skeleton, outs)
+    _check_bodies(emulator.skeleton, outs)
     return emulator
 
 
@@ -36,7 +36,7 @@ def export_clip(clip: Clip, emulator: Emulator, outs: list[Path], film: Film = U
         elif path.suffix == ".mp4":
             write_video(clip, path, size=film.size, camera=film.camera)
         else:
-            write_clip(clip, path, emulator.spec.state)
+            write_clip(clip, path, emulator.state)
 
 
 def _check_formats(outs: list[Path]) -> None:

@@ -50,7 +50,7 @@ class RunningCost(eqx.Module):
     @classmethod
     def of(cls, emulator: Emulator, objective: Objective | None = None) -> RunningCost:
         """Return the reward that fits `emulator`."""
-        return cls(objective, jnp.asarray(emulator.spec.bounds.magnitude, jnp.float32), emulator.dt)
+        return cls(objective, jnp.asarray(emulator.bounds.magnitude, jnp.float32), emulator.dt)
 
     def __call__(
         self, state: Float[Array, " S"], control: Float[Array, " C"], following: Float[Array, " S"]
@@ -75,7 +75,7 @@ def _advance(
     A step is far away by where it begins, too: what it ends in is kept within the range of training.
     """
     held = emulator.encode_control(control)
-    following = emulator.advance(latent, held)
+    following = emulator.step_latent(latent, held)
     after = emulator.decode(following)
     low, high = emulator.domain.widened(FAR, slice(None))
     seen = jnp.stack([emulator.seen(latent, held), emulator.seen(following, held)])
@@ -126,16 +126,14 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._camera = Camera(emulator.spec)
         self.reward = reward or RunningCost.of(emulator, objective)
         self.steps = round(seconds / emulator.dt)
-        bounds = emulator.spec.bounds
+        bounds = emulator.bounds
         low, high = np.array(bounds.low, np.float32), np.array(bounds.high, np.float32)
         self.single_action_space = Box(low, high, dtype=np.float32)
-        self.single_observation_space = Box(
-            -np.inf, np.inf, (emulator.spec.state.size,), np.float32
-        )
+        self.single_observation_space = Box(-np.inf, np.inf, (emulator.state.size,), np.float32)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._random = [np_random()[0] for _ in range(num_envs)]
-        self._place(np.array(emulator.spec.rest))
+        self._place(emulator.rest)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -147,7 +145,7 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if unknown:
             raise ArgumentError(f"No reset option called '{unknown.pop()}'. Options: state.")
         if options:
-            self._place(self.emulator.spec.state.check(options["state"], "state"))
+            self._place(self.emulator.state.check(options["state"], "state"))
         else:
             self._place(
                 np.stack(
@@ -195,12 +193,12 @@ class EmulatorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _controls(self, actions: ArrayLike) -> np.ndarray:
         """Return `actions` (B, C), brought within the bounds as a motor would."""
-        controls = self.emulator.spec.control.check(actions, "action")
+        controls = self.emulator.control.check(actions, "action")
         if controls.shape != self.action_space.shape:
             raise ArgumentError(
                 f"action: wanted shape {self.action_space.shape}, came {controls.shape}."
             )
-        return self.emulator.spec.bounds.clip(controls).astype(np.float32)
+        return self.emulator.bounds.clip(controls).astype(np.float32)
 
 
 @final
@@ -210,7 +208,7 @@ class EmulatorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     An episode starts near rest, or where `reset(options={"state": ...})` says. It is truncated after
     `seconds`, and terminated where the state is no number or far (`FAR`) outside what the emulator was
     trained on. `info["covered"]` says whether training covered the step. Actions are clipped to the bounds.
-    Observations have no bounds, since a free body may go anywhere: `emulator.spec.state` names each
+    Observations have no bounds, since a free body may go anywhere: `emulator.state` names each
     number and its unit. The tasks of `gym_tasks` see the body from its own frame, within bounds.
     """
 
@@ -274,7 +272,7 @@ def start_near_rest(emulator: Emulator, noise: float, random: np.random.Generato
     frame = replace(
         emulator.frame, dt=0.0
     )  # noise is drawn around rest as it is, not as it would coast
-    unit, rest = np.asarray(emulator.normaliser.unit, float), np.array(emulator.spec.rest)
+    unit, rest = np.asarray(emulator.normaliser.unit, float), emulator.rest
     changes = np.stack([np.zeros_like(unit), noise * unit * random.normal(size=unit.shape)])
     still, moved = emulator.decode(frame.apply(np.tile(emulator.encode(rest), (2, 1)), changes))
     return rest + (moved - still)

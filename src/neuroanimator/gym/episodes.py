@@ -53,7 +53,7 @@ class Episodes(eqx.Module):
 
 
 def _cost(emulator: Emulator, objective: Objective, states: Array, controls: Array) -> Array:
-    control_scale = jnp.asarray(emulator.spec.bounds.magnitude, jnp.float32)
+    control_scale = jnp.asarray(emulator.bounds.magnitude, jnp.float32)
     return objective(Trajectory(states, controls, control_scale, emulator.dt))
 
 
@@ -63,7 +63,7 @@ def start_episodes(
 ) -> Episodes:
     """Return the episodes that begin at `starts` (B, S), for `steps` super steps."""
     states = jnp.repeat(starts[:, None], steps + 1, axis=1)
-    controls = jnp.zeros((len(starts), steps, emulator.spec.control.size))
+    controls = jnp.zeros((len(starts), steps, emulator.control.size))
     cost = eqx.filter_vmap(_cost, in_axes=(None, 0, 0, 0))(emulator, objectives, states, controls)
     return Episodes(latent, states, controls, cost, cost)
 
@@ -83,7 +83,7 @@ def _step_one(
 ) -> tuple[Episodes, Array, Array, Array]:
     """Return the same for one episode, at its super step of that `number`."""
     held, domain = emulator.encode_control(control), emulator.domain
-    latent = emulator.advance(episode.latent, held)
+    latent = emulator.step_latent(episode.latent, held)
     state = emulator.decode(latent)
     plain = emulator.seen(latent, held)
     margin = FAR * (domain.high - domain.low)
@@ -111,7 +111,7 @@ def observe(
     """Return the observations; see `TaskEnv`."""
 
     def one(latent: Array, sight: Sight, left: Array) -> Array:
-        relaxed = emulator.encode_control(jnp.asarray(emulator.spec.bounds.middle, latent.dtype))
+        relaxed = emulator.encode_control(jnp.asarray(emulator.bounds.middle, latent.dtype))
         plain = emulator.normaliser.forward(emulator.seen(latent, relaxed))
         odd, even = emulator.features.streams(latent, plain)
         seen = [odd, even, *_goal_seen(emulator, latent, sight, scale, sees_world), left[None]]

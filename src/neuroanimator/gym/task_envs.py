@@ -68,7 +68,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._random = [np_random()[0] for _ in range(num_envs)]
         self._camera = Camera(self.emulator.spec)
         self._begin([0] * num_envs)
-        bounds = self.emulator.spec.bounds
+        bounds = self.emulator.bounds
         low, high = np.array(bounds.low, np.float32), np.array(bounds.high, np.float32)
         self.single_action_space = Box(low, high, dtype=np.float32)
         self.single_observation_space = Box(
@@ -207,12 +207,12 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _controls(self, actions: ArrayLike) -> Array:
         """Return `actions` (B, C), brought within the bounds as a motor would."""
-        controls = self.emulator.spec.control.check(actions, "action")
+        controls = self.emulator.control.check(actions, "action")
         if controls.shape != self.action_space.shape:
             raise ArgumentError(
                 f"action: wanted shape {self.action_space.shape}, came {controls.shape}."
             )
-        return _float(self.emulator.spec.bounds.clip(controls))
+        return _float(self.emulator.bounds.clip(controls))
 
 
 @final

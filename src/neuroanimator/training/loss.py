@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from neuroanimator.emulator.emulator import Emulator, follow
+from neuroanimator.emulator.emulator import Emulator, rollout_latent
 
 
 def squared_error(
@@ -23,7 +23,7 @@ def squared_error(
     should be one. What never moves makes no error.
     """
     unit = emulator.normaliser.unit
-    found = jax.vmap(partial(follow, emulator, is_bounded=False))(states[:, 0], controls)
+    found = jax.vmap(partial(rollout_latent, emulator, is_bounded=False))(states[:, 0], controls)
     off = emulator.frame.difference(states[:, 1:], found) / jnp.where(unit > 0, unit, jnp.inf)
     return jnp.mean(off**2 if weights is None else off**2 * weights[:, None, None], axis=0)
 

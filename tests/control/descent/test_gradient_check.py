@@ -23,11 +23,11 @@ REST = np.zeros(6)
 
 @pytest.fixture(scope="module")
 def parametrisation(shipped: Emulator) -> EachStep:
-    return EachStep.of(STEPS, shipped.spec.bounds)
+    return EachStep.of(STEPS, shipped.bounds)
 
 
 def random_controls(emulator: Emulator, seed: int) -> np.ndarray:
-    bounds = emulator.spec.bounds
+    bounds = emulator.bounds
     return np.random.default_rng(seed).uniform(bounds.low, bounds.high, (STEPS, len(bounds.low)))
 
 
@@ -39,7 +39,7 @@ def physical_gradient(
     def follow(starts, controls):
         return play(system, starts, controls, emulator.dt).states
 
-    bounds = emulator.spec.bounds
+    bounds = emulator.bounds
     return difference_gradient(
         follow, stand_upright(), parametrisation, bounds, emulator.dt, REST, z, step
     )
@@ -82,7 +82,7 @@ def test_an_emulator_trusts_itself(shipped: Emulator, parametrisation: EachStep)
 
     itself = difference_gradient(
         lambda starts, held: follow(jnp.asarray(starts), jnp.asarray(held)),
-        stand_upright(), parametrisation, shipped.spec.bounds, shipped.dt, REST, parametrisation.guess(controls),
+        stand_upright(), parametrisation, shipped.bounds, shipped.dt, REST, parametrisation.guess(controls),
     )  # fmt: skip
     assert GradientTrust.of(trust.emulator_gradient, itself).cosine == pytest.approx(1, abs=1e-3)
     np.testing.assert_allclose(trust.emulator_gradient, itself, atol=1e-3 * np.abs(itself).max())

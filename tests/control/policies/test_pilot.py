@@ -35,9 +35,9 @@ def test_in_super_steps_it_is_the_emulators_motion_under_the_policys_muscles(
     pilot: Pilot, policy: Policy
 ):
     emulator, speed = policy.emulator, 0.08
-    latent = jnp.asarray(emulator.encode(np.array(emulator.spec.rest)), jnp.float32)[None]
+    latent = jnp.asarray(emulator.encode(emulator.rest), jnp.float32)[None]
     advance = eqx.filter_jit(
-        lambda e, latent, u: e.advance(latent[0], e.encode_control(u[0]))[None]
+        lambda e, latent, u: e.step_latent(latent[0], e.encode_control(u[0]))[None]
     )
     choose = eqx.filter_jit(choose_controls)
     target, phase, states = (

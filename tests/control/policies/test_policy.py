@@ -107,13 +107,12 @@ def steering_error(
 def test_controls_stay_within_bounds_whatever_comes(policy: Policy, size: float):
     rng = np.random.default_rng(0)
     latent = jnp.asarray(
-        rng.normal(size=(64, len(policy.emulator.encode(np.array(policy.emulator.spec.rest)))))
-        * size,
+        rng.normal(size=(64, len(policy.emulator.encode(policy.emulator.rest)))) * size,
         jnp.float32,
     )
     commands = jnp.asarray(rng.normal(size=(64, 4)) * size, jnp.float32)
     found = np.asarray(jax.vmap(policy.control)(latent, jnp.arange(64.0), commands))
-    bounds = policy.emulator.spec.bounds
+    bounds = policy.emulator.bounds
     assert ((found >= np.array(bounds.low)) & (found <= np.array(bounds.high))).all()
     assert np.ptp(found) > 0.5
 
@@ -216,7 +215,7 @@ def test_a_policy_survives_its_file(policy: Policy, tmp_path: Path, starts: np.n
 
 @pytest.mark.parametrize("name", POLICIES)
 def test_shipped_policies_load_and_are_small(name: str):
-    assert Policy.load(find_policy(name)).emulator.spec.system == name
+    assert Policy.load(find_policy(name)).emulator.system == name
     assert shipped_policy(name).stat().st_size <= 300_000
 
 
@@ -275,10 +274,10 @@ def test_a_system_that_cannot_point_anywhere_gets_no_policy(policy: Policy):
 def test_a_body_without_left_and_right_or_gait_gets_a_policy_too():
     lander = Emulator.load(find_emulator("lander"))
     policy = fresh_policy(lander, Bounds((0.0, -1.5, -1.5, -1.5), (5.0, 1.5, 1.5, 1.5)), (8, 8))
-    states = np.tile(lander.spec.rest, (2, 1))
+    states = np.tile(lander.rest, (2, 1))
     found = controls_of(policy, states, 0.3, [[1.0, 1.0, 0.0, 0.0], [1.0, -1.0, 0.0, 0.0]])
-    assert found.shape == (2, lander.spec.control.size)
-    assert ((found >= lander.spec.bounds.low) & (found <= lander.spec.bounds.high)).all()
+    assert found.shape == (2, lander.control.size)
+    assert ((found >= lander.bounds.low) & (found <= lander.bounds.high)).all()
     assert (found[0] != found[1]).any()
 
 

@@ -80,7 +80,7 @@ def test_it_swings_up_and_stays_up_under_pushes(planner: Planner, physics: Physi
     )
     assert is_upright(found.states[kicked - 1])
     assert all(is_upright(state) for state in found.states[-20:])
-    assert (np.abs(found.controls) <= planner.emulator.spec.bounds.magnitude).all()
+    assert (np.abs(found.controls) <= planner.emulator.bounds.magnitude).all()
 
 
 def test_a_plan_follows_the_emulator_and_so_does_the_drive(planner: Planner, shipped: Emulator):
@@ -100,7 +100,7 @@ def test_planning_from_the_optimum_changes_nothing(start: np.ndarray, planner: P
         settled = planner.plan(start, settled.controls)
     again = planner.plan(start, settled.controls)
     assert again.cost == pytest.approx(settled.cost, rel=1e-3)
-    limit = planner.emulator.spec.bounds.magnitude
+    limit = planner.emulator.bounds.magnitude
     assert (np.abs(again.controls - settled.controls) / limit).max() < 0.01
 
 
@@ -159,7 +159,7 @@ def test_bad_wishes_are_refused_before_anything_is_compiled(
     steps: int, options: dict, message: str, shipped: Emulator
 ):
     if "parametrisation" in options:
-        options = {"parametrisation": EachStep.of(options["parametrisation"], shipped.spec.bounds)}
+        options = {"parametrisation": EachStep.of(options["parametrisation"], shipped.bounds)}
     with pytest.raises(NeuroAnimatorError, match=message):
         Planner.of(shipped, stay_upright(4), steps, **options)
 

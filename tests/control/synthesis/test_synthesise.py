@@ -48,7 +48,7 @@ def test_every_method_lowers_the_cost_within_bounds(method: str, shipped: Emulat
     objective = stand_upright()
     found = descend(shipped, objective, REST, steps=30, method=method, iterations=20)
     assert found.cost < 0.1 * found.costs[0]
-    assert (np.abs(found.controls) <= shipped.spec.bounds.magnitude).all()
+    assert (np.abs(found.controls) <= shipped.bounds.magnitude).all()
     assert found.seconds < 10
 
 
@@ -96,7 +96,7 @@ def bend_the_arm() -> Objective:
 )
 def test_the_jacobian_and_the_gradient_agree(steps: int, objective: Objective, shipped: Emulator):
     """Few numbers are differentiated at once, many step by step, and what looks at few numbers is pulled back."""
-    problem = pose_problem(shipped, objective, EachStep.of(steps, shipped.spec.bounds), REST)
+    problem = pose_problem(shipped, objective, EachStep.of(steps, shipped.bounds), REST)
     z = jnp.asarray(np.random.default_rng(0).normal(size=problem.parametrisation.size), jnp.float32)
     residuals, jacobian, slope, here = problem.linearised(z)
     cost, gradient = jax.value_and_grad(problem.cost)(z)
@@ -177,7 +177,7 @@ def test_velocities_are_found_in_what_the_network_sees(name: str):
     emulator = Emulator.load(find_emulator(name))
     kinds = [segment.kind for segment in emulator.frame.segments]
     first = sum(segment.size for segment in emulator.frame.segments[: kinds.index("velocity")])
-    before, after = np.array(emulator.spec.rest), np.array(emulator.spec.rest)
+    before, after = emulator.rest, emulator.rest
     after[first : first + 3] += [1.0, 2.0, 3.0]
     seen = [
         np.asarray(emulator.frame.local(state))[list(emulator.frame.velocity_entries)]

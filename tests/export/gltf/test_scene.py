@@ -118,7 +118,7 @@ def test_a_shape_is_closed_faces_outward_and_has_its_size(kind: str):
 
 
 def test_a_table_round_trip_keeps_the_clip(clip: Clip, shipped: Emulator, tmp_path: Path):
-    write_clip(clip, tmp_path / "a.csv", shipped.spec.state)
+    write_clip(clip, tmp_path / "a.csv", shipped.state)
     again = read_clip(tmp_path / "a.csv", shipped)
     np.testing.assert_allclose(again.states, clip.states, rtol=1e-7, atol=1e-8)
     assert again.rate == pytest.approx(30)
@@ -139,7 +139,7 @@ def test_a_bad_table_is_refused_by_line(
     change, message, clip: Clip, shipped: Emulator, tmp_path: Path
 ):
     path = tmp_path / "a.csv"
-    write_clip(clip, path, shipped.spec.state)
+    write_clip(clip, path, shipped.state)
     path.write_text(change(path.read_text()))
     with pytest.raises(NeuroAnimatorError, match=message):
         read_clip(path, shipped)

@@ -35,7 +35,7 @@ def find_defects(
 ) -> Float[Array, "T V"]:
     """Return what must be added to every super step for the emulator to go through `states` of the physics."""
     latent, mixed = emulator.encode(states), emulator.encode_control(controls)
-    leapt = jax.vmap(emulator.advance)(latent[:-1], mixed)
+    leapt = jax.vmap(emulator.step_latent)(latent[:-1], mixed)
     return still_frame(emulator).difference(leapt, latent[1:])
 
 
@@ -45,8 +45,8 @@ def advance_corrected(
     control: Float[Array, " C"],
     defect: Float[Array, " V"],
 ) -> Float[Array, " I"]:
-    """Return `Emulator.advance` with the defect added."""
-    return still_frame(emulator).apply(emulator.advance(latent, control), defect)
+    """Return `Emulator.step_latent` with the defect added."""
+    return still_frame(emulator).apply(emulator.step_latent(latent, control), defect)
 
 
 def follow_corrected(
@@ -57,7 +57,7 @@ def follow_corrected(
 ) -> Float[Array, "T+1 I"]:
     """Return the trajectory from `latent`, it included, with the defects added; in the numbers of `Emulator.encode`.
 
-    Not unrolled, unlike `emulator.follow`: its derivatives compile in a third of the time and run as fast.
+    Not unrolled, unlike `rollout_latent`: its derivatives compile in a third of the time and run as fast.
     """
 
     def one(latent: Array, given: tuple[Array, Array]) -> tuple[Array, Array]:

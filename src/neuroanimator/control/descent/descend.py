@@ -87,8 +87,8 @@ def descend(
         raise ArgumentError(
             f"steps, iterations and starts: wanted at least 1, came {steps}, {iterations} and {starts}."
         )
-    start = emulator.spec.state.check(start, "state")
-    parametrisation = parametrisation or EachStep.of(steps, bounds or emulator.spec.bounds)
+    start = emulator.state.check(start, "state")
+    parametrisation = parametrisation or EachStep.of(steps, bounds or emulator.bounds)
     with phase("compiling"):
         check_objective(objective, emulator, start, steps)
         check_reachable(objective, emulator, start, steps)
@@ -105,7 +105,7 @@ def pose_problem(
     defects: Array | None = None,
 ) -> Problem:
     """Return J over the numbers of `parametrisation`, from `start` (S,)."""
-    limit = as_jax(emulator.spec.bounds.magnitude)
+    limit = as_jax(emulator.bounds.magnitude)
     defects = no_defects(emulator, parametrisation.steps) if defects is None else defects
     return Problem(emulator, objective, parametrisation, as_jax(start), defects, limit)
 

@@ -81,14 +81,14 @@ def gradient_trust(
 
     Raises NeuroAnimatorError where the physics blows up.
     """
-    start, z = emulator.spec.state.check(start, "state"), parametrisation.guess(controls)
+    start, z = emulator.state.check(start, "state"), parametrisation.guess(controls)
     problem = pose_problem(emulator, objective, parametrisation, start, defects)
     along = np.eye(len(z)) if directions is None else random_directions(len(z), directions)
     with phase("checking the gradient"):
         emulator_states = along @ emulated_gradient(problem, z)
         physics_states = difference_gradient(
             lambda starts, held: _played(system, starts, held, emulator.dt),
-            objective, parametrisation, emulator.spec.bounds, emulator.dt, start, z, along=along,
+            objective, parametrisation, emulator.bounds, emulator.dt, start, z, along=along,
         )  # fmt: skip
     return GradientTrust.of(emulator_states, physics_states)
 

@@ -47,7 +47,7 @@ def fastest_speed(emulator: Emulator) -> float | None:
 
 
 def _check_state(term: ReachState, emulator: Emulator) -> None:
-    control = np.asarray(emulator.spec.bounds.middle, np.float32)
+    control = np.asarray(emulator.bounds.middle, np.float32)
     plain = np.asarray(emulator.plain_of(np.asarray(term.goal), control))
     room = ROOM * np.maximum(np.abs(emulator.domain.low), np.abs(emulator.domain.high))
     states = len(plain) - emulator.frame.control_size(len(control))

@@ -79,7 +79,7 @@ def objective_cost(
     objective: Objective, emulator: Emulator, states: np.ndarray, controls: np.ndarray
 ) -> float:
     """Return J of `states` (T+1, S) under `controls` (T, C)."""
-    control_scale = as_jax(emulator.spec.bounds.magnitude)
+    control_scale = as_jax(emulator.bounds.magnitude)
     motion = Trajectory(as_jax(states), as_jax(controls), control_scale, emulator.dt)
     return float(_cost(objective, motion))
 
@@ -160,7 +160,7 @@ def _check_function(function: Function, trajectory: Trajectory) -> None:
 
 def _resting(emulator: Emulator, start: np.ndarray, steps: int) -> Trajectory:
     """Return a motion that stays at its start: enough to try an objective on, and there without compiling."""
-    bounds = emulator.spec.bounds
+    bounds = emulator.bounds
     states = as_jax(np.broadcast_to(start, (steps + 1, len(start))))
     controls = as_jax(np.broadcast_to(bounds.middle, (steps, len(bounds.middle))))
     return Trajectory(states, controls, as_jax(bounds.magnitude), emulator.dt)

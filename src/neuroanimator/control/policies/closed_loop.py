@@ -44,7 +44,7 @@ def rollout_on_emulator(
 
     Raises ArgumentError for starts of another shape.
     """
-    checked = policy.emulator.spec.state.check(starts, "starts")
+    checked = policy.emulator.state.check(starts, "starts")
     if checked.ndim != 2 or steps < 1:
         raise ArgumentError(
             f"starts and steps: wanted (B, S) and at least 1, came {checked.shape} and {steps}."
@@ -67,7 +67,7 @@ def _rollout_on_emulator(
         latent, phase = carry
         target = behaviour(policy.pose(latent), time)
         controls = emulator.encode_control(choose_controls(policy, latent, phase, target))
-        following = jax.vmap(emulator.advance)(latent, controls)
+        following = jax.vmap(emulator.step_latent)(latent, controls)
         return (following, (phase + policy.tick) % (2 * jnp.pi)), following
 
     times = jnp.arange(steps) * policy.dt

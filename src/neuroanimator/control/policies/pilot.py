@@ -82,14 +82,14 @@ class Pilot:
         Raises ArgumentError for a state of another shape and for numbers that are not finite.
         """
         emulator = self.policy.emulator
-        start = np.array(emulator.spec.rest if state is None else state, float)
+        start = np.array(emulator.rest if state is None else state, float)
         self._begin = self._checked(start)
         self._end: Float[np.ndarray, " S"] | None = None
         self._latent: Float[AnyArray, " I"] = np.asarray(emulator.encode(self._begin), np.float32)
         self._phase = _finite("phase", phase) % (2 * math.pi)
         self._time = 0.0
         self._since_begin = 0.0
-        self._controls = np.asarray(emulator.spec.bounds.middle, float)
+        self._controls = np.asarray(emulator.bounds.middle, float)
         pose = self._pose(self._begin)
         self._heading = _heading(pose)
         return PilotFrame(0.0, self._begin, pose)
@@ -137,7 +137,7 @@ class Pilot:
 
     def bones(self, frame: PilotFrame) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:
         """Return the positions [m] and quaternions wxyz of the body's bones in the world."""
-        positions, orientations = self.policy.emulator.spec.skeleton.world_poses(frame.state[None])
+        positions, orientations = self.policy.emulator.skeleton.world_poses(frame.state[None])
         return positions[0], orientations[0]
 
     def clip(self, frames: Sequence[PilotFrame]) -> Clip:
@@ -200,13 +200,13 @@ class Pilot:
         now = np.array([min(self._since_begin, emulator.dt)])
         # Mass points have no quaternions that must stay of length one.
         orientations = emulator.frame.orientations if emulator.modes is None else ()
-        return interpolate_hermite(ends, emulator.dt, now, emulator.spec.rates, orientations)[0]
+        return interpolate_hermite(ends, emulator.dt, now, emulator.rates, orientations)[0]
 
     def _pose(self, state: Float[np.ndarray, " S"]) -> Pose:
         return read_pose(self._structure, state)
 
     def _checked(self, state: np.ndarray) -> Float[np.ndarray, " S"]:
-        checked = self.policy.emulator.spec.state.check(state, "state")
+        checked = self.policy.emulator.state.check(state, "state")
         if checked.ndim != 1:
             raise ArgumentError(
                 f"state: wanted one of {checked.shape[-1]} numbers, came shape {checked.shape}."
@@ -225,7 +225,7 @@ def _super_step(
     emulator = policy.emulator
     command = command_toward(target, policy.pose(latent))
     controls = policy.control(latent, phase, command)
-    following = emulator.advance(latent, emulator.encode_control(controls))
+    following = emulator.step_latent(latent, emulator.encode_control(controls))
     return following, emulator.decode(following), controls
 
 

@@ -64,9 +64,9 @@ class Rhythm(NamedTuple):
     @classmethod
     def from_emulator(cls, emulator: Emulator) -> Rhythm:
         """Return the rhythm of the emulator's gait; without one, a clock alone."""
-        gait = emulator.spec.gait
+        gait = emulator.gait
         if gait is None:
-            still = (0.0,) * emulator.spec.control.size
+            still = (0.0,) * emulator.control.size
             return cls(DEFAULT_PERIOD, still, still, is_odd=False)
         waves = np.array(gait.amplitudes) * np.exp(-1j * np.array(gait.lags))
         mixed = [emulator.encode_control(part) for part in (waves.real, waves.imag)]
@@ -108,7 +108,7 @@ class Policy(eqx.Module):
         Commands out of range count as the nearest in range. Differentiable, unchecked: for use inside jit.
         """
         emulator = self.emulator
-        bounds = emulator.spec.bounds
+        bounds = emulator.bounds
         normalised = self._normalised(command)
         odd, even = self._streams(latent, phase, normalised)
         mixed = self.network(odd, even)
@@ -157,7 +157,7 @@ class Policy(eqx.Module):
         within ±1.
         """
         emulator = self.emulator
-        relaxed = emulator.encode_control(jnp.asarray(emulator.spec.bounds.middle, latent.dtype))
+        relaxed = emulator.encode_control(jnp.asarray(emulator.bounds.middle, latent.dtype))
         features = emulator.domain.clip(emulator.seen(latent, relaxed))
         odd, even = emulator.features.streams(latent, emulator.normaliser.forward(features))
         clock = jnp.stack([jnp.sin(phase), jnp.cos(phase)])
@@ -196,9 +196,9 @@ def fresh_policy(
     Raises ArgumentError for a system that cannot point anywhere.
     """
     rhythm = Rhythm.from_emulator(emulator)
-    size = emulator.spec.control.size
+    size = emulator.control.size
     key = jax.random.key(seed)
-    read_pose(latent_structure(emulator), emulator.encode(jnp.asarray(emulator.spec.rest)))
+    read_pose(latent_structure(emulator), emulator.encode(jnp.asarray(emulator.rest)))
     others = emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain)
     odd, even = emulator.features.sizes(others)
     if is_mirrored(emulator):

@@ -100,7 +100,7 @@ def rollout_swimmers(
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         latent, phase = carry
         controls = choose_controls(policy, latent, phase, swimmers.target)
-        following = jax.vmap(emulator.advance)(latent, emulator.encode_control(controls))
+        following = jax.vmap(emulator.step_latent)(latent, emulator.encode_control(controls))
         return (following, phase + policy.tick), (following, controls)
 
     start = (swimmers.latent, swimmers.phase)
@@ -129,7 +129,7 @@ def motion_loss(
     speed = _moving_mean(speed_now, period)[..., 0]
     # What lies at right angles to where the body points, and as far up as it can.
     level = unit(jnp.array([0.0, 0.0, 1.0]) - pointing[..., 2:] * pointing)
-    control_scale = jnp.asarray(policy.emulator.spec.bounds.magnitude, jnp.float32)
+    control_scale = jnp.asarray(policy.emulator.bounds.magnitude, jnp.float32)
 
     def mean_square(vectors: Array) -> Array:
         return jnp.mean(jnp.sum(vectors**2, axis=-1))

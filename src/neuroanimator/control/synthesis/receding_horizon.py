@@ -86,15 +86,15 @@ class Planner:
             raise ArgumentError(
                 f"steps and iterations: wanted at least 1, came {steps} and {iterations}."
             )
-        parametrisation = parametrisation or EachStep.of(steps, bounds or emulator.spec.bounds)
+        parametrisation = parametrisation or EachStep.of(steps, bounds or emulator.bounds)
         if parametrisation.steps != steps:
             raise ArgumentError(
                 f"parameters: wanted those of {steps} super steps, came {parametrisation.steps}."
             )
-        check_objective(objective, emulator, np.array(emulator.spec.rest), steps)
+        check_objective(objective, emulator, emulator.rest, steps)
         search = _compile(emulator, objective, parametrisation, method, iterations)
         planner = cls(emulator, objective, parametrisation, search, _numbers_of(objective))
-        planner.plan(np.array(emulator.spec.rest))
+        planner.plan(emulator.rest)
         return planner
 
     def plan(self, state: np.ndarray, first: np.ndarray | None = None) -> Plan:
@@ -103,7 +103,7 @@ class Planner:
         The search begins in the middle of the bounds for None.
         """
         began = time.perf_counter()
-        state = self.emulator.spec.state.check(state, "state")
+        state = self.emulator.state.check(state, "state")
         guess = self.parametrisation.guess(first)
         found = self._search(state.astype(np.float32), guess.astype(np.float32), self._numbers)
         controls, states, cost = (np.asarray(each, float) for each in found)
@@ -129,7 +129,7 @@ def _compile(
     costs, form = eqx.partition(objective, eqx.is_array)
     shape = jax.tree.structure(costs)
     control_scale, defects = (
-        as_jax(emulator.spec.bounds.magnitude),
+        as_jax(emulator.bounds.magnitude),
         no_defects(emulator, parametrisation.steps),
     )
 
@@ -221,7 +221,7 @@ def drive(
 
     A control acts from the state it was planned from: the time of planning is taken to be short against a super step.
     """
-    state, first = planner.emulator.spec.state.check(start, "state"), None
+    state, first = planner.emulator.state.check(start, "state"), None
     states, plans = [], []
     for step in range(steps):
         state = state if disturb is None else disturb(step, state)

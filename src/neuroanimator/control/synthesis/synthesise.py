@@ -131,7 +131,7 @@ def synthesise(
 
 def _parameters(emulator: Emulator, steps: int, options: dict[str, Any]) -> Parametrisation:
     return options.get("parametrisation") or EachStep.of(
-        steps, options.get("bounds") or emulator.spec.bounds
+        steps, options.get("bounds") or emulator.bounds
     )
 
 
