@@ -13,7 +13,7 @@ import numpy as np
 from neuroanimator.codegen.c_function import HEAD, c_function
 from neuroanimator.codegen.program import UnsupportedError
 from neuroanimator.compiler.compiler import compiled_library, find_compiler
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.emulator import Emulator, rollout_latent
 from neuroanimator.errors import NeuroAnimatorError
 
 CHECKED_STEPS = 30
