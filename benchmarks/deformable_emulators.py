@@ -15,7 +15,7 @@ from neuroanimator import Emulator, find_emulator, load_system
 from neuroanimator.bench.long_run import measure_long_run
 from neuroanimator.bench.spring_relaxation import relaxed
 from neuroanimator.bench.swims import compare_swims
-from neuroanimator.data.config import dataset_config
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.accuracy import (
@@ -27,7 +27,7 @@ from neuroanimator.evaluation.accuracy import (
 from neuroanimator.evaluation.speed import TIMED_SUPER_STEPS, emulator_player, interleaved, one_core
 from neuroanimator.evaluation.stability import count_blow_ups
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.training.config import training_config
+from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import train
 
 Rows = list[dict[str, Any]]
@@ -95,9 +95,7 @@ def long_rows(repeats: int) -> Rows:
     for name in ("fish", "dolphin"):
         emulator, system = Emulator.load(find_emulator(f"{name}-50")), deformable(name)
         known = simulate_transitions(
-            dataset_config(
-                system=name, count=KNOWN_RUNS // (20 if quick else 1), samples_per_run=36
-            )
+            DatasetConfig(system=name, count=KNOWN_RUNS // (20 if quick else 1), samples_per_run=36)
         )
         states = known.states.reshape(-1, known.states.shape[-1])
         steps = 2_000 if quick else LONG_STEPS
@@ -162,7 +160,7 @@ def hierarchy_rows(repeats: int) -> Rows:
     quick, rows = repeats < 5, []
     for name, modes in (("fish", (32, 44)), ("dolphin", (28, 40))):
         examples = HIERARCHY_EXAMPLES // (20 if quick else 1)
-        data = simulate_transitions(dataset_config(system=name, count=examples, samples_per_run=36))
+        data = simulate_transitions(DatasetConfig(system=name, count=examples, samples_per_run=36))
         flat = {
             label: {**each, "position_modes": modes[0], "velocity_modes": modes[1]}
             for label, each in FLAT.items()
@@ -184,7 +182,7 @@ def trained(data: Transitions, updates: int, settings: dict[str, Any]) -> Emulat
     with TemporaryDirectory() as folder:
         return train(
             data,
-            training_config(updates=updates, **settings),
+            TrainingConfig(updates=updates, **settings),
             Path(folder) / "one.emulator.safetensors",
         )
 

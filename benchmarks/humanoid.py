@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from neuroanimator import training_config
+from neuroanimator import TrainingConfig
 from neuroanimator.bench.run_table import describe_machine, write_csv
-from neuroanimator.data.config import dataset_config
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
@@ -152,7 +152,7 @@ def trained(
     data: Transitions, kind: str, widths: tuple[int, ...], updates: int, folder: Path
 ) -> Emulator:
     """Return the best of a training run of single super steps."""
-    config = training_config(network=kind, widths=widths, updates=updates, unroll=1)
+    config = TrainingConfig(network=kind, widths=widths, updates=updates, unroll=1)
     return train(data, config, folder / f"{kind}-{'-'.join(map(str, widths))}.safetensors")
 
 
@@ -234,7 +234,7 @@ def main() -> None:
             "substeps": SUBSTEPS,
             "samples_per_run": 36,
         }
-        data = simulate_transitions(dataset_config(**wanted, count=effort.windows))
+        data = simulate_transitions(DatasetConfig(**wanted, count=effort.windows))
         measured, test, physics = measure(data, effort, folder)
     rows = [row(one, measured, physics) for one in measured]
     if not is_quick:

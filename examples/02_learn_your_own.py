@@ -5,13 +5,11 @@ from pathlib import Path
 import neuroanimator as na
 
 folder = Path("passive")
-config = na.dataset_config(system="pendulum-passive", substeps=50, count=20_000, seed=0)
+config = na.DatasetConfig(system="pendulum-passive", substeps=50, count=20_000, seed=0)
 na.generate(config, folder)
 data = na.read_transitions(folder)
 
-emulator = na.train(
-    data, na.training_config(updates=5_000), folder / "passive.emulator.safetensors"
-)
+emulator = na.train(data, na.TrainingConfig(updates=5_000), folder / "passive.emulator.safetensors")
 evaluation = na.evaluate(emulator, data=data, effort=na.Effort(starts=100, steps=200))
 
 print(f"one-step error {evaluation.one_step_error:.3f}")

@@ -19,7 +19,7 @@ if os.environ.get("NEUROANIMATOR_CHECK_SHAPES"):
     # Before anything of the package is imported: what is imported already is not checked.
     check_shapes()
 
-from neuroanimator import Emulator, dataset_config, find_emulator, generate, read_transitions
+from neuroanimator import DatasetConfig, Emulator, find_emulator, generate, read_transitions
 from neuroanimator.data.store import Transitions
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
@@ -60,7 +60,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with 6,000 transitions of the active pendulum: two shards."""
     folder = tmp_path_factory.mktemp("data") / "pendulum"
-    generate(dataset_config(system="pendulum", count=6000), folder)
+    generate(DatasetConfig(system="pendulum", count=6000), folder)
     return folder
 
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from neuroanimator.control.policies.policy_file import load_policy
     from neuroanimator.control.synthesis.replay import replay
     from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
-    from neuroanimator.data.config import dataset_config
+    from neuroanimator.data.config import DatasetConfig
     from neuroanimator.data.diverged_runs import read_diverged
     from neuroanimator.data.generate import generate
     from neuroanimator.data.store import read_transitions
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from neuroanimator.state.pose import read_pose
     from neuroanimator.systems import load_system
     from neuroanimator.systems.loading import trust_files
-    from neuroanimator.training.config import training_config
+    from neuroanimator.training.config import TrainingConfig
     from neuroanimator.training.train import train
     from neuroanimator.zoo import find_emulator
 
@@ -72,7 +72,7 @@ _HOMES = {
     "Synthesis": "control.synthesis.synthesise",
     "Term": "control.objective.objective",
     "avoid": "control.objective.obstacles",
-    "dataset_config": "data.config",
+    "DatasetConfig": "data.config",
     "descend": "control.descent.descend",
     "effort": "control.objective.costs",
     "evaluate": "evaluation.evaluate",
@@ -105,7 +105,7 @@ _HOMES = {
     "stay_within": "control.objective.costs",
     "synthesise": "control.synthesis.synthesise",
     "train": "training.train",
-    "training_config": "training.config",
+    "TrainingConfig": "training.config",
     "travel": "control.objective.costs",
     "trust_files": "systems.loading",
     "write_clip": "export.csv_file",
@@ -117,8 +117,8 @@ _HOMES = {
 
 __all__ = [  # noqa: RUF022 (types first, then the pipeline's order)
     "Clip", "Effort", "Emulator", "NeuroAnimatorError", "Objective", "Pilot", "Policy", "Synthesis", "Term",
-    "load_system", "trust_files", "dataset_config", "generate", "read_transitions", "read_diverged",
-    "training_config", "train", "find_emulator", "evaluate", "write_report",
+    "load_system", "trust_files", "DatasetConfig", "generate", "read_transitions", "read_diverged",
+    "TrainingConfig", "train", "find_emulator", "evaluate", "write_report",
     "effort", "smoothness", "reach_state", "reach_goal", "reach_position", "reach_height", "reach_heading", "reach_positions",
     "follow_path", "travel", "keep_velocity", "keep_speed", "keep_heading", "stand_up", "stand_upright", "stay_upright",
     "stay_within", "avoid", "descend", "replay", "synthesise", "read_pose", "is_upright", "is_reached",

@@ -13,7 +13,7 @@ from neuroanimator.animation.clip import make_clip
 from neuroanimator.control.objective.goals import is_upright
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise_goal
-from neuroanimator.data.config import dataset_config
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.store import Transitions, read_transitions
 from neuroanimator.emulator.emulator import Emulator
@@ -25,7 +25,7 @@ from neuroanimator.export.film.video import write_video
 from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.storage.files import canonical_json, write_whole
 from neuroanimator.terminal import print_rows, progress_bar
-from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
+from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.train import train
 
 SYSTEM, SUBSTEPS = "pendulum", 50
@@ -72,7 +72,7 @@ def _timed(title: str, work: Any) -> tuple[Any, float]:
 
 
 def _generate(folder: Path) -> Transitions:
-    config = dataset_config(system=SYSTEM, substeps=SUBSTEPS, count=TRANSITIONS, seed=0)
+    config = DatasetConfig(system=SYSTEM, substeps=SUBSTEPS, count=TRANSITIONS, seed=0)
     with progress_bar("shards", config.shards) as bar:
         done = iter(range(1, config.shards + 1))
         generate(config, folder, on_shard=lambda: bar.advance_to(next(done)))
@@ -80,7 +80,7 @@ def _generate(folder: Path) -> Transitions:
 
 
 def _train(data: Transitions, path: Path) -> Emulator:
-    config = training_config(updates=UPDATES)
+    config = TrainingConfig(updates=UPDATES)
     with progress_bar("updates", config.chunks * UPDATES_PER_CHUNK) as bar:
         return train(
             data, config, path, on_report=lambda r: bar.advance_to(r.update, f"error {r.error:.4f}")

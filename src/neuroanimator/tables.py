@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -29,6 +29,22 @@ class Table(BaseModel):
     """A table of a definition: frozen, and a key it does not know is refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Settings(Table):
+    """A table made by its constructor: ArgumentError, one line, names the argument at fault."""
+
+    if not TYPE_CHECKING:  # so that editors offer the fields of each subclass as its arguments
+
+        def __init__(self, **values: Any) -> None:
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                raise ArgumentError(f"{first_fault(error)}.") from error
+            self.check()
+
+    def check(self) -> None:
+        """Raise ArgumentError where arguments, each valid alone, do not go together."""
 
 
 def first_fault(error: ValidationError) -> str:

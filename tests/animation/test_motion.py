@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from neuroanimator import (
+    DatasetConfig,
     Emulator,
-    dataset_config,
+    TrainingConfig,
     generate,
     make_clip,
     read_transitions,
     train,
-    training_config,
 )
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.scaffold.write_toml import write_definition
@@ -67,10 +67,10 @@ def write_noisy_recording(folder: Path) -> Path:
 def test_what_names_no_rates_is_animated(write, tmp_path: Path):
     toml, _ = write_definition(str(write(tmp_path)))
     name, definition, substeps = resolve(str(toml))
-    config = dataset_config(system=name, definition=definition, substeps=substeps, count=1200)
+    config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=1200)
     generate(config, tmp_path / "data")
     path = tmp_path / "own.emulator.safetensors"
-    train(read_transitions(tmp_path / "data"), training_config(updates=250, widths=(8,)), path)
+    train(read_transitions(tmp_path / "data"), TrainingConfig(updates=250, widths=(8,)), path)
     emulator = Emulator.load(path)
     assert emulator.rates == ()
     clip = make_clip(emulator, random_motion(emulator, 2.0, seed=1))

@@ -16,9 +16,9 @@ from conftest import Cli
 from forgery import BELL, forged_emulator, forged_policy
 
 from neuroanimator import (
+    DatasetConfig,
     Emulator,
     NeuroAnimatorError,
-    dataset_config,
     evaluate,
     generate,
     load_system,
@@ -27,7 +27,6 @@ from neuroanimator import (
 )
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
-from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.evaluation.accuracy import system_of
@@ -115,7 +114,7 @@ def test_a_policy_whose_system_is_a_path_runs_nothing(trap: Path):
 
 
 def test_a_dataset_whose_system_is_a_path_runs_nothing(trap: Path):
-    generate(dataset_config(system="pendulum", count=12), trap / "data")
+    generate(DatasetConfig(system="pendulum", count=12), trap / "data")
     path = trap / "data" / "dataset.json"
     sound = json.loads(path.read_text())
     for way in paths_to(trap):
@@ -133,7 +132,7 @@ def test_a_configuration_whose_system_is_a_path_simulates_nothing(trap: Path):
             with pytest.raises(NeuroAnimatorError):
                 use(hostile)
         with pytest.raises(ArgumentError):
-            dataset_config(system=way, count=12)
+            DatasetConfig(system=way, count=12)
 
 
 def test_the_command_line_runs_nothing_for_a_strangers_emulator(trap: Path, cli: Cli):
@@ -214,8 +213,9 @@ def test_recordings_beside_a_strangers_emulator_are_not_opened(trap: Path):
     text = resolve("trap.toml")[1]
     trusted_files._TRUSTED.clear(), read_recording.cache_clear()  # as in another process
     system = carried_system("trap", text)
+    config = DatasetConfig(system=system.name, definition=system.definition)
     with pytest.raises(BadFileError, match="only if you say so"):
-        dataset_config(system=system.name, definition=system.definition)
+        simulate_transitions(config)
 
 
 def test_a_toml_file_of_a_model_allows_nothing(trap: Path):

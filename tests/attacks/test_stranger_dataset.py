@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from neuroanimator import (
+    DatasetConfig,
     NeuroAnimatorError,
-    dataset_config,
     generate,
     read_diverged,
     read_transitions,
@@ -28,7 +28,7 @@ Tensors = dict[str, np.ndarray]
 @pytest.fixture(scope="module")
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stranger") / "pendulum"
-    generate(dataset_config(system="pendulum", count=96), folder)
+    generate(DatasetConfig(system="pendulum", count=96), folder)
     return folder
 
 
@@ -186,7 +186,7 @@ def test_a_shard_as_large_as_a_disk_is_refused_unread(folder: Path):
 
 def test_a_damaged_shard_is_made_again_with_the_same_bytes(folder: Path, honest: Path):
     forge(folder, set_sample(-1))
-    generate(dataset_config(system="pendulum", count=96), folder)
+    generate(DatasetConfig(system="pendulum", count=96), folder)
     name = "shard-00000.safetensors"
     assert (folder / name).read_bytes() == (honest / name).read_bytes()
 
@@ -207,7 +207,7 @@ def test_a_damaged_shard_is_made_again_with_the_same_bytes(folder: Path, honest:
 def test_runs_that_blew_up_are_held_against_the_system(
     folder: Path, starts: np.ndarray, controls: np.ndarray, message: str
 ):
-    config = dataset_config(system="pendulum", count=96)
+    config = DatasetConfig(system="pendulum", count=96)
     metadata = {"kind": "diverged", "config": config.hash, "shard": 0}
     write_tensors(
         folder / "diverged-00000.safetensors", {"starts": starts, "controls": controls}, metadata

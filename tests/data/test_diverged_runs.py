@@ -10,8 +10,8 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import (
+    DatasetConfig,
     NeuroAnimatorError,
-    dataset_config,
     generate,
     load_system,
     read_diverged,
@@ -98,7 +98,7 @@ def test_made_again_and_resumed_the_bytes_are_the_same(folder: Path, toml: Path,
     for lost in ("shard-00000.safetensors", "diverged-00001.safetensors"):
         (folder / lost).unlink()
     name, definition, substeps = resolve(str(toml))
-    config = dataset_config(system=name, definition=definition, substeps=substeps, count=6000)
+    config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=6000)
     assert generate(config, folder, threads=1) == len(read_diverged(folder)[0])
     assert fingerprint(folder) == before
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from neuroanimator import (
+    DatasetConfig,
     Emulator,
     NeuroAnimatorError,
-    dataset_config,
     find_emulator,
     generate,
     load_system,
@@ -73,7 +73,7 @@ def test_an_emulator_is_driven_by_the_same_random_controls_as_its_system(name: s
 def test_a_run_that_blows_up_is_dropped_and_counted():
     system = load_system("pendulum")
     system.sample_starts = lambda rng, count: np.full((count, 6), 1e4)
-    shard = make_shard(system, dataset_config(system="pendulum", count=120), 0, threads=1)
+    shard = make_shard(system, DatasetConfig(system="pendulum", count=120), 0, threads=1)
     assert shard.diverged == 10
     assert len(shard.tensors["states"]) == 0
     assert (shard.starts == 1e4).all()
@@ -82,7 +82,7 @@ def test_a_run_that_blows_up_is_dropped_and_counted():
 def test_a_folder_of_another_configuration_is_refused_and_untouched(dataset: Path):
     before = fingerprint(dataset)
     with pytest.raises(NeuroAnimatorError, match="holds another dataset .*seed 0 there, 1 asked"):
-        generate(dataset_config(system="pendulum", count=6000, seed=1), dataset)
+        generate(DatasetConfig(system="pendulum", count=6000, seed=1), dataset)
     assert fingerprint(dataset) == before
 
 
@@ -99,7 +99,7 @@ def test_a_damaged_shard_is_reported_when_read_and_made_again_by_generate(
     shard.unlink()
     with pytest.raises(NeuroAnimatorError, match="Could not read .*shard-00001"):
         read_transitions(tmp_path)
-    generate(dataset_config(system="pendulum", count=6000), tmp_path)
+    generate(DatasetConfig(system="pendulum", count=6000), tmp_path)
     assert fingerprint(tmp_path) == before
 
 
@@ -109,9 +109,9 @@ def test_a_damaged_shard_is_reported_when_read_and_made_again_by_generate(
 )
 def test_bad_settings_are_refused_by_field(field: str, value: float):
     with pytest.raises(NeuroAnimatorError, match=field):
-        dataset_config(**({"system": "pendulum"} | {field: value}))
+        DatasetConfig(**({"system": "pendulum"} | {field: value}))
 
 
 def test_a_super_step_that_physics_cannot_divide_is_refused():
     with pytest.raises(NeuroAnimatorError, match="not a whole number"):
-        dataset_config(system="pendulum", substeps=7)
+        DatasetConfig(system="pendulum", substeps=7)

@@ -16,9 +16,9 @@ import safetensors.numpy
 from neuroanimator import (
     Emulator,
     NeuroAnimatorError,
+    TrainingConfig,
     find_emulator,
     stand_upright,
-    training_config,
 )
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.parametrisation import EachStep
@@ -33,7 +33,7 @@ from neuroanimator.training.initialise import build_emulator
 
 @pytest.fixture(params=["gated", "classic"])
 def fresh(request: pytest.FixtureRequest, transitions: Transitions) -> Emulator:
-    return build_emulator(transitions, training_config(network=request.param))
+    return build_emulator(transitions, TrainingConfig(network=request.param))
 
 
 def random_inputs(count: int) -> tuple[jnp.ndarray, jnp.ndarray]:

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neuroanimator import Emulator, load_system, training_config
-from neuroanimator.data.config import dataset_config
+from neuroanimator import Emulator, TrainingConfig, load_system
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.definitions.body import BodyDefinition
@@ -37,7 +37,7 @@ DEEP = {"network": "hierarchy", "widths": (16, 0, 8), "local_modes": 3}
 
 @cache
 def few(system: str) -> Transitions:
-    return simulate_transitions(dataset_config(system=system, count=360, samples_per_run=36))
+    return simulate_transitions(DatasetConfig(system=system, count=360, samples_per_run=36))
 
 
 @pytest.fixture(params=["fish", "dolphin"])
@@ -60,7 +60,7 @@ def cube() -> Transitions:
 )
 def case(request) -> tuple[Transitions, Emulator]:
     name, settings = request.param
-    return few(name), build_emulator(few(name), training_config(**settings))
+    return few(name), build_emulator(few(name), TrainingConfig(**settings))
 
 
 def windows(data: Transitions) -> tuple[np.ndarray, np.ndarray]:
@@ -110,7 +110,7 @@ def test_moving_and_turning_the_world_changes_nothing(case: tuple[Transitions, E
 
 def test_turning_the_world_turns_pushes_too(cube: Transitions):
     emulator = build_emulator(
-        cube, training_config(widths=(16, 8), position_modes=18, velocity_modes=18)
+        cube, TrainingConfig(widths=(16, 8), position_modes=18, velocity_modes=18)
     )
     states, controls = windows(cube)
     orientation, step = np.array([0.6, 0, 0, 0.8]), jax.jit(jax.vmap(emulator.step))
@@ -271,7 +271,7 @@ def test_repeated_parts_share_weights():
     ],
 )
 def test_parts_that_do_not_fit_are_refused(fish: Transitions, change, word: str):
-    emulator = build_emulator(fish, training_config(**DEEP))
+    emulator = build_emulator(fish, TrainingConfig(**DEEP))
     sizes = emulator.features.sizes(
         emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain)
     )
@@ -282,9 +282,9 @@ def test_parts_that_do_not_fit_are_refused(fish: Transitions, change, word: str)
 
 
 def test_a_hierarchy_needs_groups():
-    data = simulate_transitions(dataset_config(system="pendulum", count=120))
+    data = simulate_transitions(DatasetConfig(system="pendulum", count=120))
     with pytest.raises(ArgumentError, match="no \\[groups\\]"):
-        build_emulator(data, training_config(network="hierarchy"))
+        build_emulator(data, TrainingConfig(network="hierarchy"))
 
 
 def test_the_tutorials_body_is_learnt(tmp_path: Path):
@@ -293,10 +293,10 @@ def test_the_tutorials_body_is_learnt(tmp_path: Path):
     (tmp_path / "worm.toml").write_text(page.partition("```toml\n")[2].partition("```")[0])
     name, text, _ = resolve(str(tmp_path / "worm.toml"))
     data = simulate_transitions(
-        dataset_config(system=name, definition=text, count=3600, samples_per_run=36)
+        DatasetConfig(system=name, definition=text, count=3600, samples_per_run=36)
     )
     errors: list[float] = []
-    config = training_config(updates=1000, widths=(16,))
+    config = TrainingConfig(updates=1000, widths=(16,))
     train(
         data,
         config,

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neuroanimator import Emulator, dataset_config, evaluate, generate, read_transitions, train
-from neuroanimator import training_config as settings
+from neuroanimator import DatasetConfig, Emulator, evaluate, generate, read_transitions, train
 from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.accuracy import CONSTANT_VELOCITY, NO_CHANGE
 from neuroanimator.evaluation.evaluate import Effort, judge_training
@@ -49,10 +48,14 @@ def trained(folder: Path, model: str) -> tuple[Emulator, Transitions, TrainingCo
     folder.mkdir()
     (folder / "reacher.xml").write_text(model)
     name, definition, substeps = resolve(str(write_definition(str(folder / "reacher.xml"))[0]))
-    config = dataset_config(system=name, definition=definition, substeps=substeps, count=2400)
+    config = DatasetConfig(system=name, definition=definition, substeps=substeps, count=2400)
     generate(config, folder / "data")
     data = read_transitions(folder / "data")
-    return train(data, settings(**TRAINING), folder / "e.safetensors"), data, settings(**TRAINING)
+    return (
+        train(data, TrainingConfig(**TRAINING), folder / "e.safetensors"),
+        data,
+        TrainingConfig(**TRAINING),
+    )
 
 
 @pytest.fixture(scope="module")

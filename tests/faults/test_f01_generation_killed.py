@@ -9,7 +9,7 @@ import pytest
 from processes import killed_at_random, leftovers, run
 from tally import Tally
 
-from neuroanimator import dataset_config, generate
+from neuroanimator import DatasetConfig, generate
 
 
 def check_same(dataset: Path, folder: Path, tally: Tally) -> None:
@@ -47,5 +47,5 @@ def test_f01_killed_twenty_times_it_ends_with_the_same_bytes(
 def test_f20_the_bytes_do_not_depend_on_threads(
     threads: int, dataset: Path, tmp_path: Path, tally: Tally
 ):
-    generate(dataset_config(system="pendulum", count=6000), tmp_path, threads=threads)
+    generate(DatasetConfig(system="pendulum", count=6000), tmp_path, threads=threads)
     check_same(dataset, tmp_path, tally)

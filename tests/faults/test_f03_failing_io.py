@@ -15,7 +15,7 @@ import pytest
 from processes import leftovers
 from tally import Tally
 
-from neuroanimator import NeuroAnimatorError, dataset_config, generate
+from neuroanimator import DatasetConfig, NeuroAnimatorError, generate
 from neuroanimator.errors import ResourceError
 from neuroanimator.storage.files import append_line, write_whole
 
@@ -108,7 +108,7 @@ def test_f03_a_write_that_fails_leaves_the_old_file(code: int, tmp_path: Path, t
 
 
 def test_f03_a_generation_that_fails_anywhere_is_resumed(tmp_path: Path, tally: Tally):
-    config = dataset_config(system="pendulum", count=24)
+    config = DatasetConfig(system="pendulum", count=24)
     generate(config, tmp_path / "whole")
     whole = {path.name: path.read_bytes() for path in (tmp_path / "whole").glob("*.*s*")}
     for fails_at in range(1, MAX_CALLS):

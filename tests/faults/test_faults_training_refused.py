@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from conftest import Cli
 
-from neuroanimator import NeuroAnimatorError, load_system, train, training_config
+from neuroanimator import NeuroAnimatorError, TrainingConfig, load_system, train
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.networks import MAX_LAYER, check_widths
 from neuroanimator.errors import ArgumentError
@@ -27,9 +27,9 @@ def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(cli: Cli,
 
 def test_the_widest_layer_that_is_read_may_be_trained():
     check_widths("gated", (MAX_LAYER, 1))
-    assert training_config(widths=(MAX_LAYER,), network="classic").widths == (MAX_LAYER,)
+    assert TrainingConfig(widths=(MAX_LAYER,), network="classic").widths == (MAX_LAYER,)
     with pytest.raises(ArgumentError, match="at most 32 hidden layers"):
-        training_config(widths=(8,) * 33)
+        TrainingConfig(widths=(8,) * 33)
 
 
 def test_an_emulator_that_could_not_be_read_back_is_not_trained(
@@ -45,7 +45,7 @@ def test_an_emulator_that_could_not_be_read_back_is_not_trained(
         transitions.run,
         transitions.diverged,
     )
-    settings = training_config(updates=10_000_000, widths=(8,))  # hours, were it begun
+    settings = TrainingConfig(updates=10_000_000, widths=(8,))  # hours, were it begun
     with pytest.raises(
         NeuroAnimatorError,
         match="could not be read back .* state: wanted a name .*'velocity, mean'",

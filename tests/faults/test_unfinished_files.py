@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tally import Tally
 
-from neuroanimator import NeuroAnimatorError, dataset_config, generate
+from neuroanimator import DatasetConfig, NeuroAnimatorError, generate
 from neuroanimator.storage.files import write_whole
 from neuroanimator.storage.unfinished import MAX_WRITE, UNFINISHED, remove_stale, unfinished
 
@@ -34,13 +34,13 @@ with unfinished(Path("a.bin")) as path:
 
 
 def test_a_users_own_files_stay_also_where_the_folder_is_refused(tmp_path: Path, tally: Tally):
-    generate(dataset_config(system="pendulum", count=24), tmp_path)
+    generate(DatasetConfig(system="pendulum", count=24), tmp_path)
     for name in OWN:
         (tmp_path / name).write_bytes(b"mine")
     (tmp_path / ".neuroanimator-tmp-0123abcd-1-0123abcd").symlink_to(tmp_path / OWN[0])
-    generate(dataset_config(system="pendulum", count=24), tmp_path)
+    generate(DatasetConfig(system="pendulum", count=24), tmp_path)
     with pytest.raises(NeuroAnimatorError, match="another dataset"):
-        generate(dataset_config(system="pendulum", count=36), tmp_path)
+        generate(DatasetConfig(system="pendulum", count=36), tmp_path)
     tally.tried = len(OWN)
     for name in OWN:
         tally.expect(tmp_path / name, b"mine")

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator import Emulator, dataset_config, training_config
+from neuroanimator import DatasetConfig, Emulator, TrainingConfig
 from neuroanimator.control.policies.policy import Policy, fresh_policy
 from neuroanimator.control.policies.policy_file import save_policy
 from neuroanimator.data.generate import simulate_transitions
@@ -32,8 +32,8 @@ STEPS = 6
 
 def small_emulator(system: str, **settings: Any) -> Emulator:
     """Return an emulator of `system` that fits a few transitions, its network drawn and not trained."""
-    data = simulate_transitions(dataset_config(system=system, count=120, seed=7), threads=1)
-    return build_emulator(data, training_config(seed=7, **settings))
+    data = simulate_transitions(DatasetConfig(system=system, count=120, seed=7), threads=1)
+    return build_emulator(data, TrainingConfig(seed=7, **settings))
 
 
 def emulator_case(emulator: Emulator) -> dict[str, Any]:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from neuroanimator import (
+    DatasetConfig,
     Emulator,
     NeuroAnimatorError,
-    dataset_config,
     evaluate,
     generate,
     load_system,
@@ -227,7 +227,7 @@ def test_a_dataset_carries_its_system_and_another_edit_is_another_dataset(
     path, _ = write_definition(str(cart))
     name, definition, n = resolve(str(path))
     generate(
-        dataset_config(system=name, definition=definition, substeps=n, count=120), tmp_path / "d"
+        DatasetConfig(system=name, definition=definition, substeps=n, count=120), tmp_path / "d"
     )
     assert read_transitions(tmp_path / "d").system.state.names == [
         "track[0] m",
@@ -239,6 +239,6 @@ def test_a_dataset_carries_its_system_and_another_edit_is_another_dataset(
     name, definition, n = resolve(str(path))
     with pytest.raises(NeuroAnimatorError, match="holds another dataset"):
         generate(
-            dataset_config(system=name, definition=definition, substeps=n, count=120),
+            DatasetConfig(system=name, definition=definition, substeps=n, count=120),
             tmp_path / "d",
         )

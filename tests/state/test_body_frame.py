@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from neuroanimator import Emulator, dataset_config, load_system, training_config
+from neuroanimator import DatasetConfig, Emulator, TrainingConfig, load_system
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.state.body_frame import Frame
@@ -37,8 +37,8 @@ PLANAR = (
 
 @pytest.fixture(scope="module", params=["truck", "lander"])
 def fresh(request: pytest.FixtureRequest) -> Emulator:
-    data = simulate_transitions(dataset_config(system=request.param, count=600))
-    return build_emulator(data, training_config(widths=(24, 16)))
+    data = simulate_transitions(DatasetConfig(system=request.param, count=600))
+    return build_emulator(data, TrainingConfig(widths=(24, 16)))
 
 
 def quaternions(rng: np.random.Generator, count: int) -> np.ndarray:

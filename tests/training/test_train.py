@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neuroanimator import NeuroAnimatorError, training_config
+from neuroanimator import NeuroAnimatorError, TrainingConfig
 from neuroanimator.data.store import Transitions
 from neuroanimator.training.train import Report, run_folder, train, validation_mask
 
@@ -63,20 +63,20 @@ def test_each_network_and_optimiser_learns(
     settings, least_error, transitions: Transitions, tmp_path: Path
 ):
     reports: list[Report] = []
-    config = training_config(updates=4000, batch=128, **settings)
+    config = TrainingConfig(updates=4000, batch=128, **settings)
     train(transitions, config, tmp_path / "e.safetensors", on_report=reports.append)
     assert reports[-1].error < least_error
     assert reports[-1].error < reports[0].error
 
 
 def test_validation_runs_are_whole_and_unseen(transitions: Transitions):
-    held_out = validation_mask(transitions.run, training_config())
+    held_out = validation_mask(transitions.run, TrainingConfig())
     assert 0 < held_out.mean() < 0.2
     assert not set(transitions.run[held_out]) & set(transitions.run[~held_out])
 
 
 def test_early_stopping_stops(transitions: Transitions, tmp_path: Path):
-    config = training_config(
+    config = TrainingConfig(
         updates=100_000,
         patience=1,
         learning_rate=1.0,
@@ -93,7 +93,7 @@ def test_a_run_with_other_settings_is_refused_and_untouched(
     transitions: Transitions, tmp_path: Path
 ):
     out = tmp_path / "e.safetensors"
-    config = training_config(widths=(8, 8), updates=1000, batch=16)
+    config = TrainingConfig(widths=(8, 8), updates=1000, batch=16)
     train(transitions, config, out)
     before = out.read_bytes()
     with pytest.raises(NeuroAnimatorError, match="other data or settings"):
@@ -114,13 +114,13 @@ def test_a_run_with_other_settings_is_refused_and_untouched(
 )
 def test_bad_settings_are_refused_by_field(field: str, value: object):
     with pytest.raises(NeuroAnimatorError, match=field):
-        training_config(**{field: value})
+        TrainingConfig(**{field: value})
 
 
 def test_a_dataset_too_small_to_split_is_refused(transitions: Transitions, tmp_path: Path):
     one_run = transitions.where(transitions.run == transitions.run[0])
     with pytest.raises(NeuroAnimatorError, match="too few"):
-        train(one_run, training_config(), tmp_path / "e.safetensors")
+        train(one_run, TrainingConfig(), tmp_path / "e.safetensors")
 
 
 def test_f06_two_trainings_cannot_share_a_folder(transitions: Transitions, tmp_path: Path):
@@ -128,6 +128,6 @@ def test_f06_two_trainings_cannot_share_a_folder(transitions: Transitions, tmp_p
 
     out = tmp_path / "e.safetensors"
     with locked(run_folder(out)), pytest.raises(NeuroAnimatorError, match="in use by process"):
-        train(transitions, training_config(), out)
+        train(transitions, TrainingConfig(), out)
     assert not out.exists()
     assert np.isfinite(transitions.states).all()

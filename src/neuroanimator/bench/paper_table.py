@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.codegen.c_emulator import CEmulator
-from neuroanimator.data.config import RUN_STEPS, dataset_config
+from neuroanimator.data.config import RUN_STEPS, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator, rollout
@@ -133,7 +133,7 @@ def few_transitions(emulator: Emulator) -> Transitions:
     """Return enough transitions of the emulator's system to fit cheap predictors to."""
     spec = emulator.spec
     return simulate_transitions(
-        dataset_config(
+        DatasetConfig(
             system=spec.system,
             definition=spec.definition,
             substeps=spec.substeps,

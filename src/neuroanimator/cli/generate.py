@@ -35,7 +35,7 @@ def run(
     from neuroanimator.terminal import phase, print_rows
 
     with phase("loading"):
-        from neuroanimator.data.config import dataset_config
+        from neuroanimator.data.config import DatasetConfig
         from neuroanimator.data.diverged_runs import PATTERN
         from neuroanimator.data.recorded_segments import limited_to_recordings
         from neuroanimator.systems.loading import resolve, trust_files
@@ -44,7 +44,7 @@ def run(
             trust_files(system)
         name, definition, usual = resolve(system)
     chosen = usual if substeps is None else substeps
-    config = dataset_config(
+    config = DatasetConfig(
         system=name, definition=definition, substeps=chosen, count=count, seed=seed
     )
     config = limited_to_recordings(config)
@@ -79,7 +79,7 @@ def generate_with_bar(config: DatasetConfig, out: Path, threads: int | None = No
 
 def ensure_data(reference: str, emulator: Path) -> Path:
     """Return the dataset folder `reference` is, or one made beside `emulator` for the system or TOML file it names."""
-    from neuroanimator.data.config import dataset_config
+    from neuroanimator.data.config import DatasetConfig
     from neuroanimator.data.recorded_segments import limited_to_recordings
     from neuroanimator.errors import BadFileError
     from neuroanimator.systems import SYSTEMS
@@ -98,6 +98,6 @@ def ensure_data(reference: str, emulator: Path) -> Path:
     folder = emulator.with_name(
         emulator.name.removesuffix(".safetensors").removesuffix(".emulator") + ".data"
     )
-    config = dataset_config(system=name, definition=definition, substeps=usual)
+    config = DatasetConfig(system=name, definition=definition, substeps=usual)
     generate_with_bar(limited_to_recordings(config), folder)
     return folder

@@ -49,7 +49,7 @@ def run(
         from neuroanimator.data.store import read_transitions
         from neuroanimator.evaluation.evaluate import judge_training
         from neuroanimator.tables import read_toml
-        from neuroanimator.training.config import UPDATES_PER_CHUNK, training_config
+        from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
         from neuroanimator.training.train import Report, run_folder, train
 
     named = {
@@ -62,7 +62,7 @@ def run(
     named |= {"widths": whole_numbers("widths", widths) if widths is not None else None}
     settings: dict[str, Any] = read_toml(config) if config else {}
     settings |= {key: value for key, value in named.items() if value is not None}
-    checked = training_config(**settings)
+    checked = TrainingConfig(**settings)
     last: list[Report] = []
     transitions = read_transitions(ensure_data(data, out))
     with progress_bar("updates", checked.chunks * UPDATES_PER_CHUNK) as bar:

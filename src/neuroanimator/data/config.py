@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
 from neuroanimator.definitions.carried import MAX_TEXT
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import SystemName
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems import carried_system
-from neuroanimator.tables import first_fault
+from neuroanimator.tables import Settings, Table
 
 RUN_STEPS = 40
 """A simulated run lasts this many super steps."""
@@ -32,12 +32,11 @@ RUNS_PER_SHARD = 256
 """A file of the dataset holds this many runs: large enough to be few, small enough to be made again quickly."""
 
 
-class DatasetConfig(BaseModel):
-    """Everything the bytes of a dataset depend on."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+class DatasetTable(Table):
+    """The fields of a `DatasetConfig`, each checked alone, as the file of a dataset holds them."""
 
     system: SystemName
+    """Its name, such as `fish`. Of a TOML file: that of `load_system("my.toml")`, whose `definition` goes along."""
     substeps: int = Field(50, ge=1, le=1000)
     count: int = Field(100_000, ge=1, le=100_000_000)
     samples_per_run: Literal[12, 18, 24, 36] = SAMPLES_PER_RUN
@@ -48,6 +47,34 @@ class DatasetConfig(BaseModel):
     definition: str = Field("", max_length=MAX_TEXT)
     """What a user's own system can be made from again; empty for one that comes with the package."""
     mujoco: str = Field(version("mujoco"), pattern=r"^[0-9A-Za-z.+-]{1,40}$")
+
+
+class DatasetConfig(Settings, DatasetTable):
+    """Everything the bytes of a dataset depend on.
+
+    Raises ArgumentError naming the field that is wrong, an unknown system, and super steps that are no whole number
+    of physics steps.
+    """
+
+    if not TYPE_CHECKING:  # so that editors offer the fields as arguments
+
+        def __init__(self, **values: Any) -> None:
+            if str(values.get("system", "")).endswith(".toml"):
+                raise ArgumentError(
+                    "system: wanted a name. Of a TOML file: made = load_system('my.toml'), then system=made.name, "
+                    "definition=made.definition."
+                )
+            super().__init__(**values)
+
+    def check(self) -> None:
+        system = carried_system(self.system, self.definition)
+        system.truth.steps(self.substeps * system.physics_dt)
+
+    @classmethod
+    def of_file(cls, values: dict[str, Any]) -> DatasetConfig:
+        """Return what a dataset's file says, its system not looked at; ValidationError names a wrong field."""
+        checked = DatasetTable.model_validate(values)
+        return cls.model_construct(**checked.model_dump())
 
     @property
     def runs(self) -> int:
@@ -67,22 +94,6 @@ class DatasetConfig(BaseModel):
     def shard_path(self, folder: Path, shard: int) -> Path:
         """Return where shard number `shard` lies."""
         return folder / f"shard-{shard:05d}.safetensors"
-
-
-def dataset_config(**values: Any) -> DatasetConfig:
-    """Return a checked configuration; ArgumentError names a wrong field."""
-    if str(values.get("system", "")).endswith(".toml"):
-        raise ArgumentError(
-            "system: wanted a name. Of a TOML file: made = load_system('my.toml'), then system=made.name, "
-            "definition=made.definition."
-        )
-    try:
-        config = DatasetConfig(**values)
-    except ValidationError as error:
-        raise ArgumentError(f"{first_fault(error)}.") from error
-    system = carried_system(config.system, config.definition)
-    system.truth.steps(config.substeps * system.physics_dt)
-    return config
 
 
 def window_length(substeps: int) -> int:

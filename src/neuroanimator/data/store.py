@@ -107,7 +107,7 @@ def read_config(folder: Path) -> DatasetConfig:
         ) from error
     _check_format(path, values.pop("format", None))
     try:
-        return DatasetConfig.model_validate(values)
+        return DatasetConfig.of_file(values)
     except ValidationError as error:
         raise BadFileError(
             f"{path} is damaged: {first_fault(error)}. Generate the dataset again."

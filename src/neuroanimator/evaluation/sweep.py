@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neuroanimator.data.config import dataset_config
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.store import read_transitions
 from neuroanimator.errors import ArgumentError
@@ -20,7 +20,7 @@ from neuroanimator.evaluation.accuracy import (
 )
 from neuroanimator.evaluation.speed import measure_emulator
 from neuroanimator.systems.loading import resolve
-from neuroanimator.training.config import training_config
+from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import train
 
 TEST_RUNS = 24
@@ -56,12 +56,12 @@ def sweep(
     name, definition, _ = resolve(reference)
     rows = []
     for substeps in sorted(set(counts)):
-        config = dataset_config(
+        config = DatasetConfig(
             system=name, definition=definition, substeps=substeps, count=transitions
         )
         folder, path = out / f"{name}-{substeps}", out / f"{name}-{substeps}.emulator.safetensors"
         generate(config, folder)
-        emulator = train(read_transitions(folder), training_config(updates=updates), path)
+        emulator = train(read_transitions(folder), TrainingConfig(updates=updates), path)
         test = held_out_runs(emulator, count=TEST_RUNS, seconds=max(seconds, emulator.dt))
         found = np.asarray(
             emulator.rollout(test.states[:, 0], test.controls, may_diverge=True), float

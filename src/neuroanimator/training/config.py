@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationInfo, field_validator
 
 from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.emulator.networks import DEFAULT_WIDTHS, check_widths
-from neuroanimator.errors import ArgumentError
 from neuroanimator.storage.files import canonical_json
-from neuroanimator.tables import first_fault
+from neuroanimator.tables import Settings
 
 UPDATES_PER_CHUNK = 250
 """Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""
@@ -19,15 +18,18 @@ UPDATES_PER_CHUNK = 250
 DEFAULT_RATES = {"muon": 5e-3, "adam": 5e-3, "momentum": 2e-2}
 
 
-class TrainingConfig(BaseModel):
-    """A training run: single super steps first, then a share of updates unrolled over several."""
+class TrainingConfig(Settings):
+    """A training run: single super steps first, then a share of updates unrolled over several.
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    Raises ArgumentError naming the field that is wrong.
+    """
 
     network: Literal["gated", "classic", "glu", "linear-glu", "mirrored", "hierarchy"] = "gated"
-    widths: tuple[int, ...] = ()
+    widths: tuple[int, ...] = Field((), validate_default=True)
+    """Units in each hidden layer; the network's usual ones if empty."""
     optimizer: Literal["muon", "adam", "momentum"] = "muon"
-    learning_rate: float = Field(0.0, ge=0, lt=10, allow_inf_nan=False)
+    learning_rate: float = Field(0.0, ge=0, lt=10, allow_inf_nan=False, validate_default=True)
+    """The highest; the optimiser's usual one if 0."""
     updates: int = Field(40_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
     batch: int = Field(512, ge=4, le=65_536)
     rare_share: float = Field(0.0, ge=0, lt=1)
@@ -43,6 +45,21 @@ class TrainingConfig(BaseModel):
     patience: int = Field(80, ge=1)
     seed: int = Field(0, ge=0, lt=2**31)
 
+    @field_validator("widths")
+    @classmethod
+    def _usual_widths(cls, widths: tuple[int, ...], info: ValidationInfo) -> tuple[int, ...]:
+        network = info.data.get("network")
+        return widths or DEFAULT_WIDTHS.get(network, ())
+
+    @field_validator("learning_rate")
+    @classmethod
+    def _usual_rate(cls, rate: float, info: ValidationInfo) -> float:
+        optimizer = info.data.get("optimizer")
+        return rate or DEFAULT_RATES.get(optimizer, rate)
+
+    def check(self) -> None:
+        check_widths(self.network, self.widths)
+
     @property
     def hash(self) -> str:
         """Sixteen hex digits that name this configuration."""
@@ -56,18 +73,3 @@ class TrainingConfig(BaseModel):
     def unroll_at(self, chunk: int) -> int:
         """Return how many super steps the loss of chunk number `chunk` spans."""
         return self.unroll if chunk >= round(self.chunks * (1 - self.unroll_share)) else 1
-
-
-def training_config(**values: Any) -> TrainingConfig:
-    """Return a checked configuration with the network's and optimiser's defaults filled in."""
-    try:
-        config = TrainingConfig(**values)
-    except ValidationError as error:
-        raise ArgumentError(f"{first_fault(error)}.") from error
-    check_widths(config.network, config.widths)
-    defaults: dict[str, Any] = {}
-    if not config.widths:
-        defaults["widths"] = DEFAULT_WIDTHS[config.network]
-    if config.learning_rate == 0:
-        defaults["learning_rate"] = DEFAULT_RATES[config.optimizer]
-    return config.model_copy(update=defaults)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from neuroanimator.data.config import DatasetConfig, dataset_config
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.store import read_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems.loading import USUAL_SUBSTEPS
-from neuroanimator.training.config import TrainingConfig, training_config
+from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import Report, train
 from neuroanimator.zoo import shipped_path
 
@@ -39,7 +39,7 @@ class Recipe:
     def data(self, system: str, substeps: int) -> DatasetConfig:
         """Return the dataset to train on."""
         count = round(self.transitions * self._share(substeps))
-        return dataset_config(
+        return DatasetConfig(
             system=system,
             substeps=substeps,
             count=count,
@@ -52,7 +52,7 @@ class Recipe:
 
     def training(self, substeps: int, seed: int = 0) -> TrainingConfig:
         """Return how to train; `seed` 0 is the emulator that ships."""
-        return training_config(
+        return TrainingConfig(
             network=self.network,
             widths=self.widths,
             updates=round(self.updates * self._share(substeps)),

@@ -11,15 +11,15 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import (
+    DatasetConfig,
     Emulator,
     NeuroAnimatorError,
-    dataset_config,
+    TrainingConfig,
     evaluate,
     generate,
     load_system,
     read_transitions,
     train,
-    training_config,
     write_report,
 )
 from neuroanimator.evaluation.evaluate import Effort
@@ -63,11 +63,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with spring.py, spring.toml, data and a briefly trained emulator."""
     folder = tmp_path_factory.mktemp("spring")
     system = system_from(folder)
-    config = dataset_config(
+    config = DatasetConfig(
         system=system.name, definition=system.definition, substeps=10, count=3000
     )
     generate(config, folder / "data")
-    settings = training_config(updates=500, widths=(24, 24), batch=128)
+    settings = TrainingConfig(updates=500, widths=(24, 24), batch=128)
     train(read_transitions(folder / "data"), settings, folder / "spring.emulator.safetensors")
     return folder
 

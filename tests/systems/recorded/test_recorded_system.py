@@ -10,15 +10,15 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import (
+    DatasetConfig,
     Emulator,
     NeuroAnimatorError,
-    dataset_config,
+    TrainingConfig,
     evaluate,
     generate,
     load_system,
     read_transitions,
     train,
-    training_config,
     write_report,
 )
 from neuroanimator.data.config import window_length
@@ -77,7 +77,7 @@ def system_from(path: Path) -> RecordedSystem:
 
 def dataset_from(system: RecordedSystem, folder: Path, **changes: int) -> Path:
     settings = {"substeps": SUBSTEPS, "count": 100_000} | changes
-    generate(dataset_config(system=system.name, definition=system.definition, **settings), folder)
+    generate(DatasetConfig(system=system.name, definition=system.definition, **settings), folder)
     return folder
 
 
@@ -152,7 +152,7 @@ def test_an_emulator_of_a_linear_system_is_accurate_on_recordings_it_has_not_see
 ):
     data = read_transitions(folder / "data")
     out = tmp_path / "runs.emulator.safetensors"
-    train(data, training_config(updates=750, widths=(24, 24), batch=128), out)
+    train(data, TrainingConfig(updates=750, widths=(24, 24), batch=128), out)
     found = evaluate(Emulator.load(out), data=data, effort=Effort(repeats=3, starts=20, steps=50))
     assert found.one_step_error < 0.05
     assert found.one_step_error < 0.2 * found.baselines["persistence"]
@@ -267,7 +267,7 @@ def test_a_missing_file_is_refused(tmp_path: Path):
 def test_runs_too_short_or_too_few_are_refused(tmp_path: Path, rows: int, message: str):
     write_csv(tmp_path / "bad.csv", recordings(runs=1, rows=rows))
     system = system_from(tmp_path / "bad.csv")
-    config = dataset_config(system=system.name, definition=system.definition, substeps=SUBSTEPS)
+    config = DatasetConfig(system=system.name, definition=system.definition, substeps=SUBSTEPS)
     with pytest.raises(BadFileError, match=message):
         limited_to_recordings(config)
 

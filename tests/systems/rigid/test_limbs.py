@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neuroanimator import Emulator, NeuroAnimatorError, load_system, training_config
-from neuroanimator.data.config import dataset_config
+from neuroanimator import Emulator, NeuroAnimatorError, TrainingConfig, load_system
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
@@ -51,14 +51,12 @@ def toml(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def data(toml: Path) -> Transitions:
     name, definition, n = resolve(str(toml))
     return simulate_transitions(
-        dataset_config(
-            system=name, definition=definition, substeps=n, count=360, samples_per_run=36
-        )
+        DatasetConfig(system=name, definition=definition, substeps=n, count=360, samples_per_run=36)
     )
 
 
 def parts_of(data: Transitions) -> tuple[Emulator, tuple[Part, ...]]:
-    emulator = build_emulator(data, training_config(network="hierarchy", widths=(16, 0, 8)))
+    emulator = build_emulator(data, TrainingConfig(network="hierarchy", widths=(16, 0, 8)))
     assert isinstance(emulator.network, Hierarchy)
     return emulator, emulator.network.parts
 
@@ -154,7 +152,7 @@ def test_joints_that_are_all_in_groups_are_refused_where_no_root_is_left(tmp_pat
     path.write_text(path.read_text() + ARMS.replace("left =", 'waist = ["waist"]\nleft ='))
     name, definition, n = resolve(str(path))
     windows = simulate_transitions(
-        dataset_config(system=name, definition=definition, substeps=n, count=72, samples_per_run=36)
+        DatasetConfig(system=name, definition=definition, substeps=n, count=72, samples_per_run=36)
     )
     with pytest.raises(NeuroAnimatorError, match="groups: every joint is in one"):
         parts_of(windows)
@@ -162,7 +160,7 @@ def test_joints_that_are_all_in_groups_are_refused_where_no_root_is_left(tmp_pat
 
 @pytest.mark.parametrize("kind", ["linear-glu", "hierarchy"])
 def test_saving_and_loading_changes_no_bit(kind: str, data: Transitions, tmp_path: Path):
-    emulator = build_emulator(data, training_config(network=kind))
+    emulator = build_emulator(data, TrainingConfig(network=kind))
     emulator.save(tmp_path / "a.safetensors")
     Emulator.load(tmp_path / "a.safetensors").save(tmp_path / "b.safetensors")
     assert (tmp_path / "a.safetensors").read_bytes() == (tmp_path / "b.safetensors").read_bytes()

@@ -8,14 +8,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from neuroanimator.data.config import MAX_UNROLL, dataset_config
+from neuroanimator.data.config import MAX_UNROLL, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.artifact import describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
-from neuroanimator.training.config import training_config
+from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import train
 
 STATE_SPREAD = 0.15
@@ -44,7 +44,7 @@ def refined(
     """
     spec, before = emulator.spec, data
     data = data or simulate_transitions(
-        dataset_config(
+        DatasetConfig(
             system=spec.system, definition=spec.definition, substeps=spec.substeps, count=FRESH
         )
     )
@@ -55,7 +55,7 @@ def refined(
 
 
 def _train_on(emulator: Emulator, data: Transitions) -> Emulator:
-    config = training_config(
+    config = TrainingConfig(
         widths=emulator.network.widths,
         network=describe(emulator)["network"]["kind"],
         updates=REFINING_UPDATES,
