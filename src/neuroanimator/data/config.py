@@ -37,16 +37,16 @@ class DatasetTable(Table):
 
     system: SystemName
     """Its name, such as `fish`. Of a TOML file: that of `load_system("my.toml")`, whose `definition` goes along."""
-    substeps: int = Field(50, ge=1, le=1000)
-    count: int = Field(100_000, ge=1, le=100_000_000)
+    substeps: int = Field(default=50, ge=1, le=1000)
+    count: int = Field(default=100_000, ge=1, le=100_000_000)
     samples_per_run: Literal[12, 18, 24, 36] = SAMPLES_PER_RUN
     """Training examples taken from each run of `RUN_STEPS` super steps; more for physics that is dear."""
-    idle_share: float = Field(0.1, ge=0, le=1)
+    idle_share: float = Field(default=0.1, ge=0, le=1)
     """Share of runs whose controls cease somewhere: bodies come to rest, and emulators should know how."""
-    seed: int = Field(0, ge=0, lt=2**31)
-    definition: str = Field("", max_length=MAX_TEXT)
+    seed: int = Field(default=0, ge=0, lt=2**31)
+    definition: str = Field(default="", max_length=MAX_TEXT)
     """What a user's own system can be made from again; empty for one that comes with the package."""
-    mujoco: str = Field(version("mujoco"), pattern=r"^[0-9A-Za-z.+-]{1,40}$")
+    mujoco: str = Field(default=version("mujoco"), pattern=r"^[0-9A-Za-z.+-]{1,40}$")
 
 
 class DatasetConfig(Settings, DatasetTable):

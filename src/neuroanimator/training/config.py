@@ -25,36 +25,36 @@ class TrainingConfig(Settings):
     """
 
     network: Literal["gated", "classic", "glu", "linear-glu", "mirrored", "hierarchy"] = "gated"
-    widths: tuple[int, ...] = Field((), validate_default=True)
+    widths: tuple[int, ...] = Field(default=(), validate_default=True)
     """Units in each hidden layer; the network's usual ones if empty."""
     optimizer: Literal["muon", "adam", "momentum"] = "muon"
-    learning_rate: float = Field(0.0, ge=0, lt=10, allow_inf_nan=False, validate_default=True)
+    learning_rate: float = Field(default=0.0, ge=0, lt=10, allow_inf_nan=False, validate_default=True)
     """The highest; the optimiser's usual one if 0."""
-    updates: int = Field(40_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
-    batch: int = Field(512, ge=4, le=65_536)
-    rare_share: float = Field(0.0, ge=0, lt=1)
+    updates: int = Field(default=40_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
+    batch: int = Field(default=512, ge=4, le=65_536)
+    rare_share: float = Field(default=0.0, ge=0, lt=1)
     """Share of each batch drawn among the tenth of all windows with the most unusual changes, such as touchdowns."""
-    position_modes: int = Field(0, ge=0, le=256)
+    position_modes: int = Field(default=0, ge=0, le=256)
     """Shapes a deformable body is made of, and ways its parts move; 0: as many as matter. See `shape_modes`."""
-    velocity_modes: int = Field(0, ge=0, le=256)
-    local_modes: int = Field(4, ge=1, le=64)
+    velocity_modes: int = Field(default=0, ge=0, le=256)
+    local_modes: int = Field(default=4, ge=1, le=64)
     """The same per segment, besides where it is; of hierarchies."""
-    unroll: int = Field(MAX_UNROLL, ge=1, le=MAX_UNROLL)
-    unroll_share: float = Field(0.2, ge=0, le=1)
-    validation_share: float = Field(0.05, gt=0, lt=0.9)
-    patience: int = Field(80, ge=1)
-    seed: int = Field(0, ge=0, lt=2**31)
+    unroll: int = Field(default=MAX_UNROLL, ge=1, le=MAX_UNROLL)
+    unroll_share: float = Field(default=0.2, ge=0, le=1)
+    validation_share: float = Field(default=0.05, gt=0, lt=0.9)
+    patience: int = Field(default=80, ge=1)
+    seed: int = Field(default=0, ge=0, lt=2**31)
 
     @field_validator("widths")
     @classmethod
     def _usual_widths(cls, widths: tuple[int, ...], info: ValidationInfo) -> tuple[int, ...]:
-        network = info.data.get("network")
+        network = info.data.get("network", "")
         return widths or DEFAULT_WIDTHS.get(network, ())
 
     @field_validator("learning_rate")
     @classmethod
     def _usual_rate(cls, rate: float, info: ValidationInfo) -> float:
-        optimizer = info.data.get("optimizer")
+        optimizer = info.data.get("optimizer", "")
         return rate or DEFAULT_RATES.get(optimizer, rate)
 
     def check(self) -> None:
