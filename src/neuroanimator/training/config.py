@@ -28,7 +28,9 @@ class TrainingConfig(Settings):
     widths: tuple[int, ...] = Field(default=(), validate_default=True)
     """Units in each hidden layer; the network's usual ones if empty."""
     optimizer: Literal["muon", "adam", "momentum"] = "muon"
-    learning_rate: float = Field(default=0.0, ge=0, lt=10, allow_inf_nan=False, validate_default=True)
+    learning_rate: float = Field(
+        default=0.0, ge=0, lt=10, allow_inf_nan=False, validate_default=True
+    )
     """The highest; the optimiser's usual one if 0."""
     updates: int = Field(default=40_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
     batch: int = Field(default=512, ge=4, le=65_536)
