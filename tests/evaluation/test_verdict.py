@@ -138,8 +138,13 @@ CHEAP = {NO_CHANGE: 1.0, CONSTANT_VELOCITY: 0.8, "ridge regression": 0.01}
         (0.03, {"error_after_second": 1.3}, "usable", "after a second"),
         (0.03, {"error_after_second": math.nan}, "usable", "after a second"),
         (0.2, {}, "usable", "one step is off by 0.2"),
-        (0.5, {}, "poor", "predicting that speeds stay as they are by no more than 0.8"),
-        (0.9, {}, "useless", "worse than predicting that speeds stay as they are (0.9 against 0.8"),
+        (0.5, {}, "poor", "predicting that velocities stay as they are by no more than 0.8"),
+        (
+            0.9,
+            {},
+            "useless",
+            "worse than predicting that velocities stay as they are (0.9 against 0.8",
+        ),
         (
             2.39,
             {"diverged": 472, "rollouts": 1000},

@@ -17,7 +17,7 @@ def run(
     control: Annotated[
         bool,
         typer.Option(
-            "--control", help="Controllers by task, and their rivals on the true physics."
+            "--control", help="Controllers by task, and their baselines on the true physics."
         ),
     ] = False,
     tasks: Annotated[

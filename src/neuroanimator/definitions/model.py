@@ -35,7 +35,7 @@ class Physics(Table):
 
 
 class FrameTable(Table):
-    """What of the root's place matters."""
+    """What of the root's position matters."""
 
     ground: bool = False
     """Whether its height matters."""
@@ -46,7 +46,7 @@ class FrameTable(Table):
     symmetry_controls: tuple[tuple[str, str], ...] = ()
     """Pairs of controls that turn with it, as X and Y do: torques about X and Y."""
     planar: Annotated[tuple[str, ...], Field(max_length=3)] = ()
-    """Joints x, y and heading of a root that moves in a plane, where place and heading do not matter."""
+    """Joints x, y and heading of a root that moves in a plane, where position and heading do not matter."""
 
 
 class Sampling(Table):

@@ -332,7 +332,7 @@ def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float)
         lambda row, what: numbers(row, what, controls),
     )
     if len(external_forces) not in (0, 3):
-        raise ValueError("frame: wanted pushes along three axes, or none")
+        raise ValueError("frame: wanted external forces along three axes, or none")
     has_gravity = flag(described["has_gravity"], "frame: weighs")
     is_immersed = flag(described["is_immersed"], "frame: is_immersed")
     spheres = tuple((x, y, z, r) for x, y, z, r in probes)

@@ -20,7 +20,7 @@ LOST = 1.0
 
 IN_WORDS = {
     NO_CHANGE: "predicting no change",
-    CONSTANT_VELOCITY: "predicting that speeds stay as they are",
+    CONSTANT_VELOCITY: "predicting that velocities stay as they are",
 }
 
 

@@ -22,8 +22,8 @@ TITLES = {
     "state": "How the network sees each joint.\n"
     f"# hinge: {', '.join(LOOKS['hinge'][:3])}; slide: {', '.join(LOOKS['slide'][:2])}; ball: ball; free: free.\n"
     "# cyclic: where it stands does not matter, how fast it moves does.",
-    "frame": "What of the root's place matters. ground: its height; probes: x, y, z, radius of feet [m];\n"
-    "# planar: joints x, y, heading of a root that moves in a plane, where place and heading do not matter.",
+    "frame": "What of the root's position matters. ground: its height; probes: x, y, z, radius of feet [m];\n"
+    "# planar: joints x, y, heading of a root that moves in a plane, where position and heading do not matter.",
     "control": "The least and the largest value of each actuator.",
     "sampling": "Random starts of training runs, around the state of rest (keyframe 'home', if the model has one).\n"
     "# warm_up: random driving before a run is recorded [s]; tilt: of a free root [rad].",

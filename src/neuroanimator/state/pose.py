@@ -49,7 +49,7 @@ def read_pose(structure: Structure, states: Numbers) -> Pose:
     if "position" in kinds and "quaternion" in kinds and "velocity" in kinds:
         return _root_pose(structure, states)
     raise ArgumentError(
-        "place, speed and heading: wanted a system with a free root or mass points, came one without. "
+        "position, speed and heading: wanted a system with a free root or mass points, came one without. "
         "Give the wanted state entries instead (reach_state)."
     )
 

@@ -223,30 +223,30 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         ('start = { "root.position" = [1] }', "'root.position' has 3 numbers [m], came 1"),
         ('start = { "root.orientation" = [0, 0, 0, 0] }', "quaternion"),
         ("wishes = []", "my.toml: wishes: "),
-        ("[[costs]]\nweight = 1", "wish 1: no kind 'None'. Kinds: avoid, effort"),
+        ("[[costs]]\nweight = 1", "cost 1: no kind 'None'. Kinds: avoid, effort"),
         (
             '[[costs]]\nkind = "effort"\n[[costs]]\nkind = "fly"',
-            "wish 2: no kind 'fly'. Kinds: avoid, effort",
+            "cost 2: no kind 'fly'. Kinds: avoid, effort",
         ),
         (
             '[[costs]]\nkind = "keep_speed"\nspeed = 1\nwithn = 1',
-            "wish 1 (keep_speed): no argument 'withn'. Arguments: speed, within, since, weight; needed: speed, within.",
+            "cost 1 (keep_speed): no argument 'withn'. Arguments: speed, within, since, weight; needed: speed, within.",
         ),
         (
             '[[costs]]\nkind = "keep_speed"\nspeed = 1',
-            "wish 1 (keep_speed): wanted 'within'. Arguments: speed",
+            "cost 1 (keep_speed): wanted 'within'. Arguments: speed",
         ),
         (
             '[[costs]]\nkind = "effort"\nweight = "1"',
-            "wish 1 (effort): weight: input should be a valid number",
+            "cost 1 (effort): weight: input should be a valid number",
         ),
         (
             '[[costs]]\nkind = "effort"\nweight = true',
-            "wish 1 (effort): weight: input should be a valid number",
+            "cost 1 (effort): weight: input should be a valid number",
         ),
         (
             '[[costs]]\nkind = "effort"\nweight = inf',
-            "wish 1 (effort): weight: input should be a finite number",
+            "cost 1 (effort): weight: input should be a finite number",
         ),
         (
             '[[costs]]\nkind = "reach_position"\nposition = [1, "2", 3]\nwithin = 1',
@@ -266,15 +266,15 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         ),
         (
             '[[costs]]\nkind = "stand_up"\nwithin = -1',
-            "wish 1 (stand_up): within: wanted a finite number above 0",
+            "cost 1 (stand_up): within: wanted a finite number above 0",
         ),
         (
             '[[costs]]\nkind = "goal"\nname = "moon"',
-            "wish 1 (goal): No goal called 'moon' for the system truck. Goals:",
+            "cost 1 (goal): No goal called 'moon' for the system truck. Goals:",
         ),
         (
             '[[costs]]\nkind = "reach_state"\nreach = {}',
-            "wish 1 (reach_state): reach: wanted at least one part",
+            "cost 1 (reach_state): reach: wanted at least one part",
         ),
         (
             '[[costs]]\nkind = "reach_state"\nreach = { wheel = [1] }',
@@ -290,11 +290,11 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         ),
         (
             '[[costs]]\nkind = "reach_state"\nreach = { steer_fl = [1] }\nwithin = { steer_fl = 0 }',
-            "wish 1 (reach_state): within.steer_fl: input should be greater than 0",
+            "cost 1 (reach_state): within.steer_fl: input should be greater than 0",
         ),
         (
             '[[costs]]\nkind = "avoid"\nmargin = 1\nzones = [{ radius = 1 }]',
-            "wish 1 (avoid): zones.0.position: field req",
+            "cost 1 (avoid): zones.0.position: field req",
         ),
         ("[[wishes", "is not a readable TOML file"),
     ],

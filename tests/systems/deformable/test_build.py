@@ -182,9 +182,9 @@ def test_nodes_and_springs_that_make_no_body_are_refused(
         ),
         (
             put({"along": [1.0, 0.0, 0.0]}, "external_forces"),
-            "muscles or pushes: wanted exactly one .*, came both",
+            "muscles or external_forces: wanted exactly one .*, came both",
         ),
-        (drop("muscles"), "muscles or pushes: .*, came neither"),
+        (drop("muscles"), "muscles or external_forces: .*, came neither"),
         (put(["nose", "left"], "groups", "front"), "groups: in none of them: right"),
         (
             put(["top", "tail", "nose"], "groups", "back"),
@@ -239,7 +239,7 @@ def test_muscles_groups_and_faces_that_make_no_sense_are_refused(
         (drop("faces", 0), r"mirror: a face is missing: \['nose', 'left', 'top'\]"),
         (
             pushed(along=[1.0, 0.0, 0.0], aside=[0.0, 1.0, 0.0]),
-            "mirror: reversing Y, the push 'aside'",
+            "mirror: reversing Y, the external force 'aside'",
         ),
     ],
 )

@@ -88,7 +88,7 @@ def race(
     Raises ArgumentError for an unknown name, and for systems iLQR cannot be used on.
     """
     if name not in RIVALS:
-        raise ArgumentError(f"No rival called '{name}'. Rivals: {', '.join(sorted(RIVALS))}.")
+        raise ArgumentError(f"No baseline called '{name}'. Baselines: {', '.join(sorted(RIVALS))}.")
     start, control_scale = (
         system.state.check(start, "state"),
         system.bounds.magnitude if control_scale is None else control_scale,

@@ -229,7 +229,7 @@ def _wish(number: int, values: dict[str, Any], system: System) -> Term:
     kind = values.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         raise ArgumentError(
-            f"wish {number}: no kind {str(kind)[:40]!r}. Kinds: {', '.join(KINDS)}."
+            f"cost {number}: no kind {str(kind)[:40]!r}. Kinds: {', '.join(KINDS)}."
         )
     given = {key: value for key, value in values.items() if key != "kind"}
     try:
@@ -237,9 +237,9 @@ def _wish(number: int, values: dict[str, Any], system: System) -> Term:
         takes_system = "system" in inspect.signature(KINDS[kind]).parameters
         return KINDS[kind](*[system] * takes_system, **arguments)
     except ValidationError as error:
-        raise ArgumentError(f"wish {number} ({kind}): {first_fault(error)}.") from error
+        raise ArgumentError(f"cost {number} ({kind}): {first_fault(error)}.") from error
     except ArgumentError as error:
-        raise ArgumentError(f"wish {number} ({kind}): {error}") from error
+        raise ArgumentError(f"cost {number} ({kind}): {error}") from error
 
 
 def _arguments(function: Callable[..., Term], given: dict[str, Any]) -> dict[str, Any]:

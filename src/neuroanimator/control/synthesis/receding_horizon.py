@@ -113,7 +113,7 @@ class Planner:
         """Return this planner for an objective of the same wishes with other numbers: nothing is compiled anew."""
         if not bool(eqx.tree_equal(_without_numbers(objective), _without_numbers(self.objective))):
             raise ArgumentError(
-                "objective: wanted the planner's wishes with other numbers. Make a new planner."
+                "objective: wanted the planner's costs with other numbers. Make a new planner."
             )
         return replace(self, objective=objective, _numbers=_numbers_of(objective))
 

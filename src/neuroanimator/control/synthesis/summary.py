@@ -37,7 +37,7 @@ def outcome_rows(found: Synthesis) -> list[tuple[str, object]]:
 
 def gap_in_words(cost_emulator: float, cost_physics: float) -> str:
     """Return what J says of a controller: how far it is from what was wished, foretold and on the physics."""
-    meaning = "J adds up how far the motion is from what was wished, so lower is better; "
+    meaning = "J adds up how far the motion is from what was asked for, so lower is better; "
     gap = cost_physics - cost_emulator
     if abs(gap) <= SMALL_GAP * max(cost_emulator, cost_physics):
         return meaning + "the physics does what the emulator foretold"

@@ -136,7 +136,7 @@ def _drives(
     if bool(table) == bool(definition.external_forces):
         came = "both" if table else "neither"
         raise ArgumentError(
-            f"muscles or pushes: wanted exactly one of the two tables to drive the body, came {came}. "
+            f"muscles or external_forces: wanted exactly one of the two tables to drive the body, came {came}. "
             f"{'Leave one out' if table else 'Add one'}."
         )
     if not table:

@@ -191,7 +191,7 @@ def check_mirror(body: Body, nodes: np.ndarray, controls: np.ndarray, names: Seq
         pushed > MIRROR_TOLERANCE * np.abs(body.external_forces).max(initial=0)
     )[:1].tolist():
         raise ArgumentError(
-            f"mirror: reversing Y, the push '{names[c]}' does not become that of '{names[int(controls[c])]}'. "
+            f"mirror: reversing Y, the external force '{names[c]}' does not become that of '{names[int(controls[c])]}'. "
             "Make them mirror images, or leave out the mirror."
         )
 

@@ -152,7 +152,7 @@ def structure_of(
     """Return what an emulator of `model` with states of `size` entries may exploit."""
     if frame.symmetry_order > 1 and [view.kind for view in views] != ["free"]:
         raise ArgumentError(
-            "frame.fold: only a body whose one joint is free may have such a symmetry."
+            "frame.symmetry_order: only a body whose one joint is free may have such a symmetry."
         )
     rates = [
         (v.position_entry + i, v.rate + i)
