@@ -21,7 +21,9 @@ COMPLAINING = re.compile(r"(Error|_error|warn|warn_once)$")
 MIN_WORDS = 3
 """Elsewhere a text of fewer words is a key or a label."""
 
-CODE = re.compile(r"[;{}]\n|; ?}|#define|#include|</|/>|<[a-z]+ [a-z]+=|\(int |static |^float |^const ")
+CODE = re.compile(
+    r"[;{}]\n|; ?}|#define|#include|</|/>|<[a-z]+ [a-z]+=|\(int |static |^float |^const "
+)
 """What is found in texts that are C, HTML or MuJoCo's XML, not English."""
 
 
