@@ -27,9 +27,9 @@ from neuroanimator.evaluation.speed_mass_spring import (
     random_bodies,
     twin_error,
 )
-from neuroanimator.systems.deformable.body import largest_step
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, c_twin
+from neuroanimator.systems.deformable.stability import largest_stable_step
 from neuroanimator.systems.system import Scheme
 from neuroanimator.terminal import print_table
 
@@ -55,7 +55,7 @@ def physics_rows(repeats: int) -> Rows:
 
 def system_rows(system: DeformableSystem, repeats: int) -> Rows:
     """Return a row per integrator."""
-    test, limit = simulated(system), largest_step(system.body)
+    test, limit = simulated(system), largest_stable_step(system.body)
     return [
         {
             "system": system.name,

@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Iterable
 
 MAX_QUOTE = 60
-"""Characters of foreign text an error shows."""
+"""Characters of foreign text an error shows at most."""
+
+MAX_LISTED = 12
+"""Names an error lists at most."""
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 """What makes a spreadsheet run a cell (OWASP, CSV injection)."""
@@ -30,6 +34,15 @@ def quoted(value: object, limit: int = MAX_QUOTE) -> str:
     if len(shown) > limit:
         shown = shown[:limit] + "..."
     return f"'{printable(shown)}'"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return the names with commas; of very many the first ones, and how many more there are."""
+    every = list(names)
+    shown = ", ".join(every[:MAX_LISTED])
+    if len(every) > MAX_LISTED:
+        return f"{shown} and {len(every) - MAX_LISTED} more"
+    return shown
 
 
 def table_cell(text: str) -> str:

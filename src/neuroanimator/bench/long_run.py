@@ -15,7 +15,7 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.reference_shape import points_of
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.deformable.mass_spring import Motion, internal_energy, strains
+from neuroanimator.systems.deformable.mass_spring import BodyState, internal_energy, strains
 
 BLOCK = 500
 """Super steps rolled out at once."""
@@ -46,7 +46,7 @@ def measures(system: DeformableSystem, states: np.ndarray | jax.Array) -> jax.Ar
     assert cloud is not None
     rows = jnp.asarray(states).reshape(-1, states.shape[-1])
     parts = points_of(rows[:, :size]), points_of(rows[:, size : 2 * size]), rows[:, 2 * size :]
-    motion = Motion(*(jnp.moveaxis(part, 0, -1) for part in parts))
+    motion = BodyState(*(jnp.moveaxis(part, 0, -1) for part in parts))
     seen = cloud.own_frame(parts[0])[2]
     shape = jnp.sqrt(
         jnp.mean(jnp.sum((seen - jnp.asarray(cloud.positions)) ** 2, axis=-1), axis=-1)

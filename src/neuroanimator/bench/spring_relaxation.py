@@ -16,8 +16,9 @@ from jaxtyping import Array, Float
 from neuroanimator.emulator.emulator import Emulator, rollout_latent
 from neuroanimator.emulator.shape_modes import RIGID
 from neuroanimator.state.reference_shape import flat_of, points_of
-from neuroanimator.systems.deformable.body import Body, largest_step
-from neuroanimator.systems.deformable.mass_spring import Motion, advance
+from neuroanimator.systems.deformable.body import Body
+from neuroanimator.systems.deformable.mass_spring import BodyState, advance
+from neuroanimator.systems.deformable.stability import largest_stable_step
 
 Correction = Callable[[Float[Array, " I"]], Float[Array, " I"]]
 
@@ -30,13 +31,13 @@ def relaxed(emulator: Emulator, body: Body, steps: int = 3) -> Correction:
     soft = replace(
         body, stiffness=SOFTER * body.stiffness, damping=MORE_DAMPED * body.damping, water=None
     )
-    dt = 0.5 * largest_step(soft)
+    dt = 0.5 * largest_stable_step(soft)
     size = 3 * len(body.masses)
 
     def correct(latent: Float[Array, " I"]) -> Float[Array, " I"]:
         state = emulator.decode(latent)
         activations = state[2 * size :]
-        motion = Motion(points_of(state[:size]), points_of(state[size : 2 * size]), activations)
+        motion = BodyState(points_of(state[:size]), points_of(state[size : 2 * size]), activations)
         found = advance(soft, "symplectic", dt, steps, motion, activations)
         flat = jnp.concatenate([flat_of(found.positions), flat_of(found.velocities), activations])
         fresh = emulator.encode(flat)

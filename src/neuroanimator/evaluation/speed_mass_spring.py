@@ -12,7 +12,7 @@ import numpy as np
 
 from neuroanimator.evaluation.accuracy import HeldOut, runs_error, scheme_error
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.deformable.mass_spring import Motion, advance
+from neuroanimator.systems.deformable.mass_spring import BodyState, advance
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, LANES, c_twin
 from neuroanimator.systems.deformable.native.reference_loop import plain_player
 from neuroanimator.systems.system import Runs, Scheme
@@ -66,15 +66,15 @@ def _one_by_one(
 
 def jax_run(
     system: DeformableSystem, kind: str, steps: int
-) -> Callable[[Motion, jax.Array], Motion]:
+) -> Callable[[BodyState, jax.Array], BodyState]:
     """Return the JAX physics of `steps` steps of the system's own length as a compiled function."""
     return jax.jit(partial(advance, system.body, kind, system.physics_dt, steps))
 
 
-def motion_of(system: DeformableSystem, states: np.ndarray) -> Motion:
+def motion_of(system: DeformableSystem, states: np.ndarray) -> BodyState:
     """Return states (B, S) as a motion in float32: (N, 3, B), without the batch for one body."""
     parts = (np.moveaxis(part, 0, -1) for part in system.unpack(states))
-    return Motion(
+    return BodyState(
         *(jnp.asarray(part[..., 0] if len(states) == 1 else part, jnp.float32) for part in parts)
     )
 

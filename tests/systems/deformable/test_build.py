@@ -12,7 +12,7 @@ import pytest
 
 from neuroanimator.definitions.body import MAX_NODES, MAX_SPRINGS, BodyDefinition
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.deformable.body import largest_step
+from neuroanimator.systems.deformable.stability import largest_stable_step
 from neuroanimator.systems.deformable.build import group_numbers
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.tables import check_table
@@ -297,7 +297,7 @@ def test_the_inverted_faces_of_a_bent_body_are_found():
     ("integrator", "room"), [("symplectic", 1.0), ("semi-implicit", 1.0), ("rk4", 1.3)]
 )
 def test_a_step_at_which_small_vibrations_grow_is_refused(key: str, integrator: str, room: float):
-    limit = largest_step(make().body) * room
+    limit = largest_stable_step(make().body) * room
     scheme = put(integrator, "physics", key.replace("step", "integrator"))
     make(both(scheme, put(0.99 * limit, "physics", key)))
     with pytest.raises(

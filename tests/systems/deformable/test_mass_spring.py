@@ -16,12 +16,12 @@ from jax import Array
 
 from neuroanimator import load_system
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.systems.deformable.body import Body, Ground, Water, largest_step
+from neuroanimator.systems.deformable.body import Body, Ground, Water
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import (
     GRAVITY,
     STEPPERS,
-    Motion,
+    BodyState,
     advance,
     energy,
     implicit_matrix,
@@ -30,6 +30,7 @@ from neuroanimator.systems.deformable.mass_spring import (
     strains,
     trajectory,
 )
+from neuroanimator.systems.deformable.stability import largest_stable_step
 from neuroanimator.systems.system import Scheme
 
 NOWHERE = Water(face_drag=0.0)
@@ -64,11 +65,11 @@ def jelly(water: Water | None = NOWHERE, damping: float = 0.0) -> Body:
     )  # fmt: skip
 
 
-def disturbed(body: Body, stretch: float = 0.01, speed: float = 0.3, seed: int = 1) -> Motion:
+def disturbed(body: Body, stretch: float = 0.01, speed: float = 0.3, seed: int = 1) -> BodyState:
     """Return a deformed, turning, drifting motion of `body`, its muscles relaxed."""
     rng = np.random.default_rng(seed)
     positions = body.positions + rng.normal(size=body.positions.shape) * stretch
-    return Motion(
+    return BodyState(
         *map(
             jnp.asarray,
             (positions, rng.normal(size=positions.shape) * speed, np.zeros(body.muscles.shape[1])),
@@ -77,12 +78,12 @@ def disturbed(body: Body, stretch: float = 0.01, speed: float = 0.3, seed: int =
 
 
 @cache
-def stepper(body: Body, integrator: str) -> Callable[[Motion, Array, float], Motion]:
+def stepper(body: Body, integrator: str) -> Callable[[BodyState, Array, float], BodyState]:
     """Return the compiled step (motion, controls, dt) → motion."""
     return jax.jit(partial(STEPPERS[integrator], body), compiler_options=QUICK)
 
 
-def follow(body: Body, integrator: str, dt: float, steps: int, motion: Motion) -> Motion:
+def follow(body: Body, integrator: str, dt: float, steps: int, motion: BodyState) -> BodyState:
     """Return the motion's start and what follows after each step without controls (steps + 1, ...)."""
     step, controls, motions = (
         stepper(body, integrator),
@@ -91,13 +92,13 @@ def follow(body: Body, integrator: str, dt: float, steps: int, motion: Motion) -
     )
     for _ in range(steps):
         motions.append(step(motions[-1], controls, dt))
-    return Motion(
+    return BodyState(
         *(np.stack([np.asarray(part) for part in parts]) for parts in zip(*motions, strict=True))
     )
 
 
 def reach(
-    body: Body, integrator: str, dt: float, seconds: float, motion: Motion, controls: Array
+    body: Body, integrator: str, dt: float, seconds: float, motion: BodyState, controls: Array
 ) -> np.ndarray:
     """Return places and speeds (2, N, 3, ...) after `seconds` of held controls."""
     step = stepper(body, integrator)
@@ -106,9 +107,9 @@ def reach(
     return np.stack([np.asarray(part) for part in motion[:2]])
 
 
-def energies_of(body: Body, motions: Motion) -> np.ndarray:
+def energies_of(body: Body, motions: BodyState) -> np.ndarray:
     """Return the energy of each of the motions (T, ...)."""
-    last = Motion(*(jnp.moveaxis(jnp.asarray(part), 0, -1) for part in motions))
+    last = BodyState(*(jnp.moveaxis(jnp.asarray(part), 0, -1) for part in motions))
     return np.asarray(jax.jit(partial(energy, body))(last))
 
 
@@ -195,7 +196,7 @@ def test_one_damped_spring_swings_as_its_formula_says():
     drift, stretch, parting = np.array([0.1, -0.2, 0.3]), 0.05, 0.4
     middle = masses @ body.positions / masses.sum()
     shares = np.array([-masses[1], masses[0]])[:, None] / masses.sum()
-    start = Motion(
+    start = BodyState(
         *map(
             jnp.asarray,
             (body.positions + shares * stretch * axis, drift + shares * parting * axis, []),
@@ -212,15 +213,17 @@ def test_one_damped_spring_swings_as_its_formula_says():
     )
     expected = middle + drift * time[:, None, None] + shares * (0.2 + swing)[:, None, None] * axis
     np.testing.assert_allclose(motion.positions, expected, atol=1e-9)
-    assert largest_step(body) == pytest.approx(
+    assert largest_stable_step(body) == pytest.approx(
         2 / (stiffness / reduced) * (np.sqrt(rate**2 + stiffness / reduced) - rate), rel=1e-9
     )
 
 
 def test_compression_takes_the_raw_matrix_its_positive_definiteness_but_not_the_clamped_one():
     body, dt = jelly(damping=0.05), 0.01
-    assert dt < largest_step(body)
-    squeezed = Motion(jnp.asarray(body.positions * 0.1), jnp.asarray(-body.positions), jnp.zeros(3))
+    assert dt < largest_stable_step(body)
+    squeezed = BodyState(
+        jnp.asarray(body.positions * 0.1), jnp.asarray(-body.positions), jnp.zeros(3)
+    )
     stiffness, _ = spring_stiffness(body, *squeezed)
     assert np.linalg.eigvalsh(implicit_matrix(body, stiffness, dt))[0] < 0
     clamped = np.linalg.eigvalsh(implicit_matrix(body, jnp.maximum(stiffness, 0), dt))
@@ -263,7 +266,7 @@ def mujoco_twin(body: Body) -> mujoco.MjModel:
 
 
 def reach_in_mujoco(
-    body: Body, integrator: int, dt: float, seconds: float, motion: Motion
+    body: Body, integrator: int, dt: float, seconds: float, motion: BodyState
 ) -> np.ndarray:
     """Return what `reach` does, by MuJoCo and with the motion's contractions held."""
     model = mujoco_twin(body)
@@ -329,7 +332,7 @@ def test_bodies_side_by_side_move_as_each_alone(integrator: str):
     )
     motions = [disturbed(body, seed=seed) for seed in range(3)]
     held = jnp.asarray(np.random.default_rng(0).uniform(-1, 1, (3, 3)))
-    together = Motion(*(jnp.stack(parts, axis=-1) for parts in zip(*motions, strict=True)))
+    together = BodyState(*(jnp.stack(parts, axis=-1) for parts in zip(*motions, strict=True)))
     found = reach(body, integrator, 0.002, 0.1, together, held)
     for row, motion in enumerate(motions):
         alone = reach(body, integrator, 0.002, 0.1, motion, held[:, row])
@@ -349,7 +352,7 @@ def test_water_brakes_a_face_that_moves_outward_and_lets_go_of_one_that_moves_in
     forces = jax.jit(partial(outer_forces, body), compiler_options=QUICK)
 
     def push(velocity: list[float]) -> np.ndarray:
-        motion = Motion(
+        motion = BodyState(
             jnp.asarray(positions), jnp.tile(jnp.asarray(velocity), (6, 1)), jnp.zeros(3)
         )
         return np.asarray(forces(motion, jnp.zeros(3)))
@@ -364,7 +367,7 @@ def test_water_brakes_a_face_that_moves_outward_and_lets_go_of_one_that_moves_in
 def test_a_body_of_waters_weight_hangs_below_the_surface_and_falls_above_it():
     body = jelly(Water(face_drag=0.0, buoyancy=1.0, surface=2.0, depth=0.1))
     for height, fall in ((0.0, 0.0), (10.0, GRAVITY / 2)):
-        start = Motion(
+        start = BodyState(
             jnp.asarray(body.positions + np.array([0, 0, height])),
             jnp.zeros_like(body.positions),
             jnp.zeros(3),
@@ -380,7 +383,7 @@ def test_a_light_body_rises_and_comes_to_float():
         jelly(damping=1.0),
         water=Water(face_drag=0.0, drag=4.0, buoyancy=2.0, surface=0.0, depth=0.3),
     )
-    start = Motion(
+    start = BodyState(
         jnp.asarray(body.positions - np.array([0, 0, 1.0])),
         jnp.zeros_like(body.positions),
         jnp.zeros(3),
@@ -427,7 +430,9 @@ def test_the_largest_step_is_just_where_small_vibrations_begin_to_grow(
     body = jelly(damping=damping)
     start = disturbed(body, stretch=1e-7, speed=0.0)
     for share, is_bounded in ((0.99, True), (1.01, False)):
-        positions = follow(body, integrator, share * largest_step(body), 500, start).positions
+        positions = follow(
+            body, integrator, share * largest_stable_step(body), 500, start
+        ).positions
         off = np.abs(np.asarray(positions) - body.positions).max()
         assert (off < 1e-5) if is_bounded else (off > 1e-3 or not np.isfinite(off)), (share, off)
 

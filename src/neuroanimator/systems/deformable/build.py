@@ -1,47 +1,59 @@
-"""From a written-down body to its arrays: mass points, springs, muscles, faces, mirror, gait."""
+"""From a written-down body to its arrays: mass points, springs, muscles, external forces, faces, groups, gait."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from neuroanimator.definitions.body import MAX_NODES, MAX_SPRINGS, BodyDefinition, control_names
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.definitions.body import (
+    MAX_NODES,
+    MAX_SPRINGS,
+    BodyDefinition,
+    MuscleTable,
+    control_names,
+)
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.gait import Gait
 from neuroanimator.systems.deformable.body import Body, Ground, Water
-from neuroanimator.systems.deformable.checks import (
-    check_faces,
-    check_muscles,
-    check_nodes,
-    check_springs,
-    listed,
-)
+from neuroanimator.systems.deformable.checks import check_muscles, check_nodes, check_springs
+from neuroanimator.systems.deformable.face_checks import check_faces
+from neuroanimator.systems.groups import check_groups
+from neuroanimator.text import listed
+
+FACE_CORNERS = 4
+"""Corners in an array of faces; a triangle's first one is there twice."""
 
 
 def body_of(definition: BodyDefinition) -> Body:
     """Return the body `definition` describes; ArgumentError names what is wrong with it."""
     check_nodes(definition, MAX_NODES)
     names = tuple(definition.nodes)
-    numbers = np.array(list(definition.nodes.values()), float)
-    rows = [(pair, table) for table in definition.springs.values() for pair in table.pairs]
-    springs = np.array([_numbers(names, pair, "springs") for pair, _ in rows])
-    check_springs(names, numbers[:, :3], springs, MAX_SPRINGS)
-    muscles, external_forces = _drives(definition, springs, names)
+    nodes = np.array(list(definition.nodes.values()), float)
+    positions = nodes[:, :3]
+    springs, stiffness, damping = _springs(definition, names)
+    check_springs(names, positions, springs, MAX_SPRINGS)
+    _check_drive(definition)
+    muscles = _muscles(definition.muscles, springs, names)
     check_muscles(names, springs, muscles)
-    faces = np.array([_corners(names, face) for face in definition.faces], int).reshape(-1, 4)
-    check_faces(definition.faces, numbers[:, :3], faces)
+    faces = [_corners(names, face) for face in definition.faces]
+    corners = np.array(faces, int).reshape(-1, FACE_CORNERS)
+    check_faces(definition.faces, positions, corners)
+    water, ground = definition.water, definition.ground
     return Body(
         names=names,
-        positions=numbers[:, :3],
-        masses=numbers[:, 3],
+        positions=positions,
+        masses=nodes[:, 3],
         springs=springs,
-        stiffness=np.array([table.stiffness for _, table in rows]),
-        damping=np.array([table.damping for _, table in rows]),
+        stiffness=stiffness,
+        damping=damping,
         muscles=muscles,
-        external_forces=external_forces,
-        faces=faces,
+        external_forces=_external_forces(definition),
+        faces=corners,
         time_constant=definition.muscles.time_constant if definition.muscles else 0.0,
-        water=Water(**definition.water.model_dump()) if definition.water else None,
-        ground=Ground(**definition.ground.model_dump()) if definition.ground else None,
+        water=Water(**water.model_dump()) if water else None,
+        ground=Ground(**ground.model_dump()) if ground else None,
         rest_height=definition.rest_height,
     )
 
@@ -49,72 +61,53 @@ def body_of(definition: BodyDefinition) -> Body:
 def group_numbers(definition: BodyDefinition) -> dict[str, tuple[int, ...]]:
     """Return the groups as numbers of mass points; refuse groups that miss or repeat one."""
     names = list(definition.nodes)
-    seen: dict[str, str] = {}
-    for group, members in definition.groups.items():
-        for member in members:
-            if member not in names:
-                raise ArgumentError(
-                    f"groups.{group}: no node called '{member}'. Nodes: {listed(names)}."
-                )
-            if member in seen:
-                raise ArgumentError(
-                    f"groups.{group}: node '{member}' is in '{seen[member]}' already. Leave it in one."
-                )
-            seen[member] = group
-    missing = [name for name in names if name not in seen]
+    check_groups(definition.groups, names, "node")
+    grouped = {member for members in definition.groups.values() for member in members}
+    missing = [name for name in names if name not in grouped]
     if definition.groups and missing:
         raise ArgumentError(
             f"groups: in none of them: {listed(missing)}. Put each into exactly one."
         )
     return {
-        group: tuple(names.index(m) for m in members)
+        group: tuple(names.index(member) for member in members)
         for group, members in definition.groups.items()
     }
 
 
-def mirror_of(definition: BodyDefinition, kind: str) -> np.ndarray | None:
-    """Return (K,) each node's or control's partner; None where the body has no mirror.
-
-    `body_checks.check_mirror` says whether it is one.
-    """
-    if not definition.mirror:
-        return None
-    every = {"nodes": list(definition.nodes), "controls": control_names(definition)}
-    both = dict(definition.mirror)
-    for left, right in definition.mirror.items():
-        for name, partner in ((left, right), (right, left)):
-            if name not in every["nodes"] + every["controls"]:
-                raise ArgumentError(
-                    f"mirror: no node or control called '{name}'. Nodes: {listed(every['nodes'])}."
-                )
-            if both.setdefault(name, partner) != partner:
-                raise ArgumentError(
-                    f"mirror: '{name}' has two partners, '{both[name]}' and '{partner}'. Name one."
-                )
-    for name in every[kind]:
-        if both.get(name, name) not in every[kind]:
-            raise ArgumentError(
-                f"mirror: '{name}' has a partner of another kind, '{both[name]}'. Pair a node with a node, a control "
-                "with a control."
-            )
-    return np.array([every[kind].index(both.get(name, name)) for name in every[kind]])
-
-
 def gait_of(definition: BodyDefinition) -> Gait | None:
     """Return the gait; ArgumentError if it drives a control that is not there."""
-    table, names = definition.gait, control_names(definition)
+    table = definition.gait
     if table is None:
         return None
+    names = control_names(definition)
     for name in table.controls:
         if name not in names:
             raise ArgumentError(
                 f"gait.controls: no control called '{name}'. Controls: {', '.join(names)}."
             )
-    amplitudes, lags = zip(*(table.controls.get(name, (0.0, 0.0)) for name in names), strict=True)
+    at_rest = (0.0, 0.0)
+    waves = [table.controls.get(name, at_rest) for name in names]
+    amplitudes = tuple(amplitude for amplitude, _ in waves)
+    lags = tuple(lag for _, lag in waves)
     return Gait(table.period, amplitudes, lags)
 
 
-def _numbers(names: tuple[str, ...], members: tuple[str, ...], key: str) -> list[int]:
+def _springs(
+    definition: BodyDefinition, names: tuple[str, ...]
+) -> tuple[Int[np.ndarray, "P 2"], Float[np.ndarray, " P"], Float[np.ndarray, " P"]]:
+    """Return the springs' ends, their stiffness [N/m] and their damping [N·s/m]."""
+    ends = []
+    stiffness = []
+    damping = []
+    for table in definition.springs.values():
+        for pair in table.pairs:
+            ends.append(_node_numbers(names, pair, "springs"))
+            stiffness.append(table.stiffness)
+            damping.append(table.damping)
+    return np.array(ends), np.array(stiffness), np.array(damping)
+
+
+def _node_numbers(names: tuple[str, ...], members: Sequence[str], key: str) -> list[int]:
     for member in members:
         if member not in names:
             raise ArgumentError(
@@ -124,37 +117,47 @@ def _numbers(names: tuple[str, ...], members: tuple[str, ...], key: str) -> list
 
 
 def _corners(names: tuple[str, ...], face: tuple[str, ...]) -> list[int]:
-    corners = _numbers(names, face, "faces")
-    return corners if len(corners) == 4 else [*corners, corners[0]]
+    corners = _node_numbers(names, face, "faces")
+    if len(corners) < FACE_CORNERS:
+        return [*corners, corners[0]]
+    return corners
 
 
-def _drives(
-    definition: BodyDefinition, springs: np.ndarray, names: tuple[str, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the shares by which contractions shorten springs (P, M), and pushes (3, C)."""
-    table = definition.muscles
-    if bool(table) == bool(definition.external_forces):
-        came = "both" if table else "neither"
-        raise ArgumentError(
-            f"muscles or external_forces: wanted exactly one of the two tables to drive the body, came {came}. "
-            f"{'Leave one out' if table else 'Add one'}."
-        )
-    if not table:
-        return np.zeros((len(springs), 0)), np.array(
-            list(definition.external_forces.values()), float
-        ).T
-    shorten = np.zeros((len(springs), len(table.springs)))
-    spring_of = {frozenset(pair): number for number, pair in enumerate(springs.tolist())}
+def _check_drive(definition: BodyDefinition) -> None:
+    if bool(definition.muscles) != bool(definition.external_forces):
+        return
+    came, remedy = ("both", "Leave one out") if definition.muscles else ("neither", "Add one")
+    raise ArgumentError(
+        "muscles or external_forces: wanted exactly one of the two tables to drive the body, "
+        f"came {came}. {remedy}."
+    )
+
+
+def _external_forces(definition: BodyDefinition) -> Float[np.ndarray, "3 C"]:
+    """Return the force on the whole body per control [N]: zeros of a body with muscles."""
+    if definition.muscles:
+        return np.zeros((3, len(definition.muscles.springs)))
+    return np.array(list(definition.external_forces.values()), float).T
+
+
+def _muscles(
+    table: MuscleTable | None, springs: Int[np.ndarray, "P 2"], names: tuple[str, ...]
+) -> Float[np.ndarray, "P M"]:
+    """Return by which share of its length each muscle shortens each spring."""
+    if table is None:
+        return np.zeros((len(springs), 0))
+    muscles = np.zeros((len(springs), len(table.springs)))
+    spring_of = {frozenset(ends): number for number, ends in enumerate(springs.tolist())}
     for column, (name, pairs) in enumerate(table.springs.items()):
         if not pairs:
             raise ArgumentError(
                 f"muscles.springs.{name}: wanted at least one spring, came none. Name some."
             )
         for pair in pairs:
-            wanted = frozenset(_numbers(names, pair, f"muscles.springs.{name}"))
-            if wanted not in spring_of:
+            ends = frozenset(_node_numbers(names, pair, f"muscles.springs.{name}"))
+            if ends not in spring_of:
                 raise ArgumentError(
                     f"muscles.springs.{name}: no spring connects {list(pair)}. Add it under 'springs', or name another."
                 )
-            shorten[spring_of[wanted], column] = table.shorten
-    return shorten, np.zeros((3, shorten.shape[1]))
+            muscles[spring_of[ends], column] = table.shorten
+    return muscles

@@ -13,13 +13,14 @@ from neuroanimator.definitions.body import BodyDefinition, control_names
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.reference_shape import Cloud, to_world_axes
 from neuroanimator.state.rotation import facing, multiply, rotated_by
-from neuroanimator.state.structure import Group, Mirror, Probe, Segment, Structure
+from neuroanimator.state.structure import Group, Probe, Segment, Structure
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.bones import body_skeleton
-from neuroanimator.systems.deformable.build import body_of, gait_of, group_numbers, mirror_of
-from neuroanimator.systems.deformable.checks import check_mirror, check_steps
-from neuroanimator.systems.deformable.mass_spring import Motion, strains, trajectory
+from neuroanimator.systems.deformable.build import body_of, gait_of, group_numbers
+from neuroanimator.systems.deformable.checks import check_steps
+from neuroanimator.systems.deformable.mass_spring import BodyState, strains, trajectory
+from neuroanimator.systems.deformable.mirror import mirror_of
 from neuroanimator.systems.state_parts import goals_of
 from neuroanimator.systems.system import Runs, Scheme, System
 
@@ -103,7 +104,7 @@ class DeformableSystem(System):
         def last(array, axis=0):
             return jnp.asarray(np.moveaxis(array, axis, -1))
 
-        motion = Motion(*(last(part) for part in self.unpack(starts)))
+        motion = BodyState(*(last(part) for part in self.unpack(starts)))
         found = run(motion, jnp.asarray(np.moveaxis(controls, 0, -1)))
         return self.pack(*(np.moveaxis(np.asarray(part), -1, 0) for part in found))
 
@@ -169,7 +170,7 @@ def _structure(definition: BodyDefinition, body: Body) -> Structure:
         cloud=Cloud.of(body.positions, body.masses),
         has_gravity=body.has_gravity,
         is_immersed=body.water is not None and body.ground is None,
-        mirror=_mirror(definition, body),
+        mirror=mirror_of(definition, body),
         probes=_probes(definition, body),
         groups=_groups(definition, body),
         external_forces=tuple(tuple(float(force) for force in row) for row in body.external_forces)
@@ -198,14 +199,6 @@ def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:
         (float(x), float(y), float(z), level)
         for x, y, z in np.array(definition.probes).reshape(-1, 3) - centre
     )
-
-
-def _mirror(definition: BodyDefinition, body: Body) -> Mirror | None:
-    nodes, controls = (mirror_of(definition, kind) for kind in ("nodes", "controls"))
-    if nodes is None or controls is None:
-        return None
-    check_mirror(body, nodes, controls, control_names(definition))
-    return Mirror(tuple(int(i) for i in nodes), tuple(int(i) for i in controls))
 
 
 @lru_cache(maxsize=BODIES)

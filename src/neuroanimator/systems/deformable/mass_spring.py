@@ -1,10 +1,10 @@
-"""Mass points, springs, muscles, water and ground: the physics of deformable bodies, in JAX.
+"""The physics of deformable bodies in JAX: mass points, springs, muscles, water and ground, and their integrators.
 
     m ẍ + ρ ẋ - w = f        (the seminar paper's eq. 2)
 
-w is the force of the springs, f that of water, weight, ground and pushes. Arrays are (N, 3, ...): what
-comes after mass points and axes is a batch, so that the same number of many bodies lies side by side
-(eight times faster than body after body). Springs and water after Tu, PhD thesis, 1996.
+w is the force of the springs, f that of water, weight, ground and external forces. Arrays are
+(N, 3, *B): what comes after mass points and axes is a batch, so that the same number of many bodies
+lies side by side (eight times faster than body after body). Springs and water after Tu, PhD thesis, 1996.
 """
 
 from __future__ import annotations
@@ -18,100 +18,122 @@ import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
-from neuroanimator.state.rotation import Numbers
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.systems.deformable.body import GRAVITY, Body
 
-SMALLEST = 1e-12
-"""[m or m²] Springs and faces are never taken as smaller, so that no direction is 0/0."""
+MIN_LENGTH = 1e-12
+"""Springs are never taken as shorter [m] nor faces as smaller [m²], so that no direction is 0/0."""
+
+Seconds = float | Float[Array, ""]
+"""A time [s], or one that JAX traces."""
 
 
-class Motion(NamedTuple):
-    """Where a body is, how it moves, how far its muscles are contracted."""
+class BodyState(NamedTuple):
+    """Where a body's mass points are, how they move, and how far its muscles are contracted."""
 
-    positions: Float[Array, "N 3 ..."]
-    """[m]"""
-    velocities: Float[Array, "N 3 ..."]
-    """[m/s]"""
-    activations: Float[Array, "C ..."]
-    """1: a muscle as short as it gets."""
+    positions: Float[Array, "N 3 *B"]
+    """Positions of the mass points [m]."""
+    velocities: Float[Array, "N 3 *B"]
+    """Velocities of the mass points [m/s]."""
+    activations: Float[Array, M *B]
+    """Activations of the muscles, from -1 to 1: a muscle as short as it gets."""
 
 
 def spring_stiffness(
-    body: Body, positions: Array, velocities: Array, activations: Array
-) -> tuple[Array, Array]:
-    """Return effective stiffness (P, ...) [N/m] and extent (P, 3, ...) [m] of every spring; their product is its force.
+    body: Body,
+    positions: Float[Array, "N 3 *B"],
+    velocities: Float[Array, "N 3 *B"],
+    activations: Float[Array, M *B],
+) -> tuple[Float[Array, P *B], Float[Array, "P 3 *B"]]:
+    """Return effective stiffness [N/m] and extent [m] of every spring; their product is its force.
 
     n = (c·(|r| - l) + k·ė) / |r| after Tu: negative in compression. Muscles shorten the rest length l.
     """
     first, second = body.springs.T
-    extent, parting = positions[second] - positions[first], velocities[second] - velocities[first]
-    length = jnp.sqrt(_dot(extent, extent) + SMALLEST**2)
-    rest = _along(body.lengths, length) * (
-        1 - jnp.tensordot(body.muscles.astype(length.dtype), activations, 1)
-    )
+    extent = positions[second] - positions[first]
+    parting = velocities[second] - velocities[first]
+    length = jnp.sqrt(_dot(extent, extent) + MIN_LENGTH**2)
+    rest_length = _rest_lengths(body, activations, length)
     rate = _dot(extent, parting) / length
-    stretch = _along(body.stiffness, length) * (length - rest) + _along(body.damping, length) * rate
-    return stretch / length, extent
+    elastic = _along(body.stiffness, length) * (length - rest_length)
+    tension = elastic + _along(body.damping, length) * rate
+    return tension / length, extent
 
 
-def spring_forces(body: Body, motion: Motion) -> Array:
-    """Return the springs' force on every mass point (N, 3, ...) [N]."""
-    stiffness, extent = spring_stiffness(body, *motion)
-    return _gather(body, stiffness[:, None] * extent)
+def spring_forces(body: Body, state: BodyState) -> Float[Array, "N 3 *B"]:
+    """Return the springs' force on every mass point [N]."""
+    stiffness, extent = spring_stiffness(body, *state)
+    return _sum_at_ends(body, stiffness[:, None] * extent)
 
 
-def outer_forces(body: Body, motion: Motion, controls: Array) -> Array:
-    """Return all other forces on every mass point (N, 3, ...) [N]: water, weight, ground, pushes."""
-    positions, velocities, _ = motion
+def outer_forces(
+    body: Body, state: BodyState, controls: Float[Array, C *B]
+) -> Float[Array, "N 3 *B"]:
+    """Return all other forces on every mass point [N]: water, weight, ground, external forces."""
+    positions, velocities, _ = state
     force = jnp.zeros_like(positions)
-    wet = _wet(body, positions)
+    wet = _wetness(body, positions)
     if body.water is not None:
         force = force + _water_forces(body, positions, velocities, wet)
     if body.has_gravity:
-        lift = 0.0 if body.water is None else _along(body.lift, wet) * wet
-        force = force.at[:, 2].add(_along(body.masses, positions[:, 2]) * GRAVITY * (lift - 1))
+        lift = 0.0
+        if body.water is not None:
+            lift = _along(body.lift, wet) * wet
+        weight = _along(body.masses, positions[:, 2]) * GRAVITY
+        force = force.at[:, 2].add(weight * (lift - 1))
     if body.ground is not None:
         force = force + _ground_forces(body, positions, velocities)
     if body.external_forces.any():
         share = _along(body.masses / body.masses.sum(), positions)
-        force = force + share * jnp.tensordot(
-            body.external_forces.astype(positions.dtype), controls, 1
-        )
+        total = jnp.tensordot(body.external_forces.astype(positions.dtype), controls, 1)
+        force = force + share * total
     return force
 
 
-def energy(body: Body, motion: Motion) -> Array:
-    """Return (...) kinetic and elastic energy, and that of weight [J]: in air, or in water without a surface."""
-    heights = motion.positions[:, 2]
+def energy(body: Body, state: BodyState) -> Float[Array, "*B"]:
+    """Return kinetic and elastic energy, and that of weight [J]: in air, or in water without a surface."""
+    heights = state.positions[:, 2]
     is_immersed = body.water is not None and body.water.surface is None
     weights = GRAVITY * body.masses * (1 - body.lift * is_immersed)
-    return internal_energy(body, motion) + jnp.sum(_along(weights, heights) * heights, axis=0)
+    potential = jnp.sum(_along(weights, heights) * heights, axis=0)
+    return internal_energy(body, state) + potential
 
 
-def internal_energy(body: Body, motion: Motion) -> Array:
-    """Return (...) kinetic and elastic energy [J]: what does not depend on the place."""
-    positions, velocities, activations = motion
-    kinetic = jnp.sum(_along(body.masses, velocities) * velocities * velocities, axis=(0, 1)) / 2
+def internal_energy(body: Body, state: BodyState) -> Float[Array, "*B"]:
+    """Return kinetic and elastic energy [J]: what does not depend on where the body is."""
+    positions, velocities, activations = state
+    masses = _along(body.masses, velocities)
+    kinetic = jnp.sum(masses * velocities * velocities, axis=(0, 1)) / 2
     first, second = body.springs.T
-    length = jnp.sqrt(
-        _dot(positions[second] - positions[first], positions[second] - positions[first])
-    )
-    rest = _along(body.lengths, length) * (
-        1 - jnp.tensordot(body.muscles.astype(length.dtype), activations, 1)
-    )
-    elastic = jnp.sum(_along(body.stiffness, length) * (length - rest) ** 2, axis=0) / 2
+    extent = positions[second] - positions[first]
+    length = jnp.sqrt(_dot(extent, extent))
+    stretch = length - _rest_lengths(body, activations, length)
+    elastic = jnp.sum(_along(body.stiffness, length) * stretch**2, axis=0) / 2
     return kinetic + elastic
 
 
-def strains(body: Body, positions: Numbers) -> Numbers:
-    """Return every spring's (P, ...) relative change of length; of NumPy's `positions` (N, 3, ...) by NumPy."""
+def strains(body: Body, positions: Float[AnyArray, "N 3 *B"]) -> Float[AnyArray, P *B]:
+    """Return every spring's relative change of length; of NumPy's `positions` by NumPy."""
     first, second = body.springs.T
     extent = positions[second] - positions[first]
     length = positions.__array_namespace__().sqrt(_dot(extent, extent))
     return length / _along(body.lengths, length) - 1
 
 
-def _water_forces(body: Body, positions: Array, velocities: Array, wet: Array) -> Array:
+def _rest_lengths(
+    body: Body, activations: Float[Array, M *B], lengths: Float[Array, P *B]
+) -> Float[Array, P *B]:
+    """Return the length without force of every spring [m], as its muscles shorten it; in the precision of `lengths`."""
+    shortening = jnp.tensordot(body.muscles.astype(lengths.dtype), activations, 1)
+    return _along(body.lengths, lengths) * (1 - shortening)
+
+
+def _water_forces(
+    body: Body,
+    positions: Float[Array, "N 3 *B"],
+    velocities: Float[Array, "N 3 *B"],
+    wet: Float[Array, N *B],
+) -> Float[Array, "N 3 *B"]:
     """Return the water's drag on mass points, and its push on faces that move outward: -μ A max(0, n·v) n."""
     water = body.water
     assert water is not None
@@ -121,164 +143,201 @@ def _water_forces(body: Body, positions: Array, velocities: Array, wet: Array) -
     corners = [positions[body.faces[:, i]] for i in range(4)]
     area = _cross(corners[2] - corners[0], corners[3] - corners[1]) / 2
     shares = body.face_shares.astype(positions.dtype)
-    speed, wetness = jnp.tensordot(shares, velocities, 1), jnp.tensordot(shares, wet, 1)
-    outward = jnp.maximum(_dot(area, speed), 0) / jnp.sqrt(_dot(area, area) + SMALLEST**2)
-    push = -water.face_drag * (outward * wetness)[:, None] * area
+    velocity = jnp.tensordot(shares, velocities, 1)
+    wetness = jnp.tensordot(shares, wet, 1)
+    size = jnp.sqrt(_dot(area, area) + MIN_LENGTH**2)
+    outward_speed = jnp.maximum(_dot(area, velocity), 0) / size
+    push = -water.face_drag * (outward_speed * wetness)[:, None] * area
     return drag + jnp.tensordot(shares.T, push, 1)
 
 
-def _wet(body: Body, positions: Array) -> Array:
-    """Return how far each mass point (N, ...) is under water, 0 to 1."""
+def _wetness(body: Body, positions: Float[Array, "N 3 *B"]) -> Float[Array, N *B]:
+    """Return how far each mass point is under water, 0 to 1."""
+    heights = positions[:, 2]
     if body.water is None or body.water.surface is None:
-        return jnp.ones_like(positions[:, 2])
-    return jnp.clip((body.water.surface - positions[:, 2]) / body.water.depth + 0.5, 0, 1)
+        return jnp.ones_like(heights)
+    return jnp.clip((body.water.surface - heights) / body.water.depth + 0.5, 0, 1)
 
 
-def _ground_forces(body: Body, positions: Array, velocities: Array) -> Array:
+def _ground_forces(
+    body: Body, positions: Float[Array, "N 3 *B"], velocities: Float[Array, "N 3 *B"]
+) -> Float[Array, "N 3 *B"]:
     ground = body.ground
     assert ground is not None
     depth = jnp.maximum(-positions[:, 2], 0)
-    upward = ground.stiffness * depth * jnp.maximum(1 - ground.damping * velocities[:, 2], 0)
-    sliding = velocities[:, :2] / jnp.sqrt(
-        jnp.sum(velocities[:, :2] ** 2, axis=1, keepdims=True) + ground.slip**2
-    )
-    return jnp.concatenate([-ground.friction * upward[:, None] * sliding, upward[:, None]], axis=1)
+    damped = jnp.maximum(1 - ground.damping * velocities[:, 2], 0)
+    upward = ground.stiffness * depth * damped
+    level = velocities[:, :2]
+    speed = jnp.sqrt(jnp.sum(level**2, axis=1, keepdims=True) + ground.slip**2)
+    sideways = -ground.friction * upward[:, None] * (level / speed)
+    return jnp.concatenate([sideways, upward[:, None]], axis=1)
 
 
-def _along(numbers: np.ndarray, like: Numbers) -> Numbers:
+def _along(numbers: Float[np.ndarray, " N"], like: AnyArray) -> AnyArray:
     """Return `numbers` (N,) as an array that multiplies `like` (N, ...)."""
     xp = like.__array_namespace__()
-    return xp.asarray(numbers, dtype=like.dtype).reshape((-1,) + (1,) * (like.ndim - 1))
+    trailing_axes = (1,) * (like.ndim - 1)
+    return xp.asarray(numbers, dtype=like.dtype).reshape((-1, *trailing_axes))
 
 
-def _dot(left: Numbers, right: Numbers) -> Numbers:
+def _dot(left: Float[AnyArray, "K 3 *B"], right: Float[AnyArray, "K 3 *B"]) -> AnyArray:
     return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]
 
 
-def _cross(left: Array, right: Array) -> Array:
-    (a, b, c), (x, y, z) = ((each[:, 0], each[:, 1], each[:, 2]) for each in (left, right))
+def _cross(left: Float[Array, "K 3 *B"], right: Float[Array, "K 3 *B"]) -> Float[Array, "K 3 *B"]:
+    a, b, c = (left[:, axis] for axis in range(3))
+    x, y, z = (right[:, axis] for axis in range(3))
     return jnp.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
 
 
-def _gather(body: Body, pulls: Array) -> Array:
-    """Return the sum of the springs' `pulls` (P, 3, ...) at every mass point."""
+def _sum_at_ends(body: Body, pulls: Float[Array, "P 3 *B"]) -> Float[Array, "N 3 *B"]:
+    """Return the sum of the springs' `pulls` at every mass point: at a spring's second end they are reversed."""
     first, second = body.springs.T
     zeros = jnp.zeros((len(body.masses), *pulls.shape[1:]), pulls.dtype)
     return zeros.at[first].add(pulls).at[second].add(-pulls)
 
 
-def _activated(body: Body, activations: Array, controls: Array, seconds: float) -> Array:
-    """Return the contractions after `seconds` of held controls, to which they tend exponentially."""
+def _activations_after(
+    body: Body, activations: Float[Array, M *B], controls: Float[Array, C *B], seconds: Seconds
+) -> Float[Array, M *B]:
+    """Return the activations after `seconds` of held controls, to which they tend exponentially."""
     if not activations.shape[0]:
         return activations
     if body.time_constant <= 0:
         return controls
-    return controls + (activations - controls) * np.exp(-seconds / body.time_constant)
+    remaining = np.exp(-seconds / body.time_constant)
+    return controls + (activations - controls) * remaining
 
 
-def _acceleration(body: Body, motion: Motion, controls: Array) -> Array:
-    return (spring_forces(body, motion) + outer_forces(body, motion, controls)) / _along(
-        body.masses, motion.positions
-    )
+def _acceleration(
+    body: Body, state: BodyState, controls: Float[Array, C *B]
+) -> Float[Array, "N 3 *B"]:
+    force = spring_forces(body, state) + outer_forces(body, state, controls)
+    return force / _along(body.masses, state.positions)
 
 
-def symplectic_step(body: Body, motion: Motion, controls: Array, dt: float) -> Motion:
-    """Return the motion after one step of symplectic Euler, order 1: explicit and cheapest."""
-    positions, _, activations = motion
-    velocities = motion.velocities + dt * _acceleration(body, motion, controls)
-    return Motion(
-        positions + dt * velocities, velocities, _activated(body, activations, controls, dt)
-    )
+def symplectic_step(
+    body: Body, state: BodyState, controls: Float[Array, C *B], dt: Seconds
+) -> BodyState:
+    """Return the state after one step of symplectic Euler, order 1: explicit and cheapest."""
+    velocities = state.velocities + dt * _acceleration(body, state, controls)
+    positions = state.positions + dt * velocities
+    activations = _activations_after(body, state.activations, controls, dt)
+    return BodyState(positions, velocities, activations)
 
 
-def semi_implicit_step(body: Body, motion: Motion, controls: Array, dt: float) -> Motion:
-    """Return the motion after one step of Tu's scheme, order 1: velocities first, from a linear system.
+def semi_implicit_step(
+    body: Body, state: BodyState, controls: Float[Array, C *B], dt: Seconds
+) -> BodyState:
+    """Return the state after one step of Tu's scheme, order 1: velocities first, from a linear system.
 
     (M/δt + δt K) v' = M/δt v + f, with the springs' effective stiffness in K. In compression it is negative
     and would take the matrix its positive definiteness, and the motion its energy bound: there it is left out.
     """
-    positions, velocities, activations = motion
-    stiffness, extent = spring_stiffness(body, *motion)
-    force = _gather(body, stiffness[:, None] * extent) + outer_forces(body, motion, controls)
+    stiffness, extent = spring_stiffness(body, *state)
+    inner = _sum_at_ends(body, stiffness[:, None] * extent)
+    force = inner + outer_forces(body, state, controls)
     matrix = implicit_matrix(body, jnp.maximum(stiffness, 0), dt)
-    pushed = force + _along(body.masses / dt, velocities) * velocities
-    columns = jnp.moveaxis(pushed.reshape(*pushed.shape[:2], -1), -1, 0)
-    found = (
-        cho_solve(cho_factor(matrix, lower=True), columns)
-        if matrix.ndim == 2
-        else _solve(matrix, columns)
-    )
-    velocities = jnp.moveaxis(found.reshape(-1, *pushed.shape[:2]), 0, -1).reshape(velocities.shape)
-    return Motion(
-        positions + dt * velocities, velocities, _activated(body, activations, controls, dt)
-    )
+    right_side = force + _along(body.masses / dt, state.velocities) * state.velocities
+    velocities = _solve(matrix, right_side)
+    positions = state.positions + dt * velocities
+    activations = _activations_after(body, state.activations, controls, dt)
+    return BodyState(positions, velocities, activations)
 
 
-def implicit_matrix(body: Body, stiffness: Array, dt: float) -> Array:
-    """Return M/δt + δt·K (..., N, N), K from the springs' effective `stiffness` (P, ...)."""
+def implicit_matrix(
+    body: Body, stiffness: Float[Array, P *B], dt: Seconds
+) -> Float[Array, "*B N N"]:
+    """Return M/δt + δt·K, K from the springs' effective `stiffness` [N/m]."""
     first, second = body.springs.T
-    count, along = len(body.masses), jnp.moveaxis(stiffness, 0, -1) * dt
-    matrix = jnp.zeros((*along.shape[:-1], count, count), along.dtype)
-    matrix = matrix.at[..., first, first].add(along).at[..., second, second].add(along)
-    matrix = matrix.at[..., first, second].add(-along).at[..., second, first].add(-along)
-    return matrix + jnp.diag(jnp.asarray(body.masses, along.dtype)) / dt
+    count = len(body.masses)
+    scaled = jnp.moveaxis(stiffness, 0, -1) * dt
+    matrix = jnp.zeros((*scaled.shape[:-1], count, count), scaled.dtype)
+    matrix = matrix.at[..., first, first].add(scaled).at[..., second, second].add(scaled)
+    matrix = matrix.at[..., first, second].add(-scaled).at[..., second, first].add(-scaled)
+    return matrix + jnp.diag(jnp.asarray(body.masses, scaled.dtype)) / dt
 
 
-def _solve(matrices: Array, columns: Array) -> Array:
-    return jax.vmap(lambda matrix, column: cho_solve(cho_factor(matrix, lower=True), column))(
-        matrices, columns
-    )
+def _solve(
+    matrices: Float[Array, "*B N N"], right_side: Float[Array, "N 3 *B"]
+) -> Float[Array, "N 3 *B"]:
+    """Return the solution of each body's linear system, by Cholesky."""
+    shape = right_side.shape
+    columns = jnp.moveaxis(right_side.reshape(*shape[:2], -1), -1, 0)
+    if matrices.ndim == 2:
+        solution = _solve_one(matrices, columns)
+    else:
+        solution = jax.vmap(_solve_one)(matrices, columns)
+    return jnp.moveaxis(solution.reshape(-1, *shape[:2]), 0, -1).reshape(shape)
 
 
-def rk4_step(body: Body, motion: Motion, controls: Array, dt: float) -> Motion:
-    """Return the motion after one step of the classical Runge-Kutta scheme, order 4 where forces are smooth."""
-    positions, velocities, activations = motion
-    middle, last = (_activated(body, activations, controls, share * dt) for share in (0.5, 1.0))
-
-    def slope(v_ahead: Array, x_ahead: Array, share: float, held: Array) -> tuple[Array, Array]:
-        v = velocities + share * dt * v_ahead
-        return v, _acceleration(body, Motion(positions + share * dt * x_ahead, v, held), controls)
-
-    x1, v1 = slope(velocities, velocities, 0.0, activations)
-    x2, v2 = slope(v1, x1, 0.5, middle)
-    x3, v3 = slope(v2, x2, 0.5, middle)
-    x4, v4 = slope(v3, x3, 1.0, last)
-
-    def mean(a, b, c, d):
-        return dt / 6 * (a + 2 * b + 2 * c + d)
-
-    return Motion(positions + mean(x1, x2, x3, x4), velocities + mean(v1, v2, v3, v4), last)
+def _solve_one(matrix: Array, columns: Array) -> Array:
+    return cho_solve(cho_factor(matrix, lower=True), columns)
 
 
-Stepper = Callable[[Body, Motion, Array, float], Motion]
+def rk4_step(
+    body: Body, state: BodyState, controls: Float[Array, C *B], dt: Seconds
+) -> BodyState:
+    """Return the state after one step of the classical Runge-Kutta scheme, order 4 where forces are smooth."""
+    positions, velocities, activations = state
+    middle = _activations_after(body, activations, controls, 0.5 * dt)
+    last = _activations_after(body, activations, controls, 1.0 * dt)
+
+    def slopes(x_slope: Array, v_slope: Array, share: float, held: Array) -> tuple[Array, Array]:
+        """Return the slopes of positions and velocities a `share` of the step along the slopes before."""
+        v = velocities + share * dt * v_slope
+        x = positions + share * dt * x_slope
+        return v, _acceleration(body, BodyState(x, v, held), controls)
+
+    x1, v1 = slopes(velocities, velocities, 0.0, activations)
+    x2, v2 = slopes(x1, v1, 0.5, middle)
+    x3, v3 = slopes(x2, v2, 0.5, middle)
+    x4, v4 = slopes(x3, v3, 1.0, last)
+    change = dt / 6 * (x1 + 2 * x2 + 2 * x3 + x4)
+    gain = dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4)
+    return BodyState(positions + change, velocities + gain, last)
+
+
+Stepper = Callable[[Body, BodyState, Array, Seconds], BodyState]
 STEPPERS: dict[str, Stepper] = {
     "symplectic": symplectic_step,
     "semi-implicit": semi_implicit_step,
     "rk4": rk4_step,
 }
+"""One physics step of every integrator, by the name a definition gives it."""
 
 
 def advance(
-    body: Body, integrator: str, dt: float, steps: int, motion: Motion, controls: Array
-) -> Motion:
-    """Return the motion after `steps` physics steps of `dt` [s] under held controls (C, ...)."""
+    body: Body,
+    integrator: str,
+    dt: Seconds,
+    steps: int,
+    state: BodyState,
+    controls: Float[Array, C *B],
+) -> BodyState:
+    """Return the state after `steps` physics steps of `dt` [s] under held controls."""
     step = STEPPERS[integrator]
-    if body.time_constant <= 0 and motion.activations.shape[0]:
-        motion = motion._replace(activations=controls)  # at once: else the first step is of order 1
+    if body.time_constant <= 0 and state.activations.shape[0]:
+        state = state._replace(activations=controls)  # at once: else the first step is of order 1
 
-    def one(motion, _):
-        return (step(body, motion, controls, dt), None)
+    def one_step(state: BodyState, _: None) -> tuple[BodyState, None]:
+        return step(body, state, controls, dt), None
 
-    return jax.lax.scan(one, motion, None, length=steps)[0]
+    return jax.lax.scan(one_step, state, None, length=steps)[0]
 
 
 def trajectory(
-    body: Body, integrator: str, dt: float, steps: int, motion: Motion, controls: Array
-) -> Motion:
-    """Return the motions (T, ...) after each of the controls (T, C, ...), each held for `steps` physics steps."""
+    body: Body,
+    integrator: str,
+    dt: Seconds,
+    steps: int,
+    start: BodyState,
+    controls: Float[Array, "T C *B"],
+) -> BodyState:
+    """Return the states (T, ...) after each of the controls, each held for `steps` physics steps."""
 
-    def follow(motion: Motion, held: Array) -> tuple[Motion, Motion]:
-        following = advance(body, integrator, dt, steps, motion, held)
+    def hold(state: BodyState, held: Array) -> tuple[BodyState, BodyState]:
+        following = advance(body, integrator, dt, steps, state, held)
         return following, following
 
-    return jax.lax.scan(follow, motion, controls)[1]
+    return jax.lax.scan(hold, start, controls)[1]

@@ -7,8 +7,9 @@ import numpy as np
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.structure import Group
-from neuroanimator.systems.deformable.checks import listed
+from neuroanimator.systems.groups import check_groups
 from neuroanimator.systems.rigid.joints import JointView
+from neuroanimator.text import listed
 
 POSE_SEED, POSE_SPREAD = 0, 0.1
 """Muscles are looked at a little away from the reference pose [rad or m], where none pulls through a joint's axis."""
@@ -37,7 +38,6 @@ def groups_of(
 def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
     kept = [view.name for view in views if view.kind == "free" or view.feature == "planar"]
     names = [view.name for view in views if view.name not in kept]
-    seen: dict[str, str] = {}
     for group, joints in groups.items():
         if not joints:
             raise ArgumentError(
@@ -48,15 +48,7 @@ def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
                 raise ArgumentError(
                     f"groups.{group}: '{joint}' is the root's; it belongs to no group. Leave it out."
                 )
-            if joint not in names:
-                raise ArgumentError(
-                    f"groups.{group}: no joint called '{joint}'. Joints: {listed(names)}."
-                )
-            if joint in seen:
-                raise ArgumentError(
-                    f"groups.{group}: joint '{joint}' is in '{seen[joint]}' already. Leave it in one."
-                )
-            seen[joint] = group
+    check_groups(groups, names, "joint")
 
 
 def _group(model: mujoco.MjModel, name: str, views: list[JointView], acting: np.ndarray) -> Group:

@@ -13,7 +13,7 @@ from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.systems import load_system
 from neuroanimator.systems.deformable.body import Body, Ground, Water
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.deformable.mass_spring import STEPPERS, Motion, trajectory
+from neuroanimator.systems.deformable.mass_spring import STEPPERS, BodyState, trajectory
 from neuroanimator.systems.deformable.native import source as source
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, LANES, c_twin
 from neuroanimator.systems.deformable.native.source import fill_in
@@ -45,7 +45,7 @@ def jax_ends(
         positions, velocities = (
             np.moveaxis(part.reshape(len(starts), -1, 3), 0, -1) for part in parts
         )
-        motion = Motion(
+        motion = BodyState(
             *(jax.numpy.asarray(each) for each in (positions, velocities, starts[:, 2 * size :].T))
         )
         found = trajectory(body, integrator, dt, STEPS, motion, jax.numpy.asarray(controls.T)[None])

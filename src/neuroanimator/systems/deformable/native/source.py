@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from neuroanimator.systems.deformable.body import GRAVITY, Body
-from neuroanimator.systems.deformable.mass_spring import SMALLEST
+from neuroanimator.systems.deformable.mass_spring import MIN_LENGTH
 
 PROGRAM = Path(__file__).with_name("mass_spring.c")
 
@@ -34,7 +34,7 @@ def c_source(body: Body, precision: str, lanes: int) -> str:
         "MUSCLES": body.muscles.shape[1],
         "CONTROLS": max(body.muscles.shape[1], body.external_forces.shape[1]),
         "RESPONSE": repr(float(body.time_constant)),
-        "SMALLEST_SQUARE": repr(SMALLEST**2),
+        "SMALLEST_SQUARE": repr(MIN_LENGTH**2),
         **_surroundings(body),
     }
     most = MAX_STATEMENTS if lanes == 1 else 0

@@ -1,0 +1,27 @@
+"""What is refused in the groups of a body's parts, whatever its physics: unknown members, and members of two groups."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.text import listed
+
+
+def check_groups(groups: Mapping[str, Sequence[str]], names: Sequence[str], noun: str) -> None:
+    """Refuse groups with a member that is none of `names`, or that is in another group already.
+
+    `noun` is what the members are, such as "node", for the message.
+    """
+    group_of: dict[str, str] = {}
+    for group, members in groups.items():
+        for member in members:
+            if member not in names:
+                raise ArgumentError(
+                    f"groups.{group}: no {noun} called '{member}'. {noun.capitalize()}s: {listed(names)}."
+                )
+            if member in group_of:
+                raise ArgumentError(
+                    f"groups.{group}: {noun} '{member}' is in '{group_of[member]}' already. Leave it in one."
+                )
+            group_of[member] = group
