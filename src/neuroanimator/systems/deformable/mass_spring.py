@@ -3,7 +3,7 @@
     m ẍ + ρ ẋ - w = f        (the seminar paper's eq. 2)
 
 w is the force of the springs, f that of water, weight, ground and external forces. Arrays are
-(N, 3, *B): what comes after mass points and axes is a batch, so that the same number of many bodies
+(N, 3, ...): what comes after mass points and axes is a batch, so that the same number of many bodies
 lies side by side (eight times faster than body after body). Springs and water after Tu, PhD thesis, 1996.
 """
 
@@ -31,20 +31,20 @@ Seconds = float | Float[Array, ""]
 class BodyState(NamedTuple):
     """Where a body's mass points are, how they move, and how far its muscles are contracted."""
 
-    positions: Float[Array, "N 3 *B"]
+    positions: Float[Array, "N 3 ..."]
     """Positions of the mass points [m]."""
-    velocities: Float[Array, "N 3 *B"]
+    velocities: Float[Array, "N 3 ..."]
     """Velocities of the mass points [m/s]."""
-    activations: Float[Array, M *B]
+    activations: Float[Array, "M ..."]
     """Activations of the muscles, from -1 to 1: a muscle as short as it gets."""
 
 
 def spring_stiffness(
     body: Body,
-    positions: Float[Array, "N 3 *B"],
-    velocities: Float[Array, "N 3 *B"],
-    activations: Float[Array, M *B],
-) -> tuple[Float[Array, P *B], Float[Array, "P 3 *B"]]:
+    positions: Float[Array, "N 3 ..."],
+    velocities: Float[Array, "N 3 ..."],
+    activations: Float[Array, "M ..."],
+) -> tuple[Float[Array, "P ..."], Float[Array, "P 3 ..."]]:
     """Return effective stiffness [N/m] and extent [m] of every spring; their product is its force.
 
     n = (c·(|r| - l) + k·ė) / |r| after Tu: negative in compression. Muscles shorten the rest length l.
@@ -60,15 +60,15 @@ def spring_stiffness(
     return tension / length, extent
 
 
-def spring_forces(body: Body, state: BodyState) -> Float[Array, "N 3 *B"]:
+def spring_forces(body: Body, state: BodyState) -> Float[Array, "N 3 ..."]:
     """Return the springs' force on every mass point [N]."""
     stiffness, extent = spring_stiffness(body, *state)
     return _sum_at_ends(body, stiffness[:, None] * extent)
 
 
 def outer_forces(
-    body: Body, state: BodyState, controls: Float[Array, C *B]
-) -> Float[Array, "N 3 *B"]:
+    body: Body, state: BodyState, controls: Float[Array, "C ..."]
+) -> Float[Array, "N 3 ..."]:
     """Return all other forces on every mass point [N]: water, weight, ground, external forces."""
     positions, velocities, _ = state
     force = jnp.zeros_like(positions)
@@ -90,8 +90,8 @@ def outer_forces(
     return force
 
 
-def energy(body: Body, state: BodyState) -> Float[Array, "*B"]:
-    """Return kinetic and elastic energy, and that of weight [J]: in air, or in water without a surface."""
+def energy(body: Body, state: BodyState) -> Array:
+    """Return (...) kinetic and elastic energy, and that of weight [J]: in air, or in water without a surface."""
     heights = state.positions[:, 2]
     is_immersed = body.water is not None and body.water.surface is None
     weights = GRAVITY * body.masses * (1 - body.lift * is_immersed)
@@ -99,8 +99,8 @@ def energy(body: Body, state: BodyState) -> Float[Array, "*B"]:
     return internal_energy(body, state) + potential
 
 
-def internal_energy(body: Body, state: BodyState) -> Float[Array, "*B"]:
-    """Return kinetic and elastic energy [J]: what does not depend on where the body is."""
+def internal_energy(body: Body, state: BodyState) -> Array:
+    """Return (...) kinetic and elastic energy [J]: what does not depend on where the body is."""
     positions, velocities, activations = state
     masses = _along(body.masses, velocities)
     kinetic = jnp.sum(masses * velocities * velocities, axis=(0, 1)) / 2
@@ -112,7 +112,7 @@ def internal_energy(body: Body, state: BodyState) -> Float[Array, "*B"]:
     return kinetic + elastic
 
 
-def strains(body: Body, positions: Float[AnyArray, "N 3 *B"]) -> Float[AnyArray, P *B]:
+def strains(body: Body, positions: Float[AnyArray, "N 3 ..."]) -> Float[AnyArray, "P ..."]:
     """Return every spring's relative change of length; of NumPy's `positions` by NumPy."""
     first, second = body.springs.T
     extent = positions[second] - positions[first]
@@ -121,8 +121,8 @@ def strains(body: Body, positions: Float[AnyArray, "N 3 *B"]) -> Float[AnyArray,
 
 
 def _rest_lengths(
-    body: Body, activations: Float[Array, M *B], lengths: Float[Array, P *B]
-) -> Float[Array, P *B]:
+    body: Body, activations: Float[Array, "M ..."], lengths: Float[Array, "P ..."]
+) -> Float[Array, "P ..."]:
     """Return the length without force of every spring [m], as its muscles shorten it; in the precision of `lengths`."""
     shortening = jnp.tensordot(body.muscles.astype(lengths.dtype), activations, 1)
     return _along(body.lengths, lengths) * (1 - shortening)
@@ -130,10 +130,10 @@ def _rest_lengths(
 
 def _water_forces(
     body: Body,
-    positions: Float[Array, "N 3 *B"],
-    velocities: Float[Array, "N 3 *B"],
-    wet: Float[Array, N *B],
-) -> Float[Array, "N 3 *B"]:
+    positions: Float[Array, "N 3 ..."],
+    velocities: Float[Array, "N 3 ..."],
+    wet: Float[Array, "N ..."],
+) -> Float[Array, "N 3 ..."]:
     """Return the water's drag on mass points, and its push on faces that move outward: -μ A max(0, n·v) n."""
     water = body.water
     assert water is not None
@@ -151,7 +151,7 @@ def _water_forces(
     return drag + jnp.tensordot(shares.T, push, 1)
 
 
-def _wetness(body: Body, positions: Float[Array, "N 3 *B"]) -> Float[Array, N *B]:
+def _wetness(body: Body, positions: Float[Array, "N 3 ..."]) -> Float[Array, "N ..."]:
     """Return how far each mass point is under water, 0 to 1."""
     heights = positions[:, 2]
     if body.water is None or body.water.surface is None:
@@ -160,8 +160,8 @@ def _wetness(body: Body, positions: Float[Array, "N 3 *B"]) -> Float[Array, N *B
 
 
 def _ground_forces(
-    body: Body, positions: Float[Array, "N 3 *B"], velocities: Float[Array, "N 3 *B"]
-) -> Float[Array, "N 3 *B"]:
+    body: Body, positions: Float[Array, "N 3 ..."], velocities: Float[Array, "N 3 ..."]
+) -> Float[Array, "N 3 ..."]:
     ground = body.ground
     assert ground is not None
     depth = jnp.maximum(-positions[:, 2], 0)
@@ -173,24 +173,26 @@ def _ground_forces(
     return jnp.concatenate([sideways, upward[:, None]], axis=1)
 
 
-def _along(numbers: Float[np.ndarray, " N"], like: AnyArray) -> AnyArray:
+def _along(numbers: Float[AnyArray, " N"], like: AnyArray) -> AnyArray:
     """Return `numbers` (N,) as an array that multiplies `like` (N, ...)."""
     xp = like.__array_namespace__()
     trailing_axes = (1,) * (like.ndim - 1)
     return xp.asarray(numbers, dtype=like.dtype).reshape((-1, *trailing_axes))
 
 
-def _dot(left: Float[AnyArray, "K 3 *B"], right: Float[AnyArray, "K 3 *B"]) -> AnyArray:
+def _dot(left: Float[AnyArray, "K 3 ..."], right: Float[AnyArray, "K 3 ..."]) -> AnyArray:
     return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]
 
 
-def _cross(left: Float[Array, "K 3 *B"], right: Float[Array, "K 3 *B"]) -> Float[Array, "K 3 *B"]:
+def _cross(
+    left: Float[Array, "K 3 ..."], right: Float[Array, "K 3 ..."]
+) -> Float[Array, "K 3 ..."]:
     a, b, c = (left[:, axis] for axis in range(3))
     x, y, z = (right[:, axis] for axis in range(3))
     return jnp.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
 
 
-def _sum_at_ends(body: Body, pulls: Float[Array, "P 3 *B"]) -> Float[Array, "N 3 *B"]:
+def _sum_at_ends(body: Body, pulls: Float[Array, "P 3 ..."]) -> Float[Array, "N 3 ..."]:
     """Return the sum of the springs' `pulls` at every mass point: at a spring's second end they are reversed."""
     first, second = body.springs.T
     zeros = jnp.zeros((len(body.masses), *pulls.shape[1:]), pulls.dtype)
@@ -198,8 +200,11 @@ def _sum_at_ends(body: Body, pulls: Float[Array, "P 3 *B"]) -> Float[Array, "N 3
 
 
 def _activations_after(
-    body: Body, activations: Float[Array, M *B], controls: Float[Array, C *B], seconds: Seconds
-) -> Float[Array, M *B]:
+    body: Body,
+    activations: Float[Array, "M ..."],
+    controls: Float[Array, "C ..."],
+    seconds: Seconds,
+) -> Float[Array, "M ..."]:
     """Return the activations after `seconds` of held controls, to which they tend exponentially."""
     if not activations.shape[0]:
         return activations
@@ -210,14 +215,14 @@ def _activations_after(
 
 
 def _acceleration(
-    body: Body, state: BodyState, controls: Float[Array, C *B]
-) -> Float[Array, "N 3 *B"]:
+    body: Body, state: BodyState, controls: Float[Array, "C ..."]
+) -> Float[Array, "N 3 ..."]:
     force = spring_forces(body, state) + outer_forces(body, state, controls)
     return force / _along(body.masses, state.positions)
 
 
 def symplectic_step(
-    body: Body, state: BodyState, controls: Float[Array, C *B], dt: Seconds
+    body: Body, state: BodyState, controls: Float[Array, "C ..."], dt: Seconds
 ) -> BodyState:
     """Return the state after one step of symplectic Euler, order 1: explicit and cheapest."""
     velocities = state.velocities + dt * _acceleration(body, state, controls)
@@ -227,7 +232,7 @@ def symplectic_step(
 
 
 def semi_implicit_step(
-    body: Body, state: BodyState, controls: Float[Array, C *B], dt: Seconds
+    body: Body, state: BodyState, controls: Float[Array, "C ..."], dt: Seconds
 ) -> BodyState:
     """Return the state after one step of Tu's scheme, order 1: velocities first, from a linear system.
 
@@ -246,8 +251,8 @@ def semi_implicit_step(
 
 
 def implicit_matrix(
-    body: Body, stiffness: Float[Array, P *B], dt: Seconds
-) -> Float[Array, "*B N N"]:
+    body: Body, stiffness: Float[Array, "P ..."], dt: Seconds
+) -> Float[Array, "... N N"]:
     """Return M/δt + δt·K, K from the springs' effective `stiffness` [N/m]."""
     first, second = body.springs.T
     count = len(body.masses)
@@ -259,8 +264,8 @@ def implicit_matrix(
 
 
 def _solve(
-    matrices: Float[Array, "*B N N"], right_side: Float[Array, "N 3 *B"]
-) -> Float[Array, "N 3 *B"]:
+    matrices: Float[Array, "... N N"], right_side: Float[Array, "N 3 ..."]
+) -> Float[Array, "N 3 ..."]:
     """Return the solution of each body's linear system, by Cholesky."""
     shape = right_side.shape
     columns = jnp.moveaxis(right_side.reshape(*shape[:2], -1), -1, 0)
@@ -276,7 +281,7 @@ def _solve_one(matrix: Array, columns: Array) -> Array:
 
 
 def rk4_step(
-    body: Body, state: BodyState, controls: Float[Array, C *B], dt: Seconds
+    body: Body, state: BodyState, controls: Float[Array, "C ..."], dt: Seconds
 ) -> BodyState:
     """Return the state after one step of the classical Runge-Kutta scheme, order 4 where forces are smooth."""
     positions, velocities, activations = state
@@ -313,7 +318,7 @@ def advance(
     dt: Seconds,
     steps: int,
     state: BodyState,
-    controls: Float[Array, C *B],
+    controls: Float[Array, "C ..."],
 ) -> BodyState:
     """Return the state after `steps` physics steps of `dt` [s] under held controls."""
     step = STEPPERS[integrator]
@@ -332,7 +337,7 @@ def trajectory(
     dt: Seconds,
     steps: int,
     start: BodyState,
-    controls: Float[Array, "T C *B"],
+    controls: Float[Array, "T C ..."],
 ) -> BodyState:
     """Return the states (T, ...) after each of the controls, each held for `steps` physics steps."""
 
