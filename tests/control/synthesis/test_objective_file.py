@@ -222,7 +222,7 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         ),
         ('start = { "root.position" = [1] }', "'root.position' has 3 numbers [m], came 1"),
         ('start = { "root.orientation" = [0, 0, 0, 0] }', "quaternion"),
-        ("wishes = []", "my.toml: wishes: "),
+        ("costs = []", "my.toml: costs: "),
         ("[[costs]]\nweight = 1", "cost 1: no kind 'None'. Kinds: avoid, effort"),
         (
             '[[costs]]\nkind = "effort"\n[[costs]]\nkind = "fly"',
@@ -352,7 +352,7 @@ def test_a_controller_is_found_logged_and_shown_with_its_ghost(cli: Cli, tmp_pat
         (["--goal", "upright"], 2, "--goal, --seconds, --start and --effort-weight"),
         (["--seconds", "2"], 2, "--goal, --seconds, --start and --effort-weight"),
         (["--glb", "motion.gif"], 2, "ends in none of"),
-        ([], 3, "my.toml: wish 1: no kind 'fly'"),
+        ([], 3, "my.toml: cost 1: no kind 'fly'"),
     ],
 )
 def test_a_mistake_on_the_command_line_leaves_no_file(

@@ -154,7 +154,7 @@ def _vary(table: ObjectiveTable, system: System) -> Callable[[int, float], Param
     for key, owner in (("knots", "spline"), ("period", "periodic")):
         if getattr(table, key) is not None and table.parametrisation != owner:
             raise ArgumentError(
-                f'{key}: goes with parameters = "{owner}" only, came "{table.parametrisation}".'
+                f'{key}: goes with parametrisation = "{owner}" only, came "{table.parametrisation}".'
             )
     period = table.period or (system.gait.period if system.gait else None)
     if table.parametrisation == "spline":
