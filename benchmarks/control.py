@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import Emulator, descend, find_emulator, load_system
-from neuroanimator.bench.run_control import QUICK, TASKS, THOROUGH, quartiles, run_control_bench
-from neuroanimator.bench.run_table import describe_machine, write_csv
+from neuroanimator.bench.csv_table import describe_machine, quartiles, write_csv
+from neuroanimator.bench.run_control import DIGITS, QUICK, TASKS, THOROUGH, run_control_bench
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.synthesis.replay import replay
 from neuroanimator.tasks.solver import Solver
@@ -72,7 +72,7 @@ def descent_row(solver: Solver, method: str, iterations: int, trials: int) -> di
         "iterations": float(np.median([each.iterations for each in found])),
         "milliseconds": float(np.median([each.seconds for each in found])) * 1e3,
         "J_emulator": float(np.median([each.cost for each in found])),
-        "J_emulator_quartiles": quartiles([each.cost for each in found]),
+        "J_emulator_quartiles": quartiles([each.cost for each in found], DIGITS),
         "J_physics": float(np.median(physics)),
     }
 

@@ -69,7 +69,7 @@ def accuracy_row(emulator: Emulator, *, quick: bool) -> dict[str, Any]:
         "place_error_100": float(np.median(swims.position[:, last])),
         "place_quartiles": quartiles(swims.position[:, last]),
         "turn_error_100_deg": float(np.degrees(np.median(swims.orientation[:, last]))),
-        "way_m": float(np.median(swims.way[:, last])),
+        "way_m": float(np.median(swims.travelled[:, last])),
         "blow_ups_of_1000": count_blow_ups(emulator, 100 if quick else 1000, SWIM_STEPS),
     }
 

@@ -17,7 +17,7 @@ import jax
 import numpy as np
 
 from neuroanimator import TrainingConfig
-from neuroanimator.bench.run_table import describe_machine, write_csv
+from neuroanimator.bench.csv_table import describe_machine, write_csv
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions

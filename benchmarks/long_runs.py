@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator import Emulator, find_emulator, load_system
-from neuroanimator.bench.run_table import describe_machine, write_csv
+from neuroanimator.bench.csv_table import describe_machine, write_csv
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.emulator import rollout_latent
 from neuroanimator.systems.system import System

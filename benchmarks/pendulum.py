@@ -12,7 +12,8 @@ import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from neuroanimator.bench.run_table import chosen_rows, describe_machine, run_table, write_csv
+from neuroanimator.bench.csv_table import describe_machine, write_csv
+from neuroanimator.bench.run_table import chosen_rows, run_table
 from neuroanimator.terminal import print_table
 
 PENDULUMS = "pendulum,pendulum-passive"

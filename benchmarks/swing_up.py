@@ -19,7 +19,7 @@ from neuroanimator import (
     replay,
     stand_upright,
 )
-from neuroanimator.bench.run_table import describe_machine, write_csv
+from neuroanimator.bench.csv_table import describe_machine, write_csv
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.rigid.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
 from neuroanimator.terminal import print_table

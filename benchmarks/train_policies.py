@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator import Emulator, find_emulator, load_system
-from neuroanimator.bench.run_table import write_csv
+from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.control.policies.behaviours import Tank, shoal
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator, rollout_on_physics
 from neuroanimator.control.policies.policy import Policy

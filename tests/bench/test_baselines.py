@@ -1,4 +1,4 @@
-"""Rivals lower the true J on the true physics, and their races are counted honestly."""
+"""Baselines lower the true J on the true physics, and their runs are counted honestly."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, load_system, stand_upright
-from neuroanimator.bench.baselines.budgeted_cost import BLOWN_UP, CostEvaluator
+from neuroanimator.bench.baselines.cost_evaluator import BLOWN_UP, CostEvaluator
 from neuroanimator.bench.baselines.fast_physics import (
     LANES,
     SimulatedPhysics,
@@ -18,7 +18,7 @@ from neuroanimator.bench.baselines.fast_physics import (
     fast_physics,
 )
 from neuroanimator.bench.baselines.ilqr import linearised
-from neuroanimator.bench.baselines.race import RIVALS, Race, race
+from neuroanimator.bench.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
 from neuroanimator.control.descent.parametrisation import EachStep, Spline
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_state
@@ -35,13 +35,13 @@ PARAMETERS = EachStep.of(STEPS, PENDULUM.bounds)
 UPRIGHT = stand_upright()
 
 
-def run(name: str, **options) -> Race:
-    settings = {"target": 0.0, "seconds": 2.0, "seed": 1, "scheme": PENDULUM.truth, **options}
-    return race(name, PENDULUM, UPRIGHT, PARAMETERS, DT, PENDULUM.rest, **settings)
+def run(name: str, **options) -> BaselineRun:
+    settings = {"target": 0.0, "seconds": 2.0, "seed": 1, "scheme": PENDULUM.truth} | options
+    return run_baseline(name, PENDULUM, UPRIGHT, PARAMETERS, DT, PENDULUM.rest, **settings)
 
 
-@pytest.mark.parametrize("name", sorted(RIVALS))
-def test_every_rival_lowers_j_on_the_true_pendulum(name: str, shipped: Emulator):
+@pytest.mark.parametrize("name", sorted(BASELINES))
+def test_every_baseline_lowers_j_on_the_true_pendulum(name: str, shipped: Emulator):
     found = run(name)
     assert found.cost < 0.9 * found.curve[0].cost
     PENDULUM.check_controls(found.controls)
@@ -51,8 +51,8 @@ def test_every_rival_lowers_j_on_the_true_pendulum(name: str, shipped: Emulator)
     )
 
 
-@pytest.mark.parametrize("name", sorted(RIVALS))
-def test_the_same_seed_gives_the_same_race(name: str):
+@pytest.mark.parametrize("name", sorted(BASELINES))
+def test_the_same_seed_gives_the_same_run(name: str):
     first, again = (
         [(row.physics_steps, row.cost) for row in run(name, seconds=0.7).curve] for _ in range(2)
     )
@@ -61,8 +61,8 @@ def test_the_same_seed_gives_the_same_race(name: str):
     assert first[:shared] == again[:shared]
 
 
-@pytest.mark.parametrize("name", sorted(RIVALS))
-def test_a_race_without_time_is_over_after_one_evaluation(name: str):
+@pytest.mark.parametrize("name", sorted(BASELINES))
+def test_a_run_without_time_is_over_after_one_evaluation(name: str):
     found = run(name, seconds=0.0)
     assert found.evaluations == len(found.curve) == 1
     assert found.physics_steps == STEPS * found.scheme.steps(DT)
@@ -71,7 +71,7 @@ def test_a_race_without_time_is_over_after_one_evaluation(name: str):
     assert found.reached_steps is None
 
 
-def test_a_race_ends_at_its_target():
+def test_a_run_ends_at_its_target():
     longer = run("ilqr")
     target = longer.curve[len(longer.curve) // 2].cost
     found = run("ilqr", target=target, seconds=30.0)
@@ -107,9 +107,9 @@ def test_the_jacobian_of_ilqr_is_the_finite_difference_of_the_physics(name: str,
     )
     parametrisation = Spline.of(steps, 4, system.bounds)
     physics = fast_physics(system, system.scheme, dt, start, steps)
-    pricing = CostEvaluator(physics, goal, parametrisation, dt, start, system.bounds.magnitude, 1)
+    evaluator = CostEvaluator(physics, goal, parametrisation, dt, start, system.bounds.magnitude, 1)
     z = np.random.default_rng(0).normal(size=parametrisation.size) * 0.5
-    found = linearised(pricing, z)[1]
+    found = linearised(evaluator, z).jacobian
     with jax.enable_x64(True):
         wanted = differences(system, goal, parametrisation, dt, start, z)
     assert found.shape == wanted.shape
@@ -141,11 +141,11 @@ def differences(
 def test_a_motion_costs_the_same_alone_and_among_others():
     zs = np.random.default_rng(0).normal(size=(7, PARAMETERS.size))
     physics = fast_physics(PENDULUM, PENDULUM.truth, DT, PENDULUM.rest, STEPS, 8)
-    pricing = CostEvaluator(
+    evaluator = CostEvaluator(
         physics, UPRIGHT, PARAMETERS, DT, PENDULUM.rest, PENDULUM.bounds.magnitude, 8
     )
     np.testing.assert_allclose(
-        pricing.costs(zs), [pricing.costs(z[None])[0] for z in zs], rtol=1e-6
+        evaluator.costs(zs), [evaluator.costs(z[None])[0] for z in zs], rtol=1e-6
     )
 
 
@@ -157,7 +157,7 @@ def test_fast_mujoco_moves_as_the_system_does(name: str, count: int):
     fast = fast_physics(system, system.truth, DT, system.rest, 6, 4)
     slow = SimulatedPhysics(system, system.truth, DT, system.rest, 6, 4)
     for _ in range(2):
-        for found, wanted in zip(fast.follow(controls), slow.follow(controls), strict=True):
+        for found, wanted in zip(fast.rollout(controls), slow.rollout(controls), strict=True):
             np.testing.assert_array_equal(found, wanted)
 
 
@@ -167,12 +167,12 @@ def test_bodies_side_by_side_move_as_by_the_slow_physics():
     starts = np.repeat(cube.rest[None], len(controls), axis=0)
     slow = cube.simulate(starts, controls, DT, scheme=cube.scheme).states
     fast = fast_physics(cube, cube.scheme, DT, cube.rest, 6, 2 * LANES)
-    states, is_alive = fast.follow(controls)
+    states, is_alive = fast.rollout(controls)
     assert is_alive.shape == (len(controls),)
     assert is_alive.all()
     rows = np.moveaxis(states, -1, 1).reshape(-1, *states.shape[1:3])[: len(controls)]
     np.testing.assert_allclose(rows, slow[:, 1:], atol=2e-3)
-    np.testing.assert_allclose(fast.follow(controls[-1:])[0][0, ..., 0], slow[-1, 1:], atol=2e-3)
+    np.testing.assert_allclose(fast.rollout(controls[-1:])[0][0, ..., 0], slow[-1, 1:], atol=2e-3)
 
 
 def test_controls_that_blow_the_physics_up_cost_most():
@@ -180,7 +180,7 @@ def test_controls_that_blow_the_physics_up_cost_most():
     wild = replace(cube.scheme, dt=DT)
     parametrisation = EachStep.of(20, cube.bounds)
     physics = fast_physics(cube, wild, DT, cube.rest, 20, LANES)
-    pricing = CostEvaluator(
+    evaluator = CostEvaluator(
         physics,
         Objective.of(effort()),
         parametrisation,
@@ -190,9 +190,9 @@ def test_controls_that_blow_the_physics_up_cost_most():
         LANES,
     )
     zs = np.ones((3, parametrisation.size))
-    assert not play(cube, cube.rest[None], pricing.controls(zs[:1]), DT, wild).is_alive.any()
-    assert (pricing.costs(zs) == BLOWN_UP).all()
-    assert (pricing.costs(zs[:1]) == BLOWN_UP).all()
+    assert not play(cube, cube.rest[None], evaluator.controls(zs[:1]), DT, wild).is_alive.any()
+    assert (evaluator.costs(zs) == BLOWN_UP).all()
+    assert (evaluator.costs(zs[:1]) == BLOWN_UP).all()
 
 
 def test_the_cheapest_scheme_is_one_of_the_two_a_user_would_take():
@@ -209,7 +209,7 @@ def test_ilqr_steps_the_physics_in_a_way_that_mujoco_can_differentiate():
     assert run("ilqr", seconds=0.0, scheme=finer).scheme == finer
 
 
-def test_unknown_rivals_and_systems_without_derivatives_are_refused_by_name():
+def test_unknown_baselines_and_systems_without_derivatives_are_refused_by_name():
     with pytest.raises(
         ArgumentError,
         match="No baseline called 'magic'. Baselines: annealing, cma-es, ilqr, nelder-mead.",
@@ -219,7 +219,7 @@ def test_unknown_rivals_and_systems_without_derivatives_are_refused_by_name():
     with pytest.raises(
         ArgumentError, match="ilqr: wanted a MuJoCo system driven by its own motors, came cube."
     ):
-        race(
+        run_baseline(
             "ilqr",
             cube,
             Objective.of(effort()),

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from neuroanimator.bench.csv_table import quartiles
 from neuroanimator.codegen.c_emulator import CEmulator
 from neuroanimator.data.config import RUN_STEPS, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
@@ -38,16 +39,35 @@ from neuroanimator.training.config import UPDATES_PER_CHUNK
 from neuroanimator.training.recipes import RECIPES
 
 NOMINAL_1998 = {
-    ("pendulum-passive", 25): 47, ("pendulum-passive", 50): 94, ("pendulum-passive", 100): 235,
-    ("pendulum", 25): 38, ("pendulum", 50): 75, ("pendulum", 100): 151,
-    ("truck", 50): 70, ("lander", 50): 54, ("dolphin", 50): 66,
-}  # fmt: skip
+    ("pendulum-passive", 25): 47,
+    ("pendulum-passive", 50): 94,
+    ("pendulum-passive", 100): 235,
+    ("pendulum", 25): 38,
+    ("pendulum", 50): 75,
+    ("pendulum", 100): 151,
+    ("truck", 50): 70,
+    ("lander", 50): 54,
+    ("dolphin", 50): 66,
+}
 """Speed-ups in Table 1 of the seminar paper: times for 20,000 physics steps, divided."""
 
 BATCHES = (64, 1024)
+"""Batches are timed of so many trajectories."""
+
+BATCH_SUPER_STEPS = 400
+"""A trajectory of a batch lasts so many super steps."""
+
+BATCH_REPEATS = 5
+"""A batch is timed so often; the least time counts."""
+
 CALLS = 2_000
+"""So many calls from Python are timed one by one."""
+
 BASELINE_EXAMPLES = 7_200
-"""Transitions the ridge regression is fitted to: far more than it has numbers."""
+"""The ridge regression is fitted to so many transitions: far more than it has numbers."""
+
+BASELINE_SAMPLES = 36
+"""So many of them come from each simulated run."""
 
 
 @dataclass(frozen=True)
@@ -67,114 +87,132 @@ def measure_row(
     `chunk_seconds` is what a chunk of training takes here, for the break-even.
     """
     shipped = emulators[0]
-    examples = few_transitions(shipped)
-    again = replace(effort, starts=0)  # blow-ups are counted once
-    found = [
-        evaluate(
-            emulators[seed % len(emulators)],
-            data=examples,
-            effort=again if seed else effort,
-            seed=seed,
-        )
-        for seed in range(max(effort.rounds, len(emulators)))
-    ]
-    rows, program = [each.row() for each in found], program_in_c(shipped)
-    medians = {key: _middle([row[key] for row in rows]) for key in rows[0]}
-    first = found[0]
-    figures = {
-        **medians,
-        "nominal_quartiles": quartiles([each.speed.nominal for each in found]),
-        "nominal_tuned_c": _nominal_tuned(first),
-        "nominal_1998": NOMINAL_1998.get((first.system, first.substeps), ""),
-        "one_step_quartiles": quartiles([each.one_step_error for each in found]),
-        "one_step_error_shifted": shifted_error(shipped, effort),
-        "rollout_error_5s": float(np.median([each.rollout_error_at(5.0) for each in found])),
-        "self_divergence_1s": divergence_at(first, 1.0),
-        "self_divergence_5s": divergence_at(first, 5.0),
-        **{f"{name.replace(' ', '_')}_error": error for name, error in first.baselines.items()},
+    evaluations = _evaluations(emulators, effort)
+    first = evaluations[0]
+    figures = _medians(evaluations)
+    figures |= _accuracy_figures(shipped, evaluations, effort)
+    figures |= {
         "physics_s_for_20000_steps": first.speed.physics_seconds * PHYSICS_STEPS,
         "emulator_s_for_20000_steps": first.emulator_seconds * PHYSICS_STEPS / first.substeps,
         "break_even_hours": break_even_hours(shipped, first, chunk_seconds),
         "seeds": len(emulators),
-        "rounds": len(found),
-        "diverged": sum(each.diverged for each in found),
-        "blow_up_starts": sum(each.diverged_starts for each in found),
-        **latency(shipped),
-        **{
-            f"us_in_batch_{batch}": batch_microseconds(shipped, program, batch) for batch in BATCHES
-        },
-        **{
-            f"physics_us_in_batch_{batch}": physics_batch_microseconds(shipped, batch)
-            for batch in BATCHES
-        },
+        "rounds": len(evaluations),
+        "diverged": sum(evaluation.diverged for evaluation in evaluations),
+        "blow_up_starts": sum(evaluation.diverged_starts for evaluation in evaluations),
     }
-    return TableRow(figures, found)
+    figures |= latency(shipped)
+    figures |= _batch_figures(shipped)
+    return TableRow(figures, evaluations)
 
 
-def _nominal_tuned(evaluation: Evaluation) -> float | str:
-    """Return the nominal speed-up against C made for this one body; empty where there is no such opponent."""
-    tuned, speed = evaluation.speed.tuned_seconds, evaluation.speed
-    return "" if tuned is None else tuned * evaluation.substeps / speed.emulator_seconds
+def _evaluations(emulators: list[Emulator], effort: Effort) -> list[Evaluation]:
+    """Return an evaluation per round, of the emulators in turn; blow-ups are counted in the first alone."""
+    examples = few_transitions(emulators[0])
+    without_blow_ups = replace(effort, starts=0)
+    evaluations = []
+    for seed in range(max(effort.rounds, len(emulators))):
+        emulator = emulators[seed % len(emulators)]
+        chosen = without_blow_ups if seed else effort
+        evaluations.append(evaluate(emulator, data=examples, effort=chosen, seed=seed))
+    return evaluations
 
 
-def _middle(values: list[Any]) -> Any:
+def _medians(evaluations: list[Evaluation]) -> dict[str, Any]:
+    """Return the medians of what every evaluation's row says."""
+    rows = [evaluation.row() for evaluation in evaluations]
+    return {key: _median_or_text([row[key] for row in rows]) for key in rows[0]}
+
+
+def _median_or_text(values: list[Any]) -> Any:
     """Return the median of numbers, and the first text where there is one."""
     texts = [value for value in values if not isinstance(value, float)]
     return texts[0] if texts else float(np.median(values))
 
 
-def quartiles(values: list[float]) -> str:
-    """Return the quartiles of `values`, such as `92.1-96.3`."""
-    low, high = np.percentile(values, [25, 75])
-    return f"{low:.3g}-{high:.3g}"
+def _accuracy_figures(
+    shipped: Emulator, evaluations: list[Evaluation], effort: Effort
+) -> dict[str, Any]:
+    """Return quartiles, errors after a while and under shifted controls, and those of cheap predictors."""
+    first = evaluations[0]
+    nominal = [evaluation.speed.nominal for evaluation in evaluations]
+    one_step = [evaluation.one_step_error for evaluation in evaluations]
+    after_5s = [evaluation.rollout_error_at(5.0) for evaluation in evaluations]
+    figures: dict[str, Any] = {
+        "nominal_quartiles": quartiles(nominal),
+        "nominal_tuned_c": _nominal_tuned(first),
+        "nominal_1998": NOMINAL_1998.get((first.system, first.substeps), ""),
+        "one_step_quartiles": quartiles(one_step),
+        "one_step_error_shifted": shifted_error(shipped, effort),
+        "rollout_error_5s": float(np.median(after_5s)),
+        "self_divergence_1s": divergence_at(first, 1.0),
+        "self_divergence_5s": divergence_at(first, 5.0),
+    }
+    for name, error in first.baselines.items():
+        figures[f"{name.replace(' ', '_')}_error"] = error
+    return figures
+
+
+def _nominal_tuned(evaluation: Evaluation) -> float | str:
+    """Return the nominal speed-up against C made for this one body; empty where there is no such opponent."""
+    speed = evaluation.speed
+    if speed.tuned_seconds is None:
+        return ""
+    return speed.tuned_seconds * evaluation.substeps / speed.emulator_seconds
+
+
+def _batch_figures(shipped: Emulator) -> dict[str, Any]:
+    """Return the time of a super step and of a physics step in batches."""
+    program = program_in_c(shipped)
+    figures: dict[str, Any] = {}
+    for batch in BATCHES:
+        figures[f"us_in_batch_{batch}"] = batch_microseconds(shipped, program, batch)
+    for batch in BATCHES:
+        figures[f"physics_us_in_batch_{batch}"] = physics_batch_microseconds(shipped, batch)
+    return figures
 
 
 def few_transitions(emulator: Emulator) -> Transitions:
     """Return enough transitions of the emulator's system to fit cheap predictors to."""
     spec = emulator.spec
-    return simulate_transitions(
-        DatasetConfig(
-            system=spec.system,
-            definition=spec.definition,
-            substeps=spec.substeps,
-            count=BASELINE_EXAMPLES,
-            samples_per_run=36,
-        )
+    config = DatasetConfig(
+        system=spec.system,
+        definition=spec.definition,
+        substeps=spec.substeps,
+        count=BASELINE_EXAMPLES,
+        samples_per_run=BASELINE_SAMPLES,
     )
+    return simulate_transitions(config)
 
 
 def shifted_error(emulator: Emulator, effort: Effort) -> float:
     """Return the one-step error under controls training hardly saw: full range, another at every super step."""
-    test = held_out_runs(
-        emulator, count=effort.runs, seconds=RUN_STEPS * emulator.dt, is_shifted=True
-    )
+    seconds = RUN_STEPS * emulator.dt
+    test = held_out_runs(emulator, count=effort.runs, seconds=seconds, is_shifted=True)
     return float(root_mean_square(one_step_error(emulator, test)))
 
 
 def divergence_at(evaluation: Evaluation, seconds: float) -> float:
     """Return how far the physics at its own step has strayed from fine physics after `seconds` [s]."""
     assert evaluation.self_divergence is not None
-    return float(
-        evaluation.self_divergence[
-            min(round(seconds / evaluation.dt), len(evaluation.self_divergence) - 1)
-        ]
-    )
+    last = len(evaluation.self_divergence) - 1
+    step = round(seconds / evaluation.dt)
+    return float(evaluation.self_divergence[min(step, last)])
 
 
 def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: float) -> float:
     """Return after how much simulated time [h] the emulator has saved what its data and training cost.
 
-    Both are estimated from this machine's own speed: physics steps of the teacher, and a timed stretch of training.
+    Both are estimated from this machine's own speed: physics steps of the teacher, and a timed chunk of training.
     """
-    recipe, speed, system = RECIPES[evaluation.system], evaluation.speed, system_of(emulator)
+    recipe = RECIPES[evaluation.system]
+    speed = evaluation.speed
+    system = system_of(emulator)
     runs = recipe.data(evaluation.system, evaluation.substeps).runs
-    per_step = next(
-        o.seconds for o in speed.opponents if o.scheme == system.truth
-    ) / system.truth.steps(emulator.dt)
+    teacher = next(timed for timed in speed.opponents if timed.scheme == system.truth)
+    per_step = teacher.seconds / system.truth.steps(emulator.dt)
     data_seconds = runs * RUN_STEPS * system.truth.steps(emulator.dt) * per_step
-    training_seconds = (
-        chunk_seconds * recipe.training(evaluation.substeps).updates / UPDATES_PER_CHUNK
-    )
+    updates = recipe.training(evaluation.substeps).updates
+    training_seconds = chunk_seconds * updates / UPDATES_PER_CHUNK
     saved = (speed.physics_seconds * evaluation.substeps - speed.emulator_seconds) / emulator.dt
     return (data_seconds + training_seconds) / saved / 3600
 
@@ -182,7 +220,8 @@ def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: 
 def latency(emulator: Emulator) -> dict[str, float]:
     """Return the 50th and 99th percentile of one super step called from Python [µs]: mostly the call."""
     step = emulator.step
-    state, control = jnp.asarray(emulator.rest), jnp.zeros(emulator.control.size)
+    state = jnp.asarray(emulator.rest)
+    control = jnp.zeros(emulator.control.size)
     spans = []
     with one_core():
         step(state, control).block_until_ready()  # compiles
@@ -197,7 +236,11 @@ def latency(emulator: Emulator) -> dict[str, float]:
 
 
 def batch_microseconds(
-    emulator: Emulator, program: CEmulator | None, batch: int, steps: int = 400, repeats: int = 5
+    emulator: Emulator,
+    program: CEmulator | None,
+    batch: int,
+    steps: int = BATCH_SUPER_STEPS,
+    repeats: int = BATCH_REPEATS,
 ) -> float:
     """Return the time per trajectory and super step [µs] of a batch on one core: side by side in JAX, or in turn in C.
 
@@ -205,16 +248,16 @@ def batch_microseconds(
     """
     run = compiled(emulator, jax.vmap(rollout, (None, 0, 0)))
     states = jnp.tile(jnp.asarray(emulator.rest), (batch, 1))
-    controls = jnp.tile(jnp.asarray(emulator.bounds.middle, jnp.float32), (batch, steps, 1))
+    middle = jnp.asarray(emulator.bounds.middle, jnp.float32)
+    controls = jnp.tile(middle, (batch, steps, 1))
     run(states, controls).block_until_ready()
     players: dict[str, Callable[[], Any]] = {
         IN_JAX: lambda: run(states, controls).block_until_ready()
     }
     if program is not None:
-        one = program.player(
-            *(np.asarray(each) for each in emulator.encode_motion(states[0], controls[0]))
-        )
-        players[IN_C] = lambda: [one() for _ in range(batch)]
+        latent, encoded = emulator.encode_motion(states[0], controls[0])
+        play_one = program.player(np.asarray(latent), np.asarray(encoded))
+        players[IN_C] = lambda: [play_one() for _ in range(batch)]
     with one_core():
         spans = interleaved(players, repeats)
     return min(spans.values()) / (batch * steps) * 1e6

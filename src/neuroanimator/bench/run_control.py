@@ -1,16 +1,17 @@
-"""The tasks of `control`, solved through the emulator and by its rivals on the physics: rows, CSV, plot."""
+"""The tasks of `control`, solved through the emulator and by its baselines on the physics: rows, CSV, plot."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from neuroanimator.bench.baselines.race import RIVALS, Race, race
-from neuroanimator.bench.control_plot import Panel, draw_races
-from neuroanimator.bench.run_table import write_csv
+from neuroanimator.bench.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
+from neuroanimator.bench.control_plot import Panel, draw_runs
+from neuroanimator.bench.csv_table import quartiles, write_csv
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal, stand_upright
 from neuroanimator.control.objective.objective import Objective
@@ -28,29 +29,49 @@ from neuroanimator.terminal import progress_bar
 from neuroanimator.zoo import find_emulator
 
 TASKS = {task.name: task for task in (*RIGID_TASKS, *ANIMAL_TASKS)}
+"""Every task by its name."""
+
 DERIVATIVE_FREE = ("annealing", "cma-es", "nelder-mead")
+"""The baselines that need no derivatives of the physics, which is what the speed-up is told against."""
+
 WARM_UP_TRIAL = 10_000
-"""Its number is not among those measured."""
-PLANNED_STEPS, DRIVEN_STEPS = 30, 120
-"""Super steps a re-plan looks ahead, and how many are planned and driven."""
+"""The number of the trial that compiles everything; it is not among those measured."""
+
+PLANNED_STEPS = 30
+"""A re-plan looks so many super steps ahead."""
+
+DRIVEN_STEPS = 120
+"""So many super steps are planned and driven."""
+
+EFFORT_WEIGHT = 0.1
+"""Weight of the effort beside a goal that is planned for."""
+
+MIN_SECONDS = 0.5
+"""A baseline gets at least this time [s]."""
+
+DIGITS = 2
+"""Times are told with so many digits: they differ by more from run to run."""
 
 
 @dataclass(frozen=True)
-class Thoroughness:
+class ControlBudget:
     """How much is measured."""
 
     trials: int
-    races: int
-    """Trials in which rivals race for the J that was found."""
+    """Random instances of each task."""
+    runs: int
+    """Trials in which baselines look for the J that was found."""
     patience: float
-    """Times as long as the emulator took that a rival gets."""
+    """A baseline gets so many times as long as the emulator took."""
     cosines: int
+    """Trials in which the emulator's gradient is held against the physics'."""
 
 
-QUICK = Thoroughness(trials=10, races=1, patience=5.0, cosines=1)
-THOROUGH = Thoroughness(trials=100, races=5, patience=20.0, cosines=10)
-MIN_SECONDS = 0.5
-"""[s] A rival gets at least this."""
+QUICK = ControlBudget(trials=10, runs=1, patience=5.0, cosines=1)
+"""Minutes."""
+
+THOROUGH = ControlBudget(trials=100, runs=5, patience=20.0, cosines=10)
+"""Hours."""
 
 
 @dataclass(frozen=True)
@@ -58,140 +79,160 @@ class Solved:
     """One trial: what was found, and how long it took [s]."""
 
     trial: Trial
-    found: Synthesis
+    synthesis: Synthesis
     seconds: float
 
     @property
     def is_success(self) -> bool:
         """Whether the true physics did it."""
-        return self.trial.is_success(self.found.outcome.physics_states)
+        return self.trial.is_success(self.synthesis.outcome.physics_states)
 
 
 def chosen_tasks(names: str | None) -> list[Task]:
     """Return the tasks that comma-separated names choose; all without."""
-    wanted = names.split(",") if names else list(TASKS)
-    unknown = [name for name in wanted if name not in TASKS]
+    chosen = names.split(",") if names else list(TASKS)
+    unknown = [name for name in chosen if name not in TASKS]
     if unknown:
         raise ArgumentError(
             f"bench: no task called {', '.join(unknown)}. Tasks: {', '.join(TASKS)}."
         )
-    return [TASKS[name] for name in wanted]
+    return [TASKS[name] for name in chosen]
 
 
 def run_control_bench(
-    tasks: list[Task], out: Path, effort: Thoroughness
+    tasks: list[Task], out: Path, budget: ControlBudget
 ) -> tuple[list[dict[str, Any]], list[Path]]:
     """Return (a row per task and method, files written)."""
-    rows, panels = [], []
+    rows = []
+    panels = []
     with progress_bar("tasks", len(tasks)) as bar:
         for task in tasks:
             bar.advance_to(len(panels), task.name)
-            found, panel = measure_task(task, effort)
-            rows += found
+            task_rows, panel = measure_task(task, budget)
+            rows += task_rows
             panels.append(panel)
-    table, plot = out / "control.csv", out / "control.png"
+    table = out / "control.csv"
+    plot = out / "control.png"
     write_csv(table, rows)
-    draw_races(panels, plot)
+    draw_runs(panels, plot)
     return rows, [table, plot]
 
 
-def measure_task(task: Task, effort: Thoroughness) -> tuple[list[dict[str, Any]], Panel]:
-    """Return the emulator's row and its rivals', and its first race; compiling is not counted on either side."""
-    solver = Solver.of(
-        task,
-        load_system(task.system),
-        Emulator.load(find_emulator(f"{task.system}-{task.substeps}")),
-    )
+def measure_task(task: Task, budget: ControlBudget) -> tuple[list[dict[str, Any]], Panel]:
+    """Return the emulator's row and its baselines', and their first runs; compiling is not counted on either side."""
+    emulator = Emulator.load(find_emulator(f"{task.system}-{task.substeps}"))
+    solver = Solver.of(task, load_system(task.system), emulator)
     solver.solve(solver.draw(WARM_UP_TRIAL), is_warm_up=True)
-    solved = []
-    for number in range(effort.trials):
-        trial = solver.draw(number)
-        solved.append(Solved(trial, *solver.solve(trial)))
-    won = [each for each in solved if each.is_success][: effort.races] or solved[: effort.races]
-    races = {
-        name: [run_race(name, solver, each, effort) for each in won] for name in rivals_of(solver)
-    }
-    cosines = [
-        solver.cosine(each.trial, number) for number, each in enumerate(solved[: effort.cosines])
-    ]
-    ours = own_row(solver, solved, cosines) | speed_up(won, races)
-    rows = [ours, *(rival_row(task, name, won, found) for name, found in races.items())]
-    return rows, Panel(
-        task.name, won[0].found, won[0].seconds, [found[0] for found in races.values()]
+    solved = [_solve(solver, number) for number in range(budget.trials)]
+    compared = _compared(solved, budget)
+    runs = {}
+    for name in baselines_of(solver):
+        runs[name] = [run_for(name, solver, one_solved, budget) for one_solved in compared]
+    cosines = []
+    for number, one_solved in enumerate(solved[: budget.cosines]):
+        cosines.append(solver.cosine(one_solved.trial, number))
+    emulator_row = row_of_emulator(solver, solved, cosines) | speed_up(compared, runs)
+    rows = [emulator_row]
+    for name, runs_of_name in runs.items():
+        rows.append(row_of_baseline(task, name, runs_of_name))
+    first_runs = [runs_of_name[0] for runs_of_name in runs.values()]
+    panel = Panel(task.name, compared[0].synthesis, compared[0].seconds, first_runs)
+    return rows, panel
+
+
+def _solve(solver: Solver, number: int) -> Solved:
+    trial = solver.draw(number)
+    synthesis, seconds = solver.solve(trial)
+    return Solved(trial, synthesis, seconds)
+
+
+def _compared(solved: list[Solved], budget: ControlBudget) -> list[Solved]:
+    """Return the trials in which baselines are run: the first that succeeded, or the first of all if none did."""
+    successes = [one_solved for one_solved in solved if one_solved.is_success]
+    return successes[: budget.runs] or solved[: budget.runs]
+
+
+def baselines_of(solver: Solver) -> list[str]:
+    """Return the names of the baselines that can be used on the task's system."""
+    is_differentiable = isinstance(solver.system, MujocoSystem)
+    return [name for name in BASELINES if name != "ilqr" or is_differentiable]
+
+
+def run_for(name: str, solver: Solver, solved: Solved, budget: ControlBudget) -> BaselineRun:
+    """Return how a baseline fares in a trial, looking for the J the emulator led to, from the same first guess."""
+    return run_baseline(
+        name,
+        solver.system,
+        solved.trial.objective,
+        solver.parametrisation,
+        solver.emulator.dt,
+        solved.trial.start,
+        target=solved.synthesis.outcome.cost_physics,
+        seconds=max(MIN_SECONDS, budget.patience * solved.seconds),
+        first=solved.trial.first,
     )
 
 
-def rivals_of(solver: Solver) -> list[str]:
-    """Return the names of the rivals that can be used on the task's system."""
-    return [name for name in RIVALS if name != "ilqr" or isinstance(solver.system, MujocoSystem)]
-
-
-def run_race(name: str, solver: Solver, solved: Solved, effort: Thoroughness) -> Race:
-    """Return how a rival fares in a trial, racing for the J the emulator led to, from the same first guess."""
-    return race(
-        name, solver.system, solved.trial.objective, solver.parametrisation, solver.emulator.dt, solved.trial.start,
-        target=solved.found.outcome.cost_physics, seconds=max(MIN_SECONDS, effort.patience * solved.seconds),
-        first=solved.trial.first,
-    )  # fmt: skip
-
-
-def own_row(solver: Solver, solved: list[Solved], cosines: list[float]) -> dict[str, Any]:
+def row_of_emulator(solver: Solver, solved: list[Solved], cosines: list[float]) -> dict[str, Any]:
     """Return what the emulator achieved; medians are over trials."""
-    task, found = solver.task, [each.found for each in solved]
+    task = solver.task
+    syntheses = [one_solved.synthesis for one_solved in solved]
+    seconds = [one_solved.seconds for one_solved in solved]
     return {
         "task": task.name,
         "method": f"emulator, {task.method}",
         "success": task.success,
         "trials": len(solved),
-        "success_rate": float(np.mean([each.is_success for each in solved])),
-        "iterations_median": float(np.median([each.descent.iterations for each in found])),
-        "corrections_median": float(np.median([each.corrections for each in found])),
-        "seconds_median": float(np.median([each.seconds for each in solved])),
-        "seconds_quartiles": quartiles([each.seconds for each in solved]),
-        "physics_steps_median": float(np.median([each.physics_steps for each in found])),
-        "j_physics_median": float(np.median([each.outcome.cost_physics for each in found])),
-        "gradient_cosine_median": float(np.median(cosines)),
+        "success_rate": float(np.mean([one_solved.is_success for one_solved in solved])),
+        "iterations_median": median(synthesis.descent.iterations for synthesis in syntheses),
+        "corrections_median": median(synthesis.corrections for synthesis in syntheses),
+        "seconds_median": median(seconds),
+        "seconds_quartiles": quartiles(seconds, DIGITS),
+        "physics_steps_median": median(synthesis.physics_steps for synthesis in syntheses),
+        "j_physics_median": median(synthesis.outcome.cost_physics for synthesis in syntheses),
+        "gradient_cosine_median": median(cosines),
         "replan_p99_ms": replan_p99_ms(solver),
     }
 
 
-def speed_up(won: list[Solved], races: dict[str, list[Race]]) -> dict[str, Any]:
-    """Return how many times as long the best derivative-free rival takes to the same J on the physics; at least."""
-    ratios = {name: time_ratio(won, races[name]) for name in DERIVATIVE_FREE}
+def median(values: Iterable[float]) -> float:
+    """Return the median of `values`."""
+    return float(np.median(list(values)))
+
+
+def speed_up(compared: list[Solved], runs: dict[str, list[BaselineRun]]) -> dict[str, Any]:
+    """Return how many times as long the best derivative-free baseline takes to the same J on the physics; at least."""
+    ratios = {name: time_ratio(compared, runs[name]) for name in DERIVATIVE_FREE}
     best = min(ratios, key=ratios.__getitem__)
-    reached = np.mean([found.is_reached for found in races[best]])
     return {
         "speedup_over_best_rival": ratios[best],
         "best_rival": best,
-        "best_rival_reached": float(reached),
-        "speedup_over_ilqr": time_ratio(won, races["ilqr"]) if "ilqr" in races else "",
+        "best_rival_reached": float(np.mean([run.is_reached for run in runs[best]])),
+        "speedup_over_ilqr": time_ratio(compared, runs["ilqr"]) if "ilqr" in runs else "",
     }
 
 
-def time_ratio(won: list[Solved], races: list[Race]) -> float:
-    """Return the median of the rival's time over the emulator's; a rival that never arrived counts with all it had."""
-    times = [found.reached_seconds or found.seconds for found in races]
-    return float(np.median([time / each.seconds for time, each in zip(times, won, strict=True)]))
+def time_ratio(compared: list[Solved], runs: list[BaselineRun]) -> float:
+    """Return the median of the baseline's time over the emulator's; one that never arrived counts with all it had."""
+    pairs = zip(runs, compared, strict=True)
+    return median(run.spent_seconds / one_solved.seconds for run, one_solved in pairs)
 
 
-def rival_row(task: Task, name: str, won: list[Solved], races: list[Race]) -> dict[str, Any]:
-    """Return what a rival achieved in the trials it raced in; a success is a J as low as the emulator led to."""
+def row_of_baseline(task: Task, name: str, runs: list[BaselineRun]) -> dict[str, Any]:
+    """Return what a baseline achieved in the trials it was run in; a success is a J as low as the emulator led to."""
+    seconds = [run.spent_seconds for run in runs]
     return {
         "task": task.name,
         "method": name,
         "success": "J on the physics as low as through the emulator",
-        "trials": len(races),
-        "success_rate": float(np.mean([found.is_reached for found in races])),
-        "iterations_median": float(np.median([found.evaluations for found in races])),
+        "trials": len(runs),
+        "success_rate": float(np.mean([run.is_reached for run in runs])),
+        "iterations_median": median(run.evaluations for run in runs),
         "corrections_median": "",
-        "seconds_median": float(
-            np.median([found.reached_seconds or found.seconds for found in races])
-        ),
-        "seconds_quartiles": quartiles([found.reached_seconds or found.seconds for found in races]),
-        "physics_steps_median": float(
-            np.median([found.reached_steps or found.physics_steps for found in races])
-        ),
-        "j_physics_median": float(np.median([found.cost for found in races])),
+        "seconds_median": median(seconds),
+        "seconds_quartiles": quartiles(seconds, DIGITS),
+        "physics_steps_median": median(run.spent_steps for run in runs),
+        "j_physics_median": median(run.cost for run in runs),
         "gradient_cosine_median": "",
         "replan_p99_ms": "",
         "speedup_over_best_rival": "",
@@ -199,12 +240,6 @@ def rival_row(task: Task, name: str, won: list[Solved], races: list[Race]) -> di
         "best_rival_reached": "",
         "speedup_over_ilqr": "",
     }
-
-
-def quartiles(values: list[float]) -> str:
-    """Return the quartiles, such as `0.02-0.06`."""
-    low, high = np.percentile(values, [25, 75])
-    return f"{low:.2g}-{high:.2g}"
 
 
 def replan_p99_ms(solver: Solver) -> float | str:
@@ -218,11 +253,12 @@ def replan_p99_ms(solver: Solver) -> float | str:
 
 
 def holding(solver: Solver) -> Objective | None:
-    """Return the wish to come to the goal and stay there, wherever within the horizon; None for animals."""
-    system, dt = solver.system, solver.emulator.dt
+    """Return the objective to come to the goal and stay there, wherever within the horizon; None for animals."""
+    system = solver.system
+    dt = solver.emulator.dt
     if system.name == "pendulum":
         return stand_upright(1.0, dt, all_along(PLANNED_STEPS, dt))
     if not isinstance(system, MujocoSystem):
         return None
     goal = next(iter(system.goals.values()))
-    return Objective.of(effort(0.1), reach_goal(system.structure, system.rest, goal))
+    return Objective.of(effort(EFFORT_WEIGHT), reach_goal(system.structure, system.rest, goal))

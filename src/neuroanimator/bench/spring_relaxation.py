@@ -1,6 +1,6 @@
 """The cure of 1998 for shapes that drift: let the true springs pull the emulated body back now and then.
 
-`Modes.bounded`, which every super step of a deformable body ends with, does better at a tenth of the price
+Bounding the shape modes, with which every super step of a deformable body ends, does better at a tenth of the cost
 (docs/decisions/0008-bodies-in-few-numbers.md); this is what it is measured against.
 """
 
@@ -20,10 +20,17 @@ from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.mass_spring import BodyState, advance
 from neuroanimator.systems.deformable.stability import largest_stable_step
 
-Correction = Callable[[Float[Array, " I"]], Float[Array, " I"]]
+Correction = Callable[[Float[Array, " L"]], Float[Array, " L"]]
+"""latent state → the latent state of a body whose springs have relaxed."""
 
-SOFTER, MORE_DAMPED = 0.5, 4.0
-"""Times the stiffness and the damping of the true springs while they relax: explicit steps stay stable."""
+SOFTER = 0.5
+"""While they relax, springs have so many times their true stiffness: explicit steps stay stable."""
+
+MORE_DAMPED = 4.0
+"""While they relax, springs have so many times their true damping: explicit steps stay stable."""
+
+STEP_SHARE = 0.5
+"""A relaxing step is this share of the largest stable one."""
 
 
 def relaxed(emulator: Emulator, body: Body, steps: int = 3) -> Correction:
@@ -31,38 +38,41 @@ def relaxed(emulator: Emulator, body: Body, steps: int = 3) -> Correction:
     soft = replace(
         body, stiffness=SOFTER * body.stiffness, damping=MORE_DAMPED * body.damping, water=None
     )
-    dt = 0.5 * largest_stable_step(soft)
+    dt = STEP_SHARE * largest_stable_step(soft)
     size = 3 * len(body.masses)
 
-    def correct(latent: Float[Array, " I"]) -> Float[Array, " I"]:
+    def correct(latent: Float[Array, " L"]) -> Float[Array, " L"]:
         state = emulator.decode(latent)
         activations = state[2 * size :]
-        motion = BodyState(points_of(state[:size]), points_of(state[size : 2 * size]), activations)
-        found = advance(soft, "symplectic", dt, steps, motion, activations)
-        flat = jnp.concatenate([flat_of(found.positions), flat_of(found.velocities), activations])
+        body_state = BodyState(points_of(state[:size]), points_of(state[size : 2 * size]), activations)
+        after = advance(soft, "symplectic", dt, steps, body_state, activations)
+        flat = jnp.concatenate([flat_of(after.positions), flat_of(after.velocities), activations])
         fresh = emulator.encode(flat)
         return jnp.concatenate([latent[:RIGID], fresh[RIGID:]])
 
     return correct
 
 
-def follow_corrected(
+def rollout_relaxed(
     emulator: Emulator,
-    latent: Float[Array, " I"],
+    latent: Float[Array, " L"],
     controls: Float[Array, "T C"],
     correction: Correction | None,
     every: int = 1,
     *,
     is_bounded: bool = True,
-) -> Float[Array, "T I"]:
-    """Return `follow`, corrected after `every` super steps; T must be a multiple of it."""
+) -> Float[Array, "T L"]:
+    """Return `rollout_latent`, corrected after `every` super steps; T must be a multiple of it."""
     if correction is None:
         return rollout_latent(emulator, latent, controls, is_bounded=is_bounded)
 
-    def stretch(latent: Float[Array, " I"], held: Float[Array, "K C"]) -> tuple[Array, Array]:
-        path = rollout_latent(emulator, latent, held, is_bounded=is_bounded)
+    def rollout_and_correct(
+        latent: Float[Array, " L"], controls: Float[Array, "K C"]
+    ) -> tuple[Array, Array]:
+        path = rollout_latent(emulator, latent, controls, is_bounded=is_bounded)
         last = correction(path[-1])
         return last, path.at[-1].set(last)
 
-    _, paths = jax.lax.scan(stretch, latent, controls.reshape(-1, every, controls.shape[-1]))
+    pieces = controls.reshape(-1, every, controls.shape[-1])
+    _, paths = jax.lax.scan(rollout_and_correct, latent, pieces)
     return paths.reshape(controls.shape[0], -1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
 
@@ -12,8 +11,8 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Array
-from mujoco import rollout
+from jaxtyping import Array, Bool, Float
+from mujoco import rollout as mujoco_rollout
 
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.systems.cores import core_count
@@ -27,9 +26,10 @@ from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
 
 TRIED_STEPS = 10
-"""Super steps that tell which scheme is cheaper."""
+"""So many super steps tell which scheme is cheaper."""
+
 TRIES = 5
-"""Timings of each, in turn; the least counts."""
+"""Each scheme is timed so often, in turn; the least time counts."""
 
 
 class FastPhysics(abc.ABC):
@@ -39,10 +39,13 @@ class FastPhysics(abc.ABC):
     """Physics steps of one motion."""
 
     @abc.abstractmethod
-    def follow(self, controls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return states (G, T, S, L) after each of `controls` (B, T, C), and (B,) whether the physics kept sane.
+    def rollout(
+        self, controls: Float[np.ndarray, "B T C"]
+    ) -> tuple[Float[np.ndarray, "G T S L"], Bool[np.ndarray, " B"]]:
+        """Return the states after each control, and whether the physics kept sane in each motion.
 
-        Motion b is lane b % L of group b // L. One motion comes alone; more come in room for `batch`.
+        Motion b is lane b % L of group b // L. One motion comes alone; more come in room for `batch`. The states may be
+        a buffer that the next call overwrites: copy what must last longer.
         """
 
 
@@ -54,46 +57,49 @@ class MujocoPhysics(FastPhysics):
         system: MujocoSystem,
         scheme: Scheme,
         dt: float,
-        start: np.ndarray,
+        start: Float[np.ndarray, " S"],
         length: int,
         batch: int,
     ):
-        self.system, self.scheme, self.substeps, self.length = (
-            system,
-            scheme,
-            scheme.steps(dt),
-            length,
-        )
-        self.steps, self.batch = self.substeps * length, batch
-        self.model, self.start = system.model_with(scheme), np.asarray(start, float)
+        self.system = system
+        self.scheme = scheme
+        self.substeps = scheme.steps(dt)
+        self.length = length
+        self.steps = self.substeps * length
+        self.batch = batch
+        self.model = system.model_with(scheme)
+        self.start = np.asarray(start, float)
         self.workers = [mujoco.MjData(self.model) for _ in range(core_count())]
-        self._alone = rollout.Rollout(nthread=0)
-        first = np.concatenate(
-            [[0.0], self.start[: system.physical_size]]
-        )  # MuJoCo's state leads with time
-        self._initial = np.tile(first, (batch, 1))
-        self._states = np.empty((batch, self.steps, len(first)))
-        self._sensed = (
-            np.empty((batch, self.steps, self.model.nsensordata)) if system.sensors else None
-        )
+        self._alone = mujoco_rollout.Rollout(nthread=0)
+        # MuJoCo's state leads with time.
+        initial = np.concatenate([[0.0], self.start[: system.physical_size]])
+        self._initial = np.tile(initial, (batch, 1))
+        self._states = np.empty((batch, self.steps, len(initial)))
+        self._sensed: np.ndarray | None = None
+        if system.sensors:
+            self._sensed = np.empty((batch, self.steps, self.model.nsensordata))
 
-    def follow(self, controls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        states, count = self.roll(controls), len(controls)
-        found = np.zeros((1 if count == 1 else self.batch, *states.shape[1:], 1), np.float32)
-        with np.errstate(over="ignore"):
-            found[:count, ..., 0] = states
-        return found, self.system.is_sane(states)
+    def rollout(
+        self, controls: Float[np.ndarray, "B T C"]
+    ) -> tuple[Float[np.ndarray, "G T S L"], Bool[np.ndarray, " B"]]:
+        states = self.rollout_float64(controls)
+        return _ungrouped(states, self.batch), self.system.is_sane(states)
 
-    def roll(self, controls: np.ndarray) -> np.ndarray:
-        """Return states (B, T, S) in float64."""
+    def rollout_float64(self, controls: Float[np.ndarray, "B T C"]) -> Float[np.ndarray, "B T S"]:
+        """Return the states after each control, not rounded."""
         count = len(controls)
         kind, signal = self.system.drive(np.asarray(controls, float))
-        roll = self._alone.rollout if count == 1 else partial(rollout.rollout, persistent_pool=True)
-        sensed = self._sensed if self._sensed is None else self._sensed[:count]
+        if count == 1:
+            roll = self._alone.rollout
+            workers = self.workers[:1]
+        else:
+            roll = partial(mujoco_rollout.rollout, persistent_pool=True)
+            workers = self.workers
+        sensed = None if self._sensed is None else self._sensed[:count]
         with warnings_counted:
             roll(
                 [self.model] * count,
-                self.workers[:1] if count == 1 else self.workers,
+                workers,
                 self._initial[:count],
                 np.repeat(signal, self.substeps, axis=1),
                 control_spec=int(kind),
@@ -109,34 +115,50 @@ class MujocoPhysics(FastPhysics):
         return np.concatenate([states, sensed[:, ends, list(self.system.sensors)]], axis=-1)
 
 
-class TwinPhysics(FastPhysics):
-    """A mass-spring body's C twin in float32: one body alone, or as many side by side as fill a register."""
+class BodyPhysics(FastPhysics):
+    """A mass-spring body in C in float32: one body alone, or as many side by side as fill a register."""
 
     def __init__(
-        self, system: DeformableSystem, twins: tuple[CTwin, CTwin], scheme: Scheme, dt: float, start: np.ndarray,
-        length: int, batch: int,
-    ):  # fmt: skip
-        self.body, (self._alone, self._many) = system.body, twins
-        self.scheme, self.substeps, self.steps = scheme, scheme.steps(dt), scheme.steps(dt) * length
+        self,
+        system: DeformableSystem,
+        alone: CTwin,
+        many: CTwin,
+        scheme: Scheme,
+        dt: float,
+        start: Float[np.ndarray, " S"],
+        length: int,
+        batch: int,
+    ):
+        self.body = system.body
+        self.scheme = scheme
+        self.substeps = scheme.steps(dt)
+        self.steps = self.substeps * length
+        self._alone = alone
+        self._many = many
         self._start = np.asarray(start, np.float32)
-        self._starts = np.tile(self._start[:, None], self._many.lanes)
+        self._starts = np.tile(self._start[:, None], many.lanes)
         self._states = np.zeros((batch // LANES, length, len(self._start), LANES), np.float32)
 
-    def follow(self, controls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        states = self._one(controls) if len(controls) == 1 else self._side_by_side(controls)
-        return states, np.asarray(_is_whole(self.body, states)).ravel()[: len(controls)]
+    def rollout(
+        self, controls: Float[np.ndarray, "B T C"]
+    ) -> tuple[Float[np.ndarray, "G T S L"], Bool[np.ndarray, " B"]]:
+        if len(controls) == 1:
+            states = self._play(self._alone, self._start, controls[0])[None, ..., None]
+        else:
+            states = self._side_by_side(controls)
+        is_whole = np.asarray(_is_whole(self.body, states)).ravel()
+        return states, is_whole[: len(controls)]
 
-    def _one(self, controls: np.ndarray) -> np.ndarray:
-        return self._play(self._alone, self._start, controls[0])[None, ..., None]
+    def _side_by_side(self, controls: Float[np.ndarray, "B T C"]) -> Float[np.ndarray, "G T S L"]:
+        """Return the states of all groups, in the buffer; the last motion fills the last group up."""
 
-    def _side_by_side(self, controls: np.ndarray) -> np.ndarray:
-        def group(number: int) -> None:
+        def play_group(number: int) -> None:
             rows = np.arange(number * LANES, (number + 1) * LANES).clip(max=len(controls) - 1)
-            self._states[number] = self._play(
-                self._many, self._starts, np.moveaxis(controls[rows], 0, -1)
-            )
+            lanes = np.moveaxis(controls[rows], 0, -1)
+            self._states[number] = self._play(self._many, self._starts, lanes)
 
-        list(threads().map(group, range(-(-len(controls) // LANES))))
+        groups = -(-len(controls) // LANES)
+        list(threads().map(play_group, range(groups)))
         return self._states
 
     def _play(self, twin: CTwin, start: np.ndarray, controls: np.ndarray) -> np.ndarray:
@@ -147,34 +169,58 @@ class SimulatedPhysics(FastPhysics):
     """Whatever else there is: a Python function, or a body where nothing compiles C."""
 
     def __init__(
-        self, system: System, scheme: Scheme, dt: float, start: np.ndarray, length: int, batch: int
+        self,
+        system: System,
+        scheme: Scheme,
+        dt: float,
+        start: Float[np.ndarray, " S"],
+        length: int,
+        batch: int,
     ):
-        self.steps, self.batch = scheme.steps(dt) * length, batch
+        self.system = system
+        self.scheme = scheme
+        self.dt = dt
+        self.steps = scheme.steps(dt) * length
+        self.batch = batch
         self._start = np.asarray(start, float)
-        self._play: Callable = partial(play, system, dt=dt, scheme=scheme)
 
-    def follow(self, controls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        runs, count = self._play(np.tile(self._start, (len(controls), 1)), controls), len(controls)
-        found = np.zeros(
-            (1 if count == 1 else self.batch, *runs.states[0, 1:].shape, 1), np.float32
-        )
-        found[:count, ..., 0] = runs.states[:, 1:]
-        return found, runs.is_alive
+    def rollout(
+        self, controls: Float[np.ndarray, "B T C"]
+    ) -> tuple[Float[np.ndarray, "G T S L"], Bool[np.ndarray, " B"]]:
+        starts = np.tile(self._start, (len(controls), 1))
+        runs = play(self.system, starts, controls, dt=self.dt, scheme=self.scheme)
+        return _ungrouped(runs.states[:, 1:], self.batch), runs.is_alive
+
+
+def _ungrouped(states: Float[np.ndarray, "B T S"], batch: int) -> Float[np.ndarray, "G T S 1"]:
+    """Return states in float32 as groups of one lane: one motion alone, more in room for `batch`."""
+    count = len(states)
+    groups = 1 if count == 1 else batch
+    grouped = np.zeros((groups, *states.shape[1:], 1), np.float32)
+    with np.errstate(over="ignore"):
+        grouped[:count, ..., 0] = states
+    return grouped
 
 
 def fast_physics(
-    system: System, scheme: Scheme, dt: float, start: np.ndarray, length: int, batch: int = 1
+    system: System,
+    scheme: Scheme,
+    dt: float,
+    start: Float[np.ndarray, " S"],
+    length: int,
+    batch: int = 1,
 ) -> FastPhysics:
-    """Return the physics of motions of `length` super steps of `dt` [s] from `start` (S,).
+    """Return the physics of motions of `length` super steps of `dt` [s] from `start`.
 
     Up to `batch` go at a time, a multiple of `side_by_side`.
     """
     if isinstance(system, MujocoSystem):
         return MujocoPhysics(system, scheme, dt, start, length, batch)
     if isinstance(system, DeformableSystem):
-        one, many = c_twin(system.body, np.float32), c_twin(system.body, np.float32, LANES)
-        if one and many:
-            return TwinPhysics(system, (one, many), scheme, dt, start, length, batch)
+        alone = c_twin(system.body, np.float32)
+        many = c_twin(system.body, np.float32, LANES)
+        if alone and many:
+            return BodyPhysics(system, alone, many, scheme, dt, start, length, batch)
     return SimulatedPhysics(system, scheme, dt, start, length, batch)
 
 
@@ -183,20 +229,23 @@ def side_by_side(system: System) -> int:
     return LANES if isinstance(system, DeformableSystem) else core_count()
 
 
-def cheapest_scheme(system: System, dt: float, start: np.ndarray) -> Scheme:
+def cheapest_scheme(system: System, dt: float, start: Float[np.ndarray, " S"]) -> Scheme:
     """Return the system's `scheme`, or for MuJoCo its `truth` where that is cheaper per second: measured now."""
     if not isinstance(system, MujocoSystem):
         return system.scheme
     schemes = (system.scheme, system.truth)
     controls = sample_controls(np.random.default_rng(0), TRIED_STEPS, dt, system.bounds)[None]
     tried = [MujocoPhysics(system, scheme, dt, start, TRIED_STEPS, 1) for scheme in schemes]
-    times = np.array([[_seconds(physics, controls) for physics in tried] for _ in range(TRIES)])
+    times = np.empty((TRIES, len(tried)))
+    for attempt in range(TRIES):
+        for number, physics in enumerate(tried):
+            times[attempt, number] = _seconds(physics, controls)
     return schemes[int(times.min(axis=0).argmin())]
 
 
-def _seconds(physics: MujocoPhysics, controls: np.ndarray) -> float:
+def _seconds(physics: MujocoPhysics, controls: Float[np.ndarray, "B T C"]) -> float:
     began = time.perf_counter()
-    physics.roll(controls)
+    physics.rollout_float64(controls)
     return time.perf_counter() - began
 
 
@@ -207,9 +256,10 @@ def threads() -> ThreadPoolExecutor:
 
 
 @partial(jax.jit, static_argnums=0)
-def _is_whole(body: Body, states: Array) -> Array:
-    """Return (G, L) whether a body is finite and not torn apart in all its states (G, T, S, L)."""
+def _is_whole(body: Body, states: Float[Array, "G T S L"]) -> Bool[Array, "G L"]:
+    """Return whether a body is finite and not torn apart in all its states."""
     points = states[:, :, : 3 * len(body.masses)]
     positions = points.reshape(*points.shape[:2], -1, 3, points.shape[-1])
-    torn = jnp.abs(strains(body, jnp.moveaxis(positions, (2, 3), (0, 1)))) > MAX_STRAIN
-    return ~torn.any(axis=(0, 2)) & jnp.isfinite(states).all(axis=(1, 2))
+    by_point = jnp.moveaxis(positions, (2, 3), (0, 1))
+    is_torn = jnp.abs(strains(body, by_point)) > MAX_STRAIN
+    return ~is_torn.any(axis=(0, 2)) & jnp.isfinite(states).all(axis=(1, 2))

@@ -1,11 +1,13 @@
-"""iLQR in its Gauss-Newton form, on MuJoCo's own derivatives: the rival that knows the physics from inside."""
+"""iLQR in its Gauss-Newton form, on MuJoCo's own derivatives: the baseline that knows the physics from inside."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
-from neuroanimator.bench.baselines.budgeted_cost import Contest, CostEvaluator
+from neuroanimator.bench.baselines.budgeted_cost import BudgetedCost
+from neuroanimator.bench.baselines.cost_evaluator import CostEvaluator, Linearisation
 from neuroanimator.bench.baselines.fast_physics import MujocoPhysics, threads
 from neuroanimator.control.descent.methods import DAMPINGS, FIRST_DAMPING, MAX_DAMPING, MIN_DAMPING
 from neuroanimator.errors import ArgumentError
@@ -16,10 +18,12 @@ from neuroanimator.systems.system import Scheme, System
 
 DIFFERENCE = 1e-5
 """Step of MuJoCo's finite differences: at its usual 1e-6 a control turns a body by less than quaternions show."""
-SETTLED = 1e-3
-"""Relative fall of J below which a descent ends, and the next begins elsewhere."""
+
+MIN_FALL = 1e-3
+"""A descent ends, and the next begins elsewhere, where J falls by less than this share of it."""
+
 SPREAD = 0.5
-"""Of z about the first guess where a further descent begins: the first spread of CMA-ES."""
+"""Spread of z about the first guess where a further descent begins: the first spread of CMA-ES."""
 
 
 def linear_scheme(system: System, scheme: Scheme) -> Scheme:
@@ -31,137 +35,172 @@ def linear_scheme(system: System, scheme: Scheme) -> Scheme:
         raise ArgumentError(
             f"ilqr: wanted a MuJoCo system driven by its own motors, came {system.name}."
         )
-    found = system.scheme if scheme.integrator == "rk4" else scheme
-    if found.integrator == "rk4":
+    if scheme.integrator == "rk4":
+        scheme = system.scheme
+    if scheme.integrator == "rk4":
         raise ArgumentError("ilqr: MuJoCo has no derivatives of rk4. Give another scheme.")
-    return found
+    return scheme
 
 
-def ilqr(contest: Contest, first: np.ndarray, rng: np.random.Generator) -> None:
-    """Descend from `first` (Z,), then from random places about it, until the race is over."""
+def ilqr(budget: BudgetedCost, first: Float[np.ndarray, " Z"], rng: np.random.Generator) -> None:
+    """Descend from `first`, then from random z about it, until the budget is spent."""
     z = first
     while True:
-        _descend(contest, z)
+        _descend(budget, z)
         z = first + SPREAD * rng.normal(size=len(first))
 
 
-def _descend(contest: Contest, z: np.ndarray) -> None:
-    """Take Levenberg-Marquardt steps from `z` (Z,) until they win little: what `methods.GaussNewton` does."""
-    damping, least = FIRST_DAMPING, np.inf
+def _descend(budget: BudgetedCost, z: Float[np.ndarray, " Z"]) -> None:
+    """Take Levenberg-Marquardt steps from `z` until they win little: what `methods.GaussNewton` does."""
+    damping = FIRST_DAMPING
+    cost = np.inf
     while True:
-        residuals, jacobian, extra = linearised(contest.pricing, z)
-        contest.spend(linearisation_steps(contest.pricing))
-        curvature, slope = jacobian.T @ jacobian, jacobian.T @ residuals + extra
+        linear = linearised(budget.evaluator, z)
+        budget.spend(linearisation_steps(budget.evaluator))
+        curvature = linear.jacobian.T @ linear.jacobian
+        slope = linear.jacobian.T @ linear.residuals + linear.slope
         if not np.isfinite(curvature).all() or not np.isfinite(slope).all():
             return
-        least = contest.cost(z) if least == np.inf else least
+        if cost == np.inf:
+            cost = budget.cost(z)
         while True:
             dampings = np.clip(damping * np.array(DAMPINGS), MIN_DAMPING, MAX_DAMPING)
-            trials = z - _steps(curvature, slope, dampings)
-            costs = contest.costs(trials)
-            k = int(costs.argmin())
-            if costs[k] < least:
+            trials = z - _damped_steps(curvature, slope, dampings)
+            costs = budget.costs(trials)
+            best = int(costs.argmin())
+            if costs[best] < cost:
                 break
             if dampings[-1] >= MAX_DAMPING:
                 return
             damping = dampings[-1] * DAMPINGS[-1]
-        fall, z, least, damping = least - costs[k], trials[k], costs[k], dampings[k]
-        if fall < SETTLED * (least + fall):
+        fall = cost - costs[best]
+        z = trials[best]
+        cost = costs[best]
+        damping = dampings[best]
+        if fall < MIN_FALL * (cost + fall):
             return
 
 
-def _steps(curvature: np.ndarray, slope: np.ndarray, dampings: np.ndarray) -> np.ndarray:
-    """Return the damped steps (K, Z)."""
-    size, unit = np.trace(curvature) / len(slope) + np.finfo(float).tiny, np.eye(len(slope))
-    return np.linalg.solve(curvature + dampings[:, None, None] * size * unit, slope[None, :, None])[
-        ..., 0
-    ]
+def _damped_steps(
+    curvature: Float[np.ndarray, "Z Z"],
+    slope: Float[np.ndarray, " Z"],
+    dampings: Float[np.ndarray, " K"],
+) -> Float[np.ndarray, "K Z"]:
+    """Return a step for each damping, which is a share of the mean curvature."""
+    mean_curvature = np.trace(curvature) / len(slope) + np.finfo(float).tiny
+    damped = curvature + dampings[:, None, None] * mean_curvature * np.eye(len(slope))
+    return np.linalg.solve(damped, slope[None, :, None])[..., 0]
 
 
-def linearisation_steps(pricing: CostEvaluator) -> int:
+def linearisation_steps(evaluator: CostEvaluator) -> int:
     """Return how many physics steps a linearisation takes: each twice as it is, and once per number changed."""
-    physics = physics_of(pricing)
+    physics = physics_of(evaluator)
     model = physics.model
     return physics.steps * (2 + 2 * model.nv + model.na + model.nu)
 
 
-def physics_of(pricing: CostEvaluator) -> MujocoPhysics:
+def physics_of(evaluator: CostEvaluator) -> MujocoPhysics:
     """Return MuJoCo, which iLQR needs: see `linear_scheme`."""
-    assert isinstance(pricing.physics, MujocoPhysics)
-    return pricing.physics
+    assert isinstance(evaluator.physics, MujocoPhysics)
+    return evaluator.physics
 
 
-def linearised(pricing: CostEvaluator, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the residuals (R,) of J at `z` (Z,), their derivatives (R, Z), and the slope (Z,) of what is no square."""
-    physics, controls, slopes = physics_of(pricing), pricing.controls(z[None])[0], pricing.slopes(z)
-    states = physics.roll(controls[None])[0]
-    return pricing.linearised(states, controls, _changes(physics, states, controls, slopes), slopes)
+def linearised(evaluator: CostEvaluator, z: Float[np.ndarray, " Z"]) -> Linearisation:
+    """Return J's cost terms about `z`, by MuJoCo's derivatives along the motion."""
+    physics = physics_of(evaluator)
+    controls = evaluator.controls(z[None])[0]
+    slopes = evaluator.slopes(z)
+    states = physics.rollout_float64(controls[None])[0]
+    changes = _state_changes(physics, states, controls, slopes)
+    return evaluator.linearised(states, controls, changes, slopes)
 
 
-def _changes(
-    physics: MujocoPhysics, states: np.ndarray, controls: np.ndarray, slopes: np.ndarray
-) -> np.ndarray:
-    """Return how `states` (T, S) change with z, (Z, T, S), if `controls` (T, C) change by `slopes` (Z, T, C).
+def _state_changes(
+    physics: MujocoPhysics,
+    states: Float[np.ndarray, "T S"],
+    controls: Float[np.ndarray, "T C"],
+    slopes: Float[np.ndarray, "Z T C"],
+) -> Float[np.ndarray, "Z T S"]:
+    """Return how the states change with z, if the controls change by `slopes`.
 
     Sensors, on which nothing of the motion depends, count as constant.
     """
     before = np.concatenate([physics.start[None], states[:-1]])
     by_state, by_control = super_step_derivatives(physics, before, controls)
     change = np.zeros((by_state.shape[1], len(slopes)))
-    found = np.zeros((len(slopes), *states.shape))
+    state_changes = np.zeros((len(slopes), *states.shape))
     for t, state in enumerate(states):
         change = by_state[t] @ change + by_control[t] @ slopes[:, t].T
-        found[:, t, : physics.system.physical_size] = (_unfolded(physics.model, state) @ change).T
-    return found
+        physical_change = _state_by_change(physics.model, state) @ change
+        state_changes[:, t, : physics.system.physical_size] = physical_change.T
+    return state_changes
 
 
 def super_step_derivatives(
-    physics: MujocoPhysics, states: np.ndarray, controls: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return how each super step's end changes with its beginning (T, V, V) and its control (T, V, C).
+    physics: MujocoPhysics, states: Float[np.ndarray, "T S"], controls: Float[np.ndarray, "T C"]
+) -> tuple[Float[np.ndarray, "T V V"], Float[np.ndarray, "T V C"]]:
+    """Return how each super step's end changes with its beginning and with its control.
 
     A change has V = 2 nv + na numbers: quaternions change as they turn, by three.
     """
     shares = np.array_split(np.arange(len(states)), core_count())
 
-    def share(data: mujoco.MjData, rows: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        return [_super_step(physics, data, states[t], controls[t]) for t in rows]
+    def derivatives_of(
+        data: mujoco.MjData, rows: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [_super_step_derivative(physics, data, states[t], controls[t]) for t in rows]
 
+    by_state = []
+    by_control = []
     # MuJoCo lets go of Python's lock.
-    found = [pair for part in threads().map(share, physics.workers, shares) for pair in part]
-    by_state, by_control = zip(*found, strict=True)
+    for share in threads().map(derivatives_of, physics.workers, shares):
+        for step_by_state, step_by_control in share:
+            by_state.append(step_by_state)
+            by_control.append(step_by_control)
     return np.stack(by_state), np.stack(by_control)
 
 
-def _super_step(
-    physics: MujocoPhysics, data: mujoco.MjData, state: np.ndarray, control: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _super_step_derivative(
+    physics: MujocoPhysics,
+    data: mujoco.MjData,
+    state: Float[np.ndarray, " S"],
+    control: Float[np.ndarray, " C"],
+) -> tuple[Float[np.ndarray, "V V"], Float[np.ndarray, "V C"]]:
+    """Return how one super step's end changes with its beginning and with its control: physics steps, chained."""
     model = physics.model
     size = 2 * model.nv + model.na
-    one_state, one_control = np.empty((size, size)), np.empty((size, model.nu))
-    by_state, by_control = np.eye(size), np.zeros((size, model.nu))
+    step_by_state = np.empty((size, size))
+    step_by_control = np.empty((size, model.nu))
+    by_state = np.eye(size)
+    by_control = np.zeros((size, model.nu))
     physics.system.put(data, state)
     data.ctrl[:] = control
     with warnings_counted:
         for _ in range(physics.substeps):
             mujoco.mjd_transitionFD(
-                model, data, DIFFERENCE, False, one_state, one_control, None, None
+                model, data, DIFFERENCE, False, step_by_state, step_by_control, None, None
             )
-            by_state, by_control = one_state @ by_state, one_state @ by_control + one_control
+            by_state = step_by_state @ by_state
+            by_control = step_by_state @ by_control + step_by_control
             mujoco.mj_step(model, data)
     return by_state, by_control
 
 
-def _unfolded(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
-    """Return how the numbers of `state` change with the V numbers of a change, (P, V)."""
+def _state_by_change(
+    model: mujoco.MjModel, state: Float[np.ndarray, " S"]
+) -> Float[np.ndarray, "P V"]:
+    """Return how the P = nq + nv + na numbers of `state` change with the V numbers of a change."""
     positions = np.eye(model.nq, model.nv)
     if model.nq != model.nv:
-        base, along = np.array(state[: model.nq]), np.eye(model.nv)
-        for i in range(model.nv):
+        base = np.array(state[: model.nq])
+        directions = np.eye(model.nv)
+        for i, direction in enumerate(directions):
             moved = base.copy()
-            mujoco.mj_integratePos(model, moved, along[i], DIFFERENCE)
+            mujoco.mj_integratePos(model, moved, direction, DIFFERENCE)
             positions[:, i] = (moved - base) / DIFFERENCE
-    found = np.eye(model.nq + model.nv + model.na, 2 * model.nv + model.na, model.nv - model.nq)
-    found[: model.nq] = 0
-    found[: model.nq, : model.nv] = positions
-    return found
+    derivative = np.eye(
+        model.nq + model.nv + model.na, 2 * model.nv + model.na, model.nv - model.nq
+    )
+    derivative[: model.nq] = 0
+    derivative[: model.nq, : model.nv] = positions
+    return derivative
