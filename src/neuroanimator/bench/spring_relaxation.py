@@ -44,7 +44,9 @@ def relaxed(emulator: Emulator, body: Body, steps: int = 3) -> Correction:
     def correct(latent: Float[Array, " L"]) -> Float[Array, " L"]:
         state = emulator.decode(latent)
         activations = state[2 * size :]
-        body_state = BodyState(points_of(state[:size]), points_of(state[size : 2 * size]), activations)
+        body_state = BodyState(
+            points_of(state[:size]), points_of(state[size : 2 * size]), activations
+        )
         after = advance(soft, "symplectic", dt, steps, body_state, activations)
         flat = jnp.concatenate([flat_of(after.positions), flat_of(after.velocities), activations])
         fresh = emulator.encode(flat)
