@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
 
 from neuroanimator.control.policies.behaviours import Behaviour
 from neuroanimator.control.policies.policy import Policy
@@ -33,12 +34,12 @@ def choose_controls(
 def rollout_on_emulator(
     policy: Policy,
     behaviour: Behaviour,
-    starts: Float[np.ndarray, "B S"],
+    starts: ArrayLike,
     steps: int,
     *,
     seed: int = 0,
 ) -> Float[Array, "B {steps}+1 S"]:
-    """Return what bodies from `starts` do on the emulator if each always goes where `behaviour` says.
+    """Return what bodies from `starts` (B, S) do on the emulator if each always goes where `behaviour` says.
 
     Clocks begin at random, by `seed`, so that bodies do not beat in time.
 
