@@ -14,7 +14,8 @@ from neuroanimator.control.objective.objective import objective_cost
 from neuroanimator.control.policies.pilot import Pilot
 from neuroanimator.export.film.video import graphics_backend
 from neuroanimator.gym import TASK_NAMES, EmulatorEnv
-from neuroanimator.gym.task_envs import MAX_DISTANCE, TASKS, TRIALS, TaskEnv, TaskVectorEnv
+from neuroanimator.gym.episodes import MAX_OBSERVATION
+from neuroanimator.gym.task_envs import TASKS, TRIALS, TaskEnv, TaskVectorEnv
 
 KINDS = ["pendulum-swing-up", "truck-park", "lander-land", "fish-reach"]
 """Hinges, wheels among obstacles, a root that flies, a body with muscles."""
@@ -77,12 +78,12 @@ def test_rewards_sum_to_what_was_taken_off_the_tasks_own_objective(many: TaskVec
 
 def test_each_row_is_the_single_environment(many: TaskVectorEnv):
     taken = actions_of(many, 4)
-    seen, info = many.reset(seed=5)
+    observations, info = many.reset(seed=5)
     steps = [many.step(action) for action in taken]
     alone = TaskEnv(many.task.name)
     for row in (0, 2):
         first, told = alone.reset(seed=5 + row)
-        np.testing.assert_allclose(first, seen[row], atol=1e-4)
+        np.testing.assert_allclose(first, observations[row], atol=1e-4)
         assert told["trial"] == info["trial"][row]
         for action, (states, rewards, terminated, truncated, _) in zip(taken, steps, strict=True):
             state, reward, is_terminated, is_truncated, _ = alone.step(action[row])
@@ -92,11 +93,11 @@ def test_each_row_is_the_single_environment(many: TaskVectorEnv):
 
 
 def test_observations_are_bounded_and_of_order_one(many: TaskVectorEnv):
-    seen, _ = many.reset(seed=0)
+    observation, _ = many.reset(seed=0)
     for action in actions_of(many, 10):
-        seen = many.step(action)[0]
-        assert many.observation_space.contains(seen)
-    assert 0.3 < np.abs(seen).max() < MAX_DISTANCE
+        observation = many.step(action)[0]
+        assert many.observation_space.contains(observation)
+    assert 0.3 < np.abs(observation).max() < MAX_OBSERVATION
 
 
 def test_time_is_up_when_the_task_says_and_a_row_starts_anew():
@@ -107,28 +108,28 @@ def test_time_is_up_when_the_task_says_and_a_row_starts_anew():
         _, _, terminated, truncated, _ = many.step(still)
         assert not terminated.any()
         assert truncated.all() == (number == many.steps - 1)
-    seen, rewards, terminated, truncated, info = many.step(still)
+    observation, rewards, terminated, truncated, info = many.step(still)
     assert rewards.tolist() == [0, 0]
     assert not truncated.any()
     assert not info["_success"].any()
-    np.testing.assert_allclose(seen[:, -1], 1.0)
+    np.testing.assert_allclose(observation[:, -1], 1.0)
     assert many.step(still)[4]["_success"].all()
 
 
 def test_the_target_is_seen_from_the_body():
     env = TaskEnv("fish-reach")
-    inside = env._envs
+    inside = env._row
     for number in range(5):
-        seen, _ = env.reset(options={"trial": number})
+        observation, _ = env.reset(options={"trial": number})
         trial, scale = inside._draw(number), inside._scale
         pose = Pilot("fish").policy.pose(np.asarray(inside.emulator.encode(trial.start)))
         way = np.array(trial.aim.position) - pose.position
-        position, direction, up = seen[-10:-7], seen[-7:-4], seen[-4:-1]
+        position, direction, up = observation[-10:-7], observation[-7:-4], observation[-4:-1]
         assert np.linalg.norm(position) == pytest.approx(np.linalg.norm(way) / scale, rel=1e-3)
         assert position[0] == pytest.approx(way @ pose.forward / scale, abs=1e-3)
         assert direction.tolist() == [0, 0, 0]
         assert up[2] > 0.8
-        assert seen[-1] == 1.0
+        assert observation[-1] == 1.0
 
 
 def test_a_crash_ends_the_episode_as_a_failure():
@@ -145,7 +146,7 @@ def test_a_crash_ends_the_episode_as_a_failure():
 
 def test_what_a_descent_finds_earns_nearly_all_there_is_to_earn():
     env = TaskEnv("pendulum-swing-up")
-    inside = env._envs
+    inside = env._row
     trial = inside._draw(1)
     found = descend(
         inside.emulator,

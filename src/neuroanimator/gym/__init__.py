@@ -27,30 +27,29 @@ TASK_NAMES = (
     "pendulum-swing-up", "truck-park", "lander-land",
     "fish-swim", "fish-turn", "fish-reach", "dolphin-swim", "dolphin-turn", "dolphin-reach", "dolphin-leap",
 )  # fmt: skip
-"""Of the environments with a goal; written down here, so that registering them imports no physics."""
+"""The tasks there are environments of; written down here, so that registering them imports no physics."""
 
 
 def register() -> None:
     """Let `gymnasium.make` make environments of shipped emulators and of tasks: `neuroanimator/fish-reach-v0`."""
-    names = {
-        f"neuroanimator/{system}-{substeps}-v0": f"{system}-{substeps}"
-        for system, substeps in SHIPPED
-    }
-    for env_id in names.keys() - gymnasium.registry.keys():
-        gymnasium.register(
-            env_id,
-            entry_point="neuroanimator.gym.envs:EmulatorEnv",
-            vector_entry_point="neuroanimator.gym.envs:EmulatorVectorEnv",
-            kwargs={"emulator": names[env_id]},
-        )
-    tasks = {f"neuroanimator/{name}-v0": name for name in TASK_NAMES}
-    for env_id in tasks.keys() - gymnasium.registry.keys():
-        gymnasium.register(
-            env_id,
-            entry_point="neuroanimator.gym.task_envs:TaskEnv",
-            vector_entry_point="neuroanimator.gym.task_envs:TaskVectorEnv",
-            kwargs={"task": tasks[env_id]},
-        )
+    for system, substeps in SHIPPED:
+        name = f"{system}-{substeps}"
+        _register(name, "envs:EmulatorEnv", "envs:EmulatorVectorEnv", emulator=name)
+    for name in TASK_NAMES:
+        _register(name, "task_envs:TaskEnv", "task_envs:TaskVectorEnv", task=name)
+
+
+def _register(name: str, single_env: str, vector_env: str, **arguments: str) -> None:
+    """Register `neuroanimator/<name>-v0`, made by these classes of this package with these arguments, if it is not."""
+    env_id = f"neuroanimator/{name}-v0"
+    if env_id in gymnasium.registry:
+        return
+    gymnasium.register(
+        env_id,
+        entry_point=f"{__name__}.{single_env}",
+        vector_entry_point=f"{__name__}.{vector_env}",
+        kwargs=arguments,
+    )
 
 
 # Gymnasium's convention: `make("neuroanimator.gym:neuroanimator/...")` imports this package and expects its names.

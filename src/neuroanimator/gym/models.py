@@ -10,6 +10,7 @@ import gymnasium
 from neuroanimator.errors import ArgumentError
 
 MUJOCO = Path(gymnasium.__file__).parent / "envs" / "mujoco"
+"""The folder of Gymnasium's MuJoCo environments; their models lie in its `assets`."""
 
 
 def mjcf_of(env_id: str) -> Path:
@@ -27,14 +28,26 @@ def mjcf_of(env_id: str) -> Path:
 def _model_name(env_id: str) -> str | None:
     """Return the default of the argument `xml_file` of the environment's class; None if there is none."""
     spec = gymnasium.registry.get(env_id)
-    module = str(spec.entry_point).partition(":")[0] if spec else ""
+    if spec is None:
+        return None
+    module, _, _ = str(spec.entry_point).partition(":")
     source = MUJOCO / f"{module.removeprefix('gymnasium.envs.mujoco.')}.py"
+    if not source.is_file():
+        return None
     # Read, not imported: these modules need an imaging library that nothing else here does.
-    tree = ast.parse(source.read_text(encoding="utf-8") if source.is_file() else "")
-    for signature in (node for node in ast.walk(tree) if isinstance(node, ast.arguments)):
-        for argument, default in zip(
-            reversed(signature.args), reversed(signature.defaults), strict=False
-        ):
-            if argument.arg == "xml_file":
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.arguments):
+            default = _default_of(node, "xml_file")
+            if default is not None:
                 return ast.literal_eval(default)
+    return None
+
+
+def _default_of(arguments: ast.arguments, name: str) -> ast.expr | None:
+    """Return the default value of an argument, as source; None if there is none."""
+    # Defaults belong to the last arguments.
+    with_defaults = zip(reversed(arguments.args), reversed(arguments.defaults), strict=False)
+    for argument, default in with_defaults:
+        if argument.arg == name:
+            return default
     return None
