@@ -12,7 +12,7 @@ import pytest
 from neuroanimator import Emulator, load_system, stand_upright
 from neuroanimator.bench.baselines.cost_evaluator import BLOWN_UP, CostEvaluator
 from neuroanimator.bench.baselines.fast_physics import (
-    LANES,
+    SINGLE_LANES,
     SimulatedPhysics,
     cheapest_scheme,
     fast_physics,
@@ -163,10 +163,10 @@ def test_fast_mujoco_moves_as_the_system_does(name: str, count: int):
 
 def test_bodies_side_by_side_move_as_by_the_slow_physics():
     cube, rng = load_system("cube"), np.random.default_rng(0)
-    controls = rng.uniform(-1, 1, (LANES + 3, 6, cube.control.size)) * cube.bounds.magnitude
+    controls = rng.uniform(-1, 1, (SINGLE_LANES + 3, 6, cube.control.size)) * cube.bounds.magnitude
     starts = np.repeat(cube.rest[None], len(controls), axis=0)
     slow = cube.simulate(starts, controls, DT, scheme=cube.scheme).states
-    fast = fast_physics(cube, cube.scheme, DT, cube.rest, 6, 2 * LANES)
+    fast = fast_physics(cube, cube.scheme, DT, cube.rest, 6, 2 * SINGLE_LANES)
     states, is_alive = fast.rollout(controls)
     assert is_alive.shape == (len(controls),)
     assert is_alive.all()
@@ -179,7 +179,7 @@ def test_controls_that_blow_the_physics_up_cost_most():
     cube = load_system("cube")
     wild = replace(cube.scheme, dt=DT)
     parametrisation = EachStep.of(20, cube.bounds)
-    physics = fast_physics(cube, wild, DT, cube.rest, 20, LANES)
+    physics = fast_physics(cube, wild, DT, cube.rest, 20, SINGLE_LANES)
     evaluator = CostEvaluator(
         physics,
         Objective.of(effort()),
@@ -187,7 +187,7 @@ def test_controls_that_blow_the_physics_up_cost_most():
         DT,
         cube.rest,
         cube.bounds.magnitude,
-        LANES,
+        SINGLE_LANES,
     )
     zs = np.ones((3, parametrisation.size))
     assert not play(cube, cube.rest[None], evaluator.controls(zs[:1]), DT, wild).is_alive.any()

@@ -13,7 +13,7 @@ import numpy as np
 from neuroanimator.evaluation.accuracy import HeldOut, runs_error, scheme_error
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import BodyState, advance
-from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, LANES, c_twin
+from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, SINGLE_LANES, c_twin
 from neuroanimator.systems.deformable.native.reference_loop import plain_player
 from neuroanimator.systems.system import Runs, Scheme
 
@@ -111,7 +111,10 @@ def c_batch_players(
 ) -> dict[str, Player]:
     """Return the C twin stepping `batch` bodies one after another and side by side; nothing without a compiler."""
     starts, controls = random_bodies(system, batch)
-    twins = {"in turn": c_twin(system.body), "side by side": c_twin(system.body, lanes=LANES)}
+    twins = {
+        "in turn": c_twin(system.body),
+        "side by side": c_twin(system.body, lanes=SINGLE_LANES),
+    }
     return {
         name: twin.player(starts, controls, kind, system.physics_dt, steps)
         for name, twin in twins.items()

@@ -19,7 +19,7 @@ from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.deformable_system import MAX_STRAIN, DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import strains
-from neuroanimator.systems.deformable.native.compiled import LANES, CTwin, c_twin
+from neuroanimator.systems.deformable.native.compiled import SINGLE_LANES, CTwin, c_twin
 from neuroanimator.systems.fastest import play
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
@@ -137,7 +137,9 @@ class BodyPhysics(FastPhysics):
         self._many = many
         self._start = np.asarray(start, np.float32)
         self._starts = np.tile(self._start[:, None], many.lanes)
-        self._states = np.zeros((batch // LANES, length, len(self._start), LANES), np.float32)
+        self._states = np.zeros(
+            (batch // SINGLE_LANES, length, len(self._start), SINGLE_LANES), np.float32
+        )
 
     def rollout(
         self, controls: Float[np.ndarray, "B T C"]
@@ -153,11 +155,13 @@ class BodyPhysics(FastPhysics):
         """Return the states of all groups, in the buffer; the last motion fills the last group up."""
 
         def play_group(number: int) -> None:
-            rows = np.arange(number * LANES, (number + 1) * LANES).clip(max=len(controls) - 1)
+            rows = np.arange(number * SINGLE_LANES, (number + 1) * SINGLE_LANES).clip(
+                max=len(controls) - 1
+            )
             lanes = np.moveaxis(controls[rows], 0, -1)
             self._states[number] = self._play(self._many, self._starts, lanes)
 
-        groups = -(-len(controls) // LANES)
+        groups = -(-len(controls) // SINGLE_LANES)
         list(threads().map(play_group, range(groups)))
         return self._states
 
@@ -218,7 +222,7 @@ def fast_physics(
         return MujocoPhysics(system, scheme, dt, start, length, batch)
     if isinstance(system, DeformableSystem):
         alone = c_twin(system.body, np.float32)
-        many = c_twin(system.body, np.float32, LANES)
+        many = c_twin(system.body, np.float32, SINGLE_LANES)
         if alone and many:
             return BodyPhysics(system, alone, many, scheme, dt, start, length, batch)
     return SimulatedPhysics(system, scheme, dt, start, length, batch)
@@ -226,7 +230,7 @@ def fast_physics(
 
 def side_by_side(system: System) -> int:
     """Return how many motions cost no more time than one of them: the lanes of C, or cores."""
-    return LANES if isinstance(system, DeformableSystem) else core_count()
+    return SINGLE_LANES if isinstance(system, DeformableSystem) else core_count()
 
 
 def cheapest_scheme(system: System, dt: float, start: Float[np.ndarray, " S"]) -> Scheme:

@@ -15,7 +15,7 @@ from neuroanimator.systems.deformable.body import Body, Ground, Water
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import STEPPERS, BodyState, trajectory
 from neuroanimator.systems.deformable.native import source as source
-from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, LANES, c_twin
+from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, SINGLE_LANES, c_twin
 from neuroanimator.systems.deformable.native.source import fill_in
 
 STEPS = 100
@@ -24,7 +24,7 @@ needs_compiler = pytest.mark.skipif(
 )
 
 
-def driven(name: str, count: int = LANES) -> tuple[DeformableSystem, np.ndarray, np.ndarray]:
+def driven(name: str, count: int = SINGLE_LANES) -> tuple[DeformableSystem, np.ndarray, np.ndarray]:
     """Return a system, random starts (B, S) and controls (B, C)."""
     system, rng = load_system(name), np.random.default_rng(0)
     assert isinstance(system, DeformableSystem)
@@ -59,7 +59,7 @@ def test_c_and_jax_agree_after_a_hundred_steps(name: str):
     assert tuple(STEPPERS) == INTEGRATORS
     for integrator in INTEGRATORS:
         truth = jax_ends(system.body, starts, controls, integrator, system.physics_dt)
-        for lanes in (1, LANES):
+        for lanes in (1, SINGLE_LANES):
             twin = c_twin(system.body, np.float64, lanes)
             assert twin is not None
             found = twin.advance(starts, controls, integrator, system.physics_dt, STEPS)
@@ -72,10 +72,12 @@ def test_c_and_jax_agree_after_a_hundred_steps(name: str):
 def test_ground_drag_weight_pushes_and_triangles_agree_too():
     body = dropped_body()
     rng = np.random.default_rng(1)
-    positions = body.positions + rng.normal(size=(LANES, *body.positions.shape)) * 0.02
+    positions = body.positions + rng.normal(size=(SINGLE_LANES, *body.positions.shape)) * 0.02
     velocities = rng.normal(size=positions.shape)
-    starts = np.concatenate([each.reshape(LANES, -1) for each in (positions, velocities)], axis=1)
-    controls = rng.uniform(-1, 1, (LANES, 3))
+    starts = np.concatenate(
+        [each.reshape(SINGLE_LANES, -1) for each in (positions, velocities)], axis=1
+    )
+    controls = rng.uniform(-1, 1, (SINGLE_LANES, 3))
     for integrator in INTEGRATORS:
         truth = jax_ends(body, starts, controls, integrator, 5e-4)
         twin = c_twin(body, np.float64)

@@ -1,4 +1,4 @@
-"""The C twin of a mass-spring body: the same physics compiled for one core, the opponent of its emulators."""
+"""The C twin of a mass-spring body: the same physics compiled for one core, which its emulators are measured against."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.compiler.compiler import compiled_library, find_compiler
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.native.source import c_source
 
 INTEGRATORS = ("symplectic", "semi-implicit", "rk4")
-"""In the order of the C program."""
+"""The integrators, in the order of the C program."""
 
-LANES = 16
-"""Bodies side by side in a batch: one AVX-512 register of float32, two of AVX."""
+SINGLE_LANES = 16
+"""Bodies side by side in a batch of float32: one AVX-512 register of them, two of AVX."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,51 +26,67 @@ class CTwin:
 
     library: ctypes.CDLL
     size: int
-    """Numbers in a state: places, speeds, contractions."""
+    """Numbers in a state: positions, velocities, activations."""
     dtype: type[np.floating]
+    """Precision of all numbers: float32 or float64."""
     lanes: int
+    """Bodies stepped side by side."""
 
     def play(
-        self, start: np.ndarray, controls: np.ndarray, integrator: str, dt: float, steps: int
-    ) -> np.ndarray:
-        """Return the states (T, S) after each of the controls (T, C), each held for `steps` steps of `dt` [s].
+        self,
+        start: Float[np.ndarray, "S ..."],
+        controls: Float[np.ndarray, "T C ..."],
+        integrator: str,
+        dt: float,
+        steps: int,
+    ) -> Float[np.ndarray, "T S ..."]:
+        """Return the states after each of the controls, each held for `steps` steps of `dt` [s].
 
-        With several lanes, start is (S, lanes), controls are (T, C, lanes) and so are the states.
+        With several lanes these are the last axis L of all arrays; with one there is no such axis.
         """
-        start, controls = self._check(start), self._check(controls)
+        start = self._prepared(start)
+        controls = self._prepared(controls)
         states = np.empty((len(controls), *start.shape), self.dtype)
         self._call("play", (start, controls, states), len(controls), integrator, dt, steps)
         return states
 
     def advance(
-        self, starts: np.ndarray, controls: np.ndarray, integrator: str, dt: float, steps: int
-    ) -> np.ndarray:
-        """Return the states (B, S) `steps` steps of `dt` [s] after `starts` (B, S) under held controls (B, C)."""
+        self,
+        starts: Float[np.ndarray, "B S"],
+        controls: Float[np.ndarray, "B C"],
+        integrator: str,
+        dt: float,
+        steps: int,
+    ) -> Float[np.ndarray, "B S"]:
+        """Return the states `steps` steps of `dt` [s] after `starts` under held controls; B is a multiple of the lanes."""
         ends = np.empty((len(starts) // self.lanes, self.size, self.lanes), self.dtype)
-        self.player(starts, controls, integrator, dt, steps, ends)()
+        play = self.player(starts, controls, integrator, dt, steps, ends)
+        play()
         return np.moveaxis(ends, 1, 2).reshape(starts.shape)
 
     def player(
         self,
-        starts: np.ndarray,
-        controls: np.ndarray,
+        starts: Float[np.ndarray, "B S"],
+        controls: Float[np.ndarray, "B C"],
         integrator: str,
         dt: float,
         steps: int,
-        ends: np.ndarray | None = None,
+        ends: Float[np.ndarray, "G S L"] | None = None,
     ) -> Callable[[], None]:
-        """Return a function that does what `advance` does in one call of C, into `ends`."""
-        starts, controls = (self._check(self._side_by_side(each)) for each in (starts, controls))
-        ends = np.empty(starts.shape, self.dtype) if ends is None else ends
-        return lambda: self._call(
-            "advance", (starts, controls, ends), len(starts), integrator, dt, steps
-        )
+        """Return a function that does what `advance` does in one call of C, into `ends`: groups of L lanes."""
+        start_groups = self._prepared(self._side_by_side(starts))
+        control_groups = self._prepared(self._side_by_side(controls))
+        if ends is None:
+            ends = np.empty(start_groups.shape, self.dtype)
+        arrays = (start_groups, control_groups, ends)
+        return lambda: self._call("advance", arrays, len(start_groups), integrator, dt, steps)
 
-    def _side_by_side(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows (B, X) as (B / lanes, X, lanes)."""
+    def _side_by_side(self, rows: Float[np.ndarray, "B X"]) -> Float[np.ndarray, "G X L"]:
+        """Return the rows in groups of as many as there are lanes, which come last."""
         return np.moveaxis(rows.reshape(-1, self.lanes, rows.shape[-1]), 1, 2)
 
-    def _check(self, numbers: np.ndarray) -> np.ndarray:
+    def _prepared(self, numbers: np.ndarray) -> np.ndarray:
+        """Return the numbers as C reads them: one after another, in its precision."""
         return np.ascontiguousarray(numbers, self.dtype)
 
     def _call(
@@ -81,10 +98,14 @@ class CTwin:
         dt: float,
         steps: int,
     ) -> None:
-        pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in arrays)
-        kind = INTEGRATORS.index(integrator)
-        getattr(self.library, name)(
-            kind, ctypes.c_long(count), ctypes.c_long(steps), ctypes.c_double(dt), *pointers
+        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
+        function = getattr(self.library, name)
+        function(
+            INTEGRATORS.index(integrator),
+            ctypes.c_long(count),
+            ctypes.c_long(steps),
+            ctypes.c_double(dt),
+            *pointers,
         )
 
 
@@ -92,5 +113,9 @@ def c_twin(body: Body, dtype: type[np.floating] = np.float32, lanes: int = 1) ->
     """Return the C twin of `body`, compiled at the first call; None where there is no C compiler."""
     if find_compiler() is None:
         return None
-    library = compiled_library(c_source(body, "float" if dtype is np.float32 else "double", lanes))
-    return library and CTwin(library, 6 * len(body.masses) + body.muscles.shape[1], dtype, lanes)
+    precision = "float" if dtype is np.float32 else "double"
+    library = compiled_library(c_source(body, precision, lanes))
+    if library is None:
+        return None
+    state_size = 6 * len(body.masses) + body.muscles.shape[1]
+    return CTwin(library, state_size, dtype, lanes)

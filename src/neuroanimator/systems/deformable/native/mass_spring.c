@@ -1,6 +1,7 @@
-/* The mass-spring loop of systems/deformable/mass_spring.py in plain C: the opponent of emulators of deformable bodies.
+/* The mass-spring loop of systems/deformable/mass_spring.py in C, for one body: what emulators of deformable bodies are
+   measured against at equal error.
 
-   The text that c_twin.py puts before this one is the body: numbers as constants, springs and faces as lists
+   The text that source.py puts before this one is the body: numbers as constants, springs and faces as lists
    X(...) X(...), so that the compiler sees straight code. REAL is float or double. LANES bodies lie side by
    side; one body alone is four numbers a mass point, so that three axes are one vector operation. */
 
@@ -28,9 +29,9 @@ typedef REAL real;
 
 typedef real vector __attribute__((vector_size(PART * sizeof(real)), aligned(PART * sizeof(real)), may_alias));
 typedef struct {
-    real place[POINTS][WIDE] ALIGNED, speed[POINTS][WIDE] ALIGNED;
-    real pull[ROOM(MUSCLES)][LANES] ALIGNED, control[ROOM(CONTROLS)][LANES] ALIGNED;
-} Motion;
+    real positions[POINTS][WIDE] ALIGNED, velocities[POINTS][WIDE] ALIGNED;
+    real activations[ROOM(MUSCLES)][LANES] ALIGNED, controls[ROOM(CONTROLS)][LANES] ALIGNED;
+} BodyState;
 typedef real Forces[POINTS][WIDE] ALIGNED;
 typedef real Springs[LONG(SPRINGS)][LANES] ALIGNED;
 
@@ -45,21 +46,21 @@ typedef real Springs[LONG(SPRINGS)][LANES] ALIGNED;
 INLINE real larger(real a, real b) { return a > b ? a : b; }
 INLINE real within(real a) { return a < 0 ? 0 : a > 1 ? 1 : a; }
 
-INLINE void span(const Motion *m, int a, int b, real extent[WIDE], real parting[WIDE]) {
+INLINE void span(const BodyState *m, int a, int b, real extent[WIDE], real parting[WIDE]) {
     EACH_PART {
-        AS_VECTOR(extent) = VECTOR(m->place, b) - VECTOR(m->place, a);
-        AS_VECTOR(parting) = VECTOR(m->speed, b) - VECTOR(m->speed, a);
+        AS_VECTOR(extent) = VECTOR(m->positions, b) - VECTOR(m->positions, a);
+        AS_VECTOR(parting) = VECTOR(m->velocities, b) - VECTOR(m->velocities, a);
     }
 }
 
 /* Effective stiffness of spring `s`: times its extent it is its force. */
-INLINE void stretch(int s, const real extent[WIDE], const real parting[WIDE], const real elastic[LANES], real found[LANES]) {
+INLINE void stretch(int s, const real extent[WIDE], const real parting[WIDE], const real elastic[LANES], real result[LANES]) {
     EACH_LANE {
         const real *e = extent + l, *v = parting + l;
-        real square = e[0] * e[0] + e[AXIS] * e[AXIS] + e[2 * AXIS] * e[2 * AXIS] + (real)SMALLEST_SQUARE;
+        real square = e[0] * e[0] + e[AXIS] * e[AXIS] + e[2 * AXIS] * e[2 * AXIS] + (real)MIN_LENGTH_SQUARE;
         real along = e[0] * v[0] + e[AXIS] * v[AXIS] + e[2 * AXIS] * v[2 * AXIS];
         real inverse = 1 / (real)sqrt(square);
-        found[l] = STIFFNESS[s] + inverse * (DAMPING[s] * along * inverse - elastic[l]);
+        result[l] = STIFFNESS[s] + inverse * (DAMPING[s] * along * inverse - elastic[l]);
     }
 }
 
@@ -71,11 +72,11 @@ INLINE void pull(int a, int b, const real stiffness[LANES], const real extent[WI
     }
 }
 
-INLINE void add_springs(const Motion *m, Springs stiffness, Forces force) {
+INLINE void add_springs(const BodyState *m, Springs stiffness, Forces force) {
     real extent[TOGETHER(SPRINGS)][WIDE] ALIGNED, parting[TOGETHER(SPRINGS)][WIDE] ALIGNED;
     Springs elastic;
     for (int s = 0; s < LONG(SPRINGS); s++) EACH_LANE elastic[s][l] = ELASTIC[s];
-#define X(spring, muscle, share) EACH_LANE elastic[spring][l] -= ELASTIC[spring] * (real)(share) * m->pull[muscle][l];
+#define X(spring, muscle, share) EACH_LANE elastic[spring][l] -= ELASTIC[spring] * (real)(share) * m->activations[muscle][l];
     MUSCLE_LIST(X)
 #undef X
 #if LANES == 1
@@ -97,10 +98,10 @@ INLINE void add_springs(const Motion *m, Springs stiffness, Forces force) {
 }
 
 /* How far every mass point is under water. */
-INLINE void soak(const Motion *m, real wet[POINTS][LANES]) {
+INLINE void soak(const BodyState *m, real wet[POINTS][LANES]) {
 #ifdef SURFACE
     for (int i = 0; i < POINTS; i++)
-        EACH_LANE wet[i][l] = within(((real)SURFACE - m->place[i][2 * AXIS + l]) * (real)(1 / DEPTH) + (real)0.5);
+        EACH_LANE wet[i][l] = within(((real)SURFACE - m->positions[i][2 * AXIS + l]) * (real)(1 / DEPTH) + (real)0.5);
 #else
     (void)m, (void)wet;
 #endif
@@ -111,13 +112,13 @@ typedef struct {
     real right[WIDE], up[WIDE], flow[WIDE], wet[PART];
 } Face;
 
-/* The diagonals of a face, and the sums over its corners of speed and wetness. */
-INLINE void look(const Motion *m, real wet[POINTS][LANES], int a, int b, int c, int d, int fourth, Face *face) {
+/* The diagonals of a face, and the sums over its corners of velocity and wetness. */
+INLINE void measure_face(const BodyState *m, real wet[POINTS][LANES], int a, int b, int c, int d, int fourth, Face *face) {
     EACH_PART {
-        AS_VECTOR(face->right) = VECTOR(m->place, c) - VECTOR(m->place, a);
-        AS_VECTOR(face->up) = VECTOR(m->place, d) - VECTOR(m->place, b);
+        AS_VECTOR(face->right) = VECTOR(m->positions, c) - VECTOR(m->positions, a);
+        AS_VECTOR(face->up) = VECTOR(m->positions, d) - VECTOR(m->positions, b);
         AS_VECTOR(face->flow) =
-            VECTOR(m->speed, a) + VECTOR(m->speed, b) + VECTOR(m->speed, c) + VECTOR(m->speed, d) * (real)fourth;
+            VECTOR(m->velocities, a) + VECTOR(m->velocities, b) + VECTOR(m->velocities, c) + VECTOR(m->velocities, d) * (real)fourth;
     }
 #ifdef SURFACE
     EACH_LANE face->wet[l] = wet[a][l] + wet[b][l] + wet[c][l] + (real)fourth * wet[d][l];
@@ -126,14 +127,14 @@ INLINE void look(const Motion *m, real wet[POINTS][LANES], int a, int b, int c, 
 #endif
 }
 
-/* A face that moves outward is pushed back: -push * area * max(0, normal . speed) * normal, shared by its corners. */
+/* A face that moves outward is pushed back: -push * area * max(0, normal . velocity) * normal, shared by its corners. */
 INLINE void resist(int f, const Face *face, real back[WIDE]) {
     EACH_LANE {
         const real *r = face->right + l, *u = face->up + l, *v = face->flow + l;
         real x = r[AXIS] * u[2 * AXIS] - r[2 * AXIS] * u[AXIS];
         real y = r[2 * AXIS] * u[0] - r[0] * u[2 * AXIS];
         real z = r[0] * u[AXIS] - r[AXIS] * u[0];
-        real square = x * x + y * y + z * z + (real)(4 * SMALLEST_SQUARE);
+        real square = x * x + y * y + z * z + (real)(4 * MIN_LENGTH_SQUARE);
         real outward = larger(x * v[0] + y * v[AXIS] + z * v[2 * AXIS], 0) / (real)sqrt(square) * PUSH[f];
 #ifdef SURFACE
         outward *= face->wet[l] * SHARE[f];
@@ -154,13 +155,13 @@ INLINE void push_back(int a, int b, int c, int d, int fourth, const real back[WI
 }
 #endif
 
-INLINE void add_faces(const Motion *m, real wet[POINTS][LANES], Forces force) {
+INLINE void add_faces(const BodyState *m, real wet[POINTS][LANES], Forces force) {
 #if FACES
     Face faces[TOGETHER(FACES)] ALIGNED;
     real back[TOGETHER(FACES)][WIDE] ALIGNED;
 #if LANES == 1
     memset(back, 0, sizeof back);
-#define X(face, a, b, c, d, fourth) look(m, wet, a, b, c, d, fourth, &faces[face]);
+#define X(face, a, b, c, d, fourth) measure_face(m, wet, a, b, c, d, fourth, &faces[face]);
     FACE_LIST(X)
 #undef X
     for (int f = 0; f < LONG(FACES); f++) resist(f, &faces[f], back[f]);
@@ -169,7 +170,7 @@ INLINE void add_faces(const Motion *m, real wet[POINTS][LANES], Forces force) {
 #undef X
 #else
 #define X(face, a, b, c, d, fourth)               \
-    look(m, wet, a, b, c, d, fourth, faces);      \
+    measure_face(m, wet, a, b, c, d, fourth, faces); \
     resist(face, faces, *back);                   \
     push_back(a, b, c, d, fourth, *back, force);
     FACE_LIST(X)
@@ -180,12 +181,12 @@ INLINE void add_faces(const Motion *m, real wet[POINTS][LANES], Forces force) {
 #endif
 }
 
-/* Drag, weight, ground and pushes, mass point by mass point. */
-INLINE void add_point_forces(const Motion *m, real wet[POINTS][LANES], Forces force) {
+/* Drag, weight, ground and external forces, mass point by mass point. */
+INLINE void add_point_forces(const BodyState *m, real wet[POINTS][LANES], Forces force) {
     (void)m, (void)wet, (void)force;
     for (int i = 0; i < POINTS; i++)
         EACH_LANE {
-            const real *x = m->place[i] + l, *v = m->speed[i] + l;
+            const real *x = m->positions[i] + l, *v = m->velocities[i] + l;
             real *f = force[i] + l;
             (void)x, (void)v, (void)f;
 #ifdef DRAG
@@ -212,13 +213,13 @@ INLINE void add_point_forces(const Motion *m, real wet[POINTS][LANES], Forces fo
             f[AXIS] -= slide * v[AXIS];
             f[2 * AXIS] += upward;
 #endif
-#define X(axis, number, newtons) f[(axis) * AXIS] += MASS[i] * (real)(newtons) * m->control[number][l];
-            PUSH_LIST(X)
+#define X(axis, number, newtons) f[(axis) * AXIS] += MASS[i] * (real)(newtons) * m->controls[number][l];
+            FORCE_LIST(X)
 #undef X
         }
 }
 
-INLINE void find_forces(const Motion *m, Forces force, Springs stiffness) {
+INLINE void find_forces(const BodyState *m, Forces force, Springs stiffness) {
     real wet[POINTS][LANES] ALIGNED;
     memset(force, 0, sizeof(Forces));
     soak(m, wet);
@@ -227,26 +228,26 @@ INLINE void find_forces(const Motion *m, Forces force, Springs stiffness) {
     add_point_forces(m, wet, force);
 }
 
-/* Contractions tend to their controls: `kept` of the way is left. */
-INLINE void contract(const Motion *from, real kept, Motion *to) {
+/* Activations tend to their controls: `remaining` of the difference is left. */
+INLINE void activate(const BodyState *from, real remaining, BodyState *to) {
     for (int i = 0; i < MUSCLES; i++)
-        EACH_LANE to->pull[i][l] = from->control[i][l] + (from->pull[i][l] - from->control[i][l]) * kept;
+        EACH_LANE to->activations[i][l] = from->controls[i][l] + (from->activations[i][l] - from->controls[i][l]) * remaining;
 }
 
-static double kept_after(double seconds) { return RESPONSE > 0 ? exp(-seconds / (RESPONSE > 0 ? RESPONSE : 1)) : 0; }
+static double remaining_after(double seconds) { return TIME_CONSTANT > 0 ? exp(-seconds / (TIME_CONSTANT > 0 ? TIME_CONSTANT : 1)) : 0; }
 
-static void run_symplectic(Motion *m, long steps, double dt) {
-    const real h = (real)dt, kept = (real)kept_after(dt);
+static void run_symplectic(BodyState *m, long steps, double dt) {
+    const real h = (real)dt, remaining = (real)remaining_after(dt);
     for (long step = 0; step < steps; step++) {
         Forces force;
         Springs stiffness;
         find_forces(m, force, stiffness);
         for (int i = 0; i < POINTS; i++)
             EACH_PART {
-                VECTOR(m->speed, i) += VECTOR(force, i) * (h * LIGHTNESS[i]);
-                VECTOR(m->place, i) += VECTOR(m->speed, i) * h;
+                VECTOR(m->velocities, i) += VECTOR(force, i) * (h * LIGHTNESS[i]);
+                VECTOR(m->positions, i) += VECTOR(m->velocities, i) * h;
             }
-        contract(m, kept, m);
+        activate(m, remaining, m);
     }
 }
 
@@ -263,8 +264,8 @@ INLINE void solve(real matrix[ENTRIES][LANES], Forces right) {
     ELIMINATE
 }
 
-static void run_semi_implicit(Motion *m, long steps, double dt) {
-    const real h = (real)dt, kept = (real)kept_after(dt), rate = (real)(1 / dt);
+static void run_semi_implicit(BodyState *m, long steps, double dt) {
+    const real h = (real)dt, remaining = (real)remaining_after(dt), rate = (real)(1 / dt);
     for (long step = 0; step < steps; step++) {
         Forces force;
         Springs stiffness;
@@ -283,88 +284,89 @@ static void run_semi_implicit(Motion *m, long steps, double dt) {
     }
         MATRIX_LIST(X)
 #undef X
-        for (int i = 0; i < POINTS; i++) EACH_PART VECTOR(force, i) += VECTOR(m->speed, i) * (rate * MASS[i]);
+        for (int i = 0; i < POINTS; i++) EACH_PART VECTOR(force, i) += VECTOR(m->velocities, i) * (rate * MASS[i]);
         solve(matrix, force);
         for (int i = 0; i < POINTS; i++)
             EACH_PART {
-                VECTOR(m->speed, i) = VECTOR(force, i);
-                VECTOR(m->place, i) += VECTOR(force, i) * h;
+                VECTOR(m->velocities, i) = VECTOR(force, i);
+                VECTOR(m->positions, i) += VECTOR(force, i) * h;
             }
-        contract(m, kept, m);
+        activate(m, remaining, m);
     }
 }
 
-/* One of the four slopes: `force` where the slope before, `h` long, leads; slopes are summed by `weight`. */
-static void add_slope(const Motion *m, Motion *at, real h, real weight, Forces force, Forces places, Forces speeds) {
+/* One of the four slopes: `force` where the slope before, `h` long, leads; slopes are summed by `weight`,
+   those of positions in `moved`, those of velocities in `gained`. */
+static void add_slope(const BodyState *m, BodyState *at, real h, real weight, Forces force, Forces moved, Forces gained) {
     Springs stiffness;
     for (int i = 0; i < POINTS; i++)
         EACH_PART {
-            vector ahead = VECTOR(m->speed, i) + VECTOR(force, i) * (h * LIGHTNESS[i]);
-            VECTOR(at->place, i) = VECTOR(m->place, i) + VECTOR(at->speed, i) * h;
-            VECTOR(at->speed, i) = ahead;
+            vector ahead = VECTOR(m->velocities, i) + VECTOR(force, i) * (h * LIGHTNESS[i]);
+            VECTOR(at->positions, i) = VECTOR(m->positions, i) + VECTOR(at->velocities, i) * h;
+            VECTOR(at->velocities, i) = ahead;
         }
     find_forces(at, force, stiffness);
     for (int i = 0; i < POINTS; i++)
         EACH_PART {
-            VECTOR(places, i) += VECTOR(at->speed, i) * weight;
-            VECTOR(speeds, i) += VECTOR(force, i) * (weight * LIGHTNESS[i]);
+            VECTOR(moved, i) += VECTOR(at->velocities, i) * weight;
+            VECTOR(gained, i) += VECTOR(force, i) * (weight * LIGHTNESS[i]);
         }
 }
 
-static void run_rk4(Motion *m, long steps, double dt) {
-    const real h = (real)dt, half = (real)kept_after(dt / 2), kept = (real)kept_after(dt);
+static void run_rk4(BodyState *m, long steps, double dt) {
+    const real h = (real)dt, half = (real)remaining_after(dt / 2), remaining = (real)remaining_after(dt);
     for (long step = 0; step < steps; step++) {
-        Forces force, places, speeds;
-        Motion at = *m;
+        Forces force, moved, gained;
+        BodyState at = *m;
         memset(force, 0, sizeof force);
-        memset(places, 0, sizeof places);
-        memset(speeds, 0, sizeof speeds);
-        add_slope(m, &at, 0, h / 6, force, places, speeds);
-        contract(m, half, &at);
-        add_slope(m, &at, h / 2, h / 3, force, places, speeds);
-        add_slope(m, &at, h / 2, h / 3, force, places, speeds);
-        contract(m, kept, &at);
-        add_slope(m, &at, h, h / 6, force, places, speeds);
+        memset(moved, 0, sizeof moved);
+        memset(gained, 0, sizeof gained);
+        add_slope(m, &at, 0, h / 6, force, moved, gained);
+        activate(m, half, &at);
+        add_slope(m, &at, h / 2, h / 3, force, moved, gained);
+        add_slope(m, &at, h / 2, h / 3, force, moved, gained);
+        activate(m, remaining, &at);
+        add_slope(m, &at, h, h / 6, force, moved, gained);
         for (int i = 0; i < POINTS; i++)
             EACH_PART {
-                VECTOR(m->place, i) += VECTOR(places, i);
-                VECTOR(m->speed, i) += VECTOR(speeds, i);
+                VECTOR(m->positions, i) += VECTOR(moved, i);
+                VECTOR(m->velocities, i) += VECTOR(gained, i);
             }
-        contract(m, kept, m);
+        activate(m, remaining, m);
     }
 }
 
-/* A state is every place, every speed, every contraction, each LANES times. */
-static void read_state(const real *state, Motion *m) {
+/* A state is every position, every velocity, every activation, each LANES times. */
+static void read_state(const real *state, BodyState *m) {
     memset(m, 0, sizeof *m);
     for (int i = 0; i < POINTS; i++)
         for (int axis = 0; axis < 3; axis++)
             EACH_LANE {
-                m->place[i][axis * AXIS + l] = state[(3 * i + axis) * LANES + l];
-                m->speed[i][axis * AXIS + l] = state[(3 * (POINTS + i) + axis) * LANES + l];
+                m->positions[i][axis * AXIS + l] = state[(3 * i + axis) * LANES + l];
+                m->velocities[i][axis * AXIS + l] = state[(3 * (POINTS + i) + axis) * LANES + l];
             }
-    for (int i = 0; i < MUSCLES; i++) EACH_LANE m->pull[i][l] = state[(6 * POINTS + i) * LANES + l];
+    for (int i = 0; i < MUSCLES; i++) EACH_LANE m->activations[i][l] = state[(6 * POINTS + i) * LANES + l];
 }
 
-static void write_state(const Motion *m, real *state) {
+static void write_state(const BodyState *m, real *state) {
     for (int i = 0; i < POINTS; i++)
         for (int axis = 0; axis < 3; axis++)
             EACH_LANE {
-                state[(3 * i + axis) * LANES + l] = m->place[i][axis * AXIS + l];
-                state[(3 * (POINTS + i) + axis) * LANES + l] = m->speed[i][axis * AXIS + l];
+                state[(3 * i + axis) * LANES + l] = m->positions[i][axis * AXIS + l];
+                state[(3 * (POINTS + i) + axis) * LANES + l] = m->velocities[i][axis * AXIS + l];
             }
-    for (int i = 0; i < MUSCLES; i++) EACH_LANE state[(6 * POINTS + i) * LANES + l] = m->pull[i][l];
+    for (int i = 0; i < MUSCLES; i++) EACH_LANE state[(6 * POINTS + i) * LANES + l] = m->activations[i][l];
 }
 
-static void run(int integrator, Motion *m, long steps, double dt) {
+static void run(int integrator, BodyState *m, long steps, double dt) {
     (integrator == 0 ? run_symplectic : integrator == 1 ? run_semi_implicit : run_rk4)(m, steps, dt);
 }
 
-static void hold(Motion *m, const real *controls) { memcpy(m->control, controls, CONTROLS * LANES * sizeof(real)); }
+static void hold(BodyState *m, const real *controls) { memcpy(m->controls, controls, CONTROLS * LANES * sizeof(real)); }
 
 /* Write the states after each of `count` controls, each held for `steps` steps of `dt`. */
 void play(int integrator, long count, long steps, double dt, const real *start, const real *controls, real *states) {
-    Motion m ALIGNED;
+    BodyState m ALIGNED;
     read_state(start, &m);
     for (long t = 0; t < count; t++) {
         hold(&m, controls + t * CONTROLS * LANES);
@@ -376,7 +378,7 @@ void play(int integrator, long count, long steps, double dt, const real *start, 
 /* Write the states `steps` steps of `dt` after each of `count` starts, each under its own held controls. */
 void advance(int integrator, long count, long steps, double dt, const real *starts, const real *controls, real *ends) {
     for (long t = 0; t < count; t++) {
-        Motion m ALIGNED;
+        BodyState m ALIGNED;
         read_state(starts + t * STATE * LANES, &m);
         hold(&m, controls + t * CONTROLS * LANES);
         run(integrator, &m, steps, dt);

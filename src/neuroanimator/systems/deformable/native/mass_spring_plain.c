@@ -4,7 +4,7 @@
 #include <math.h>
 
 typedef struct {
-    int points, springs, faces, muscles, pushes;
+    int points, springs, faces, muscles, external_forces;
     const int *ends;                                          /* (springs, 2) */
     const float *stiffness, *damping, *length;                /* (springs) */
     const int *muscle;                                        /* (springs), -1: none */
@@ -12,9 +12,9 @@ typedef struct {
     const float *mass, *inverse, *lift;                       /* (points), one over it; lift over weight */
     const int *corners;                                       /* (faces, 4) */
     const float *share;                                       /* (faces, 4): zero for a triangle's fourth */
-    const float *push;                                        /* (3, pushes), acceleration by control */
-    float mu, drag, surface, depth, gravity;        /* of the water; depth 0: water everywhere */
-    float hard, soft, friction, slip;                         /* of the ground; hard 0: none */
+    const float *acceleration;                                /* (3, external_forces), by control */
+    float face_drag, drag, surface, depth, gravity;           /* of the water; depth 0: water everywhere */
+    float ground_stiffness, ground_damping, friction, slip;   /* of the ground; stiffness 0: none */
 } Body;
 
 static float wet_of(const Body *b, const float *x) {
@@ -51,7 +51,7 @@ static void add_faces(const Body *b, const float *x, const float *v, float *f) {
             wet += share[i] * wet_of(b, x + 3 * c[i]);
         }
         if (flow <= 0) continue;
-        const float push = -b->mu * flow * wet / sqrtf(nx * nx + ny * ny + nz * nz + 1e-24f);
+        const float push = -b->face_drag * flow * wet / sqrtf(nx * nx + ny * ny + nz * nz + 1e-24f);
         for (int i = 0; i < 4; i++) {
             float *g = f + 3 * c[i];
             g[0] += share[i] * push * nx, g[1] += share[i] * push * ny, g[2] += share[i] * push * nz;
@@ -60,26 +60,26 @@ static void add_faces(const Body *b, const float *x, const float *v, float *f) {
 }
 
 static void add_outside(const Body *b, const float *x, const float *v, const float *u, float *f) {
-    float push[3] = {0, 0, 0};
+    float driven[3] = {0, 0, 0};
     for (int axis = 0; axis < 3; axis++)
-        for (int c = 0; c < b->pushes; c++) push[axis] += b->push[axis * b->pushes + c] * u[c];
+        for (int c = 0; c < b->external_forces; c++) driven[axis] += b->acceleration[axis * b->external_forces + c] * u[c];
     for (int i = 0; i < b->points; i++) {
         const float *p = x + 3 * i, *w = v + 3 * i, m = b->mass[i], wet = wet_of(b, p);
         float *g = f + 3 * i;
-        for (int axis = 0; axis < 3; axis++) g[axis] += m * (push[axis] - b->drag * wet * w[axis]);
+        for (int axis = 0; axis < 3; axis++) g[axis] += m * (driven[axis] - b->drag * wet * w[axis]);
         g[2] += m * b->gravity * (b->lift[i] * wet - 1);
-        if (b->hard > 0 && p[2] < 0) {
-            const float damped = 1 - b->soft * w[2], up = -b->hard * p[2] * (damped > 0 ? damped : 0);
+        if (b->ground_stiffness > 0 && p[2] < 0) {
+            const float damped = 1 - b->ground_damping * w[2], up = -b->ground_stiffness * p[2] * (damped > 0 ? damped : 0);
             const float slide = b->friction * up / sqrtf(w[0] * w[0] + w[1] * w[1] + b->slip * b->slip);
             g[0] -= slide * w[0], g[1] -= slide * w[1], g[2] += up;
         }
     }
 }
 
-/* Takes `steps` steps of `dt` from the `count` states, each under its controls; `kept` is how much of a muscle's
-   way to its control is left after a step. A state is places, speeds, contractions. */
-void plain(const Body *b, int count, int steps, float dt, float kept, float *states, const float *controls) {
-    const int size = 3 * b->points, whole = 2 * size + b->muscles, inputs = b->muscles + b->pushes;
+/* Takes `steps` steps of `dt` from the `count` states, each under its controls; `remaining` is how much of an
+   activation's difference from its control is left after a step. A state is positions, velocities, activations. */
+void plain(const Body *b, int count, int steps, float dt, float remaining, float *states, const float *controls) {
+    const int size = 3 * b->points, whole = 2 * size + b->muscles, inputs = b->muscles + b->external_forces;
     float f[size];
     for (int row = 0; row < count; row++) {
         float *x = states + (long)row * whole, *v = x + size, *a = v + size;
@@ -88,11 +88,11 @@ void plain(const Body *b, int count, int steps, float dt, float kept, float *sta
             for (int i = 0; i < size; i++) f[i] = 0;
             add_springs(b, x, v, a, f);
             add_faces(b, x, v, f);
-            if (b->gravity > 0 || b->drag > 0 || b->pushes) add_outside(b, x, v, u, f);
+            if (b->gravity > 0 || b->drag > 0 || b->external_forces) add_outside(b, x, v, u, f);
             for (int i = 0; i < b->points; i++)
                 for (int axis = 0; axis < 3; axis++) v[3 * i + axis] += dt * b->inverse[i] * f[3 * i + axis];
             for (int i = 0; i < size; i++) x[i] += dt * v[i];
-            for (int i = 0; i < b->muscles; i++) a[i] = u[i] + kept * (a[i] - u[i]);
+            for (int i = 0; i < b->muscles; i++) a[i] = u[i] + remaining * (a[i] - u[i]);
         }
     }
 }
