@@ -5,68 +5,96 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
 
+from neuroanimator.emulator.mode_fitting import modes_along
 from neuroanimator.emulator.pca import Basis, principal, reflection
-from neuroanimator.emulator.shape_modes import Modes, modes_along, seen_in_frame
+from neuroanimator.emulator.shape_modes import ShapeModes, view_in_frame
 from neuroanimator.errors import ArgumentError
-from neuroanimator.state.structure import Structure
+from neuroanimator.state.structure import Group, Structure
+
+Direction = Float[np.ndarray, " D"]
+"""How every mass point moves in a mode (D = 3 N)."""
 
 
 class Owner(NamedTuple):
     """What a mode belongs to."""
 
     group: int
+    """Number of the group."""
     is_centre: bool
     """Whether it moves the segment as a whole."""
 
 
 class GroupedModes(NamedTuple):
-    """Modes, and the segment each belongs to, in the modes' order."""
+    """Modes, and the segment each belongs to, in the modes' order; no owners where nothing is grouped."""
 
-    modes: Modes
-    place_owners: list[Owner]
-    speed_owners: list[Owner]
+    modes: ShapeModes
+    position_owners: list[Owner]
+    velocity_owners: list[Owner]
 
 
-def fit_grouped_modes(structure: Structure, states: np.ndarray, local: int) -> GroupedModes:
-    """Return modes in which every segment has its centre's three, and `local` more for places and for speeds."""
+def fit_grouped_modes(
+    structure: Structure, states: Float[np.ndarray, "B S"], local: int
+) -> GroupedModes:
+    """Return modes in which every segment has its centre's three, and `local` more for positions and for velocities."""
     assert structure.cloud is not None
-    _, shapes, swings = seen_in_frame(structure.cloud, np.asarray(states, float))
-    (positions, own_q), (velocities, own_p) = (
-        _grouped(structure, samples, local) for samples in (shapes, swings)
-    )
-    return GroupedModes(modes_along(structure, positions, velocities, states), own_q, own_p)
+    body = view_in_frame(structure.cloud, np.asarray(states, float))
+    positions, position_owners = _grouped(structure, body.shape, local)
+    velocities, velocity_owners = _grouped(structure, body.flow, local)
+    modes = modes_along(structure, positions, velocities, states)
+    return GroupedModes(modes, position_owners, velocity_owners)
 
 
-def _grouped(structure: Structure, seen: np.ndarray, local: int) -> tuple[Basis, list[Owner]]:
-    """Return the directions for what is `seen` (B, 3N), and whose each is, odd directions first."""
-    mean = seen.mean(axis=0)
-    samples = seen - mean
-    odd, even = [], []
-    reflect = None if structure.mirror is None else reflection(structure.mirror)
+def _grouped(
+    structure: Structure, vectors: Float[np.ndarray, "B D"], local: int
+) -> tuple[Basis, list[Owner]]:
+    """Return the directions in which `vectors` (B, 3N) vary, and whose each is, odd directions first."""
+    mean = vectors.mean(axis=0)
+    samples = vectors - mean
+    reflect = None
+    mirrored_mean = mean
+    if structure.mirror is not None:
+        reflect = reflection(structure.mirror)
+        mirrored_mean = (mean + reflect @ mean) / 2
+    odd: list[tuple[Direction, Owner]] = []
+    even: list[tuple[Direction, Owner]] = []
     for number, group in enumerate(structure.groups):
         rows = np.array([3 * point + axis for point in group.entries for axis in range(3)])
         centre = np.kron(np.ones((len(group.entries), 1)), np.eye(3)) / np.sqrt(len(group.entries))
         own = samples[:, rows] - samples[:, rows] @ centre @ centre.T
-        turned = None if reflect is None else reflect[np.ix_(rows, rows)]
-        if turned is not None and not np.allclose(turned @ turned.T, np.eye(len(rows))):
-            raise ArgumentError(
-                f"groups.{group.name}: it must hold both partners of every pair the mirror swaps."
-            )
-        basis = principal(own, min(local, len(rows) - 3), turned)
-        for column, way in enumerate(basis.directions.T):
-            (odd if column < basis.odd else even).append(
-                (_wide(way, rows, samples), Owner(number, False))
-            )
-        for axis, way in enumerate(centre.T):
+        basis = principal(own, min(local, len(rows) - 3), _group_reflection(group, reflect, rows))
+        for column, direction in enumerate(basis.directions.T):
+            side = odd if column < basis.odd else even
+            side.append((_widened(direction, rows, samples), Owner(number, is_centre=False)))
+        for axis, direction in enumerate(centre.T):
             is_odd = reflect is None or axis == 1
-            (odd if is_odd else even).append((_wide(way, rows, samples), Owner(number, True)))
-    ways, owners = zip(*odd, *even, strict=True)
-    mirrored = mean if reflect is None else (mean + reflect @ mean) / 2
-    return Basis(mirrored, np.stack(ways, axis=1), len(odd)), list(owners)
+            side = odd if is_odd else even
+            side.append((_widened(direction, rows, samples), Owner(number, is_centre=True)))
+    directions, owners = zip(*odd, *even, strict=True)
+    return Basis(mirrored_mean, np.stack(directions, axis=1), len(odd)), list(owners)
 
 
-def _wide(way: np.ndarray, rows: np.ndarray, samples: np.ndarray) -> np.ndarray:
+def _group_reflection(
+    group: Group, reflect: np.ndarray | None, rows: Int[np.ndarray, " G"]
+) -> np.ndarray | None:
+    """Return the mirror (G, G) within the group's `rows`; ArgumentError where it leads out of the group."""
+    if reflect is None:
+        return None
+    within = reflect[np.ix_(rows, rows)]
+    if not np.allclose(within @ within.T, np.eye(len(rows))):
+        raise ArgumentError(
+            f"groups.{group.name}: it must hold both partners of every pair the mirror swaps."
+        )
+    return within
+
+
+def _widened(
+    direction: Float[np.ndarray, " G"],
+    rows: Int[np.ndarray, " G"],
+    samples: Float[np.ndarray, "B D"],
+) -> Direction:
+    """Return the direction of the whole body that moves its `rows` along `direction` and nothing else."""
     wide = np.zeros(samples.shape[1])
-    wide[rows] = way
+    wide[rows] = direction
     return wide

@@ -1,4 +1,4 @@
-"""The few numbers a deformable body's motion is made of: a frame, and how much of each shape seen in training.
+"""Shape modes: a deformable body as a rigid frame and how much of each shape seen in training it shows.
 
 Hundreds of mass points move as one body that bends in a few ways. An emulator of those few numbers is
 smaller, faster and cannot tear the body apart: whatever it predicts is a mixture of shapes seen in training.
@@ -6,17 +6,22 @@ smaller, faster and cannot tear the body apart: whatever it predicts is a mixtur
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from neuroanimator.emulator.pca import Basis, mixing, principal, reflection
-from neuroanimator.parsing.numbers import entries, listed, number, numbers, whole
-from neuroanimator.state.layout import MAX_NUMBERS
+from neuroanimator.emulator.domain import Domain
+from neuroanimator.emulator.encoding import Encoding
+from neuroanimator.emulator.features import Features
+from neuroanimator.emulator.pca import mixing
+from neuroanimator.parsing.numbers import listed, number, whole
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.body_frame import PROBE_FEATURES
+from neuroanimator.state.layout import MAX_NUMBERS, Layout, Slice
 from neuroanimator.state.reference_shape import (
     Cloud,
     flat_of,
@@ -24,62 +29,277 @@ from neuroanimator.state.reference_shape import (
     to_body_axes,
     to_world_axes,
 )
-from neuroanimator.state.rotation import Numbers, cross
+from neuroanimator.state.rotation import cross
 from neuroanimator.state.structure import MAX_RESPONSE, Mirror, Segment, Structure
 
-RIGID = 13
-"""Numbers of the frame: place, quaternion, velocity, spin."""
+TINY = 1e-12
+"""Added to squares before their root is divided by: motions that stand still are not divided by zero."""
 
-HARDLY_EXCEEDED = 0.9995
-"""Share of the training states within the reach of the modes."""
+LIMITS = Layout(
+    (
+        Slice("position_modes", 1, "1"),
+        Slice("velocity_modes", 1, "1"),
+        Slice("speed", 1, "m/s"),
+        Slice("angular_speed", 1, "rad/s"),
+    )
+)
+"""What `ShapeModes.limits` holds, in order; modes in standard deviations, root mean square."""
 
-MAX_DISTANCE, SHARES_OFF = 1e6, 1e-6
-"""Of a cloud read from a file: the largest coordinate [m], and how far the sum of shares may be off 1."""
+REVERSED_ALONG = (False, True, False)
+"""Which entries of a vector the mirror, which reverses Y, reverses."""
 
-MIN_SPREAD, TINY = 1e-9, 1e-12
-"""Modes that never vary, and motions that stand still, are not divided by zero."""
+REVERSED_ABOUT = (True, False, True)
+"""Which entries of a rotation vector the mirror reverses: rotations about X and Z."""
 
 
-class Modes(eqx.Module):
-    """Places and speeds of N mass points ↔ (frame, odd modes, even modes, odd contractions, even contractions).
+class ShapeModes(Encoding):
+    """Positions and velocities of N mass points ↔ (frame, odd modes, even modes, odd and even activations).
 
     Odd numbers change sign in the body's mirror, even ones do not; without a mirror all are odd. Modes of
-    places and of speeds are kept apart, because what bends is not what swings.
+    positions and of velocities are kept apart, because what bends is not what swings.
     """
 
-    positions: Float[Array, "3*N Q"]
-    """Orthonormal; how the shape differs from the mean one, per mode of places [m]."""
-    velocities: Float[Array, "3*N P"]
-    """Orthonormal; how mass points move besides the frame's motion, per mode of speeds [m/s]."""
-    mean_position: Float[Array, " 3*N"]
-    mean_velocity: Float[Array, " 3*N"]
-    spread: Float[Array, " Q+P"]
-    """Standard deviation of every mode in training, in their order within the few numbers."""
-    reach: Float[Array, " 4"]
-    """What training hardly exceeded: rms of the modes of places and of speeds in standard deviations, speed [m/s],
-    spin [rad/s]."""
+    positions: Float[Array, "D Q"]
+    """Orthonormal; how the shape (D = 3 N) differs from the mean one, per position mode [m]."""
+    velocities: Float[Array, "D P"]
+    """Orthonormal; how mass points move besides the frame's motion, per velocity mode [m/s]."""
+    mean_position: Float[Array, " D"]
+    mean_velocity: Float[Array, " D"]
+    spread: Float[Array, " K"]
+    """Standard deviation of all K = Q + P modes in training, in their order within the latent state."""
+    limits: Float[Array, " 4"]
+    """What training hardly exceeded, as `LIMITS` says."""
     cloud: Cloud = eqx.field(static=True)
+    """The mass points at rest."""
     mirror: Mirror | None = eqx.field(static=True)
+    """Left and right of the body; None where it has none."""
     odd_positions: int = eqx.field(static=True)
-    """How many modes of places are odd; they come first."""
+    """How many position modes are odd; they come first."""
     odd_velocities: int = eqx.field(static=True)
+    """How many velocity modes are odd; they come first."""
     muscles: int = eqx.field(static=True)
-    """How many contractions belong to the state."""
+    """How many activations belong to the state."""
     time_constant: float = eqx.field(static=True)
-    """[s] Time constant of the muscles."""
+    """Time constant of the muscles [s]."""
 
     @property
-    def size(self) -> int:
-        """How many numbers there are in all."""
-        return RIGID + self.count + self.muscles
+    def is_identity(self) -> bool:
+        return False
+
+    @property
+    def count(self) -> int:
+        """How many modes there are, of positions and of velocities together."""
+        return self.positions.shape[1] + self.velocities.shape[1]
+
+    @property
+    def layout(self) -> Layout:
+        return _latent_layout(self.count, self.muscles)
+
+    @property
+    def mode_layout(self) -> Layout:
+        """Named parts of the latent part "modes" (K,)."""
+        odd_positions = self.odd_positions
+        odd_velocities = self.odd_velocities
+        even_positions = self.positions.shape[1] - odd_positions
+        even_velocities = self.velocities.shape[1] - odd_velocities
+        return _mode_layout(odd_positions, odd_velocities, even_positions, even_velocities)
+
+    @property
+    def change_layout(self) -> Layout:
+        """Named parts of a change of the latent state (V,), as `Frame.apply` takes it."""
+        return _change_layout(self.count)
+
+    @property
+    def feature_layout(self) -> Layout:
+        """Named parts of those raw features that are latent entries as they are; others follow."""
+        return _feature_layout(self.count, self.muscles)
+
+    @property
+    def is_mirrored(self) -> bool:
+        return self.mirror is not None
+
+    @property
+    def odd_controls(self) -> int:
+        if self.mirror is None:
+            return 0
+        return mixing(self.mirror)[1]
+
+    @property
+    def max_speed(self) -> float:
+        return float(self.limits[LIMITS.index("speed").start])
+
+    @property
+    def max_angular_speed(self) -> float:
+        return float(self.limits[LIMITS.index("angular_speed").start])
+
+    def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B I"]:
+        xp = state.__array_namespace__()
+        body = view_in_frame(self.cloud, state)
+        q = (body.shape - _like(self.mean_position, state)) @ _like(self.positions, state)
+        p = (body.flow - _like(self.mean_velocity, state)) @ _like(self.velocities, state)
+        modes = [
+            q[..., : self.odd_positions],
+            p[..., : self.odd_velocities],
+            q[..., self.odd_positions :],
+            p[..., self.odd_velocities :],
+        ]
+        activations = self.encode_control(state[..., 2 * body.shape.shape[-1] :])
+        frame = [body.centre, body.orientation, body.velocity, body.angular_velocity]
+        return xp.concat([*frame, *modes, activations], axis=-1)
+
+    def decode(self, latent: Float[AnyArray, "*B I"]) -> Float[AnyArray, "*B S"]:
+        """Return the states (..., S) closest to what `latent` (..., I) says."""
+        xp = latent.__array_namespace__()
+        layout = self.layout
+        centre = layout.part(latent, "frame.position")
+        orientation = layout.part(latent, "frame.orientation")
+        velocity = layout.part(latent, "frame.velocity")
+        angular_velocity = layout.part(latent, "frame.angular_velocity")
+        q, p = self._amounts(layout.part(latent, "modes"))
+        shape = points_of(_like(self.mean_position, latent) + q @ _like(self.positions, latent).mT)
+        flow = points_of(_like(self.mean_velocity, latent) + p @ _like(self.velocities, latent).mT)
+        flow = flow + cross(angular_velocity[..., None, :], shape)
+        positions = centre[..., None, :] + to_world_axes(orientation, shape)
+        velocities = velocity[..., None, :] + to_world_axes(orientation, flow)
+        activations = self.decode_control(layout.part(latent, "activations"))
+        return xp.concat([flat_of(positions), flat_of(velocities), activations], axis=-1)
+
+    def _amounts(
+        self, modes: Float[AnyArray, "*B K"]
+    ) -> tuple[Float[AnyArray, "*B Q"], Float[AnyArray, "*B P"]]:
+        """Return (amounts of the position modes, amounts of the velocity modes), odd ones first."""
+        xp = modes.__array_namespace__()
+        layout = self.mode_layout
+        positions = [layout.part(modes, "odd_positions"), layout.part(modes, "even_positions")]
+        velocities = [layout.part(modes, "odd_velocities"), layout.part(modes, "even_velocities")]
+        return xp.concat(positions, axis=-1), xp.concat(velocities, axis=-1)
+
+    def encode_control(self, control: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
+        """Return (..., C) what left and right do oppositely, then what they do alike."""
+        if self.mirror is None or not control.shape[-1]:
+            return control
+        return control @ _like(mixing(self.mirror)[0], control)
+
+    def decode_control(self, latent: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
+        if self.mirror is None or not latent.shape[-1]:
+            return latent
+        return latent @ _like(mixing(self.mirror)[0], latent).mT
+
+    def encode_recorded(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B I"]:
+        return self.encode(np.asarray(states, float)).astype(np.float32)
+
+    def bounded(
+        self, latent: Float[Array, " I"], features: Features, domain: Domain
+    ) -> Float[Array, " I"]:
+        """Return `latent` (I,) with shape, flow, speed and spin shrunk to what training showed, if they are beyond it.
+
+        It keeps a body in shape for ever: see `docs/decisions/0008-bodies-in-few-numbers.md`. The range of
+        single features does not matter here.
+        """
+        layout = self.layout
+        velocity = layout.part(latent, "frame.velocity")
+        angular_velocity = layout.part(latent, "frame.angular_velocity")
+        modes = layout.part(latent, "modes")
+        squares = self.squares_of_limited(velocity, angular_velocity, modes / self.spread)
+        shrink_positions, shrink_velocities, shrink_speed, shrink_angular_speed = (
+            jnp.minimum(1.0, self.limits[i] / jnp.sqrt(square + TINY))
+            for i, square in enumerate(squares)
+        )
+        shrink_modes = jnp.where(self.is_position_mode(), shrink_positions, shrink_velocities)
+        parts = [
+            layout.part(latent, "frame.position"),
+            layout.part(latent, "frame.orientation"),
+            velocity * shrink_speed,
+            angular_velocity * shrink_angular_speed,
+            modes * shrink_modes,
+            layout.part(latent, "activations"),
+        ]
+        return jnp.concatenate(parts)
+
+    def squares_of_limited(
+        self,
+        velocity: Float[AnyArray, "*B 3"],
+        angular_velocity: Float[AnyArray, "*B 3"],
+        modes: Float[AnyArray, "*B K"],
+    ) -> tuple[Float[AnyArray, "*B"], ...]:
+        """Return the squares (...) of what `LIMITS` names, in its order; `modes` in standard deviations."""
+        xp = modes.__array_namespace__()
+        size = modes**2
+        is_position = self.is_position_mode()
+        return (
+            xp.mean(size, axis=-1, where=is_position),
+            xp.mean(size, axis=-1, where=~is_position),
+            xp.sum(velocity**2, axis=-1),
+            xp.sum(angular_velocity**2, axis=-1),
+        )
+
+    def is_position_mode(self) -> Bool[np.ndarray, " K"]:
+        """Return which modes, in their order within the latent state, are of positions."""
+        sizes = [part.size for part in self.mode_layout.slices]
+        return np.repeat([True, False, True, False], sizes)
+
+    def structure(self, body: Structure) -> Structure:
+        """Return what an emulator may exploit of the latent state, given what it may of the body's state."""
+        layout = self.layout
+        velocity = layout.index("frame.velocity").start
+        angular_velocity = layout.index("frame.angular_velocity").start
+        segments = [
+            Segment("position", 3, rate=velocity),
+            Segment("quaternion", 4, rate=angular_velocity),
+            Segment("velocity", 3),
+            Segment("plain", 3 + self.count),
+        ]
+        if self.muscles:
+            segments.append(Segment("lag", self.muscles, time_constant=self.time_constant))
+        return Structure(
+            angles=(),
+            rates=(),
+            plain=tuple(range(angular_velocity, layout.size)),
+            segments=tuple(segments),
+            probes=body.probes,
+            has_gravity=body.has_gravity,
+            is_immersed=body.is_immersed,
+            external_forces=body.external_forces,
+        )
+
+    def state_structure(self, latent_segments: tuple[Segment, ...]) -> Structure:
+        return Structure((), (), (), cloud=self.cloud)
+
+    def odd_changes(self) -> tuple[bool, ...]:
+        """Return (V,), per number of a change as in `change_layout`, whether the mirror reverses it."""
+        frame = (*REVERSED_ALONG, *REVERSED_ABOUT, *REVERSED_ALONG, *REVERSED_ABOUT)
+        return (*frame, *self._odd_modes())
+
+    def odd_features(self, body: Structure) -> tuple[bool, ...]:
+        """Return (K,) per raw feature whether the mirror reverses it.
+
+        Features are those of `feature_layout`, then the direction of gravity, the velocity, what probes
+        show, and the controls.
+        """
+        assert self.mirror is not None
+        odd_controls = mixing(self.mirror)[1]
+        controls = tuple(i < odd_controls for i in range(len(self.mirror.controls)))
+        activations = controls if self.muscles else ()
+        gravity = REVERSED_ALONG if body.has_gravity else ()
+        probes = (False,) * (PROBE_FEATURES * len(body.probes))
+        local = (*gravity, *REVERSED_ALONG, *probes)
+        return (*REVERSED_ABOUT, *self._odd_modes(), *activations, *local, *controls)
+
+    def _odd_modes(self) -> tuple[bool, ...]:
+        odd = self.odd_positions + self.odd_velocities
+        return tuple(i < odd for i in range(self.count))
+
+    def check(self) -> None:
+        if (np.asarray(self.spread) <= 0).any():
+            raise ValueError("normaliser or modes: wanted scales above 0")
 
     def to_json(self) -> dict[str, Any]:
-        """Return what, with the arrays, makes up the modes."""
+        mirror = None
+        if self.mirror is not None:
+            mirror = self.mirror.to_json()
         return {
-            "cloud": [list(self.cloud.positions), list(self.cloud.masses)],
-            "mirror": None
-            if self.mirror is None
-            else [list(self.mirror.points), list(self.mirror.controls)],
+            "cloud": self.cloud.to_json(),
+            "mirror": mirror,
             "counts": [
                 self.positions.shape[1],
                 self.velocities.shape[1],
@@ -91,13 +311,10 @@ class Modes(eqx.Module):
         }
 
     @classmethod
-    def from_json(cls, described: dict[str, Any], states: int, controls: int) -> Modes:
+    def from_json(cls, described: dict[str, Any], states: int, controls: int) -> ShapeModes:
         """Return the modes `to_json` wrote, arrays zero; ValueError unless they fit `states` and `controls`."""
-        cloud = _cloud_from_json(described["cloud"])
-        counts = listed(
-            described["counts"], "modes", lambda count, what: whole(count, what, 0, MAX_NUMBERS), 4
-        )
-        q, p, odd_q, odd_p = counts
+        cloud = Cloud.from_json(described["cloud"], "modes")
+        q, p, odd_q, odd_p = listed(described["counts"], "modes", _count, 4)
         size = 3 * cloud.count
         muscles = whole(described["muscles"], "modes: muscles", 0, controls)
         fits = states == 2 * size + muscles and muscles in (0, controls)
@@ -105,243 +322,110 @@ class Modes(eqx.Module):
             raise ValueError("modes: other sizes than the state")
         mirror = None
         if described["mirror"] is not None:
-            points, drives = described["mirror"]
-            mirror = Mirror(
-                entries(points, "modes: mirror", cloud.count),
-                entries(drives, "modes: mirror", controls),
-            )
-            if not _swaps(mirror.points, cloud.count) or not _swaps(mirror.controls, controls):
-                raise ValueError("modes: a mirror that does not pair left and right")
-        bases = jnp.zeros((size, q)), jnp.zeros((size, p)), jnp.zeros(size), jnp.zeros(size)
-        arrays = *bases, jnp.zeros(q + p), jnp.zeros(4)
-        time_constant = number(described["time_constant"], "modes: response", 0, MAX_RESPONSE)
-        return cls(*arrays, cloud, mirror, odd_q, odd_p, muscles, time_constant)
-
-    def encode(self, state: Numbers) -> Numbers:
-        """Return (..., I) the few numbers of `state` (..., S)."""
-        xp = state.__array_namespace__()
-        rigid, shape, swing = seen_in_frame(self.cloud, state)
-        q = (shape - _like(self.mean_position, state)) @ _like(self.positions, state)
-        p = (swing - _like(self.mean_velocity, state)) @ _like(self.velocities, state)
-        pulled = self.encode_control(state[..., 2 * shape.shape[-1] :])
-        return xp.concat([*rigid, *self._ordered(q, p), pulled], axis=-1)
-
-    def decode(self, latent: Numbers) -> Numbers:
-        """Return the states (..., S) closest to what `latent` (..., I) says."""
-        xp = latent.__array_namespace__()
-        centre, orientation, velocity, angular_velocity = (
-            latent[..., :3],
-            latent[..., 3:7],
-            latent[..., 7:10],
-            latent[..., 10:RIGID],
-        )
-        q, p = self._parted(latent)
-        seen = points_of(_like(self.mean_position, latent) + q @ _like(self.positions, latent).mT)
-        flow = points_of(_like(self.mean_velocity, latent) + p @ _like(self.velocities, latent).mT)
-        flow = flow + cross(angular_velocity[..., None, :], seen)
-        positions = centre[..., None, :] + to_world_axes(orientation, seen)
-        velocities = velocity[..., None, :] + to_world_axes(orientation, flow)
-        activations = self.decode_control(latent[..., RIGID + self.count :])
-        return xp.concat([flat_of(positions), flat_of(velocities), activations], axis=-1)
-
-    @property
-    def count(self) -> int:
-        """How many modes there are, of places and of speeds together."""
-        return self.positions.shape[1] + self.velocities.shape[1]
-
-    def _ordered(self, q: Numbers, p: Numbers) -> list[Numbers]:
-        a, b = self.odd_positions, self.odd_velocities
-        return [q[..., :a], p[..., :b], q[..., a:], p[..., b:]]
-
-    def _parted(self, latent: Numbers) -> tuple[Numbers, Numbers]:
-        xp = latent.__array_namespace__()
-        a, b, q = self.odd_positions, self.odd_velocities, self.positions.shape[1]
-        modes = latent[..., RIGID : RIGID + self.count]
-        even_places = modes[..., a + b : b + q]
-        return (
-            xp.concat([modes[..., :a], even_places], axis=-1),
-            xp.concat([modes[..., a : a + b], modes[..., b + q :]], axis=-1),
+            mirror = Mirror.from_json(described["mirror"], cloud.count, controls, "modes")
+        return cls(
+            positions=jnp.zeros((size, q)),
+            velocities=jnp.zeros((size, p)),
+            mean_position=jnp.zeros(size),
+            mean_velocity=jnp.zeros(size),
+            spread=jnp.zeros(q + p),
+            limits=jnp.zeros(LIMITS.size),
+            cloud=cloud,
+            mirror=mirror,
+            odd_positions=odd_q,
+            odd_velocities=odd_p,
+            muscles=muscles,
+            time_constant=number(described["time_constant"], "modes: response", 0, MAX_RESPONSE),
         )
 
-    def bounded(self, latent: Float[Array, " I"]) -> Float[Array, " I"]:
-        """Return `latent` (I,) with shape, swing, speed and spin shrunk to what training showed, if they are beyond it.
 
-        It keeps a body in shape for ever: see `docs/decisions/0008-bodies-in-few-numbers.md`.
-        """
-        velocity, angular_velocity, modes = self._limited(latent)
-        squares = self._squares(velocity, angular_velocity, modes / self.spread)
-        kept = [
-            jnp.minimum(1.0, self.reach[i] / jnp.sqrt(square + TINY))
-            for i, square in enumerate(squares)
-        ]
-        shrunk = modes * jnp.where(self._is_place(), kept[0], kept[1])
-        parts = (
-            latent[:7],
-            velocity * kept[2],
-            angular_velocity * kept[3],
-            shrunk,
-            latent[RIGID + self.count :],
+def _count(value: Any, what: str) -> int:
+    return whole(value, what, 0, MAX_NUMBERS)
+
+
+@cache
+def _latent_layout(modes: int, muscles: int) -> Layout:
+    return Layout(
+        (
+            Slice("frame.position", 3, "m"),
+            Slice("frame.orientation", 4, "quaternion"),
+            Slice("frame.velocity", 3, "m/s"),
+            Slice("frame.angular_velocity", 3, "rad/s"),
+            Slice("modes", modes, "1"),
+            Slice("activations", muscles, "1"),
         )
-        return jnp.concatenate(parts)
+    )
 
-    def _limited(self, latent: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-        """Return velocity (..., 3), spin (..., 3) and modes (..., K) of `latent` (..., I): what has a reach."""
-        return latent[..., 7:10], latent[..., 10:RIGID], latent[..., RIGID : RIGID + self.count]
 
-    def _squares(
-        self, velocity: Numbers, angular_velocity: Numbers, modes: Numbers
-    ) -> tuple[Numbers, ...]:
-        """Return the squares (...) of what `reach` limits, in its order; `modes` in standard deviations."""
-        xp, size, shape = modes.__array_namespace__(), modes**2, self._is_place()
-        return (
-            xp.mean(size, axis=-1, where=shape),
-            xp.mean(size, axis=-1, where=~shape),
-            xp.sum(velocity**2, axis=-1),
-            xp.sum(angular_velocity**2, axis=-1),
+@cache
+def _mode_layout(
+    odd_positions: int, odd_velocities: int, even_positions: int, even_velocities: int
+) -> Layout:
+    return Layout(
+        (
+            Slice("odd_positions", odd_positions, "m"),
+            Slice("odd_velocities", odd_velocities, "m/s"),
+            Slice("even_positions", even_positions, "m"),
+            Slice("even_velocities", even_velocities, "m/s"),
         )
+    )
 
-    def _is_place(self) -> np.ndarray:
-        """Return (K,) which modes, in their order within the few numbers, are of places."""
-        q, p = self.positions.shape[1], self.velocities.shape[1]
-        a, b = self.odd_positions, self.odd_velocities
-        return np.repeat([True, False, True, False], [a, b, q - a, p - b])
 
-    def with_reach(self, states: np.ndarray) -> Modes:
-        """Return the modes with spread and reach of the bodies in `states` (B, S)."""
-        velocity, angular_velocity, modes = self._limited(self.encode(np.asarray(states, float)))
-        spread = np.maximum(modes.std(axis=0), MIN_SPREAD)
-        squares = self._squares(velocity, angular_velocity, modes / spread)
-        reach = np.array([np.quantile(np.sqrt(square), HARDLY_EXCEEDED) for square in squares])
-        return replace(
-            self, spread=jnp.asarray(spread, jnp.float32), reach=jnp.asarray(reach, jnp.float32)
+@cache
+def _change_layout(modes: int) -> Layout:
+    return Layout(
+        (
+            Slice("frame.position", 3, "m"),
+            Slice("frame.orientation", 3, "rad"),
+            Slice("frame.velocity", 3, "m/s"),
+            Slice("frame.angular_velocity", 3, "rad/s"),
+            Slice("modes", modes, "1"),
         )
+    )
 
-    def encode_control(self, control: Numbers) -> Numbers:
-        """Return (..., C) what left and right do oppositely, then what they do alike."""
-        if self.mirror is None or not control.shape[-1]:
-            return control
-        return control @ _like(mixing(self.mirror)[0], control)
 
-    def decode_control(self, mixed: Numbers) -> Numbers:
-        """Return the controls (..., C) of which `encode_control` gives `mixed`."""
-        if self.mirror is None or not mixed.shape[-1]:
-            return mixed
-        return mixed @ _like(mixing(self.mirror)[0], mixed).mT
-
-    def structure(self, whole: Structure) -> Structure:
-        """Return what an emulator may exploit of the few numbers, given what it may of the body's state."""
-        segments = [
-            Segment("position", 3, rate=7),
-            Segment("quaternion", 4, rate=10),
-            Segment("velocity", 3),
-            Segment("plain", 3 + self.count),
-        ]
-        if self.muscles:
-            segments.append(Segment("lag", self.muscles, time_constant=self.time_constant))
-        return Structure(
-            angles=(),
-            rates=(),
-            plain=tuple(range(10, self.size)),
-            segments=tuple(segments),
-            probes=whole.probes,
-            has_gravity=whole.has_gravity,
-            is_immersed=whole.is_immersed,
-            external_forces=whole.external_forces,
+@cache
+def _feature_layout(modes: int, muscles: int) -> Layout:
+    return Layout(
+        (
+            Slice("frame.angular_velocity", 3, "rad/s"),
+            Slice("modes", modes, "1"),
+            Slice("activations", muscles, "1"),
         )
-
-    def odd_changes(self) -> tuple[bool, ...]:
-        """Return, per number of a change, whether the mirror reverses it: along Y, and turns about X and Z."""
-        along, about = (False, True, False), (True, False, True)
-        return (*along, *about, *along, *about, *self._odd_modes())
-
-    def odd_features(self, whole: Structure, probes: int) -> tuple[bool, ...]:
-        """Return the same per plain feature: spin, modes, contractions, up, velocity, `probes` numbers, controls."""
-        along, about = (False, True, False), (True, False, True)
-        assert self.mirror is not None
-        differences = mixing(self.mirror)[1]
-        sides = tuple(i < differences for i in range(len(self.mirror.controls)))
-        seen = (*(along if whole.has_gravity else ()), *along, *(False,) * probes)
-        return (*about, *self._odd_modes(), *(sides if self.muscles else ()), *seen, *sides)
-
-    def _odd_modes(self) -> tuple[bool, ...]:
-        odd = self.odd_positions + self.odd_velocities
-        return tuple(i < odd for i in range(self.count))
+    )
 
 
-def _like(numbers: Numbers, state: Numbers) -> Numbers:
+def _like(numbers: Any, state: AnyArray) -> AnyArray:
+    """Return `numbers` as an array of the library and the type of `state`."""
     return state.__array_namespace__().asarray(numbers, dtype=state.dtype)
 
 
-def _cloud_from_json(row: Any) -> Cloud:
-    """Return the cloud; its masses are shares of the whole, so each is above 0 and they add up to 1."""
-    positions, masses = row
-    shares = numbers(masses, "modes: masses", most=1)
-    if not shares or min(shares) <= 0 or abs(sum(shares) - 1) > SHARES_OFF:
-        raise ValueError("modes: wanted masses as shares of the whole, each above 0")
-    points = listed(
-        positions,
-        "modes: places",
-        lambda position, what: numbers(position, what, 3, MAX_DISTANCE),
-        len(shares),
-    )
-    return Cloud(tuple((x, y, z) for x, y, z in points), shares)
+class BodyInFrame(NamedTuple):
+    """A body's rigid frame, and its mass points as they are seen from there."""
+
+    centre: Float[AnyArray, "*B 3"]
+    """Position of the centroid [m]."""
+    orientation: Float[AnyArray, "*B 4"]
+    velocity: Float[AnyArray, "*B 3"]
+    """Velocity of the centroid in the world [m/s]."""
+    angular_velocity: Float[AnyArray, "*B 3"]
+    """Along the body's axes [rad/s]."""
+    shape: Float[AnyArray, "*B D"]
+    """Where mass points are, from the centroid and along the body's axes [m]; D = 3 N."""
+    flow: Float[AnyArray, "*B D"]
+    """How mass points move besides the frame, along the body's axes [m/s]."""
 
 
-def _swaps(partners: tuple[int, ...], count: int) -> bool:
-    return len(partners) == count and all(
-        0 <= p < count and partners[p] == i for i, p in enumerate(partners)
-    )
-
-
-def seen_in_frame(cloud: Cloud, state: Numbers) -> tuple[list[Numbers], Numbers, Numbers]:
-    """Return the frame of `state` (..., S) as place, quaternion, velocity and spin; then shape and swing within it.
-
-    The shape (..., 3N) [m] is where mass points are, the swing (..., 3N) [m/s] how they move besides the frame.
-    """
+def view_in_frame(cloud: Cloud, state: Float[AnyArray, "*B S"]) -> BodyInFrame:
+    """Return the frame of `state` (..., S), and shape and flow within it."""
     size = 3 * cloud.count
-    positions, velocities = points_of(state[..., :size]), points_of(state[..., size : 2 * size])
-    centre, orientation, seen = cloud.own_frame(positions)
+    positions = points_of(state[..., :size])
+    velocities = points_of(state[..., size : 2 * size])
+    centre, orientation, shape = cloud.own_frame(positions)
     velocity = cloud.centroid(velocities)
     flow = to_body_axes(orientation, velocities - velocity[..., None, :])
-    angular_velocity = cloud.angular_velocity(seen, flow)
-    return (
-        [centre, orientation, velocity, angular_velocity],
-        flat_of(seen),
-        flat_of(flow - cross(angular_velocity[..., None, :], seen)),
+    angular_velocity = cloud.angular_velocity(shape, flow)
+    besides = flow - cross(angular_velocity[..., None, :], shape)
+    return BodyInFrame(
+        centre, orientation, velocity, angular_velocity, flat_of(shape), flat_of(besides)
     )
-
-
-def fit_modes(
-    structure: Structure, states: np.ndarray, position_modes: int, velocity_modes: int
-) -> Modes:
-    """Return the modes in which the bodies in `states` (B, S) vary most."""
-    assert structure.cloud is not None
-    _, shapes, swings = seen_in_frame(structure.cloud, np.asarray(states, float))
-    reflect = None if structure.mirror is None else reflection(structure.mirror)
-    most = shapes.shape[1]
-    positions = principal(shapes, min(position_modes, most), reflect)
-    velocities = principal(swings, min(velocity_modes, most), reflect)
-    return modes_along(structure, positions, velocities, states)
-
-
-def modes_along(
-    structure: Structure, positions: Basis, velocities: Basis, states: np.ndarray
-) -> Modes:
-    """Return the modes in these directions, with spread and reach of the bodies in `states` (B, S)."""
-    assert structure.cloud is not None
-    followers = [segment for segment in structure.segments if segment.kind == "lag"]
-    modes = Modes(
-        positions=jnp.asarray(positions.directions, jnp.float32),
-        velocities=jnp.asarray(velocities.directions, jnp.float32),
-        mean_position=jnp.asarray(positions.mean, jnp.float32),
-        mean_velocity=jnp.asarray(velocities.mean, jnp.float32),
-        spread=jnp.ones(positions.directions.shape[1] + velocities.directions.shape[1]),
-        reach=jnp.ones(4),
-        cloud=structure.cloud,
-        mirror=structure.mirror,
-        odd_positions=positions.odd,
-        odd_velocities=velocities.odd,
-        muscles=sum(segment.size for segment in followers),
-        time_constant=followers[0].time_constant if followers else 0.0,
-    )
-    return modes.with_reach(states)

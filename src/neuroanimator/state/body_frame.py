@@ -35,6 +35,9 @@ from neuroanimator.state.structure import Probe, Segment, Structure
 PROBE_CEILING = 1.0
 """[m] A foot higher than about this is as good as infinitely high: no super step crosses it unseen."""
 
+PROBE_FEATURES = 4
+"""Numbers a probe is shown by: its height and its depth, each now and where it would coast to."""
+
 SOFTNESS = 0.05
 """[m] Over which the kink of a depth is rounded: about how far soft ground gives way."""
 
@@ -84,7 +87,7 @@ class Frame(eqx.Module):
         return (
             total
             - (3 if self.has_gravity else 6) * self._has_root
-            + 4 * len(self.probes) * (self.cloud is None)
+            + PROBE_FEATURES * len(self.probes) * (self.cloud is None)
         )
 
     @property

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Num
 from numpy.typing import ArrayLike
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import check_label, refuse_twins
 from neuroanimator.parsing.numbers import numbers, whole
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.units import STATE_UNITS
 from neuroanimator.text import quoted
 
@@ -58,6 +60,10 @@ class Layout:
             start += part.size
         valid = ", ".join(part.name for part in self.slices)
         raise ArgumentError(f"No part called '{name}'. Parts: {valid}.")
+
+    def part(self, vector: Num[AnyArray, "*B S"], name: str) -> Num[AnyArray, "*B P"]:
+        """Return the part called `name` of `vector` (..., S)."""
+        return vector[..., self.index(name)]
 
     def check(self, vector: ArrayLike, label: str) -> np.ndarray:
         """Return `vector` as float64 if its last axis fits and every number is finite.

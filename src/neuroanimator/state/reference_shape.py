@@ -6,10 +6,18 @@ Written for NumPy and JAX alike; mass points are (..., N, 3).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from neuroanimator.parsing.numbers import listed, numbers
 from neuroanimator.state.rotation import Numbers, cross, rotate, rotate_back
+
+MAX_DISTANCE = 1e6
+"""Largest coordinate of a mass point in a file [m]."""
+
+SHARES_OFF = 1e-6
+"""How far the sum of the shares of the mass in a file may be off 1: they are rounded."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +38,20 @@ class Cloud:
             tuple((float(x), float(y), float(z)) for x, y, z in centred),
             tuple(float(m) for m in shares),
         )
+
+    def to_json(self) -> list[Any]:
+        """Return plain lists: positions, and shares of the mass."""
+        return [list(self.positions), list(self.masses)]
+
+    @classmethod
+    def from_json(cls, row: Any, what: str) -> Cloud:
+        """Return the cloud `to_json` wrote; ValueError unless shares are above 0 and add up to 1."""
+        positions, masses = row
+        shares = numbers(masses, f"{what}: masses", most=1)
+        if not shares or min(shares) <= 0 or abs(sum(shares) - 1) > SHARES_OFF:
+            raise ValueError(f"{what}: wanted masses as shares of the whole, each above 0")
+        points = listed(positions, f"{what}: places", _point_from_json, len(shares))
+        return cls(points, shares)
 
     @property
     def count(self) -> int:
@@ -84,6 +106,11 @@ class Cloud:
         trace = moments[..., 0, 0] + moments[..., 1, 1] + moments[..., 2, 2]
         inertia = trace[..., None, None] * xp.eye(3, dtype=seen.dtype) - moments
         return xp.linalg.solve(inertia, momentum[..., None])[..., 0]
+
+
+def _point_from_json(row: Any, what: str) -> tuple[float, float, float]:
+    x, y, z = numbers(row, what, 3, MAX_DISTANCE)
+    return x, y, z
 
 
 def _rows(matrix: Numbers) -> list[list[Numbers]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from neuroanimator.parsing.numbers import number, whole
+from neuroanimator.parsing.numbers import entries, number, whole
 from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.text import quoted
@@ -60,6 +60,29 @@ class Mirror:
     """Per mass point, its partner; itself on the middle plane."""
     controls: tuple[int, ...]
     """Per control, its partner."""
+
+    def to_json(self) -> list[list[int]]:
+        """Return plain lists."""
+        return [list(self.points), list(self.controls)]
+
+    @classmethod
+    def from_json(cls, row: Any, points: int, controls: int, what: str) -> Mirror:
+        """Return the mirror `to_json` wrote; ValueError unless it pairs that many `points` and `controls`."""
+        point_partners, control_partners = row
+        mirror = cls(
+            entries(point_partners, f"{what}: mirror", points),
+            entries(control_partners, f"{what}: mirror", controls),
+        )
+        if not _pairs_up(mirror.points, points) or not _pairs_up(mirror.controls, controls):
+            raise ValueError(f"{what}: a mirror that does not pair left and right")
+        return mirror
+
+
+def _pairs_up(partners: tuple[int, ...], count: int) -> bool:
+    """Return whether everything is the partner of its partner."""
+    if len(partners) != count:
+        return False
+    return all(0 <= p < count and partners[p] == i for i, p in enumerate(partners))
 
 
 @dataclass(frozen=True)

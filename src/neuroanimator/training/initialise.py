@@ -2,164 +2,192 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float
 
 from neuroanimator.data.store import Transitions
-from neuroanimator.emulator.emulator import Domain, Emulator, EmulatorSpec
+from neuroanimator.emulator.domain import Domain
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.group_modes import GroupedModes, fit_grouped_modes
+from neuroanimator.emulator.mode_fitting import fit_modes
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.networks.hierarchy import Part
 from neuroanimator.emulator.networks.hierarchy_parts import parts_of_body, parts_of_joints
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.normaliser import MIN_CHANGE, Normaliser
-from neuroanimator.emulator.shape_modes import Modes, fit_modes
+from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
 from neuroanimator.training.config import TrainingConfig
 
 MIN_SCALE = 1e-6
-"""A number that never varies is divided by this share of one instead of by zero."""
+"""Least scale of a feature or a change: a number that never varies is not divided by zero."""
 
 NOTHING_MOVES = (
     f"Nothing in this system changes by {MIN_CHANGE:g} of its unit in a super step. "
     "Use longer super steps (--substeps), smaller units, or stronger controls."
 )
+"""Said of a dataset in which no number moves."""
 
 MAX_SHAPES = 20_000
-"""States whose shapes the modes of a deformable body are found from."""
+"""States whose shapes the modes of a deformable body are found from, at most."""
 
-SHAPES_TRIED, SMALL_CHANGE = 64, 1e-5
-"""States around which, and changes by which, the effect of a body's few numbers is measured."""
+SHAPES_TRIED = 64
+"""States around which the effect of a latent change on the body is measured."""
+
+SMALL_CHANGE = 1e-5
+"""Size of the latent changes by which that effect is measured, in their own units."""
 
 
-class _Sight(NamedTuple):
-    """How states are seen, before any network."""
+@dataclass(frozen=True)
+class _LatentData:
+    """A dataset in latent numbers, and how a network is shown them."""
 
-    modes: GroupedModes | None
+    encoding: Encoding
     frame: Frame
     features: Features
-    odd_changes: np.ndarray
-    """(V,) whether the mirror reverses each number of a change."""
-    latent: tuple[np.ndarray, np.ndarray, np.ndarray]
-    """States, following states and controls in the numbers in which the super step is made."""
+    odd_changes: Bool[np.ndarray, " V"]
+    """Whether the mirror reverses each number of a change."""
+    states: Float[np.ndarray, "N I"]
+    following: Float[np.ndarray, "N I"]
+    """The latent states a super step after `states`."""
+    controls: Float[np.ndarray, "N C"]
+    grouped_modes: GroupedModes | None = None
+    """Shape modes and the groups they belong to; None where states are not encoded."""
 
 
 def build_emulator(data: Transitions, config: TrainingConfig) -> Emulator:
     """Return an emulator normalised by `data`, its network drawn from the config's seed."""
-    system, sight = data.system, _sight(data, config)
-    states, _, controls = sight.latent
-    features, frame = sight.features, sight.frame
-    plain = features.plain_of(states, frame.local(states), frame.seen_control(states, controls))
-    odd_plain = np.array(
-        [features.is_odd and i not in features.even for i in range(plain.shape[1])]
-    )
-    normaliser = _normaliser(plain, sight, odd_plain)
-    modes = None if sight.modes is None else sight.modes.modes
-    if modes is not None:
-        normaliser = replace(normaliser, unit=_body_units(modes, data, sight))
-    return Emulator(
-        frame=frame,
-        features=features,
-        normaliser=normaliser,
-        network=_network(config, sight, system, plain.shape[1]),
-        domain=_domain(plain, odd_plain),
-        spec=_spec(system, data.config.substeps, frame.dt),
-        modes=modes,
-    )
-
-
-def _sight(data: Transitions, config: TrainingConfig) -> _Sight:
     system = data.system
     dt = data.config.substeps * system.physics_dt
-    states, controls = data.states[:, :2], data.controls[:, 0]
     if system.structure.cloud is None:
-        frame, features = (
-            Frame.of(system.structure, dt),
-            Features.of(system.structure, states.shape[-1], dt),
-        )
-        odd = np.full(frame.change_size(states.shape[-1]), features.is_odd)
-        return _Sight(None, frame, features, odd, (states[:, 0], states[:, 1], controls))
-    grouped = _modes(data, config)
-    modes, structure = grouped.modes, grouped.modes.structure(system.structure)
-    states, controls = (
-        modes.encode(np.asarray(states, float)),
-        modes.encode_control(np.asarray(controls, float)),
+        latent = _state_data(data, dt)
+    else:
+        latent = _body_data(data, config, dt)
+    features = latent.features
+    local = latent.frame.local(latent.states)
+    felt = latent.frame.seen_control(latent.states, latent.controls)
+    raw = features.plain_of(latent.states, local, felt)
+    is_odd = [features.is_odd and i not in features.even for i in range(raw.shape[1])]
+    odd_raw = np.array(is_odd)
+    return Emulator(
+        frame=latent.frame,
+        features=features,
+        normaliser=_normaliser(data, latent, raw, odd_raw),
+        network=_network(config, latent, system, raw.shape[1]),
+        domain=_domain(raw, odd_raw),
+        spec=_spec(system, data.config.substeps, latent.frame.dt),
+        encoding=latent.encoding,
     )
-    frame, features = Frame.of(structure, dt), Features.of(structure, states.shape[-1], dt)
-    odd = np.zeros(frame.change_size(states.shape[-1]), bool)
-    if modes.mirror is not None:
-        is_odd = modes.odd_features(system.structure, 4 * len(structure.probes))
-        features = replace(
-            features, is_odd=True, even=tuple(i for i, each in enumerate(is_odd) if not each)
-        )
-        odd = np.array(modes.odd_changes())
-    return _Sight(grouped, frame, features, odd, (states[:, 0], states[:, 1], controls))
 
 
-def _network(config: TrainingConfig, sight: _Sight, system: System, numbers: int) -> Network:
-    features = sight.features
-    even = tuple(int(i) for i in np.flatnonzero(~sight.odd_changes)) if features.even else ()
-    sizes = (*features.sizes(numbers - len(features.plain)), len(sight.odd_changes))
-    parts = _parts(sight, system, numbers) if config.network == "hierarchy" else ()
+def _state_data(data: Transitions, dt: float) -> _LatentData:
+    """Return the data of a system whose super steps are made in the state itself."""
+    structure = data.system.structure
+    states = data.states[:, 0]
+    size = states.shape[-1]
+    frame = Frame.of(structure, dt)
+    features = Features.of(structure, size, dt)
+    return _LatentData(
+        encoding=IdentityEncoding(data.system.state),
+        frame=frame,
+        features=features,
+        odd_changes=np.full(frame.change_size(size), features.is_odd),
+        states=states,
+        following=data.states[:, 1],
+        controls=data.controls[:, 0],
+    )
+
+
+def _body_data(data: Transitions, config: TrainingConfig, dt: float) -> _LatentData:
+    """Return the data of a deformable body, whose super steps are made in shape modes."""
+    grouped = _fit_modes(data, config)
+    modes = grouped.modes
+    body = data.system.structure
+    structure = modes.structure(body)
+    states = modes.encode(np.asarray(data.states[:, :2], float))
+    controls = modes.encode_control(np.asarray(data.controls[:, 0], float))
+    size = states.shape[-1]
+    frame = Frame.of(structure, dt)
+    features = Features.of(structure, size, dt)
+    odd_changes = np.zeros(frame.change_size(size), bool)
+    if modes.is_mirrored:
+        even = tuple(i for i, is_odd in enumerate(modes.odd_features(body)) if not is_odd)
+        features = replace(features, is_odd=True, even=even)
+        odd_changes = np.array(modes.odd_changes())
+    return _LatentData(
+        encoding=modes,
+        frame=frame,
+        features=features,
+        odd_changes=odd_changes,
+        states=states[:, 0],
+        following=states[:, 1],
+        controls=controls,
+        grouped_modes=grouped,
+    )
+
+
+def _fit_modes(data: Transitions, config: TrainingConfig) -> GroupedModes:
+    """Return the shape modes of the bodies in `data`, in groups for a hierarchy."""
+    rng = np.random.default_rng(config.seed)
+    count = min(len(data.states), MAX_SHAPES)
+    rows = np.sort(rng.choice(len(data.states), count, replace=False))
+    structure = data.system.structure
+    states = data.states[rows, 0]
+    if config.network == "hierarchy":
+        return fit_grouped_modes(structure, states, config.local_modes)
+    modes = fit_modes(structure, states, config.position_modes, config.velocity_modes)
+    return GroupedModes(modes, [], [])
+
+
+def _network(config: TrainingConfig, latent: _LatentData, system: System, count: int) -> Network:
+    """Return a fresh network for `count` raw features."""
+    features = latent.features
+    even_changes = ()
+    if features.even:
+        even_changes = tuple(int(i) for i in np.flatnonzero(~latent.odd_changes))
+    parts = ()
+    if config.network == "hierarchy":
+        parts = _parts(latent, system, count)
+    odd_size, even_size = features.sizes(count - len(features.plain))
     return make_network(
-        _kind(config, features), *sizes, config.widths, jax.random.key(config.seed), even, parts
+        _network_name(config, features),
+        odd_size,
+        even_size,
+        len(latent.odd_changes),
+        config.widths,
+        jax.random.key(config.seed),
+        even_changes,
+        parts,
     )
 
 
-def _parts(sight: _Sight, system: System, numbers: int) -> tuple[Part, ...]:
-    """Return who sees and answers what in a hierarchy."""
-    if not system.structure.groups:
+def _parts(latent: _LatentData, system: System, count: int) -> tuple[Part, ...]:
+    """Return who sees and answers what in a hierarchy that is shown `count` raw features."""
+    structure = system.structure
+    if not structure.groups:
         raise ArgumentError(
             f"network: {system.name} has no [groups], which a hierarchy needs. Name its segments."
         )
-    if sight.modes is None:
-        return parts_of_joints(system.structure, sight.frame, sight.features, system.control.size)
-    return parts_of_body(sight.modes, system.structure, sight.features.even, numbers)
+    if latent.grouped_modes is None:
+        return parts_of_joints(structure, latent.frame, latent.features, system.control.size)
+    return parts_of_body(latent.grouped_modes, structure, latent.features.even, count)
 
 
-def _kind(config: TrainingConfig, features: Features) -> str:
+def _network_name(config: TrainingConfig, features: Features) -> str:
     """Return the network asked for, or what stands for `gated` where the mirror is another or there is none."""
     if config.network != "gated":
         return config.network
-    return "mirrored" if features.even else "gated" if features.is_odd else "glu"
-
-
-def _modes(data: Transitions, config: TrainingConfig) -> GroupedModes:
-    rng = np.random.default_rng(config.seed)
-    rows = np.sort(rng.choice(len(data.states), min(len(data.states), MAX_SHAPES), replace=False))
-    structure, states = data.system.structure, data.states[rows, 0]
-    if config.network == "hierarchy":
-        return fit_grouped_modes(structure, states, config.local_modes)
-    return GroupedModes(
-        fit_modes(structure, states, config.position_modes, config.velocity_modes), [], []
-    )
-
-
-def _body_units(modes: Modes, data: Transitions, sight: _Sight) -> jax.Array:
-    """Return (V,) the error of each number of a change that costs as much as any other in the body's whole state.
-
-    Errors of modes are measured by what they do to all mass points, found by small changes of some states.
-    """
-    latent, body = sight.latent[0], Frame.of(data.system.structure, 0.0)
-    frame = replace(sight.frame, dt=0.0)
-    few = latent[:: max(1, len(latent) // SHAPES_TRIED)]
-    before, after = np.moveaxis(np.asarray(data.states[:MAX_SHAPES, :2], float), 1, 0)
-    scale = np.maximum(body.difference(before, after).std(axis=0), MIN_SCALE)
-    positions, units = modes.decode(few), []
-    for way in np.eye(len(sight.odd_changes)) * SMALL_CHANGE:
-        moved = body.difference(
-            positions, modes.decode(frame.apply(few, np.broadcast_to(way, (len(few), len(way)))))
-        )
-        effect = np.sqrt(np.mean((moved / scale) ** 2)) / SMALL_CHANGE
-        units.append(1 / max(effect, MIN_SCALE))
-    return jnp.asarray(np.array(units) / np.sqrt(len(units)), jnp.float32)
+    if features.even:
+        return "mirrored"
+    return "gated" if features.is_odd else "glu"
 
 
 def _spec(system: System, substeps: int, dt: float) -> EmulatorSpec:
@@ -178,34 +206,62 @@ def _spec(system: System, substeps: int, dt: float) -> EmulatorSpec:
     )
 
 
-def _domain(plain: np.ndarray, odd: np.ndarray) -> Domain:
-    """Return the range of the plain features, the same on both sides for those the mirror reverses."""
-    low, high = plain.min(axis=0), plain.max(axis=0)
+def _domain(raw: Float[np.ndarray, "N K"], odd: Bool[np.ndarray, " K"]) -> Domain:
+    """Return the range of the raw features, the same on both sides for those the mirror reverses."""
+    low = raw.min(axis=0)
+    high = raw.max(axis=0)
     high = np.where(odd, np.maximum(-low, high), high)
     low = np.where(odd, -high, low)
     return Domain(jnp.asarray(low, jnp.float32), jnp.asarray(high, jnp.float32))
 
 
-def _normaliser(plain: np.ndarray, sight: _Sight, odd_plain: np.ndarray) -> Normaliser:
-    """Return the normaliser of plain features and changes; what the mirror reverses has a mean of zero."""
-    states, following, _ = sight.latent
-    change, whole = (
-        sight.frame.remainder(states, following),
-        sight.frame.difference(states, following),
-    )
-    pairs = (plain, odd_plain), (change, sight.odd_changes)
-    means = [np.where(odd, 0.0, values.mean(axis=0)) for values, odd in pairs]
-    scales = [np.maximum(values.std(axis=0), MIN_SCALE) for values in (plain, change, whole)]
-    if (
-        sight.modes is None
-    ):  # the few numbers of a deformable body all move, and have units of their own
-        moves = whole.std(axis=0) >= MIN_CHANGE
+def _normaliser(
+    data: Transitions,
+    latent: _LatentData,
+    raw: Float[np.ndarray, "N K"],
+    odd_raw: Bool[np.ndarray, " K"],
+) -> Normaliser:
+    """Return the normaliser of raw features and changes; what the mirror reverses has a mean of zero."""
+    change = latent.frame.remainder(latent.states, latent.following)
+    whole_change = latent.frame.difference(latent.states, latent.following)
+    change_scale = np.maximum(change.std(axis=0), MIN_SCALE)
+    unit = np.maximum(whole_change.std(axis=0), MIN_SCALE)
+    if latent.encoding.is_identity:
+        moves = whole_change.std(axis=0) >= MIN_CHANGE
         if not moves.any():
             raise ArgumentError(NOTHING_MOVES)
-        scales[1] = np.where(moves, scales[1], 0.0)
-        scales[2] = np.where(moves, scales[2], 0.0)
-    numbers = [
-        jnp.asarray(value, jnp.float32)
-        for value in (means[0], scales[0], means[1], scales[1], scales[2])
-    ]
-    return Normaliser(*numbers)
+        change_scale = np.where(moves, change_scale, 0.0)
+        unit = np.where(moves, unit, 0.0)
+    else:  # the latent numbers of a deformable body all move, and have units of their own
+        unit = _body_units(data, latent)
+    plain_mean = np.where(odd_raw, 0.0, raw.mean(axis=0))
+    plain_scale = np.maximum(raw.std(axis=0), MIN_SCALE)
+    change_mean = np.where(latent.odd_changes, 0.0, change.mean(axis=0))
+    return Normaliser(
+        plain_mean=jnp.asarray(plain_mean, jnp.float32),
+        plain_scale=jnp.asarray(plain_scale, jnp.float32),
+        change_mean=jnp.asarray(change_mean, jnp.float32),
+        change_scale=jnp.asarray(change_scale, jnp.float32),
+        unit=jnp.asarray(unit, jnp.float32),
+    )
+
+
+def _body_units(data: Transitions, latent: _LatentData) -> Float[np.ndarray, " V"]:
+    """Return the error of each number of a change that costs as much as any other in the body's whole state.
+
+    Errors of modes are measured by what they do to all mass points, found by small changes of some states.
+    """
+    body = Frame.of(data.system.structure, 0.0)
+    frame = replace(latent.frame, dt=0.0)
+    before = np.asarray(data.states[:MAX_SHAPES, 0], float)
+    after = np.asarray(data.states[:MAX_SHAPES, 1], float)
+    scale = np.maximum(body.difference(before, after).std(axis=0), MIN_SCALE)
+    tried = latent.states[:: max(1, len(latent.states) // SHAPES_TRIED)]
+    states = latent.encoding.decode(tried)
+    units = []
+    for change in np.eye(len(latent.odd_changes)) * SMALL_CHANGE:
+        moved = frame.apply(tried, np.broadcast_to(change, (len(tried), len(change))))
+        difference = body.difference(states, latent.encoding.decode(moved))
+        effect = np.sqrt(np.mean((difference / scale) ** 2)) / SMALL_CHANGE
+        units.append(1 / max(effect, MIN_SCALE))
+    return np.array(units) / np.sqrt(len(units))

@@ -1,0 +1,79 @@
+"""Fitting shape modes: the directions in which the bodies of a data set vary most, and how far they go along them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.emulator.pca import Basis, principal, reflection
+from neuroanimator.emulator.shape_modes import LIMITS, ShapeModes, view_in_frame
+from neuroanimator.state.structure import Structure
+
+HARDLY_EXCEEDED = 0.9995
+"""Share of the training states within the limits of the modes."""
+
+MIN_SPREAD = 1e-9
+"""Least standard deviation of a mode: those that never vary are not divided by zero."""
+
+
+def fit_modes(
+    structure: Structure,
+    states: Float[np.ndarray, "B S"],
+    position_modes: int,
+    velocity_modes: int,
+) -> ShapeModes:
+    """Return the modes in which the bodies in `states` (B, S) vary most."""
+    assert structure.cloud is not None
+    body = view_in_frame(structure.cloud, np.asarray(states, float))
+    reflect = None
+    if structure.mirror is not None:
+        reflect = reflection(structure.mirror)
+    most = body.shape.shape[1]
+    positions = principal(body.shape, min(position_modes, most), reflect)
+    velocities = principal(body.flow, min(velocity_modes, most), reflect)
+    return modes_along(structure, positions, velocities, states)
+
+
+def modes_along(
+    structure: Structure, positions: Basis, velocities: Basis, states: Float[np.ndarray, "B S"]
+) -> ShapeModes:
+    """Return the modes in these directions, with spread and limits of the bodies in `states` (B, S)."""
+    assert structure.cloud is not None
+    lags = [segment for segment in structure.segments if segment.kind == "lag"]
+    time_constant = 0.0
+    if lags:
+        time_constant = lags[0].time_constant
+    modes = ShapeModes(
+        positions=jnp.asarray(positions.directions, jnp.float32),
+        velocities=jnp.asarray(velocities.directions, jnp.float32),
+        mean_position=jnp.asarray(positions.mean, jnp.float32),
+        mean_velocity=jnp.asarray(velocities.mean, jnp.float32),
+        spread=jnp.ones(positions.directions.shape[1] + velocities.directions.shape[1]),
+        limits=jnp.ones(LIMITS.size),
+        cloud=structure.cloud,
+        mirror=structure.mirror,
+        odd_positions=positions.odd,
+        odd_velocities=velocities.odd,
+        muscles=sum(segment.size for segment in lags),
+        time_constant=time_constant,
+    )
+    return _with_limits(modes, states)
+
+
+def _with_limits(modes: ShapeModes, states: Float[np.ndarray, "B S"]) -> ShapeModes:
+    """Return `modes` with spread and limits of the bodies in `states` (B, S)."""
+    latent = modes.encode(np.asarray(states, float))
+    velocity = modes.layout.part(latent, "frame.velocity")
+    angular_velocity = modes.layout.part(latent, "frame.angular_velocity")
+    amounts = modes.layout.part(latent, "modes")
+    spread = np.maximum(amounts.std(axis=0), MIN_SPREAD)
+    squares = modes.squares_of_limited(velocity, angular_velocity, amounts / spread)
+    limits = np.array([np.quantile(np.sqrt(square), HARDLY_EXCEEDED) for square in squares])
+    return replace(
+        modes,
+        spread=jnp.asarray(spread, jnp.float32),
+        limits=jnp.asarray(limits, jnp.float32),
+    )
