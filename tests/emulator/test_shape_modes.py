@@ -19,9 +19,9 @@ from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.definitions.body import BodyDefinition
+from neuroanimator.emulator.mode_fitting import fit_modes
 from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part, check_parts
 from neuroanimator.emulator.pca import reflection
-from neuroanimator.emulator.shape_modes import fit_modes
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.reference_shape import flat_of, points_of, to_world_axes

@@ -94,7 +94,7 @@ def test_gravity_is_not_turned_away(fresh: Emulator):
         np.broadcast_to([np.sqrt(0.5), np.sqrt(0.5), 0, 0], (50, 4)), states[:, 3:7]
     )
     local = [
-        fresh.plain_of(jnp.asarray(s, jnp.float32), jnp.asarray(controls, jnp.float32))
+        fresh.raw_features_of(jnp.asarray(s, jnp.float32), jnp.asarray(controls, jnp.float32))
         for s in (states, tipped)
     ]
     assert np.abs(local[0] - local[1]).max() > 0.5

@@ -62,8 +62,6 @@ def make_clip(
     frames = max(1, int(duration * rate + 1e-6))
     times = np.arange(frames + 1) / rate
     times = times[times <= duration + 1e-9] if frames > 1 else np.array([0.0, duration])
-    orientations = (
-        emulator.frame.orientations if emulator.modes is None else ()
-    )  # mass points have no quaternions to keep
+    orientations = emulator.state_structure.orientations
     between = INTERPOLATIONS[interpolation](states, spec.dt, times, spec.rates, orientations)
     return Clip(spec.system, spec.skeleton, times, between, spec.definition, source)

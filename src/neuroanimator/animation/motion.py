@@ -10,7 +10,7 @@ from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.rotation import multiply, rotate
-from neuroanimator.state.start import quaternion_entries, start_state
+from neuroanimator.state.start import start_state
 
 LONGEST = 3600.0
 """[s] Longest random motion; an hour."""
@@ -69,7 +69,7 @@ def random_motion(
 
 def _free_hinges(emulator: Emulator) -> np.ndarray:
     """Return the state entries of hinges that are at 0 at rest; a body of mass points has none."""
-    if emulator.modes is not None:
+    if emulator.state_structure.cloud is not None:
         return np.array([], int)
     angles = np.asarray(emulator.features.angles).any(axis=0) & (emulator.rest == 0)
     positions = np.array(
@@ -80,7 +80,8 @@ def _free_hinges(emulator: Emulator) -> np.ndarray:
 
 def _swims_under_a_surface(emulator: Emulator) -> bool:
     """Return whether this is a body of mass points in water with a surface."""
-    return emulator.modes is not None and emulator.frame.is_immersed and bool(emulator.frame.probes)
+    is_body = emulator.state_structure.cloud is not None
+    return is_body and emulator.frame.is_immersed and bool(emulator.frame.probes)
 
 
 def _level_swim(emulator: Emulator, start: np.ndarray, controls: np.ndarray) -> np.ndarray:
@@ -119,18 +120,18 @@ def _dived(emulator: Emulator, start: np.ndarray) -> np.ndarray:
 
 def _thrown(emulator: Emulator, start: np.ndarray) -> np.ndarray:
     """Return `start` (S,) of a soft body turned, above the ground, and flying: up, forward and spinning."""
-    assert emulator.modes is not None
     positions, velocities = _points(emulator, start)
     size = float(np.ptp(positions, axis=0).max())
-    reach = np.asarray(emulator.modes.reach)
     centre = positions.mean(axis=0)
     orientation = multiply(_about(0, TOSS_TURN[0]), _about(1, TOSS_TURN[1]))
     offsets = rotate(np.broadcast_to(orientation, (len(positions), 4)), positions - centre)
     fall = np.sqrt(GRAVITY * TOSS * size)  # half the height is climbed: v² = 2 g (TOSS / 2) size
     velocity = np.array([0.6 * fall, 0.15 * fall, fall])
-    velocity *= min(1.0, WELL_WITHIN * float(reach[2]) / float(np.linalg.norm(velocity)))
+    velocity *= min(
+        1.0, WELL_WITHIN * emulator.encoding.max_speed / float(np.linalg.norm(velocity))
+    )
     angular_velocity = TOSS_SPIN * min(
-        1.0, WELL_WITHIN * float(reach[3]) / float(np.linalg.norm(TOSS_SPIN))
+        1.0, WELL_WITHIN * emulator.encoding.max_angular_speed / float(np.linalg.norm(TOSS_SPIN))
     )
     positions[:] = centre + np.array([0.0, 0.0, TOSS / 2 * size]) + offsets
     velocities[:] = velocity + np.cross(angular_velocity, offsets)
@@ -139,7 +140,11 @@ def _thrown(emulator: Emulator, start: np.ndarray) -> np.ndarray:
 
 def _is_soft_on_ground(emulator: Emulator) -> bool:
     """Return whether this is a body of mass points that at rest lies wholly above the level its heights count from."""
-    if emulator.modes is None or not emulator.frame.has_gravity or emulator.frame.is_immersed:
+    if (
+        emulator.state_structure.cloud is None
+        or not emulator.frame.has_gravity
+        or emulator.frame.is_immersed
+    ):
         return False
     positions, _ = _points(emulator, emulator.rest)
     return float(positions[:, 2].min()) > _level(emulator) - 0.05 * float(np.ptp(positions[:, 2]))
@@ -152,8 +157,9 @@ def _level(emulator: Emulator) -> float:
 
 def _points(emulator: Emulator, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return places [m] and velocities [m/s] (N, 3) of the mass points of `state` (S,), as views into it."""
-    assert emulator.modes is not None
-    size = 3 * emulator.modes.cloud.count
+    cloud = emulator.state_structure.cloud
+    assert cloud is not None
+    size = 3 * cloud.count
     return state[:size].reshape(-1, 3), state[size : 2 * size].reshape(-1, 3)
 
 
@@ -167,10 +173,11 @@ def _about(axis: int, angle: float) -> np.ndarray:
 
 def named_start(emulator: Emulator, parts: Mapping[str, Sequence[float]]) -> np.ndarray:
     """Return the state of rest (S,) with the numbers of each of `parts` in their places; see `start_state`."""
-    spec, modes = emulator.spec, emulator.modes
-    orientations = quaternion_entries(emulator.frame.segments) if modes is None else ()
-    cloud = None if modes is None else modes.cloud
-    return start_state(spec.state, spec.rest, parts, orientations=orientations, cloud=cloud)
+    structure = emulator.state_structure
+    orientations = [entry for entry, _ in structure.orientations]
+    return start_state(
+        emulator.state, emulator.rest, parts, orientations=orientations, cloud=structure.cloud
+    )
 
 
 def controlled_motion(

@@ -11,12 +11,15 @@ import numpy as np
 
 from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
 from neuroanimator.definitions.carried import check_carried
-from neuroanimator.emulator.emulator import Domain, Emulator, EmulatorSpec
+from neuroanimator.emulator.domain import Domain
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.encoding import IdentityEncoding
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.networks import MAX_LAYER, NETWORKS, make_network
 from neuroanimator.emulator.networks.hierarchy import parts_from_json, parts_to_json
 from neuroanimator.emulator.normaliser import Normaliser
-from neuroanimator.emulator.shape_modes import Modes
+from neuroanimator.emulator.shape_modes import ShapeModes
+from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.names import check_system_name
 from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers, whole
@@ -53,13 +56,17 @@ MAX_FAULT = 300
 def tensors_of(tree: Any) -> dict[str, np.ndarray]:
     """Return every array in a pytree under its dotted path."""
     leaves, _ = jax.tree_util.tree_flatten_with_path(eqx.filter(tree, eqx.is_array))
-    return {jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
+    return {_name(path): np.asarray(leaf) for path, leaf in leaves}
+
+
+def _name(path: Any) -> str:
+    return jax.tree_util.keystr(path).replace(".encoding.", ".modes.").replace(".limits", ".reach")
 
 
 def with_tensors(tree: Any, tensors: dict[str, np.ndarray]) -> Any:
     """Return `tree` with its arrays replaced; ValueError unless names and shapes are exactly the same."""
     paths, structure = jax.tree_util.tree_flatten_with_path(tree)
-    names = [jax.tree_util.keystr(path) for path, _ in paths]
+    names = [_name(path) for path, _ in paths]
     if set(names) != set(tensors):
         wrong = sorted(set(names) ^ set(tensors))[0]
         raise ValueError(f"tensor {quoted(wrong)} is missing or not expected")
@@ -118,7 +125,7 @@ def describe(emulator: Emulator) -> dict[str, Any]:
         "dt": spec.dt,
         "skeleton": spec.skeleton.to_json(),
         "rates": [list(pair) for pair in spec.rates],
-        "modes": None if emulator.modes is None else emulator.modes.to_json(),
+        "modes": emulator.encoding.to_json(),
         "frame": {
             "segments": segments_to_json(emulator.frame.segments),
             "probes": [list(probe) for probe in emulator.frame.probes],
@@ -160,11 +167,9 @@ def check_arrays(emulator: Emulator) -> None:
     """Refuse weights that make every prediction NaN: ranges without an inside, numbers divided by nothing."""
     if not (np.asarray(emulator.domain.low) <= np.asarray(emulator.domain.high)).all():
         raise ValueError("domain: wanted low below high")
-    divisors = [emulator.normaliser.plain_scale]
-    if emulator.modes is not None:
-        divisors += [emulator.modes.spread]
-    if any((np.asarray(scale) <= 0).any() for scale in divisors):
+    if (np.asarray(emulator.normaliser.plain_scale) <= 0).any():
         raise ValueError("normaliser or modes: wanted scales above 0")
+    emulator.encoding.check()
     changes = [emulator.normaliser.change_scale, emulator.normaliser.unit]
     if any(
         (np.asarray(scale) < 0).any() for scale in changes
@@ -220,12 +225,10 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     spec = _spec(metadata)
     state, control = spec.state, spec.control
     described, layers = metadata["features"], metadata["network"]
-    modes = (
-        None
-        if metadata["modes"] is None
-        else Modes.from_json(metadata["modes"], state.size, control.size)
-    )
-    latent = state.size if modes is None else modes.size
+    encoding = IdentityEncoding(state)
+    if metadata["modes"] is not None:
+        encoding = ShapeModes.from_json(metadata["modes"], state.size, control.size)
+    latent = encoding.layout.size
     plain = entries(described["plain"], "features: plain", latent)
     rows = whole(described["rows"], "features: rows", 0, MAX_LAYER)
     widths = listed(
@@ -253,7 +256,7 @@ def blank(metadata: dict[str, Any]) -> Emulator:
         network=network,
         domain=Domain(zeros(seen), zeros(seen)),
         spec=spec,
-        modes=modes,
+        encoding=encoding,
     )
 
 

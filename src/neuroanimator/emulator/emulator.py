@@ -189,6 +189,12 @@ class Emulator(eqx.Module):
         felt = self.frame.seen_control(latent, control)
         return self.features.plain_of(latent, local, felt)
 
+    def raw_features_of(
+        self, state: Float[AnyArray, "*B S"], control: Float[AnyArray, "*B C"]
+    ) -> Float[AnyArray, "*B K"]:
+        """Return `raw_features` (..., K) of a state (..., S) and a control (..., C) as the system has them."""
+        return self.raw_features(self.encode(state), self.encode_control(control))
+
     def rollout(
         self, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool = False
     ) -> Float[Array, "*B F S"]:

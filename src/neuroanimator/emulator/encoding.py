@@ -7,6 +7,7 @@ of mass points makes them in a rigid frame and a few shape modes (`shape_modes.S
 from __future__ import annotations
 
 import abc
+import math
 from typing import Any
 
 import equinox as eqx
@@ -49,13 +50,13 @@ class Encoding(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def max_speed(self) -> float | None:
-        """Greatest speed [m/s] of the body that `bounded` lets pass; None where it sets no such limit."""
+    def max_speed(self) -> float:
+        """Greatest speed [m/s] of the body that `bounded` lets pass; infinite where it sets no limit."""
 
     @property
     @abc.abstractmethod
-    def max_angular_speed(self) -> float | None:
-        """Greatest angular speed [rad/s] of the body that `bounded` lets pass; None where it sets no such limit."""
+    def max_angular_speed(self) -> float:
+        """Greatest angular speed [rad/s] of the body that `bounded` lets pass; infinite where it sets no limit."""
 
     @abc.abstractmethod
     def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B I"]:
@@ -122,12 +123,12 @@ class IdentityEncoding(Encoding):
         return False
 
     @property
-    def max_speed(self) -> None:
-        return None
+    def max_speed(self) -> float:
+        return math.inf
 
     @property
-    def max_angular_speed(self) -> None:
-        return None
+    def max_angular_speed(self) -> float:
+        return math.inf
 
     def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B S"]:
         return state

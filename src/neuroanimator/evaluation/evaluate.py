@@ -246,7 +246,7 @@ def judge_training(emulator: Emulator, data: Transitions, config: TrainingConfig
     states = np.asarray(kept.states[:, :2], float)
     controls = np.asarray(kept.controls[:, :1], float)
     test = make_test(data.system, emulator.dt, states, controls)
-    if emulator.modes is None:  # the same unit as in the error that training reports
+    if emulator.encoding.is_identity:  # the same unit as in the error that training reports
         test = replace(test, change_scale=np.asarray(emulator.normaliser.unit, float))
     return judge(float(root_mean_square(one_step_error(emulator, test))), baselines(None, test))
 

@@ -51,7 +51,7 @@ def count_blow_ups(
         path = np.asarray(
             emulator.rollout(np.where(fine[:, None], states, rest), block, may_diverge=True)
         )
-        seen = np.abs(emulator.plain_of(path[:, 1:], block.astype(np.float32)))
+        seen = np.abs(emulator.raw_features_of(path[:, 1:], block.astype(np.float32)))
         fine &= np.isfinite(path).all(axis=(1, 2)) & (seen <= bound).all(axis=(1, 2))
         states = path[:, -1]
     return int((~fine).sum())
@@ -67,7 +67,7 @@ def reach(emulator: Emulator, steps: int) -> np.ndarray:
     states = sample_starts(system, rng, PHYSICS_STARTS, threads)
     for block in _control_blocks(emulator, rng, PHYSICS_STARTS, steps):
         runs = system.simulate(states, block, emulator.dt, scheme=system.scheme, threads=threads)
-        seen = emulator.plain_of(runs.states[runs.is_alive, 1:], block[runs.is_alive])
+        seen = emulator.raw_features_of(runs.states[runs.is_alive, 1:], block[runs.is_alive])
         largest = np.maximum(largest, np.abs(seen).max(axis=(0, 1), initial=0))
         states = np.where(runs.is_alive[:, None], runs.states[:, -1], system.rest)
     return largest

@@ -114,7 +114,7 @@ def _step_row(
     held = emulator.encode_control(control)
     latent = emulator.step_latent(episode.latent, held)
     state = emulator.decode(latent)
-    is_near = is_near_training(emulator, emulator.seen(latent, held))
+    is_near = is_near_training(emulator, emulator.raw_features(latent, held))
     is_far = ~(is_near & jnp.all(jnp.isfinite(state)))
     is_to_come = jnp.arange(len(episode.states)) > number
     states = jnp.where(is_to_come[:, None], state, episode.states)
@@ -148,7 +148,7 @@ def observe(
 
     def observe_row(latent: Array, aim: AimArrays, time_left: Array) -> Array:
         relaxed = emulator.encode_control(jnp.asarray(emulator.bounds.middle, latent.dtype))
-        features = emulator.normaliser.forward(emulator.seen(latent, relaxed))
+        features = emulator.normaliser.forward(emulator.raw_features(latent, relaxed))
         odd, even = emulator.features.streams(latent, features)
         goal = _observe_goal(emulator, latent, aim, scale, is_in_a_fixed_world)
         observation = jnp.concatenate([odd, even, *goal, time_left[None]])

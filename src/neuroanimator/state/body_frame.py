@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator
 
 import equinox as eqx
-import numpy as np
 
 from neuroanimator.state.reference_shape import (
     Cloud,
@@ -30,7 +29,7 @@ from neuroanimator.state.rotation import (
     rotation_rows,
     upward,
 )
-from neuroanimator.state.structure import Probe, Segment, Structure
+from neuroanimator.state.structure import Probe, Segment, Structure, orientations_of
 
 PROBE_CEILING = 1.0
 """[m] A foot higher than about this is as good as infinitely high: no super step crosses it unseen."""
@@ -109,12 +108,7 @@ class Frame(eqx.Module):
     @property
     def orientations(self) -> tuple[tuple[int, int], ...]:
         """(i, j) where a quaternion begins at state entry i and its angular velocity, in the body's frame, at j."""
-        starts = np.cumsum([0, *(segment.size for segment in self.segments)])
-        return tuple(
-            (int(start), segment.rate)
-            for start, segment in zip(starts, self.segments, strict=False)
-            if segment.kind == "quaternion"
-        )
+        return orientations_of(self.segments)
 
     @property
     def _has_root(self) -> bool:

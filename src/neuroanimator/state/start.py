@@ -14,7 +14,6 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import facing, rotate
-from neuroanimator.state.structure import Segment
 
 BODY = {
     "body.position": Slice("body.position", 3, "m"),
@@ -60,17 +59,6 @@ def start_state(
             )
         orientation /= length
     return start
-
-
-def quaternion_entries(segments: Iterable[Segment]) -> list[int]:
-    """Return the state entries at which quaternions begin."""
-    entries = []
-    first = 0
-    for segment in segments:
-        if segment.kind == "quaternion":
-            entries.append(first)
-        first += segment.size
-    return entries
 
 
 def read_starts(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:

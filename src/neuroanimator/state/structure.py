@@ -130,6 +130,22 @@ class Structure:
     external_forces: tuple[tuple[float, ...], ...] = ()
     is_immersed: bool = False
 
+    @property
+    def orientations(self) -> tuple[tuple[int, int], ...]:
+        """(i, j) where a quaternion begins at state entry i and its angular velocity, in the body's frame, at j."""
+        return orientations_of(self.segments)
+
+
+def orientations_of(segments: tuple[Segment, ...]) -> tuple[tuple[int, int], ...]:
+    """Return `Structure.orientations` of a state made of `segments`."""
+    orientations = []
+    first = 0
+    for segment in segments:
+        if segment.kind == "quaternion":
+            orientations.append((first, segment.rate))
+        first += segment.size
+    return tuple(orientations)
+
 
 def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
     """Return the segments as plain lists."""

@@ -13,7 +13,7 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
-from neuroanimator.state.start import quaternion_entries, start_state
+from neuroanimator.state.start import start_state
 from neuroanimator.state.structure import Structure
 
 if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulator does not need it
@@ -113,7 +113,7 @@ class System(abc.ABC):
 
     def start_at(self, parts: Mapping[str, Sequence[float]]) -> np.ndarray:
         """Return the state of rest (S,) with the numbers of each of `parts` in their places; see `start_state`."""
-        orientations = quaternion_entries(self.structure.segments)
+        orientations = [entry for entry, _ in self.structure.orientations]
         return start_state(
             self.state, self.rest, parts, orientations=orientations, cloud=self.structure.cloud
         )

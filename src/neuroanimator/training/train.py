@@ -219,14 +219,10 @@ def keeps_still(system: System, emulator: Emulator) -> bool:
 
 
 def base_windows(base: Emulator, data: Transitions) -> Transitions:
-    """Return the windows in the numbers in which `base` makes its super steps."""
-    if base.modes is None:
-        return data
-    states, controls = (
-        base.encode(np.asarray(data.states, float)),
-        base.encode_control(data.controls),
-    )
-    return replace(data, states=states.astype(np.float32), controls=controls.astype(np.float32))
+    """Return the windows in the latent numbers in which `base` makes its super steps."""
+    states = base.encoding.encode_recorded(data.states)
+    controls = base.encode_control(data.controls).astype(np.float32, copy=False)
+    return replace(data, states=states, controls=controls)
 
 
 def validation_mask(run: np.ndarray, config: TrainingConfig) -> np.ndarray:

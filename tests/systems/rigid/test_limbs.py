@@ -120,7 +120,7 @@ def test_a_child_sees_its_own_joints_and_motors_and_the_rest_but_no_other_limb(d
 
     def seen(part: Part, state: np.ndarray, control: np.ndarray) -> np.ndarray:
         stream, _ = emulator.features.streams(
-            jnp.asarray(state), jnp.asarray(emulator.seen(state, control))
+            jnp.asarray(state), jnp.asarray(emulator.raw_features(state, control))
         )
         return np.asarray(stream)[list(part.odd)]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from neuroanimator.control.objective.objective import Objective, Term
@@ -33,8 +35,9 @@ def check_reachable(
 
 def fastest_speed(emulator: Emulator) -> float | None:
     """Return the greatest speed [m/s] training showed; None where nothing moves freely."""
-    if emulator.modes is not None:
-        return float(emulator.modes.reach[2])
+    max_speed = emulator.encoding.max_speed
+    if math.isfinite(max_speed):
+        return max_speed
     entries = emulator.frame.velocity_entries
     if not entries:
         return None
@@ -48,7 +51,7 @@ def fastest_speed(emulator: Emulator) -> float | None:
 
 def _check_state(term: ReachState, emulator: Emulator) -> None:
     control = np.asarray(emulator.bounds.middle, np.float32)
-    plain = np.asarray(emulator.plain_of(np.asarray(term.goal), control))
+    plain = np.asarray(emulator.raw_features_of(np.asarray(term.goal), control))
     room = ROOM * np.maximum(np.abs(emulator.domain.low), np.abs(emulator.domain.high))
     states = len(plain) - emulator.frame.control_size(len(control))
     if (np.abs(plain) > room)[:states].any():

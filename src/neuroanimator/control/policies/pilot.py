@@ -17,11 +17,9 @@ from neuroanimator.animation.interpolate import interpolate_hermite
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import load_policy
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward
-from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import Pose, read_pose
-from neuroanimator.state.structure import Structure
 
 MAX_LEAD = 1.2
 """How far the asked heading may lead the body's [rad]: what it cannot follow is not saved up for later."""
@@ -61,7 +59,7 @@ class Pilot:
     def __init__(self, policy: Policy | str | Path):
         """Make it from a policy, its file, or a shipped one's name, such as `fish`; it stands at rest."""
         self.policy = policy if isinstance(policy, Policy) else load_policy(policy)
-        self._structure = _state_structure(self.policy.emulator)
+        self._structure = self.policy.emulator.state_structure
         self.reset()
 
     @property
@@ -199,7 +197,7 @@ class Pilot:
         ends = np.stack([self._begin, self._end])
         now = np.array([min(self._since_begin, emulator.dt)])
         # Mass points have no quaternions that must stay of length one.
-        orientations = emulator.frame.orientations if emulator.modes is None else ()
+        orientations = emulator.state_structure.orientations
         return interpolate_hermite(ends, emulator.dt, now, emulator.rates, orientations)[0]
 
     def _pose(self, state: Float[np.ndarray, " S"]) -> Pose:
@@ -227,13 +225,6 @@ def _super_step(
     controls = policy.control(latent, phase, command)
     following = emulator.step_latent(latent, emulator.encode_control(controls))
     return following, emulator.decode(following), controls
-
-
-def _state_structure(emulator: Emulator) -> Structure:
-    """Return the structure of the emulator's states, as far as a pose needs it."""
-    if emulator.modes is None:
-        return Structure((), (), (), segments=emulator.frame.segments)
-    return Structure((), (), (), cloud=emulator.modes.cloud)
 
 
 def _heading(pose: Pose) -> float:

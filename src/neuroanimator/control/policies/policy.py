@@ -19,7 +19,6 @@ from jaxtyping import Array, Float
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.networks.network import Network
-from neuroanimator.emulator.pca import mixing
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.pose import Pose, read_pose
@@ -71,7 +70,7 @@ class Rhythm(NamedTuple):
         waves = np.array(gait.amplitudes) * np.exp(-1j * np.array(gait.lags))
         mixed = [emulator.encode_control(part) for part in (waves.real, waves.imag)]
         sizes = np.abs(np.stack(mixed))
-        odd = odd_controls(emulator)
+        odd = emulator.encoding.odd_controls
         is_odd = bool(sizes[:, :odd].sum() > sizes[:, odd:].sum())
         return cls(gait.period, gait.amplitudes, gait.lags, is_odd)
 
@@ -112,7 +111,7 @@ class Policy(eqx.Module):
         normalised = self._normalised(command)
         odd, even = self._streams(latent, phase, normalised)
         mixed = self.network(odd, even)
-        steered = mixed if emulator.modes is None else emulator.modes.decode_control(mixed)
+        steered = emulator.encoding.decode_control(mixed)
         amplitudes = jnp.asarray(self.rhythm.amplitudes)
         lags = jnp.asarray(self.rhythm.lags)
         # The wave at the middle of the super step, full at the highest speed, nothing at the lowest.
@@ -158,10 +157,10 @@ class Policy(eqx.Module):
         """
         emulator = self.emulator
         relaxed = emulator.encode_control(jnp.asarray(emulator.bounds.middle, latent.dtype))
-        features = emulator.domain.clip(emulator.seen(latent, relaxed))
+        features = emulator.domain.clip(emulator.raw_features(latent, relaxed))
         odd, even = emulator.features.streams(latent, emulator.normaliser.forward(features))
         clock = jnp.stack([jnp.sin(phase), jnp.cos(phase)])
-        if not is_mirrored(emulator):
+        if not emulator.encoding.is_mirrored:
             return jnp.concatenate([odd, clock, command]), even
         no_clock = clock[:0]
         odd_clock, even_clock = (clock, no_clock) if self.rhythm.is_odd else (no_clock, clock)
@@ -173,19 +172,6 @@ class Policy(eqx.Module):
 def latent_structure(emulator: Emulator) -> Structure:
     """Return the structure of the states that `Emulator.encode` gives, as far as a pose needs it."""
     return Structure((), (), (), segments=emulator.frame.segments)
-
-
-def is_mirrored(emulator: Emulator) -> bool:
-    """Return whether the body has a left and a right that are alike."""
-    return emulator.modes is not None and emulator.modes.mirror is not None
-
-
-def odd_controls(emulator: Emulator) -> int:
-    """Return how many of the mixed controls, the first ones, the mirror reverses."""
-    modes = emulator.modes
-    if modes is None or modes.mirror is None:
-        return 0
-    return mixing(modes.mirror)[1]
 
 
 def fresh_policy(
@@ -201,14 +187,14 @@ def fresh_policy(
     read_pose(latent_structure(emulator), emulator.encode(jnp.asarray(emulator.rest)))
     others = emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain)
     odd, even = emulator.features.sizes(others)
-    if is_mirrored(emulator):
+    if emulator.encoding.is_mirrored:
         odd += len(range(COMMAND.size)[ODD_COMMANDS])
         even += len(range(COMMAND.size)[EVEN_COMMANDS])
         if rhythm.is_odd:
             odd += CLOCK_SIZE
         else:
             even += CLOCK_SIZE
-        even_out = tuple(range(odd_controls(emulator), size))
+        even_out = tuple(range(emulator.encoding.odd_controls, size))
         network = make_network("mirrored", odd, even, size, widths, key, even_out)
     else:
         odd += CLOCK_SIZE + COMMAND.size

@@ -153,6 +153,6 @@ def outside_training(
     emulator: Emulator, path: Float[Array, "T B I"], controls: Float[Array, "T B C"]
 ) -> Float[Array, "T B K"]:
     """Return how far what the emulator sees lies outside of what training showed, in standard deviations."""
-    features = emulator.seen(path, emulator.encode_control(controls))
+    features = emulator.raw_features(path, emulator.encode_control(controls))
     inside = jax.vmap(jax.vmap(emulator.domain.clip))(features)
     return (features - inside) / emulator.normaliser.plain_scale

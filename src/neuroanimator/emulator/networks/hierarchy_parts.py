@@ -1,24 +1,20 @@
-"""Who sees and answers what in a hierarchy, from the groups a user names."""
+"""Who sees and answers what in a hierarchy of networks, from the groups a user names."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.emulator.features import Features
-from neuroanimator.emulator.group_modes import GroupedModes
+from neuroanimator.emulator.group_modes import GroupedModes, Owner
 from neuroanimator.emulator.networks.hierarchy import Part
 from neuroanimator.emulator.pca import mixing
-from neuroanimator.emulator.shape_modes import Modes
+from neuroanimator.emulator.shape_modes import ShapeModes
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.structure import Group, Structure
-
-RIGID_CHANGES = 12
-"""Numbers of a body's change that are its frame's: place, turn, velocity, spin."""
-SPIN = 3
-"""Of a body's features the first: its spin; its modes follow."""
 
 
 def parts_of_body(
@@ -26,38 +22,52 @@ def parts_of_body(
 ) -> tuple[Part, ...]:
     """Return who sees and answers what: the upper network all but the segments' own modes, a child its segment.
 
-    `even` names the even ones among the `features`.
+    `features` is the number of raw features, and `even` names the even ones among them.
     """
-    modes, count = grouped.modes, grouped.modes.count
-    a, b = modes.odd_positions, modes.odd_velocities
-    own_q, own_p = grouped.place_owners, grouped.speed_owners
-    owners = [*own_q[:a], *own_p[:b], *own_q[a:], *own_p[b:]]
-    upper = [
-        i for i in range(features) if not SPIN <= i < SPIN + count or owners[i - SPIN].is_centre
-    ]
-    centres = (RIGID_CHANGES + i for i, owner in enumerate(owners) if owner.is_centre)
-    parts = [_part("body", upper, (*range(RIGID_CHANGES), *centres), even, features)]
+    modes = grouped.modes
+    owners = _owners_in_latent_order(grouped)
+    first_change = modes.change_layout.index("modes").start
+    first_feature = modes.feature_layout.index("modes").start
+    centres = [i for i, owner in enumerate(owners) if owner.is_centre]
+    own_features = {first_feature + i for i, owner in enumerate(owners) if not owner.is_centre}
+    upper_sees = [i for i in range(features) if i not in own_features]
+    upper_answers = (*range(first_change), *(first_change + i for i in centres))
+    parts = [_part("body", upper_sees, upper_answers, even, features)]
     for number, group in enumerate(structure.groups):
-        near = [
-            i
-            for i, owner in enumerate(owners)
-            if owner.is_centre and abs(owner.group - number) <= 1
-        ]
+        near = [i for i in centres if abs(owners[i].group - number) <= 1]
         own = [i for i, owner in enumerate(owners) if owner.group == number and not owner.is_centre]
-        sees = [SPIN + i for i in sorted({*near, *own})] + _controls_seen(
-            modes, group, SPIN + count, features
-        )
-        answers, hears = (tuple(RIGID_CHANGES + i for i in numbers) for numbers in (own, near))
+        sees = [first_feature + i for i in sorted({*near, *own})]
+        sees += _features_of_controls(modes, group, features)
+        answers = tuple(first_change + i for i in own)
+        hears = tuple(first_change + i for i in near)
         parts.append(_part(group.name, sees, answers, even, features, hears))
     return tuple(parts)
 
 
-def _controls_seen(modes: Modes, group: Group, first: int, features: int) -> list[int]:
-    """Return the features that are contractions or controls of muscles at `group`, or sums and differences of them."""
+def _owners_in_latent_order(grouped: GroupedModes) -> list[Owner]:
+    """Return the owners of all modes in the order of the latent part "modes"."""
+    odd_positions = grouped.modes.odd_positions
+    odd_velocities = grouped.modes.odd_velocities
+    return [
+        *grouped.position_owners[:odd_positions],
+        *grouped.velocity_owners[:odd_velocities],
+        *grouped.position_owners[odd_positions:],
+        *grouped.velocity_owners[odd_velocities:],
+    ]
+
+
+def _features_of_controls(modes: ShapeModes, group: Group, features: int) -> list[int]:
+    """Return the features that are activations or controls of muscles at `group`, or sums and differences of them."""
     size = modes.muscles
-    mix = np.eye(size) if modes.mirror is None else mixing(modes.mirror)[0]
+    mix = np.eye(size)
+    if modes.mirror is not None:
+        mix = mixing(modes.mirror)[0]
     columns = np.flatnonzero(np.abs(mix[list(group.controls)]).sum(axis=0) > 0)
-    return [start + int(c) for start in (first, features - size) for c in columns]
+    first_activation = modes.feature_layout.index("activations").start
+    first_control = features - size
+    activations = [first_activation + int(column) for column in columns]
+    controls = [first_control + int(column) for column in columns]
+    return activations + controls
 
 
 def _part(
@@ -68,6 +78,7 @@ def _part(
     features: int,
     hears: tuple[int, ...] = (),
 ) -> Part:
+    """Return a part that sees some of the raw features, each numbered within its stream."""
     odd = [i for i in range(features) if i not in even]
     return Part(
         name=name,
@@ -86,34 +97,41 @@ def parts_of_joints(
     The rest is what is in no group: the root, and joints left out. A child sees its own joints, their motors and
     the rest as it is now, and hears what becomes of the rest.
     """
-    angles, plain = np.asarray(features.angles), features.plain
-    first = 2 * len(angles)
-    local = range(first + len(plain), first + len(plain) + frame.local_size)
+    angles = np.asarray(features.angles)
+    state_size = angles.shape[1]
+    first_local = 2 * len(angles) + len(features.plain)
+    local = range(first_local, first_local + frame.local_size)
     motors = range(local.stop, local.stop + controls)
-    changes = frame.change_entries(angles.shape[1])
-    grouped = {entry for group in structure.groups for entry in group.entries}
-    left = [entry for entry in range(angles.shape[1]) if entry not in grouped]
-    rest = _changed(changes, left)
+    changes = frame.change_entries(state_size)
+    in_groups = {entry for group in structure.groups for entry in group.entries}
+    ungrouped = [entry for entry in range(state_size) if entry not in in_groups]
+    rest = _changes_of(changes, ungrouped)
     if not rest:
         raise ArgumentError(
             "groups: every joint is in one. Leave out those that carry the others, such as a waist."
         )
+    rest_features = _features_of(angles, features.plain, ungrouped)
     parts = [Part("body", tuple(range(motors.stop)), (), rest)]
     for group in structure.groups:
-        seen = {*_seen_of(angles, plain, group.entries), *_seen_of(angles, plain, left), *local}
-        seen |= {motors[motor] for motor in group.controls}
-        parts.append(
-            Part(group.name, tuple(sorted(seen)), (), _changed(changes, group.entries), hears=rest)
-        )
+        own_features = _features_of(angles, features.plain, group.entries)
+        own_motors = [motors[motor] for motor in group.controls]
+        sees = tuple(sorted({*own_features, *rest_features, *local, *own_motors}))
+        answers = _changes_of(changes, group.entries)
+        parts.append(Part(group.name, sees, (), answers, hears=rest))
     return tuple(parts)
 
 
-def _changed(changes: list[tuple[int, ...]], entries: Iterable[int]) -> tuple[int, ...]:
+def _changes_of(changes: list[tuple[int, ...]], entries: Iterable[int]) -> tuple[int, ...]:
+    """Return the numbers of a change that change any of the state `entries`, in rising order."""
     return tuple(sorted({number for entry in entries for number in changes[entry]}))
 
 
-def _seen_of(angles: np.ndarray, plain: tuple[int, ...], entries: Sequence[int]) -> list[int]:
+def _features_of(
+    angles: Float[np.ndarray, "P S"], plain: tuple[int, ...], entries: Sequence[int]
+) -> list[int]:
     """Return the features that show state `entries`: sines and cosines of angles they take part in, and themselves."""
-    rows = [int(row) for row in np.flatnonzero(np.abs(angles[:, list(entries)]).sum(axis=1))]
-    entries_seen = [2 * len(angles) + i for i, entry in enumerate(plain) if entry in entries]
-    return [*rows, *(row + len(angles) for row in rows), *entries_seen]
+    takes_part = np.abs(angles[:, list(entries)]).sum(axis=1)
+    sines = [int(row) for row in np.flatnonzero(takes_part)]
+    cosines = [row + len(angles) for row in sines]
+    themselves = [2 * len(angles) + i for i, entry in enumerate(plain) if entry in entries]
+    return [*sines, *cosines, *themselves]

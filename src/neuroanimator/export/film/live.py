@@ -14,7 +14,7 @@ from typing import IO, final
 
 import numpy as np
 
-from neuroanimator.emulator.emulator import EmulatorSpec
+from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.export.film.video import HOW_TO_GET_GL, graphics_backend
 from neuroanimator.storage.files import canonical_json
