@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from neuroanimator.emulator.emulator import Emulator, rollout_latent
-from neuroanimator.emulator.shape_modes import RIGID
 from neuroanimator.state.reference_shape import flat_of, points_of
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.mass_spring import BodyState, advance
@@ -40,6 +39,7 @@ def relaxed(emulator: Emulator, body: Body, steps: int = 3) -> Correction:
     )
     dt = STEP_SHARE * largest_stable_step(soft)
     size = 3 * len(body.masses)
+    first_mode = emulator.encoding.layout.index("modes").start
 
     def correct(latent: Float[Array, " L"]) -> Float[Array, " L"]:
         state = emulator.decode(latent)
@@ -50,7 +50,7 @@ def relaxed(emulator: Emulator, body: Body, steps: int = 3) -> Correction:
         after = advance(soft, "symplectic", dt, steps, body_state, activations)
         flat = jnp.concatenate([flat_of(after.positions), flat_of(after.velocities), activations])
         fresh = emulator.encode(flat)
-        return jnp.concatenate([latent[:RIGID], fresh[RIGID:]])
+        return jnp.concatenate([latent[:first_mode], fresh[first_mode:]])
 
     return correct
 
