@@ -79,7 +79,9 @@ def _step_row(
     held = emulator.encode_control(control)
     next_latent = emulator.step_latent(latent, held)
     next_state = emulator.decode(next_latent)
-    features = jnp.stack([emulator.raw_features(latent, held), emulator.raw_features(next_latent, held)])
+    features = jnp.stack(
+        [emulator.raw_features(latent, held), emulator.raw_features(next_latent, held)]
+    )
     is_near = is_near_training(emulator, features) & jnp.all(jnp.isfinite(next_state))
     earned = reward(state, control, next_state)
     return next_state, next_latent, earned, emulator.covers_encoded(latent), ~is_near
