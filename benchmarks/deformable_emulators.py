@@ -18,12 +18,8 @@ from neuroanimator.bench.swims import compare_swims
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
-from neuroanimator.evaluation.accuracy import (
-    HeldOut,
-    held_out_runs,
-    one_step_error,
-    root_mean_square,
-)
+from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
 from neuroanimator.evaluation.speed import TIMED_SUPER_STEPS, emulator_player, interleaved, one_core
 from neuroanimator.evaluation.stability import count_blow_ups
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem

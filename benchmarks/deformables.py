@@ -18,7 +18,7 @@ import numpy as np
 from deformable_emulators import accuracy_rows, deformable, hierarchy_rows, long_rows
 
 from neuroanimator.bench.csv_table import describe_machine, write_csv
-from neuroanimator.evaluation.accuracy import HeldOut, make_test
+from neuroanimator.evaluation.held_out import HeldOut, make_test
 from neuroanimator.evaluation.speed import interleaved, one_core
 from neuroanimator.evaluation.speed_mass_spring import (
     BATCH_STEPS,

@@ -22,13 +22,9 @@ from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.evaluation.accuracy import (
-    HeldOut,
-    baselines,
-    held_out_runs,
-    one_step_error,
-    root_mean_square,
-)
+from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.evaluation.baselines import baselines
+from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
 from neuroanimator.evaluation.speed import (
     PHYSICS_STEPS,
     TIMED_SUPER_STEPS,

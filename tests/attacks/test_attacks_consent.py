@@ -29,7 +29,7 @@ from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.evaluation.accuracy import system_of
+from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems import carried_system, trusted_files
 from neuroanimator.systems.loading import resolve, trust_files

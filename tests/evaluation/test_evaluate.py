@@ -11,13 +11,10 @@ import pytest
 
 from neuroanimator import Emulator, evaluate, write_report
 from neuroanimator.data.store import Transitions
-from neuroanimator.evaluation.accuracy import (
-    baselines,
-    held_out_runs,
-    one_step_error,
-    scheme_error,
-)
+from neuroanimator.evaluation.accuracy import one_step_error, scheme_error
+from neuroanimator.evaluation.baselines import baselines
 from neuroanimator.evaluation.evaluate import Effort
+from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.evaluation.speed import OPPONENT_INTEGRATORS
 from neuroanimator.evaluation.stability import count_blow_ups
 from neuroanimator.systems.system import Scheme
@@ -67,7 +64,7 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
     found = evaluate(shipped, data=transitions, effort=Effort(runs=8, starts=10, steps=50))
     row = found.row()
     assert row["nominal_speedup"] > 20
-    assert found.speed.rival.error <= found.one_step_error
+    assert found.speed.equal_error_opponent.error <= found.one_step_error
     assert {o.scheme.integrator for o in found.speed.opponents} == set(OPPONENT_INTEGRATORS)
     assert found.rollout_errors[0] == pytest.approx(0, abs=1e-6)
     assert found.rollout_error_at(1.0) > found.rollout_error_at(0.1)

@@ -9,8 +9,9 @@ import pytest
 
 from neuroanimator.compiler import compiler
 from neuroanimator.compiler.compiler import find_compiler
-from neuroanimator.evaluation.accuracy import HeldOut, make_test, scheme_error
+from neuroanimator.evaluation.accuracy import scheme_error
 from neuroanimator.evaluation.evaluate import Evaluation
+from neuroanimator.evaluation.held_out import HeldOut, make_test
 from neuroanimator.evaluation.report import write_report
 from neuroanimator.evaluation.speed import Opponent, Speed
 from neuroanimator.evaluation.speed_mass_spring import (
@@ -59,7 +60,7 @@ def test_every_integrator_is_timed(swims: HeldOut, compiles: bool, monkeypatch: 
         monkeypatch.setattr(compiler.shutil, "which", lambda name: None)
     system = swims.system
     assert isinstance(system, DeformableSystem)
-    physics, players = deformable_players(system, swims, steps=20, stretches=2)
+    physics, players = deformable_players(system, swims, steps=20, pieces=2)
     assert physics == (C_TWIN if compiles and has_compiler else JAX)
     assert tuple(players) == ((*INTEGRATORS, PLAIN) if physics == C_TWIN else INTEGRATORS)
     for play in players.values():

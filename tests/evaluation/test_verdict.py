@@ -11,7 +11,7 @@ import pytest
 
 from neuroanimator import DatasetConfig, Emulator, evaluate, generate, read_transitions, train
 from neuroanimator.data.store import Transitions
-from neuroanimator.evaluation.accuracy import CONSTANT_VELOCITY, NO_CHANGE
+from neuroanimator.evaluation.baselines import CONSTANT_VELOCITY, NO_CHANGE
 from neuroanimator.evaluation.evaluate import Effort, judge_training
 from neuroanimator.evaluation.report import write_report
 from neuroanimator.evaluation.verdict import judge

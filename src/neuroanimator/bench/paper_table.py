@@ -17,13 +17,9 @@ from neuroanimator.data.config import RUN_STEPS, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator, rollout
-from neuroanimator.evaluation.accuracy import (
-    held_out_runs,
-    one_step_error,
-    root_mean_square,
-    system_of,
-)
+from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, evaluate
+from neuroanimator.evaluation.held_out import held_out_runs, system_of
 from neuroanimator.evaluation.speed import (
     IN_C,
     IN_JAX,

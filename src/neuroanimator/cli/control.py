@@ -145,7 +145,7 @@ def _search(
     from neuroanimator.control.objective.goals import usual_goal
     from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_wanted
     from neuroanimator.control.synthesis.synthesise import check_same_system
-    from neuroanimator.evaluation.accuracy import system_of
+    from neuroanimator.evaluation.held_out import system_of
 
     system = own or system_of(emulator)
     check_same_system(emulator, system)

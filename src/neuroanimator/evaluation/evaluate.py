@@ -5,21 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import (
-    HELD_OUT_RUNS,
-    MAX_TRANSITIONS,
-    HeldOut,
-    baselines,
-    held_out_runs,
-    make_test,
     one_step_error,
-    recorded_runs,
     rollout_error,
     root_mean_square,
+    self_divergence,
+)
+from neuroanimator.evaluation.baselines import baselines
+from neuroanimator.evaluation.held_out import (
+    HELD_OUT_RUNS,
+    MAX_TRANSITIONS,
+    held_out_runs,
+    make_test,
+    recorded_runs,
     system_of,
 )
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
@@ -33,11 +36,15 @@ from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import validation_mask
 
 MAX_NAMED = 6
-"""State entries named in a note."""
+"""So many state entries are named in a note; of the others only the number is told."""
 
 NO_OPPONENT = (
     "learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
 )
+"""What is said of an emulator of recordings."""
+
+NONE = "none"
+"""Stands in a row's place for a figure that there is not."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,10 @@ class Effort:
 
 
 THOROUGH = Effort()
+"""A minute for each emulator."""
+
 QUICK = Effort(runs=8, transitions=320, repeats=3, starts=200, steps=300, rounds=1)
+"""Seconds for each emulator."""
 
 
 @dataclass(frozen=True)
@@ -71,26 +81,28 @@ class Evaluation:
     dt: float
     entries: list[str]
     """Names and units of the state entries."""
-    error_by_entry: np.ndarray
-    """(S,) one-step errors over the change's standard deviation."""
-    times: np.ndarray
-    """(T+1,) [s]"""
-    rollout_errors: np.ndarray
-    """(T+1,) rms error of the emulator, in standard deviations of the state."""
-    self_divergence: np.ndarray | None
-    """(T+1,) the same for the physics at its own default step: the noise floor; None without physics."""
-    sample_emulated: np.ndarray
-    """(T+1, S) one held-out run by the emulator."""
-    sample_physics: np.ndarray
-    """(T+1, S) the same run by fine physics."""
+    error_by_entry: Float[np.ndarray, " M"]
+    """One-step errors of what moves, over the change's standard deviation."""
+    times: Float[np.ndarray, " T"]
+    """Time since a test run's start, super step by super step [s]."""
+    rollout_errors: Float[np.ndarray, " T"]
+    """Rms error of the emulator at these times, in standard deviations of the state."""
+    self_divergence: Float[np.ndarray, " T"] | None
+    """The same for the physics at its own default step: the noise floor; None without physics."""
+    sample_emulated: Float[np.ndarray, "T S"]
+    """One held-out run by the emulator."""
+    sample_physics: Float[np.ndarray, "T S"]
+    """The same run by fine physics."""
     measured_speed: Speed | None
-    """None where there is no physics to measure: recordings."""
+    """The speed-ups; None where there is no physics to measure: recordings."""
     emulator_seconds: float
     """Time of one super step [s]."""
     baselines: dict[str, float]
     """One-step errors of cheap predictors; ridge regression only with a dataset."""
     diverged: int
+    """Random starts whose long rollouts blew up."""
     diverged_starts: int
+    """So many random starts were tried."""
     still: list[str] = field(default_factory=list)
     """State entries that never move and are left out of all errors."""
 
@@ -107,16 +119,16 @@ class Evaluation:
 
     @property
     def equal_error_text(self) -> str:
-        """The equal-error speed-up and its rival, or why there is none."""
+        """The equal-error speed-up and its opponent, or why there is none."""
         if self.measured_speed is None:
             return "none: there is no physics to compare with"
         if self.verdict.is_useless:
-            return f"none: {self.verdict.reasons[0].partition(' (')[0]}"
+            reason, _, _ = self.verdict.reasons[0].partition(" (")
+            return f"none: {reason}"
         speed = self.measured_speed
-        rival = speed.rival.scheme
-        return (
-            f"{speed.equal_error:.1f} ({speed.physics} {rival.integrator}, {rival.dt * 1e3:.3g} ms)"
-        )
+        scheme = speed.equal_error_opponent.scheme
+        opponent = f"{speed.physics} {scheme.integrator}, {scheme.dt * 1e3:.3g} ms"
+        return f"{speed.equal_error:.1f} ({opponent})"
 
     @property
     def speed(self) -> Speed:
@@ -136,7 +148,8 @@ class Evaluation:
         if not self.still:
             return ""
         shown = ", ".join(self.still[:MAX_NAMED])
-        more = f" and {len(self.still) - MAX_NAMED} more" if len(self.still) > MAX_NAMED else ""
+        left_out = len(self.still) - MAX_NAMED
+        more = f" and {left_out} more" if left_out > 0 else ""
         return f"{self.system}: left out of all errors, for it never moves: {shown}{more}."
 
     @property
@@ -156,30 +169,37 @@ class Evaluation:
 
     def rollout_error_at(self, seconds: float) -> float:
         """Return the rollout error after `seconds` [s], to the nearest super step."""
-        return float(
-            self.rollout_errors[min(round(seconds / self.dt), len(self.rollout_errors) - 1)]
-        )
+        last = len(self.rollout_errors) - 1
+        return float(self.rollout_errors[min(round(seconds / self.dt), last)])
 
     def row(self) -> dict[str, str | int | float]:
         """Return the figures by their published names."""
-        speed = self.measured_speed
-        rivalled = None if self.verdict.is_useless else speed
-        return {
+        row: dict[str, str | int | float] = {
             "system": self.system,
             "substeps": self.substeps,
             "one_step_error": self.one_step_error,
             "rollout_error_1s": self.rollout_error_at(1.0),
-            "nominal_speedup": speed.nominal if speed else "none",
-            "equal_error_speedup": rivalled.equal_error if rivalled else "none",
-            "equal_error_rival": f"{rivalled.rival.scheme.integrator} {rivalled.rival.scheme.dt * 1e3:.3g} ms"
-            if rivalled
-            else "none",
+            "nominal_speedup": NONE,
+            "equal_error_speedup": NONE,
+            "equal_error_rival": NONE,
             "emulator_us": self.emulator_seconds * 1e6,
-            "emulator_jax_us": speed.jax_seconds * 1e6 if speed and speed.jax_seconds else "none",
-            "physics_us": speed.physics_seconds * 1e6 if speed else "none",
+            "emulator_jax_us": NONE,
+            "physics_us": NONE,
             "diverged": self.diverged,
             "verdict": self.verdict.word,
         }
+        speed = self.measured_speed
+        if speed is None:
+            return row
+        row["nominal_speedup"] = speed.nominal
+        row["physics_us"] = speed.physics_seconds * 1e6
+        if speed.jax_seconds:
+            row["emulator_jax_us"] = speed.jax_seconds * 1e6
+        if not self.verdict.is_useless:
+            scheme = speed.equal_error_opponent.scheme
+            row["equal_error_speedup"] = speed.equal_error
+            row["equal_error_rival"] = f"{scheme.integrator} {scheme.dt * 1e3:.3g} ms"
+        return row
 
 
 def evaluate(
@@ -196,43 +216,41 @@ def evaluate(
     effort = effort or THOROUGH
     is_recorded = isinstance(system_of(emulator), RecordedSystem)
     with phase("simulating finely"):
-        test = (
-            recorded_runs(emulator, data)
-            if is_recorded
-            else held_out_runs(emulator, count=effort.runs, seed=seed)
-        )
+        if is_recorded:
+            test = recorded_runs(emulator, data)
+        else:
+            test = held_out_runs(emulator, count=effort.runs, seed=seed)
     test = replace(test, most_transitions=effort.transitions)
-    among = test.transitions[0] if is_recorded else None
     with phase("emulating"):
         errors = one_step_error(emulator, test)
-        found = np.asarray(
-            emulator.rollout(test.states[:, 0], test.controls, may_diverge=True), float
-        )
+        emulated = emulator.rollout(test.states[:, 0], test.controls, may_diverge=True)
+        emulated = np.asarray(emulated, float)
     with phase("timing"):
-        speed = (
-            None
-            if is_recorded
-            else measure_speed(emulator, test, float(root_mean_square(errors)), effort.repeats)
-        )
+        if is_recorded:
+            speed = None
+            emulator_seconds = measure_emulator(emulator)
+        else:
+            error = float(root_mean_square(errors))
+            speed = measure_speed(emulator, test, error, effort.repeats)
+            emulator_seconds = speed.emulator_seconds
     with phase("looking for blow-ups"):
-        diverged = (
-            count_blow_ups(emulator, effort.starts, effort.steps, among=among)
-            if effort.starts
-            else 0
-        )
+        diverged = 0
+        if effort.starts:
+            among = test.transitions.states if is_recorded else None
+            diverged = count_blow_ups(emulator, effort.starts, effort.steps, among=among)
     return Evaluation(
         system=emulator.system,
         substeps=emulator.substeps,
         dt=emulator.dt,
         entries=emulator.state.names,
         error_by_entry=errors,
-        times=np.arange(found.shape[1]) * emulator.dt,
-        rollout_errors=rollout_error(test.frame, found, test.states),
+        times=np.arange(emulated.shape[1]) * emulator.dt,
+        rollout_errors=rollout_error(test.frame, emulated, test.states),
         self_divergence=None if is_recorded else self_divergence(test),
-        sample_emulated=found[0],
+        sample_emulated=emulated[0],
         sample_physics=test.states[0],
         measured_speed=speed,
-        emulator_seconds=speed.emulator_seconds if speed else measure_emulator(emulator),
+        emulator_seconds=emulator_seconds,
         baselines=baselines(data, test),
         diverged=diverged,
         diverged_starts=effort.starts,
@@ -242,17 +260,11 @@ def evaluate(
 
 def judge_training(emulator: Emulator, data: Transitions, config: TrainingConfig) -> Verdict:
     """Return the verdict on the windows of `data` that training with `config` kept for validation: one step each."""
-    kept = data.where(validation_mask(data.run, config))
-    states = np.asarray(kept.states[:, :2], float)
-    controls = np.asarray(kept.controls[:, :1], float)
+    validation = data.where(validation_mask(data.run, config))
+    states = np.asarray(validation.states[:, :2], float)
+    controls = np.asarray(validation.controls[:, :1], float)
     test = make_test(data.system, emulator.dt, states, controls)
     if emulator.encoding.is_identity:  # the same unit as in the error that training reports
         test = replace(test, change_scale=np.asarray(emulator.normaliser.unit, float))
-    return judge(float(root_mean_square(one_step_error(emulator, test))), baselines(None, test))
-
-
-def self_divergence(test: HeldOut) -> np.ndarray:
-    """Return (T+1,) how far the physics at its own step strays from fine physics."""
-    system = test.system
-    runs = system.simulate(test.states[:, 0], test.controls, test.dt, scheme=system.scheme)
-    return rollout_error(test.frame, runs.states[runs.is_alive], test.states[runs.is_alive])
+    error = float(root_mean_square(one_step_error(emulator, test)))
+    return judge(error, baselines(None, test))

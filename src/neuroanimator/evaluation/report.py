@@ -17,10 +17,14 @@ from neuroanimator.evaluation.work_precision import EMULATOR, draw_work
 from neuroanimator.storage.files import write_whole
 from neuroanimator.text import printable
 
-SHOWN = 3
-"""State entries drawn of a motion, at most."""
+MAX_SHOWN = 3
+"""So many state entries of a motion are drawn at most."""
 
-PHYSICS, QUIET = "#2b5a94", "#8a94a0"
+PHYSICS = "#2b5a94"
+"""The physics' colour in all plots."""
+
+QUIET = "#8a94a0"
+"""The colour of what is drawn for comparison."""
 
 STYLE = """body{font:16px/1.55 system-ui,sans-serif;color:#1c2733;max-width:62rem;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}table{border-collapse:collapse;margin:1rem 0}
@@ -38,23 +42,23 @@ def write_report(
         _table(evaluations),
         _verdict(evaluations),
     ]
-    parts += [f"<h2>{html.escape(title)}</h2>{body}" for title, body in extra or []]
+    for title, body in extra or []:
+        parts.append(f"<h2>{html.escape(title)}</h2>{body}")
     for evaluation in evaluations:
         parts.append(_section(evaluation))
-    page = f"<!doctype html><html lang=en><meta charset=utf-8><title>NeuroAnimator report</title><style>{STYLE}</style>"
-    write_whole(path, (page + "".join(parts) + "</html>\n").encode())
+    head = f"<!doctype html><html lang=en><meta charset=utf-8><title>NeuroAnimator report</title><style>{STYLE}</style>"
+    page = head + "".join(parts) + "</html>\n"
+    write_whole(path, page.encode())
 
 
 def _table(evaluations: list[Evaluation]) -> str:
     rows = [evaluation.row() for evaluation in evaluations]
     head = "".join(f"<th>{html.escape(key.replace('_', ' '))}</th>" for key in rows[0])
-
-    def cells(row):
-        return "".join(f"<td>{_format(value)}</td>" for value in row.values())
-
-    return (
-        f"<table><tr>{head}</tr>" + "".join(f"<tr>{cells(row)}</tr>" for row in rows) + "</table>"
-    )
+    lines = [f"<tr>{head}</tr>"]
+    for row in rows:
+        cells = "".join(f"<td>{_format(value)}</td>" for value in row.values())
+        lines.append(f"<tr>{cells}</tr>")
+    return f"<table>{''.join(lines)}</table>"
 
 
 def _format(value: str | int | float) -> str:
@@ -65,59 +69,61 @@ def _verdict(evaluations: list[Evaluation]) -> str:
     return "".join(f"<p>{_sentence(evaluation)}</p>" for evaluation in evaluations)
 
 
-def _sentence(e: Evaluation) -> str:
-    if e.measured_speed is None:
-        return (
-            f"{_heading(e)} One super step costs {e.emulator_seconds * 1e6:.2f} µs. "
-            f"{NO_OPPONENT} Blow-ups: {e.diverged} of {e.diverged_starts} recorded starts."
-        )
-    speed = e.speed
+def _sentence(evaluation: Evaluation) -> str:
+    heading = f"<b>{_title(evaluation)}: {html.escape(str(evaluation.verdict))}.</b>"
+    cost = f"One super step costs {evaluation.emulator_seconds * 1e6:.2f} µs"
+    blow_ups = f"Blow-ups: {evaluation.diverged} of {evaluation.diverged_starts}"
+    if evaluation.measured_speed is None:
+        return f"{heading} {cost}. {NO_OPPONENT} {blow_ups} recorded starts."
+    speed = evaluation.measured_speed
     return (
-        f"{_heading(e)} One super step costs {speed.emulator_seconds * 1e6:.2f} µs "
-        f"in {html.escape(speed.runtime)}. "
-        f"The physics' own {e.substeps} steps take {speed.nominal:.0f} times as long. {_at_equal_error(e)} "
-        f"Blow-ups: {e.diverged} of {e.diverged_starts} random starts. {html.escape(e.note)}"
+        f"{heading} {cost} in {html.escape(speed.runtime)}. "
+        f"The physics' own {evaluation.substeps} steps take {speed.nominal:.0f} times as long. "
+        f"{_at_equal_error(evaluation)} {blow_ups} random starts. {html.escape(evaluation.note)}"
     )
 
 
-def _heading(e: Evaluation) -> str:
-    return f"<b>{_title(e)}: {html.escape(str(e.verdict))}.</b>"
-
-
-def _at_equal_error(e: Evaluation) -> str:
-    if e.verdict.is_useless:
-        return f"Speed-up at equal error: {html.escape(e.equal_error_text)}."
-    speed = e.speed
-    rival = speed.rival.scheme
+def _at_equal_error(evaluation: Evaluation) -> str:
+    if evaluation.verdict.is_useless:
+        return f"Speed-up at equal error: {html.escape(evaluation.equal_error_text)}."
+    speed = evaluation.speed
+    scheme = speed.equal_error_opponent.scheme
     word = "wins" if speed.equal_error > 1 else "loses"
     return (
-        f"The fastest physics that is at least as accurate, {html.escape(rival.integrator)} at "
-        f"{rival.dt * 1e3:.3g} ms, takes {speed.equal_error:.1f} times as long: at equal error the emulator {word}."
+        f"The fastest physics that is at least as accurate, {html.escape(scheme.integrator)} at "
+        f"{scheme.dt * 1e3:.3g} ms, takes {speed.equal_error:.1f} times as long: at equal error the emulator {word}."
     )
 
 
-def _title(e: Evaluation) -> str:
-    return f"{html.escape(e.system)}, n = {e.substeps}"
+def _title(evaluation: Evaluation) -> str:
+    return f"{html.escape(evaluation.system)}, n = {evaluation.substeps}"
 
 
-def _section(e: Evaluation) -> str:
-    figures = RECORDED_FIGURES if e.measured_speed is None else FIGURES
-    body = "".join(f"{plot(partial(draw, e=e))}<p>{caption}</p>" for draw, caption in figures)
-    rows = "".join(
-        f"<tr><td>{html.escape(name)}</td><td>{error:.3g}</td></tr>"
-        for name, error in e.baselines.items()
-    )
-    cheap = f"<h3>Cheap predictors, one-step error</h3><table>{rows}</table>" if rows else ""
-    return f"<h2>{_title(e)} (Δt = {e.dt * 1e3:g} ms)</h2>{body}{cheap}"
+def _section(evaluation: Evaluation) -> str:
+    is_recorded = evaluation.measured_speed is None
+    body = ""
+    for draw, caption in RECORDED_FIGURES if is_recorded else FIGURES:
+        body += f"{plot(partial(draw, evaluation=evaluation))}<p>{caption}</p>"
+    heading = f"<h2>{_title(evaluation)} (Δt = {evaluation.dt * 1e3:g} ms)</h2>"
+    return f"{heading}{body}{_cheap_predictors(evaluation)}"
 
 
-def _label(e: Evaluation) -> str:
-    units = dict.fromkeys(entry.rsplit(" ", 1)[-1] for entry in e.entries[:SHOWN])
+def _cheap_predictors(evaluation: Evaluation) -> str:
+    if not evaluation.baselines:
+        return ""
+    rows = ""
+    for name, error in evaluation.baselines.items():
+        rows += f"<tr><td>{html.escape(name)}</td><td>{error:.3g}</td></tr>"
+    return f"<h3>Cheap predictors, one-step error</h3><table>{rows}</table>"
+
+
+def _label(evaluation: Evaluation) -> str:
+    """Return what the motion's axis says: the units of the entries drawn."""
+    units = dict.fromkeys(entry.rsplit(" ", 1)[-1] for entry in evaluation.entries[:MAX_SHOWN])
     if list(units) == ["rad"]:
         return "joint angles [rad]"
-    shown = printable(", ".join(units)).replace(
-        "$", r"\$"
-    )  # Matplotlib reads what is between dollars as formulas
+    # Matplotlib reads what is between dollars as formulas.
+    shown = printable(", ".join(units)).replace("$", r"\$")
     return f"state [{shown}]"
 
 
@@ -131,47 +137,34 @@ def plot(draw: Callable[[Axes], None]) -> str:
     return text[text.index("<svg") :]
 
 
-def _truth_name(e: Evaluation) -> str:
-    return "recorded" if e.measured_speed is None else "physics"
-
-
-def _plot_motion(axes: Axes, e: Evaluation) -> None:
-    for entry in range(min(SHOWN, len(e.entries))):
-        truth = e.sample_physics[:, entry]
-        axes.plot(
-            e.times,
-            np.unwrap(truth) if e.entries[entry].endswith(" rad") else truth,
-            color=PHYSICS,
-            label=_truth_name(e) if entry == 0 else None,
-        )
-        axes.plot(
-            e.times,
-            e.sample_emulated[:, entry],
-            "o",
-            ms=3,
-            color=EMULATOR,
-            label="emulator" if entry == 0 else None,
-        )
-    axes.set(xlabel="time [s]", ylabel=_label(e))
+def _plot_motion(axes: Axes, evaluation: Evaluation) -> None:
+    truth_name = "recorded" if evaluation.measured_speed is None else "physics"
+    times = evaluation.times
+    for entry, name in enumerate(evaluation.entries[:MAX_SHOWN]):
+        truth = evaluation.sample_physics[:, entry]
+        if name.endswith(" rad"):
+            truth = np.unwrap(truth)
+        emulated = evaluation.sample_emulated[:, entry]
+        is_first = entry == 0
+        axes.plot(times, truth, color=PHYSICS, label=truth_name if is_first else None)
+        label = "emulator" if is_first else None
+        axes.plot(times, emulated, "o", ms=3, color=EMULATOR, label=label)
+    axes.set(xlabel="time [s]", ylabel=_label(evaluation))
     axes.legend(frameon=False)
 
 
-def _plot_rollout(axes: Axes, e: Evaluation) -> None:
-    axes.plot(e.times[1:], e.rollout_errors[1:], color=EMULATOR, label="emulator")
-    if e.self_divergence is not None and e.self_divergence.any():
-        axes.plot(
-            e.times[1:],
-            e.self_divergence[1:],
-            color=QUIET,
-            ls="--",
-            label="physics at its own step",
-        )
+def _plot_rollout(axes: Axes, evaluation: Evaluation) -> None:
+    times = evaluation.times[1:]
+    axes.plot(times, evaluation.rollout_errors[1:], color=EMULATOR, label="emulator")
+    noise = evaluation.self_divergence
+    if noise is not None and noise.any():
+        axes.plot(times, noise[1:], color=QUIET, ls="--", label="physics at its own step")
     axes.set(xlabel="time [s]", ylabel="rollout error", yscale="log")
     axes.legend(frameon=False)
 
 
-def _plot_work(axes: Axes, e: Evaluation) -> None:
-    draw_work(axes, [e])
+def _plot_work(axes: Axes, evaluation: Evaluation) -> None:
+    draw_work(axes, [evaluation])
     axes.legend(frameon=False, fontsize=8)
 
 
@@ -184,7 +177,10 @@ FIGURES = [
     ),
     (_plot_work, "Error against cost of one super step. Down and left is better."),
 ]
+"""What is drawn of an emulator of physics: functions of the axes and the evaluation, and their captions."""
+
 RECORDED_FIGURES = [
     (_plot_motion, "A held-out recording, and the emulator under the same controls."),
     (_plot_rollout, "Error in standard deviations of the state."),
 ]
+"""What is drawn of an emulator of recordings."""

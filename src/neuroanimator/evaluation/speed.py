@@ -24,7 +24,8 @@ from jaxtyping import Array, Float
 from neuroanimator.codegen.c_emulator import CEmulator, c_emulator
 from neuroanimator.emulator.emulator import UNROLL, Emulator
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.evaluation.accuracy import HeldOut, scheme_error
+from neuroanimator.evaluation.accuracy import scheme_error
+from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.speed_function import (
     FUNCTION_STEPS,
     PYTHON_FUNCTION,
@@ -50,15 +51,24 @@ PHYSICS_STEPS = 20_000
 TIMED_SUPER_STEPS = 8_000
 """Super steps in one timed call of the emulator, so that the call itself (30 µs from Python) does not count."""
 
-IN_JAX, IN_C = "emulator in JAX", "emulator in C"
+TIMED_CONTROLS = 0.3
+"""The emulator is timed under random controls of at most this share of their range."""
+
+IN_JAX = "emulator in JAX"
+"""The name of the emulator timed in JAX."""
+
+IN_C = "emulator in C"
+"""The name of the emulator timed in generated C."""
 
 REPEATS = 9
-"""Timings of each side; the median is reported."""
+"""Each side is timed so often; the median is reported."""
 
-STRETCHES = 40
-"""Fresh starts within a timed run of the physics: few enough that Python between them does not count."""
+PIECES = 40
+"""A timed run of the physics begins so often from a fresh state: few enough that Python between them does not count."""
 
 OPPONENT_INTEGRATORS = ("euler", "implicitfast", "implicit", "rk4")
+"""MuJoCo's integrators, each of which is timed."""
+
 OPPONENT_DIVISIONS = (1, 2, 3, 4, 5, 8, 10, 16, 20, 25, 40, 50)
 """Physics steps per super step tried for each integrator, besides the system's own."""
 
@@ -79,65 +89,59 @@ class Speed:
     """Both speed-ups, one core, one trajectory."""
 
     emulator_seconds: float
-    """Per super step, by the faster of generated C and JAX."""
+    """Time of a super step, by the faster of generated C and JAX [s]."""
     physics_seconds: float
-    """Per physics step of the system's own scheme."""
+    """Time of a physics step of the system's own scheme [s]."""
     nominal: float
     """`PHYSICS_STEPS` of the system's own scheme against the super steps that replace them."""
     equal_error: float
-    """Against the fastest physics whose error is no larger than the emulator's."""
-    rival: Opponent
+    """The speed-up against the fastest physics whose error is no larger than the emulator's."""
+    equal_error_opponent: Opponent
     """That fastest physics."""
     opponents: tuple[Opponent, ...]
+    """Every way of stepping the physics that was tried."""
     physics: str = "MuJoCo"
     """Who steps the physics: `MuJoCo` or a `C twin`, compiled, `JAX` without one, a `Python function`, which is not."""
     tuned_seconds: float | None = None
-    """Per physics step of the same scheme by a program made for this body alone; None where there is none."""
+    """Time of a physics step of the same scheme by a program made for this body alone [s]; None where there is none."""
     jax_seconds: float | None = None
-    """Per super step in JAX."""
+    """Time of a super step in JAX [s]."""
 
     @property
     def runtime(self) -> str:
         """What the emulator was fastest in."""
-        return (
-            "JAX"
-            if self.jax_seconds is None or self.emulator_seconds >= self.jax_seconds
-            else "generated C"
-        )
+        if self.jax_seconds is None or self.emulator_seconds >= self.jax_seconds:
+            return "JAX"
+        return "generated C"
 
 
-class _Rivalry(NamedTuple):
+class _TimedPhysics(NamedTuple):
     """How one kind of physics is timed."""
 
-    physics: str
+    name: str
     players: dict[str, Callable[[], None]]
-    """By integrator."""
+    """By integrator, a function that takes `steps` physics steps."""
     steps: int
-    """Physics steps in one play."""
     schemes: set[Scheme]
     error: Callable[[HeldOut, Scheme], float]
 
 
-def _rivalry_of(test: HeldOut) -> _Rivalry:
+def _timed_physics(test: HeldOut) -> _TimedPhysics:
     system = test.system
     if isinstance(system, PythonSystem):
         schemes = function_schemes(system, test.dt, OPPONENT_DIVISIONS)
         players = {FUNCTION: function_player(system, test)}
-        return _Rivalry(PYTHON_FUNCTION, players, FUNCTION_STEPS, schemes, function_error)
+        return _TimedPhysics(PYTHON_FUNCTION, players, FUNCTION_STEPS, schemes, function_error)
     if isinstance(system, DeformableSystem):
-        physics, players = deformable_players(system, test, PHYSICS_STEPS, STRETCHES)
+        name, players = deformable_players(system, test, PHYSICS_STEPS, PIECES)
         schemes = deformable_schemes(system, test.dt, OPPONENT_DIVISIONS)
-        return _Rivalry(physics, players, PHYSICS_STEPS, schemes, twin_error)
+        return _TimedPhysics(name, players, PHYSICS_STEPS, schemes, twin_error)
     assert isinstance(system, MujocoSystem)
-    players = {kind: physics_player(system, test, kind) for kind in OPPONENT_INTEGRATORS}
-    schemes = {
-        Scheme(kind, test.dt / parts)
-        for kind in OPPONENT_INTEGRATORS
-        for parts in OPPONENT_DIVISIONS
-    }
-    return _Rivalry(
-        "MuJoCo", players, PHYSICS_STEPS, schemes | {system.scheme, system.truth}, scheme_error
-    )
+    players = {name: physics_player(system, test, name) for name in OPPONENT_INTEGRATORS}
+    schemes = {system.scheme, system.truth}
+    for integrator in OPPONENT_INTEGRATORS:
+        schemes |= {Scheme(integrator, test.dt / parts) for parts in OPPONENT_DIVISIONS}
+    return _TimedPhysics("MuJoCo", players, PHYSICS_STEPS, schemes, scheme_error)
 
 
 @contextmanager
@@ -156,47 +160,56 @@ def one_core() -> Iterator[None]:
 
 def measure_speed(emulator: Emulator, test: HeldOut, error: float, repeats: int = REPEATS) -> Speed:
     """Return the speed-ups of an emulator whose one-step error is `error`."""
-    system = test.system
+    integrator = test.system.scheme.integrator
     with one_core():
-        rivalry = _rivalry_of(test)
-        own = emulator_players(emulator)
-        each = interleaved({**own, **rivalry.players}, repeats)
-    per_super_step = min(each[name] for name in own) / TIMED_SUPER_STEPS
-    per_step = {kind: each[kind] / rivalry.steps for kind in rivalry.players}
-    opponents = [
-        Opponent(
-            scheme, rivalry.error(test, scheme), per_step[scheme.integrator] * scheme.steps(test.dt)
-        )
-        for scheme in sorted(rivalry.schemes, key=lambda scheme: (scheme.integrator, scheme.dt))
-    ]
-    able = [o for o in opponents if o.error <= error]
-    rival = min(
-        able or opponents, key=lambda o: o.seconds
-    )  # an error that is no number is no worse than any
-    tuned = per_step[system.scheme.integrator]
+        physics = _timed_physics(test)
+        players = emulator_players(emulator)
+        seconds = interleaved(players | physics.players, repeats)
+    per_super_step = min(seconds[name] for name in players) / TIMED_SUPER_STEPS
+    per_step = {name: seconds[name] / physics.steps for name in physics.players}
+    opponents = _opponents(test, physics, per_step)
+    equal_error_opponent = _fastest(opponents, error)
+    tuned = per_step[integrator]
     plain = per_step.get(PLAIN, tuned)
-    nominal = plain * emulator.substeps / per_super_step
-    equal = rival.seconds / per_super_step
     return Speed(
-        per_super_step,
-        plain,
-        nominal,
-        equal,
-        rival,
-        tuple(opponents),
-        rivalry.physics,
-        tuned if PLAIN in per_step else None,
-        each[IN_JAX] / TIMED_SUPER_STEPS,
+        emulator_seconds=per_super_step,
+        physics_seconds=plain,
+        nominal=plain * emulator.substeps / per_super_step,
+        equal_error=equal_error_opponent.seconds / per_super_step,
+        equal_error_opponent=equal_error_opponent,
+        opponents=tuple(opponents),
+        physics=physics.name,
+        tuned_seconds=tuned if PLAIN in per_step else None,
+        jax_seconds=seconds[IN_JAX] / TIMED_SUPER_STEPS,
     )
+
+
+def _opponents(test: HeldOut, physics: _TimedPhysics, per_step: dict[str, float]) -> list[Opponent]:
+    """Return every way of stepping the physics, with its error and its time."""
+    opponents = []
+    for scheme in sorted(physics.schemes, key=lambda scheme: (scheme.integrator, scheme.dt)):
+        seconds = per_step[scheme.integrator] * scheme.steps(test.dt)
+        opponents.append(Opponent(scheme, physics.error(test, scheme), seconds))
+    return opponents
+
+
+def _fastest(opponents: list[Opponent], error: float) -> Opponent:
+    """Return the fastest opponent whose error is at most `error`.
+
+    An error that is no number is no worse than any: then it is the fastest of all.
+    """
+    able = [opponent for opponent in opponents if opponent.error <= error]
+    return min(able or opponents, key=lambda opponent: opponent.seconds)
 
 
 def measure_emulator(emulator: Emulator) -> float:
     """Return the time of one super step [s], where there is no physics to compare it with."""
     with one_core():
-        return min(interleaved(emulator_players(emulator)).values()) / TIMED_SUPER_STEPS
+        seconds = interleaved(emulator_players(emulator))
+    return min(seconds.values()) / TIMED_SUPER_STEPS
 
 
-def interleaved(players: dict[str, Callable[[], None]], repeats: int = REPEATS) -> dict[str, float]:
+def interleaved(players: dict[str, Callable[[], Any]], repeats: int = REPEATS) -> dict[str, float]:
     """Return each player's median time [s], all played in turn so that a slow moment hits all."""
     times: dict[str, list[float]] = {name: [] for name in players}
     for _ in range(repeats):
@@ -210,8 +223,10 @@ def interleaved(players: dict[str, Callable[[], None]], repeats: int = REPEATS) 
 def emulator_players(emulator: Emulator) -> dict[str, Callable[[], Any]]:
     """Return functions that take `TIMED_SUPER_STEPS` super steps, compiled: in JAX, and in C where that can be had."""
     players: dict[str, Callable[[], Any]] = {IN_JAX: emulator_player(emulator)}
-    if (program := program_in_c(emulator)) is not None:
-        players[IN_C] = program.player(*(np.asarray(each) for each in _timed_motion(emulator)))
+    program = program_in_c(emulator)
+    if program is not None:
+        start, controls = _timed_motion(emulator)
+        players[IN_C] = program.player(np.asarray(start), np.asarray(controls))
     return players
 
 
@@ -235,20 +250,23 @@ def emulator_player(emulator: Emulator) -> Callable[[], None]:
     return lambda: run(start, controls).block_until_ready()
 
 
-def _timed_motion(emulator: Emulator) -> tuple[Array, Array]:
+def _timed_motion(emulator: Emulator) -> tuple[Float[Array, " L"], Float[Array, "T C"]]:
     """Return a start and controls in the numbers of the super step."""
-    rng, spec = np.random.default_rng(0), emulator.spec
-    share = rng.uniform(-0.3, 0.3, (TIMED_SUPER_STEPS, spec.control.size))
-    return emulator.encode_motion(spec.rest, spec.bounds.middle + share * spec.bounds.half)
+    rng = np.random.default_rng(0)
+    bounds = emulator.bounds
+    shape = (TIMED_SUPER_STEPS, emulator.control.size)
+    shares = rng.uniform(-TIMED_CONTROLS, TIMED_CONTROLS, shape)
+    return emulator.encode_motion(emulator.rest, bounds.middle + shares * bounds.half)
 
 
 def _last_state(
-    emulator: Emulator, state: Float[Array, " I"], controls: Float[Array, "T C"]
-) -> Float[Array, " I"]:
-    step = emulator.step_latent
-    return jax.lax.scan(
-        lambda state, control: (step(state, control), None), state, controls, unroll=UNROLL
-    )[0]
+    emulator: Emulator, latent: Float[Array, " L"], controls: Float[Array, "T C"]
+) -> Float[Array, " L"]:
+    def step(latent: Float[Array, " L"], control: Float[Array, " C"]) -> tuple[Array, None]:
+        return emulator.step_latent(latent, control), None
+
+    last, _ = jax.lax.scan(step, latent, controls, unroll=UNROLL)
+    return last
 
 
 def compiled(emulator: Emulator, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -264,11 +282,12 @@ def compiled(emulator: Emulator, function: Callable[..., Any]) -> Callable[..., 
 def physics_player(system: MujocoSystem, test: HeldOut, integrator: str) -> Callable[[], None]:
     """Return a function that runs `PHYSICS_STEPS` steps of MuJoCo inside C from unseen states, under random controls.
 
-    A fresh state of the test begins each stretch, so that contacts are as frequent as in use. A step's
+    A fresh state of the test begins each of the `PIECES`, so that contacts are as frequent as in use. A step's
     cost hardly depends on its length, so each integrator is timed at the system's own.
     """
     model = system.model_with(Scheme(integrator, system.physics_dt))
-    data, (starts, controls) = mujoco.MjData(model), test.moments(STRETCHES)
+    data = mujoco.MjData(model)
+    starts, controls = test.moments(PIECES)
     kind, signals = system.drive(controls[:, None])
 
     def play() -> None:
@@ -276,6 +295,6 @@ def physics_player(system: MujocoSystem, test: HeldOut, integrator: str) -> Call
             for start, signal in zip(starts, signals[:, 0], strict=True):
                 system.put(data, start)
                 mujoco.mj_setState(model, data, signal, int(kind))
-                mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // STRETCHES)
+                mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // PIECES)
 
     return play

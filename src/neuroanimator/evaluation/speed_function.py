@@ -7,15 +7,17 @@ from collections.abc import Callable
 import numpy as np
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.evaluation.accuracy import HeldOut, scheme_error
+from neuroanimator.evaluation.accuracy import scheme_error
+from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.systems.functions.function_system import FUNCTION, PythonSystem
 from neuroanimator.systems.functions.step_file import call_step
 from neuroanimator.systems.system import Scheme
 
 PYTHON_FUNCTION = "Python function"
+"""What reports call the one that steps the physics."""
 
 ROUNDING = 1e-9
-"""Share by which two steps may differ and still be the same."""
+"""Two steps that differ by no more than this share are the same."""
 
 FUNCTION_STEPS = 500
 """Calls in one timed run: milliseconds, so that the clock's grain does not count."""
@@ -23,21 +25,20 @@ FUNCTION_STEPS = 500
 
 def function_player(system: PythonSystem, test: HeldOut) -> Callable[[], None]:
     """Return a function that takes `FUNCTION_STEPS` steps, each from an unseen state under its control."""
-    rows = np.random.default_rng(0).integers(
-        0, test.controls.shape[0] * test.controls.shape[1], FUNCTION_STEPS
-    )
+    count = test.controls.shape[0] * test.controls.shape[1]
+    rows = np.random.default_rng(0).integers(0, count, FUNCTION_STEPS)
     states = test.states[:, :-1].reshape(-1, system.state.size)[rows]
     controls = test.controls.reshape(-1, system.control.size)[rows]
-    function, dt = system.function, system.physics_dt
+    function = system.function
+    dt = system.physics_dt
 
     def play() -> None:
         for state, control in zip(states, controls, strict=True):
             function(state, control, dt)
 
+    # A fault is told here, not while the clock runs.
     for state, control in zip(states, controls, strict=True):
-        call_step(
-            function, system.file, state, control, dt
-        )  # a fault is told here, not while the clock runs
+        call_step(function, system.file, state, control, dt)
     return play
 
 
@@ -56,9 +57,7 @@ def function_schemes(system: PythonSystem, dt: float, divisions: tuple[int, ...]
 
     A function is never called with a smaller dt than its reference is: it need not know what to do with that.
     """
-    schemes = {Scheme(FUNCTION, dt / parts) for parts in divisions} | {
-        system.scheme,
-        system.truth,
-        system.fine,
-    }
-    return {scheme for scheme in schemes if scheme.dt >= system.fine.dt * (1 - ROUNDING)}
+    schemes = {Scheme(FUNCTION, dt / parts) for parts in divisions}
+    schemes |= {system.scheme, system.truth, system.fine}
+    smallest = system.fine.dt * (1 - ROUNDING)
+    return {scheme for scheme in schemes if scheme.dt >= smallest}

@@ -9,74 +9,92 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
-from neuroanimator.evaluation.accuracy import HeldOut, runs_error, scheme_error
+from neuroanimator.evaluation.accuracy import runs_error, scheme_error
+from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import BodyState, advance
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, SINGLE_LANES, c_twin
 from neuroanimator.systems.deformable.native.reference_loop import plain_player
 from neuroanimator.systems.system import Runs, Scheme
 
-C_TWIN, JAX = "C twin", "JAX"
+C_TWIN = "C twin"
+"""What reports call the body's physics in C, made for this one body."""
+
+JAX = "JAX"
+"""What reports call the body's physics where there is no C compiler."""
 
 PLAIN = "plain C"
 """The own scheme as one writes it down in C, reading the body from tables as MuJoCo reads its model: what is nominal.
 The fastest program for this one body, its C twin, is the opponent of equal error."""
 
 NO_COMPILER = "no C compiler was found, so the physics is timed in JAX; a C twin would be faster, and speed-ups smaller."
+"""What is said of speed-ups against JAX."""
 
 BATCH_STEPS = 200
 """Physics steps of every body in one timed run of a batch."""
 
 Player = Callable[[], Any]
+"""A function that does what is timed."""
 
 
 def deformable_players(
-    system: DeformableSystem, test: HeldOut, steps: int, stretches: int
+    system: DeformableSystem, test: HeldOut, steps: int, pieces: int
 ) -> tuple[str, dict[str, Player]]:
     """Return who steps the physics, and by integrator a function that takes `steps` steps, already compiled.
 
-    As for MuJoCo, an unseen state and its control begin each of the `stretches`.
+    As for MuJoCo, the steps are taken in so many `pieces`, each from an unseen state under its control.
     """
-    starts, controls = test.moments(stretches)
-    length, twin = steps // stretches, c_twin(system.body)
-    if twin is not None:
-        dt = system.physics_dt
-        players: dict[str, Player] = {
-            kind: twin.player(starts, controls, kind, dt, length) for kind in INTEGRATORS
-        }
-        plain = plain_player(system.body, starts, controls, dt, length)
-        if plain is not None and system.scheme.integrator == "symplectic":
-            players[PLAIN] = plain
-        return C_TWIN, players
-    return JAX, {kind: _one_by_one(system, starts, controls, kind, length) for kind in INTEGRATORS}
+    starts, controls = test.moments(pieces)
+    length = steps // pieces
+    twin = c_twin(system.body)
+    players: dict[str, Player] = {}
+    if twin is None:
+        for integrator in INTEGRATORS:
+            players[integrator] = _one_by_one(system, starts, controls, integrator, length)
+        return JAX, players
+    dt = system.physics_dt
+    for integrator in INTEGRATORS:
+        players[integrator] = twin.player(starts, controls, integrator, dt, length)
+    plain = plain_player(system.body, starts, controls, dt, length)
+    if plain is not None and system.scheme.integrator == "symplectic":
+        players[PLAIN] = plain
+    return C_TWIN, players
 
 
 def _one_by_one(
-    system: DeformableSystem, starts: np.ndarray, controls: np.ndarray, kind: str, steps: int
+    system: DeformableSystem,
+    starts: Float[np.ndarray, "N S"],
+    controls: Float[np.ndarray, "N C"],
+    integrator: str,
+    steps: int,
 ) -> Player:
-    run = jax_run(system, kind, steps)
-    motions = [
-        (motion_of(system, start[None]), jnp.asarray(held))
-        for start, held in zip(starts, controls, strict=True)
-    ]
-    run(*motions[0])
-    return lambda: jax.block_until_ready([run(*each) for each in motions])
+    """Return a function that takes `steps` steps in JAX from each start, already compiled."""
+    run = jax_run(system, integrator, steps)
+    begins = []
+    for start, control in zip(starts, controls, strict=True):
+        begins.append((body_state_of(system, start[None]), jnp.asarray(control)))
+    run(*begins[0])
+    return lambda: jax.block_until_ready([run(*begin) for begin in begins])
 
 
 def jax_run(
-    system: DeformableSystem, kind: str, steps: int
+    system: DeformableSystem, integrator: str, steps: int
 ) -> Callable[[BodyState, jax.Array], BodyState]:
     """Return the JAX physics of `steps` steps of the system's own length as a compiled function."""
-    return jax.jit(partial(advance, system.body, kind, system.physics_dt, steps))
+    return jax.jit(partial(advance, system.body, integrator, system.physics_dt, steps))
 
 
-def motion_of(system: DeformableSystem, states: np.ndarray) -> BodyState:
-    """Return states (B, S) as a motion in float32: (N, 3, B), without the batch for one body."""
-    parts = (np.moveaxis(part, 0, -1) for part in system.unpack(states))
-    return BodyState(
-        *(jnp.asarray(part[..., 0] if len(states) == 1 else part, jnp.float32) for part in parts)
-    )
+def body_state_of(system: DeformableSystem, states: Float[np.ndarray, "B S"]) -> BodyState:
+    """Return states as the physics has them, in float32: (N, 3, B), without the batch for one body."""
+    arrays = []
+    for part in system.unpack(states):
+        last = np.moveaxis(part, 0, -1)
+        if len(states) == 1:
+            last = last[..., 0]
+        arrays.append(jnp.asarray(last, jnp.float32))
+    return BodyState(*arrays)
 
 
 def twin_error(test: HeldOut, scheme: Scheme) -> float:
@@ -96,38 +114,40 @@ def deformable_schemes(
     system: DeformableSystem, dt: float, divisions: tuple[int, ...]
 ) -> set[Scheme]:
     """Return the ways to step the body through `dt` [s]; the reference is among them, for it has no error."""
-    schemes = {Scheme(kind, dt / parts) for kind in INTEGRATORS for parts in divisions}
+    schemes = {Scheme(integrator, dt / parts) for integrator in INTEGRATORS for parts in divisions}
     return schemes | {system.scheme, system.truth, system.fine}
 
 
-def random_bodies(system: DeformableSystem, batch: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return random states (batch, S) and controls (batch, C) to time a batch from."""
+def random_bodies(
+    system: DeformableSystem, batch: int
+) -> tuple[Float[np.ndarray, "B S"], Float[np.ndarray, "B C"]]:
+    """Return random states and controls to time a batch from."""
     rng = np.random.default_rng(0)
-    return system.sample_starts(rng, batch), rng.uniform(-1, 1, (batch, system.control.size))
+    states = system.sample_starts(rng, batch)
+    controls = rng.uniform(-1, 1, (batch, system.control.size))
+    return states, controls
 
 
 def c_batch_players(
-    system: DeformableSystem, batch: int, kind: str, steps: int = BATCH_STEPS
+    system: DeformableSystem, batch: int, integrator: str, steps: int = BATCH_STEPS
 ) -> dict[str, Player]:
     """Return the C twin stepping `batch` bodies one after another and side by side; nothing without a compiler."""
     starts, controls = random_bodies(system, batch)
-    twins = {
-        "in turn": c_twin(system.body),
-        "side by side": c_twin(system.body, lanes=SINGLE_LANES),
-    }
-    return {
-        name: twin.player(starts, controls, kind, system.physics_dt, steps)
-        for name, twin in twins.items()
-        if twin
-    }
+    twins = {"in turn": c_twin(system.body), "side by side": c_twin(system.body, lanes=SINGLE_LANES)}
+    players: dict[str, Player] = {}
+    for name, twin in twins.items():
+        if twin is not None:
+            players[name] = twin.player(starts, controls, integrator, system.physics_dt, steps)
+    return players
 
 
 def jax_batch_player(
-    system: DeformableSystem, batch: int, kind: str, steps: int = BATCH_STEPS
+    system: DeformableSystem, batch: int, integrator: str, steps: int = BATCH_STEPS
 ) -> Player:
     """Return the JAX physics stepping `batch` bodies, already compiled."""
     starts, controls = random_bodies(system, batch)
-    motion, run = motion_of(system, starts), jax_run(system, kind, steps)
+    begin = body_state_of(system, starts)
     held = jnp.asarray(controls[0] if batch == 1 else controls.T, jnp.float32)
-    jax.block_until_ready(run(motion, held))
-    return lambda: jax.block_until_ready(run(motion, held))
+    run = jax_run(system, integrator, steps)
+    jax.block_until_ready(run(begin, held))
+    return lambda: jax.block_until_ready(run(begin, held))

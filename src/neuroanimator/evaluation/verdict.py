@@ -5,16 +5,34 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from neuroanimator.evaluation.accuracy import CONSTANT_VELOCITY, NO_CHANGE
+from neuroanimator.evaluation.baselines import CONSTANT_VELOCITY, NO_CHANGE
 
-USELESS, POOR, USABLE, GOOD = "useless", "poor", "usable", "good"
+USELESS = "useless"
+"""The word for an emulator that is no better than a guess that needs none."""
+
+POOR = "poor"
+"""The word for an emulator that has learnt something, but not enough, or that often leaves physics."""
+
+USABLE = "usable"
+"""The word for an emulator with flaws."""
+
+GOOD = "good"
+"""The word for an emulator through which controllers are found that hold on the physics."""
 
 USABLE_SHARE = 0.5
-"""Of the best cheap predictor's error: an emulator that errs by more has learnt less than half of what there is."""
+"""An emulator that errs by more than this share of the best cheap predictor's error has learnt less than half of what
+there is."""
+
 GOOD_ERROR = 0.1
-"""Of the change's standard deviation. Controllers found through emulators this good held on the physics."""
-MANY_BLOW_UPS, SOME_BLOW_UPS = 0.1, 0.001
-"""Shares of long rollouts that leave physics: above the first an emulator is poor, above the second not good."""
+"""Controllers found through emulators with at most this one-step error [the change's standard deviation] held on the
+physics."""
+
+MANY_BLOW_UPS = 0.1
+"""Where a larger share of long rollouts leaves physics, an emulator is poor."""
+
+SOME_BLOW_UPS = 0.001
+"""Where a larger share of long rollouts leaves physics, an emulator is not good."""
+
 LOST = 1.0
 """Rollout error, in how far a run gets, at which one may as well say that the run stays where it began."""
 
@@ -22,6 +40,7 @@ IN_WORDS = {
     NO_CHANGE: "predicting no change",
     CONSTANT_VELOCITY: "predicting that velocities stay as they are",
 }
+"""The cheap predictors that need no data, as reasons name them."""
 
 
 @dataclass(frozen=True)
@@ -56,38 +75,45 @@ def judge(
     `cheap` are the errors of predictors that need no emulator, `diverged` of so many `rollouts` left physics, and
     `error_after_second` is the rollout error after a second, in how far runs get.
     """
-    simple = {name: value for name, value in cheap.items() if name in IN_WORDS}
-    useless = _why_useless(error, simple)
-    if useless:
-        return Verdict(USELESS, (useless,))
+    without_data = {name: value for name, value in cheap.items() if name in IN_WORDS}
+    reason = _why_useless(error, without_data)
+    if reason:
+        return Verdict(USELESS, (reason,))
     share = diverged / rollouts if rollouts else 0.0
-    off = f"one step is off by {error:.2g} of the change's standard deviation"
-    left = f"{diverged:,} of {rollouts:,} long rollouts blew up"
+    on_error = f"one step is off by {error:.2g} of the change's standard deviation"
+    on_blow_ups = f"{diverged:,} of {rollouts:,} long rollouts blew up"
     faults = []
-    if simple and error > USABLE_SHARE * min(simple.values()):
-        best = min(simple, key=lambda name: simple[name])
-        faults.append(f"{off}, {IN_WORDS[best]} by no more than {simple[best]:.2g}")
+    if without_data and error > USABLE_SHARE * min(without_data.values()):
+        best = min(without_data, key=lambda name: without_data[name])
+        faults.append(f"{on_error}, {IN_WORDS[best]} by no more than {without_data[best]:.2g}")
     if share > MANY_BLOW_UPS:
-        faults.append(left)
+        faults.append(on_blow_ups)
     if faults:
         return Verdict(POOR, tuple(faults))
     flaws = []
     if error > GOOD_ERROR:
-        flaws.append(off)
+        flaws.append(on_error)
     if share > SOME_BLOW_UPS:
-        flaws.append(left)
+        flaws.append(on_blow_ups)
     if not error_after_second < LOST:
         flaws.append("after a second it is off by as much as runs move")
     if flaws:
         return Verdict(USABLE, tuple(flaws))
-    return Verdict(GOOD, (off, left) if rollouts else (off,))
+    merits = [on_error]
+    if rollouts:
+        merits.append(on_blow_ups)
+    return Verdict(GOOD, tuple(merits))
 
 
-def _why_useless(error: float, simple: dict[str, float]) -> str:
+def _why_useless(error: float, without_data: dict[str, float]) -> str:
+    """Return why an emulator is useless; empty if it is not."""
     if not math.isfinite(error):
         return "it does not even give finite numbers"
-    beaten_by = [name for name, value in simple.items() if error >= value]
+    beaten_by = [name for name, value in without_data.items() if error >= value]
     if not beaten_by:
         return ""
-    worst = NO_CHANGE if NO_CHANGE in beaten_by else beaten_by[0]
-    return f"it is worse than {IN_WORDS[worst]} ({error:.2g} against {simple[worst]:.2g} of the change's deviation)"
+    named = NO_CHANGE if NO_CHANGE in beaten_by else beaten_by[0]
+    return (
+        f"it is worse than {IN_WORDS[named]} "
+        f"({error:.2g} against {without_data[named]:.2g} of the change's deviation)"
+    )

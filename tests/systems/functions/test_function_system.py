@@ -138,7 +138,7 @@ def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_functio
     assert found.one_step_error < 0.05
     assert found.diverged == 0
     assert found.speed.physics == "Python function"
-    assert found.speed.rival.error <= found.one_step_error
+    assert found.speed.equal_error_opponent.error <= found.one_step_error
     assert "not compiled" in found.note
     write_report([found], folder / "report.html")
     assert "Python function" in (folder / "report.html").read_text()

@@ -19,7 +19,7 @@ from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.accuracy import system_of
+from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 

@@ -1,0 +1,83 @@
+"""Cheap predictors of a super step: nothing changes, velocities stay, ridge regression. An emulator must beat them."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.data.store import Transitions
+from neuroanimator.evaluation.accuracy import root_mean_square
+from neuroanimator.evaluation.held_out import HeldOut
+
+NO_CHANGE = "persistence"
+"""The predictor by which nothing changes; it needs no data."""
+
+CONSTANT_VELOCITY = "constant velocity"
+"""The predictor by which all velocities stay; it needs no data."""
+
+RIDGE_REGRESSION = "ridge regression"
+"""The predictor that is linear in the state's features and the control, fitted to a dataset."""
+
+RIDGE_STRENGTH = 1e-6
+"""Weight of the squared coefficients in the ridge regression, for each example."""
+
+
+def baselines(data: Transitions | None, test: HeldOut) -> dict[str, float]:
+    """Return the one-step errors of cheap predictors: nothing changes, velocities stay, ridge regression on `data`."""
+    guesses = {
+        NO_CHANGE: test.transitions.states,
+        CONSTANT_VELOCITY: _coasted(test),
+    }
+    if data is not None:
+        guesses[RIDGE_REGRESSION] = _regressed(data, test)
+    return {name: _error(test, guess) for name, guess in guesses.items()}
+
+
+def _error(test: HeldOut, guess: Float[np.ndarray, "N S"]) -> float:
+    errors = test.frame.difference(test.transitions.next_states, guess)
+    return float(root_mean_square(test.relative(errors), axis=(0, 1)))
+
+
+def _coasted(test: HeldOut) -> Float[np.ndarray, "N S"]:
+    """Return the states a super step later if all velocities stayed as they are."""
+    frame = test.frame
+    states = test.transitions.states
+    coasting = np.array(states)
+    for position, rate in test.system.structure.rates:
+        coasting[:, position] += test.dt * states[:, rate]
+    if frame.segments:  # the frame coasts the root, its plain entries coast as above
+        no_change = np.zeros((len(states), len(test.change_scale)))
+        moved = frame.apply(states, no_change)
+        coasting = np.where(moved == states, coasting, moved)
+    return coasting
+
+
+def _regressed(data: Transitions, test: HeldOut) -> Float[np.ndarray, "N S"]:
+    """Return the states a super step later by ridge regression on the first steps of the windows of `data`."""
+    frame = test.frame
+    states, controls, _ = test.transitions
+    before = np.asarray(data.states[:, 0], float)
+    after = np.asarray(data.states[:, 1], float)
+    inputs = _linear_features(test, before, data.controls[:, 0])
+    coefficients = _ridge(inputs, frame.remainder(before, after))
+    return frame.apply(states, _linear_features(test, states, controls) @ coefficients)
+
+
+def _linear_features(
+    test: HeldOut, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
+) -> Float[np.ndarray, "N F"]:
+    """Return what the regression is linear in: sines and cosines of angles, the other entries, the control and 1."""
+    structure = test.system.structure
+    angles = states @ np.array(structure.angles, dtype=float).reshape(-1, states.shape[1]).T
+    local = test.frame.local(states)
+    plain = states[:, np.array(structure.plain, dtype=int)]
+    ones = np.ones((len(states), 1))
+    return np.concatenate([np.sin(angles), np.cos(angles), plain, local, controls, ones], axis=1)
+
+
+def _ridge(
+    inputs: Float[np.ndarray, "N F"], outputs: Float[np.ndarray, "N V"]
+) -> Float[np.ndarray, "F V"]:
+    """Return the coefficients that fit `outputs` best, with a small weight on their squares."""
+    gram = inputs.T @ inputs + RIDGE_STRENGTH * len(inputs) * np.eye(inputs.shape[1])
+    return np.linalg.solve(gram, inputs.T @ outputs)

@@ -1,0 +1,185 @@
+"""The runs an emulator is tested on, which training never saw: simulated finely, or recorded and kept apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from neuroanimator.data.config import RUN_STEPS
+from neuroanimator.data.sampling import sample_control_runs, sample_starts
+from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.normaliser import MIN_CHANGE
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.systems import carried_system
+from neuroanimator.systems.cores import core_count
+from neuroanimator.systems.system import System
+
+HELD_OUT_SEED = 2**31
+"""Test runs are drawn from this seed, one above the largest a dataset may have."""
+
+HELD_OUT_SECONDS = 5.0
+"""Length of a test run [s], the longest horizon reported."""
+
+HELD_OUT_RUNS = 32
+"""So many runs make a test if nothing else is said."""
+
+MAX_TRANSITIONS = 1_600
+"""One-step errors are measured on so many super steps; the physics must take each by every scheme."""
+
+SAME_TIME = 1e-9
+"""Super steps that differ by less are the same [s]."""
+
+
+class SuperSteps(NamedTuple):
+    """Super steps one by one."""
+
+    states: Float[np.ndarray, "N S"]
+    controls: Float[np.ndarray, "N C"]
+    next_states: Float[np.ndarray, "N S"]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Unseen runs and what fine physics makes of them."""
+
+    system: System
+    dt: float
+    states: Float[np.ndarray, "B _ S"]
+    """(B, T+1, S) by the system's `fine` scheme."""
+    controls: Float[np.ndarray, "B T C"]
+    change_scale: Float[np.ndarray, " V"]
+    """Standard deviation of the change in one super step, in the body's own frame: the unit of every error.
+
+    What never moves has none, and no error: see `moves`.
+    """
+    most_transitions: int = MAX_TRANSITIONS
+
+    @property
+    def frame(self) -> Frame:
+        """The frame in which states are compared."""
+        return Frame.of(self.system.structure, self.dt)
+
+    @property
+    def moves(self) -> Bool[np.ndarray, " V"]:
+        """Whether each number of a change varies at all: a target that stands still has no error to speak of."""
+        return self.change_scale >= MIN_CHANGE
+
+    def relative(self, errors: Float[np.ndarray, "*B V"]) -> Float[np.ndarray, "*B M"]:
+        """Return the errors of what moves, over the standard deviation of its change."""
+        return errors[..., self.moves] / self.change_scale[self.moves]
+
+    @property
+    def still(self) -> list[str]:
+        """Names and units of the state entries that never move and are left out of every error."""
+        names = self.system.state.names
+        entries = self.frame.change_entries(self.states.shape[-1])
+        still = []
+        for name, numbers in zip(names, entries, strict=True):
+            if numbers and not self.moves[list(numbers)].any():
+                still.append(name)
+        return still
+
+    @property
+    def transitions(self) -> SuperSteps:
+        """At most `most_transitions` super steps, evenly taken from all runs.
+
+        They come from the first `RUN_STEPS` super steps, as the examples of a dataset do.
+        """
+        state_size = self.states.shape[-1]
+        control_size = self.controls.shape[-1]
+        span = min(RUN_STEPS, self.controls.shape[1])
+        every = -(-len(self.controls) * span // self.most_transitions)
+        return SuperSteps(
+            states=self.states[:, :span].reshape(-1, state_size)[::every],
+            controls=self.controls[:, :span].reshape(-1, control_size)[::every],
+            next_states=self.states[:, 1 : span + 1].reshape(-1, state_size)[::every],
+        )
+
+    def moments(self, count: int) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N C"]]:
+        """Return the states of `count` random moments of the runs, and the controls given then.
+
+        They are the same at every call, so that all physics is timed from the same ones.
+        """
+        rng = np.random.default_rng(0)
+        runs = rng.integers(0, len(self.states), count)
+        steps = rng.integers(0, self.controls.shape[1], count)
+        return self.states[runs, steps], self.controls[runs, steps]
+
+
+def system_of(emulator: Emulator) -> System:
+    """Return the physics `emulator` stands for; BadFileError if that has another state or control."""
+    spec = emulator.spec
+    system = carried_system(spec.system, spec.definition)
+    if (system.state, system.control) != (spec.state, spec.control):
+        raise BadFileError(
+            f"The emulator says it is of {system.name}, which has another state or control."
+        )
+    return system
+
+
+def held_out_runs(
+    emulator: Emulator,
+    count: int = HELD_OUT_RUNS,
+    seconds: float = HELD_OUT_SECONDS,
+    seed: int = 0,
+    *,
+    is_shifted: bool = False,
+) -> HeldOut:
+    """Return `count` unseen runs of the emulator's system under random, never idle controls.
+
+    Shifted ones use the full range and another control at every super step: training seldom saw such.
+    """
+    rng = np.random.default_rng([HELD_OUT_SEED, seed])
+    system = system_of(emulator)
+    dt = emulator.dt
+    steps = round(seconds / dt)
+    threads = core_count()
+    starts = sample_starts(system, rng, count, threads)
+    controls = sample_control_runs(rng, count, steps, dt, system)
+    if is_shifted:
+        controls = system.bounds.middle + rng.uniform(-1, 1, controls.shape) * system.bounds.half
+    runs = system.simulate(starts, controls, dt, scheme=system.fine, threads=threads)
+    return make_test(system, dt, runs.states[runs.is_alive], controls[runs.is_alive])
+
+
+def make_test(
+    system: System,
+    dt: float,
+    states: Float[np.ndarray, "B _ S"],
+    controls: Float[np.ndarray, "B T C"],
+) -> HeldOut:
+    """Return the runs (B, T+1, S) under controls (B, T, C) as a test; refuse runs in which nothing happens."""
+    if not len(states):
+        raise ArgumentError(
+            f"{system.name}: every test run blew up in the physics itself. Use a smaller step."
+        )
+    changes = Frame.of(system.structure, dt).difference(states[:, :-1], states[:, 1:])
+    test = HeldOut(system, dt, states, controls, changes.std(axis=(0, 1)))
+    if not test.moves.any():
+        raise ArgumentError(
+            f"{system.name}: nothing changes by {MIN_CHANGE:g} of its unit in a super step."
+        )
+    return test
+
+
+def recorded_runs(emulator: Emulator, data: Transitions | None) -> HeldOut:
+    """Return the runs of `data` that were kept for the test; of an emulator of recordings."""
+    spec = emulator.spec
+    if data is None or data.held_out is None:
+        raise ArgumentError(
+            f"data: {spec.system} was learnt from recordings; the test needs those that 'generate' kept apart. "
+            "Pass its folder: --data."
+        )
+    dt = data.config.substeps * data.system.physics_dt
+    is_same_layout = (data.system.state, data.system.control) == (spec.state, spec.control)
+    if not is_same_layout or abs(dt - spec.dt) > SAME_TIME:
+        raise ArgumentError(
+            f"data: other state, control or super step than the emulator's of {spec.system}."
+        )
+    states, controls = data.held_out
+    return make_test(data.system, spec.dt, states, controls)
