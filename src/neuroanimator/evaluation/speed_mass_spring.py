@@ -133,7 +133,10 @@ def c_batch_players(
 ) -> dict[str, Player]:
     """Return the C twin stepping `batch` bodies one after another and side by side; nothing without a compiler."""
     starts, controls = random_bodies(system, batch)
-    twins = {"in turn": c_twin(system.body), "side by side": c_twin(system.body, lanes=SINGLE_LANES)}
+    twins = {
+        "in turn": c_twin(system.body),
+        "side by side": c_twin(system.body, lanes=SINGLE_LANES),
+    }
     players: dict[str, Player] = {}
     for name, twin in twins.items():
         if twin is not None:
