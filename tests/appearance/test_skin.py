@@ -16,11 +16,11 @@ from neuroanimator import Clip, NeuroAnimatorError, load_system, write_glb
 from neuroanimator.appearance.loft import box_surface
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin import Box, Skin, Swimmer
-from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, posed, skin_mesh
+from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, skin_mesh
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film.camera import camera_way
 from neuroanimator.export.film.video import graphics_backend, write_video
-from neuroanimator.state.rotation import rotate, rotation_matrices
+from neuroanimator.state.rotation import rotate, rotate_back, rotation_matrices
 from neuroanimator.systems.deformable.bones import body_skeleton
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 
@@ -55,6 +55,19 @@ def moved(points: np.ndarray) -> np.ndarray:
     return np.array([3.0, -2.0, 1.0]) + rotate(
         np.broadcast_to(TURN, (*points.shape[:-1], 4)), points
     )
+
+
+def posed(skeleton: Skeleton, mesh: SkinMesh, states: np.ndarray) -> np.ndarray:
+    """Return the points (T, V, 3) of the skin for states (T, S): every point carried by its bones."""
+    positions, orientations = skeleton.world_poses(states)
+    points = np.zeros((len(states), *mesh.points.shape))
+    for i, bone in enumerate(skeleton.bones):
+        at_rest = mesh.points - np.array(bone.offset)
+        own = rotate_back(np.array(bone.orientation)[None], at_rest)
+        carried = positions[:, i, None] + rotate(orientations[:, i, None], own[None])
+        share = np.where(mesh.bones == i, mesh.weights, 0.0).sum(axis=1)
+        points += share[:, None] * carried
+    return points
 
 
 def test_at_rest_the_skin_is_the_mesh_it_was_made_from_wherever_the_body_rests():

@@ -1,100 +1,67 @@
-"""Closed smooth surfaces, as points (V, 3) [m] and triangles (M, 3) counterclockwise from outside."""
+"""Closed smooth surfaces, as points (V, 3) [m] and triangles (M, 3) counterclockwise from outside.
+
+A tube or blade is lofted: rings of points are laid through its sections, and triangles between the rings.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
-AROUND = 20
-"""Points around a body."""
-BETWEEN = 3
+POINTS_AROUND = 20
+"""Points around a body: its sections look round."""
+
+RINGS_PER_SECTION = 3
 """Rings from one section of a body or fin to the next."""
+
 CHORD = np.array([0.0, 0.12, 0.4, 0.75, 1.0])
 """Where a fin's section has points, from its leading edge, 0, to its trailing edge, 1."""
+
 CHORD_THICKNESS = np.array([0.0, 0.75, 1.0, 0.55, 0.1])
 """How thick it is there: round in front; blunt behind, so that each side has normals of its own."""
-SMALLEST = 1e-9
-"""[m] A ring smaller than this is a tip."""
+
+BALL_RINGS = 8
+"""Rings of a ball from pole to pole, the poles included."""
+
+BALL_POINTS_AROUND = 12
+"""Points in each ring of a ball."""
+
+BOX_ARC = np.tan(np.radians([15.0, 30.0, 45.0]))
+"""Where a box's rounded edge has points, from the flat side to the middle of the edge, over its radius."""
+
+BOX_FLAT = np.linspace(-1, 1, 5)
+"""Where the flat side between two edges has points, -1 to 1."""
+
+TIP_SIZE = 1e-9
+"""A ring smaller than this is a tip, and no length is divided by less [m]."""
+
+MIN_AREA = TIP_SIZE**2
+"""No normal is divided by a smaller area [m²]."""
 
 
 class Surface(NamedTuple):
     """A closed surface."""
 
-    points: np.ndarray
-    triangles: np.ndarray
+    points: Float[np.ndarray, "V 3"]
+    """Points of the surface [m]."""
+    triangles: Int[np.ndarray, "M 3"]
+    """Numbers of points, counterclockwise from outside."""
 
 
-def joined(surfaces: list[Surface]) -> Surface:
+def joined(surfaces: Sequence[Surface]) -> Surface:
     """Return several surfaces as one."""
-    firsts = np.cumsum([0, *(len(surface.points) for surface in surfaces)])
-    triangles = [
-        surface.triangles + first for surface, first in zip(surfaces, firsts, strict=False)
-    ]
-    return Surface(
-        np.concatenate([surface.points for surface in surfaces]), np.concatenate(triangles)
-    )
-
-
-def normals_of(surface: Surface) -> np.ndarray:
-    """Return outward unit normals (V, 3): of all triangles at a point, the larger ones counting more."""
-    corners = surface.points[surface.triangles]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.zeros_like(surface.points)
-    for corner in range(3):
-        np.add.at(total, surface.triangles[:, corner], areas)
-    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), SMALLEST**2)
-
-
-def body_surface(sections: np.ndarray) -> Surface:
-    """Return the smooth tube through elliptic `sections` (K, 4): x, half the width, top, bottom."""
-    x, width, top, bottom = _smooth(np.asarray(sections, float), _beyond).T
-    angles = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
-    across = np.abs(width)[:, None] * np.cos(angles)
-    upward = ((top + bottom) / 2)[:, None] + np.abs(top - bottom)[:, None] / 2 * np.sin(angles)
-    return _lofted(np.stack([np.repeat(x[:, None], AROUND, axis=1), across, upward], axis=-1))
-
-
-def fin_surface(edge: np.ndarray, thickness: float) -> Surface:
-    """Return the blade behind the leading `edge` (K, 4): x, y, z, chord; `thickness` over chord."""
-    curve = _smooth(np.asarray(edge, float), lambda end, latent: 2 * end - latent)
-    points, chord = curve[:, :3], np.abs(curve[:, 3])
-    along = np.gradient(points, axis=0)
-    side = np.cross(along, [1.0, 0.0, 0.0])
-    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), SMALLEST)
-    behind = np.concatenate([CHORD, CHORD[:0:-1]])
-    off = np.concatenate([CHORD_THICKNESS, -CHORD_THICKNESS[:0:-1]]) * thickness / 2
-    back = (chord[:, None] * behind)[..., None] * [-1.0, 0.0, 0.0]
-    return _lofted(points[:, None] + back + (chord[:, None] * off)[..., None] * side[:, None])
-
-
-def ball_surface(centre: np.ndarray, radius: float) -> Surface:
-    """Return a ball whose poles lie along Y."""
-    polar = np.linspace(0, np.pi, 8)[:, None]
-    around = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    parts = np.broadcast_arrays(
-        np.sin(polar) * np.cos(around), np.cos(polar), np.sin(polar) * np.sin(around)
-    )
-    return _lofted(centre + radius * np.stack(parts, axis=-1))
-
-
-def box_surface(half: np.ndarray, radius: float) -> tuple[Surface, np.ndarray]:
-    """Return a box of half sides `half` (3,) with rounded edges, and the points (V, 3), -1 to 1, on the sharp one."""
-    arc = np.tan(np.radians([15.0, 30.0, 45.0]))
-    flat = np.linspace(-1, 1, 5)
-    axes = [np.concatenate([-(h - radius + radius * arc[::-1]), (h - radius) * flat, h - radius + radius * arc])
-            for h in half]  # fmt: skip
-    count = len(axes[0])
-    grid = np.stack(np.meshgrid(*[np.arange(count)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    outside = np.flatnonzero(((grid == 0) | (grid == count - 1)).any(axis=1))
-    number = np.full(count**3, -1)
-    number[outside] = np.arange(len(outside))
-    sharp = np.stack([axes[axis][grid[outside, axis]] for axis in range(3)], axis=1)
-    core = np.clip(sharp, radius - half, half - radius)
-    away = sharp - core
-    points = core + radius * away / np.linalg.norm(away, axis=1, keepdims=True)
-    return _outward(Surface(points, number[_box_triangles(count)])), sharp / half
+    points = []
+    triangles = []
+    first = 0
+    for surface in surfaces:
+        points.append(surface.points)
+        triangles.append(surface.triangles + first)
+        first += len(surface.points)
+    return Surface(np.concatenate(points), np.concatenate(triangles))
 
 
 def mirrored(surface: Surface) -> Surface:
@@ -102,79 +69,184 @@ def mirrored(surface: Surface) -> Surface:
     return Surface(surface.points * [1, -1, 1], surface.triangles[:, ::-1])
 
 
-def _box_triangles(count: int) -> np.ndarray:
+def normals_of(surface: Surface) -> Float[np.ndarray, "V 3"]:
+    """Return outward unit normals at the points: of all triangles at a point, the larger ones counting more."""
+    corners = surface.points[surface.triangles]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros_like(surface.points)
+    for corner in range(3):
+        np.add.at(total, surface.triangles[:, corner], areas)
+    sizes = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.maximum(sizes, MIN_AREA)
+
+
+def body_surface(sections: ArrayLike) -> Surface:
+    """Return the smooth tube through elliptic `sections` (K, 4): x, half the width, top, bottom [m]."""
+    x, half_width, top, bottom = _smooth(np.asarray(sections, float), _section_beyond).T
+    angles = np.linspace(0, 2 * np.pi, POINTS_AROUND, endpoint=False)
+    middle = (top + bottom) / 2
+    half_height = np.abs(top - bottom) / 2
+    along = np.repeat(x[:, None], POINTS_AROUND, axis=1)
+    across = np.abs(half_width)[:, None] * np.cos(angles)
+    upward = middle[:, None] + half_height[:, None] * np.sin(angles)
+    return _lofted(np.stack([along, across, upward], axis=-1))
+
+
+def fin_surface(edge: ArrayLike, thickness: float) -> Surface:
+    """Return the blade behind the leading `edge` (K, 4): x, y, z, chord [m]; `thickness` is over the chord."""
+    curve = _smooth(np.asarray(edge, float), _straight_beyond)
+    points = curve[:, :3]
+    chord = np.abs(curve[:, 3])
+    along = np.gradient(points, axis=0)
+    side = np.cross(along, [1.0, 0.0, 0.0])
+    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), TIP_SIZE)
+    behind = np.concatenate([CHORD, CHORD[:0:-1]])
+    off = np.concatenate([CHORD_THICKNESS, -CHORD_THICKNESS[:0:-1]]) * thickness / 2
+    back = (chord[:, None] * behind)[..., None] * [-1.0, 0.0, 0.0]
+    sideways = (chord[:, None] * off)[..., None] * side[:, None]
+    return _lofted(points[:, None] + back + sideways)
+
+
+def ball_surface(centre: Float[np.ndarray, " 3"], radius: float) -> Surface:
+    """Return a ball around `centre` [m] whose poles lie along Y."""
+    polar = np.linspace(0, np.pi, BALL_RINGS)[:, None]
+    around = np.linspace(0, 2 * np.pi, BALL_POINTS_AROUND, endpoint=False)
+    x = np.sin(polar) * np.cos(around)
+    y = np.broadcast_to(np.cos(polar), x.shape)
+    z = np.sin(polar) * np.sin(around)
+    return _lofted(centre + radius * np.stack([x, y, z], axis=-1))
+
+
+def box_surface(
+    half: Float[np.ndarray, " 3"], radius: float
+) -> tuple[Surface, Float[np.ndarray, "V 3"]]:
+    """Return a box of half sides `half` [m] with edges rounded by `radius` [m], and its points on the sharp box.
+
+    Those are -1 to 1 along every axis.
+    """
+    axes = [_box_axis(half_side, radius) for half_side in half]
+    count = len(axes[0])
+    indices = np.meshgrid(*[np.arange(count)] * 3, indexing="ij")
+    grid = np.stack(indices, axis=-1).reshape(-1, 3)
+    is_outside = ((grid == 0) | (grid == count - 1)).any(axis=1)
+    outside = np.flatnonzero(is_outside)
+    number = np.full(count**3, -1)
+    number[outside] = np.arange(len(outside))
+    sharp = np.stack([axes[axis][grid[outside, axis]] for axis in range(3)], axis=1)
+    core = np.clip(sharp, radius - half, half - radius)
+    away = sharp - core
+    points = core + radius * away / np.linalg.norm(away, axis=1, keepdims=True)
+    surface = Surface(points, number[_box_triangles(count)])
+    return _outward(surface), sharp / half
+
+
+def _box_axis(half: float, radius: float) -> Float[np.ndarray, " K"]:
+    """Return where a box of half side `half` has points along one axis [m]: an edge, the flat side, an edge."""
+    core = half - radius
+    edge = core + radius * BOX_ARC
+    other_edge = -(core + radius * BOX_ARC[::-1])
+    return np.concatenate([other_edge, core * BOX_FLAT, edge])
+
+
+def _box_triangles(count: int) -> Int[np.ndarray, "M 3"]:
     """Return the triangles of the six faces of a grid of `count`³ points, by their number in it."""
     steps = count ** np.arange(2, -1, -1)
     low = np.arange(count - 1)
-    found = []
+    faces = []
     for axis in range(3):
-        u, v = steps[(axis + 1) % 3], steps[(axis + 2) % 3]
+        u = steps[(axis + 1) % 3]
+        v = steps[(axis + 2) % 3]
         corner = (low[:, None] * u + low * v).ravel()
         quads = np.stack([corner, corner + u, corner + u + v, corner + v], axis=1)
-        found += [quads[:, ::-1], quads + (count - 1) * steps[axis]]
-    quads = np.concatenate(found)
+        faces.append(quads[:, ::-1])
+        faces.append(quads + (count - 1) * steps[axis])
+    quads = np.concatenate(faces)
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
-def _smooth(rows: np.ndarray, beyond: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-    """Return rows on a centripetal Catmull-Rom curve through `rows` (K, D); `beyond` extends it at both ends."""
-    knots = np.concatenate([[beyond(rows[0], rows[1])], rows, [beyond(rows[-1], rows[-2])]])
-    ways = np.maximum(np.linalg.norm(np.diff(knots, axis=0), axis=1), SMALLEST)
-    at = np.concatenate([[0.0], np.cumsum(np.sqrt(ways))])
-    found = []
+Beyond = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Of the last row of a curve and the one before it, the row beyond the end."""
+
+
+def _section_beyond(end: Float[np.ndarray, " 4"], inner: Float[np.ndarray, " 4"]) -> np.ndarray:
+    """Return the section beyond the end of a body: through a tip the other side comes out, so that it is round."""
+    _, half_width, top, bottom = end
+    is_tip = abs(half_width) <= TIP_SIZE and abs(top - bottom) <= TIP_SIZE
+    if not is_tip:
+        return _straight_beyond(end, inner)
+    return np.array([inner[0], -inner[1], inner[3], inner[2]])
+
+
+def _straight_beyond(end: Float[np.ndarray, " D"], inner: Float[np.ndarray, " D"]) -> np.ndarray:
+    return 2 * end - inner
+
+
+def _smooth(rows: Float[np.ndarray, "K D"], beyond: Beyond) -> Float[np.ndarray, "R D"]:
+    """Return rows on a centripetal Catmull-Rom curve through `rows`; `beyond` extends it at both ends."""
+    before = beyond(rows[0], rows[1])
+    after = beyond(rows[-1], rows[-2])
+    knots = np.concatenate([[before], rows, [after]])
+    distances = np.maximum(np.linalg.norm(np.diff(knots, axis=0), axis=1), TIP_SIZE)
+    times = np.concatenate([[0.0], np.cumsum(np.sqrt(distances))])
+    pieces = []
     for i in range(1, len(knots) - 2):
-        times = np.linspace(at[i], at[i + 1], BETWEEN, endpoint=False)[:, None]
-        found.append(_catmull_rom(knots[i - 1 : i + 3], at[i - 1 : i + 3], times))
-    return np.concatenate([*found, rows[-1:]])
+        between = np.linspace(times[i], times[i + 1], RINGS_PER_SECTION, endpoint=False)
+        piece = _catmull_rom(knots[i - 1 : i + 3], times[i - 1 : i + 3], between[:, None])
+        pieces.append(piece)
+    return np.concatenate([*pieces, rows[-1:]])
 
 
-def _catmull_rom(knots: np.ndarray, at: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _catmull_rom(
+    knots: Float[np.ndarray, "4 D"],
+    knot_times: Float[np.ndarray, " 4"],
+    times: Float[np.ndarray, "R 1"],
+) -> Float[np.ndarray, "R D"]:
     """Return the curve between the middle two of four `knots` by Barry and Goldman's pyramid (1988)."""
     level = list(knots)
     for reach in (1, 2, 3):
         following = []
         for i in range(4 - reach):
-            first, last = (at[i], at[i + reach]) if reach < 3 else (at[1], at[2])
-            following.append(
-                (level[i] * (last - times) + level[i + 1] * (times - first)) / (last - first)
-            )
+            first, last = knot_times[i], knot_times[i + reach]
+            if reach == 3:  # the top of the pyramid blends over the middle piece only
+                first, last = knot_times[1], knot_times[2]
+            blend = level[i] * (last - times) + level[i + 1] * (times - first)
+            following.append(blend / (last - first))
         level = following
     return level[0]
 
 
-def _beyond(end: np.ndarray, latent: np.ndarray) -> np.ndarray:
-    """Return the section beyond the end of a body: through a tip the other side comes out, so that it is round."""
-    if abs(end[1]) > SMALLEST or abs(end[2] - end[3]) > SMALLEST:
-        return 2 * end - latent
-    return np.array([latent[0], -latent[1], latent[3], latent[2]])
-
-
-def _lofted(rings: np.ndarray) -> Surface:
-    """Return the closed surface through `rings` (K, R, 3); each end is a tip or closed by a fan of triangles."""
-    first, last = rings[0], rings[-1]
-    latent = rings[
-        int(np.ptp(first, axis=0).max() < SMALLEST) : len(rings)
-        - int(np.ptp(last, axis=0).max() < SMALLEST)
-    ]
-    count, size = latent.shape[:2]
-    here, following = np.arange(size), np.roll(np.arange(size), -1)
-    band = np.concatenate([
-        np.stack([here, following, here + size], axis=1),
-        np.stack([following, following + size, here + size], axis=1),
-    ])  # fmt: skip
-    bands = np.concatenate([band + size * k for k in range(count - 1)])
-    front, rear = count * size, count * size + 1
-    start = np.stack([following, here, np.full(size, front)], axis=1)
+def _lofted(rings: Float[np.ndarray, "K R 3"]) -> Surface:
+    """Return the closed surface through `rings`; each end is a tip or closed by a fan of triangles."""
+    first = 1 if _is_tip(rings[0]) else 0
+    end = len(rings) - 1 if _is_tip(rings[-1]) else len(rings)
+    open_rings = rings[first:end]
+    count, size = open_rings.shape[:2]
+    here = np.arange(size)
+    following = np.roll(here, -1)
+    lower = np.stack([here, following, here + size], axis=1)
+    upper = np.stack([following, following + size, here + size], axis=1)
+    band = np.concatenate([lower, upper])
+    bands = np.concatenate([band + size * ring for ring in range(count - 1)])
+    front = np.full(size, count * size)
+    rear = front + 1
     last_ring = size * (count - 1)
-    end = np.stack([here + last_ring, following + last_ring, np.full(size, rear)], axis=1)
-    points = np.concatenate(
-        [latent.reshape(-1, 3), first.mean(axis=0)[None], last.mean(axis=0)[None]]
-    )
-    return _outward(Surface(points, np.concatenate([bands, start, end])))
+    front_fan = np.stack([following, here, front], axis=1)
+    rear_fan = np.stack([here + last_ring, following + last_ring, rear], axis=1)
+    ring_points = open_rings.reshape(-1, 3)
+    tips = np.stack([rings[0].mean(axis=0), rings[-1].mean(axis=0)])
+    points = np.concatenate([ring_points, tips])
+    triangles = np.concatenate([bands, front_fan, rear_fan])
+    return _outward(Surface(points, triangles))
+
+
+def _is_tip(ring: Float[np.ndarray, "R 3"]) -> bool:
+    return bool(np.ptp(ring, axis=0).max() < TIP_SIZE)
 
 
 def _outward(surface: Surface) -> Surface:
     """Return the surface with its triangles turned so that it encloses a positive volume."""
     corners = surface.points[surface.triangles]
     volume = (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum()
-    return surface if volume >= 0 else Surface(surface.points, surface.triangles[:, ::-1])
+    if volume >= 0:
+        return surface
+    return Surface(surface.points, surface.triangles[:, ::-1])

@@ -1,4 +1,7 @@
-"""How a state looks: a tree of bodies with simple shapes, or bones under a skin. Needs no physics engine."""
+"""The skeleton of a state: a tree of bones with joints and simple shapes, or bones under a skin; and its JSON.
+
+Needs no physics engine.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.appearance.binding import Binding, binding_from_json, bound_pose
 from neuroanimator.appearance.skin import Skin, skin_from_json, skin_to_json
@@ -15,62 +19,89 @@ from neuroanimator.state.rotation import multiply, rotate
 from neuroanimator.text import quoted
 
 Numbers = tuple[float, ...]
+"""A vector or a quaternion as it stands in a skeleton: a few numbers, not an array."""
+
+Poses = tuple[Float[np.ndarray, "T B 3"], Float[np.ndarray, "T B 4"]]
+"""Positions [m] and orientations wxyz of B bones in T states."""
+
+Pose = tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]
+"""Positions [m] and orientations wxyz of one bone in T states."""
 
 JOINT_KINDS = ("hinge", "slide", "ball", "free")
-SHAPE_KINDS = ("capsule", "box", "sphere", "ellipsoid", "cylinder")
+"""Kinds of joints, as MuJoCo calls them."""
+
 SHAPE_SIZES = {"capsule": 2, "box": 3, "sphere": 1, "ellipsoid": 3, "cylinder": 2}
-"""How many sizes each kind of shape needs; MuJoCo gives every shape three."""
+"""How many sizes each kind of shape needs."""
+
+SHAPE_KINDS = tuple(SHAPE_SIZES)
+"""Kinds of shapes, as MuJoCo calls them."""
+
 MAX_SIZES = 3
+"""Sizes a shape may have: MuJoCo gives every shape three."""
+
 JOINT_SIZES = {"ball": 4, "free": 7}
 """State entries a joint reads, if more than one."""
+
 MAX_BONES = 500
 """A skeleton may come from a stranger, and every bone is drawn; a model has at most as many bodies."""
+
 MAX_PIECES = 5000
-"""Most joints, and most shapes, of one bone: the world of a model may have many."""
+"""Joints, and shapes, one bone may have: the world of a model may have many."""
+
 MAX_ENTRIES = 10**9
 """State entries a joint may read up to, before the state's own size is known."""
+
 MAX_DISTANCE = 1e6
-"""[m] Largest place and size drawn."""
+"""Largest position and size drawn [m]."""
+
 MAX_VALUE = 1e9
-"""[rad or m] Of a joint at its reference."""
+"""Largest value of a joint at its reference [rad or m]."""
+
 UNIT_TOLERANCE = 1e-3
 """How far a quaternion or an axis read from a file may be off the length of 1."""
+
+MAX_COMPONENT = 2.0
+"""Largest component an axis or a quaternion may have before its length is looked at."""
+
+MAX_REASON = 80
+"""Characters of Python's own reason that a message quotes."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """What lets a body move against its parent."""
+    """What lets a bone move against its parent."""
 
     kind: str
     """One of `JOINT_KINDS`."""
     entry: int
-    """First state entry it reads: an angle [rad], a way [m], a quaternion, or a place and a quaternion."""
+    """First state entry it reads: an angle [rad], a distance [m], a quaternion, or a position and a quaternion."""
     axis: Numbers
-    """Unit axis in the body's frame; of hinges and slides."""
+    """Unit axis in the bone's frame; of hinges and slides."""
     anchor: Numbers
-    """Point in the body's frame it turns about [m]."""
+    """Point in the bone's frame it rotates about [m]."""
     reference: float = 0.0
-    """Value of the entry at which the body is where the tree puts it."""
+    """Value of the entry at which the bone is where the tree puts it."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """Something to draw, fixed to a body."""
+    """Something to draw, fixed to a bone."""
 
     kind: str
     """One of `SHAPE_KINDS`."""
     size: Numbers
-    """[m] Radius and half length along Z (capsule, cylinder), radius (sphere), half axes (box, ellipsoid)."""
+    """Radius and half length along Z (capsule, cylinder), radius (sphere), half axes (box, ellipsoid) [m]."""
     position: Numbers
+    """Its middle in the bone's frame [m]."""
     orientation: Numbers
-    """Quaternion wxyz in the body's frame."""
+    """Quaternion wxyz in the bone's frame."""
     colour: Numbers
     """Red, green, blue, opacity, each 0 to 1."""
 
 
 @dataclass(frozen=True)
 class Bone:
-    """One body."""
+    """One rigid part: where it hangs, what moves it, and what is drawn of it."""
 
     name: str
     parent: int
@@ -82,7 +113,10 @@ class Bone:
     joints: tuple[Joint, ...]
     shapes: tuple[Shape, ...]
     binding: Binding | None = None
-    """Mass points it goes with, instead of joints; it then hangs from the world, `offset` and `orientation` are at rest."""
+    """Mass points it goes with, instead of joints; it then hangs from the world.
+
+    Its `offset` and `orientation` are those at rest.
+    """
 
     @property
     def is_moving(self) -> bool:
@@ -96,7 +130,7 @@ class Skeleton:
 
     bones: tuple[Bone, ...]
     skin: Skin | None = None
-    """Drawn around all bones."""
+    """The skin drawn around all bones, if there is one."""
 
     def is_moved(self, number: int) -> bool:
         """Return whether anything moves bone `number`, or one it hangs from; what nothing moves is scenery."""
@@ -106,27 +140,32 @@ class Skeleton:
             number = self.bones[number].parent
         return False
 
-    def local_poses(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return places (T, B, 3) [m] and quaternions wxyz (T, B, 4), each in its parent's frame, for states (T, S)."""
-        poses = [_local_pose(bone, states) for bone in self.bones]
-        return np.stack([position for position, _ in poses], axis=1), np.stack(
-            [orientation for _, orientation in poses], axis=1
-        )
+    def local_poses(self, states: Float[np.ndarray, "T S"]) -> Poses:
+        """Return positions (T, B, 3) [m] and orientations wxyz (T, B, 4), each in its parent's frame."""
+        positions = []
+        orientations = []
+        for bone in self.bones:
+            position, orientation = _local_pose(bone, states)
+            positions.append(position)
+            orientations.append(orientation)
+        return np.stack(positions, axis=1), np.stack(orientations, axis=1)
 
-    def world_poses(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return places (T, B, 3) [m] and quaternions wxyz (T, B, 4) in the world, for states (T, S)."""
+    def world_poses(self, states: Float[np.ndarray, "T S"]) -> Poses:
+        """Return positions (T, B, 3) [m] and orientations wxyz (T, B, 4) in the world."""
         positions, orientations = self.local_poses(states)
         for i, bone in enumerate(self.bones):
             if bone.parent >= 0:
-                above = orientations[:, bone.parent]
-                positions[:, i] = positions[:, bone.parent] + rotate(above, positions[:, i])
-                orientations[:, i] = multiply(above, orientations[:, i])
+                parent = orientations[:, bone.parent]
+                positions[:, i] = positions[:, bone.parent] + rotate(parent, positions[:, i])
+                orientations[:, i] = multiply(parent, orientations[:, i])
         return positions, orientations
 
     def to_json(self) -> list[dict[str, Any]] | dict[str, Any]:
         """Return plain dictionaries, one per bone; under a skin, in a dictionary with it."""
         bones = [_bone_to_json(bone) for bone in self.bones]
-        return bones if self.skin is None else {"bones": bones, "skin": skin_to_json(self.skin)}
+        if self.skin is None:
+            return bones
+        return {"bones": bones, "skin": skin_to_json(self.skin)}
 
     @classmethod
     def from_json(cls, described: Any, state_size: int | None = None) -> Skeleton:
@@ -137,46 +176,64 @@ class Skeleton:
         try:
             return _skeleton_from_json(described, state_size)
         except (TypeError, KeyError, AttributeError, OverflowError) as error:
-            raise ValueError(f"skeleton: {type(error).__name__} {str(error)[:80]}") from error
+            reason = str(error)[:MAX_REASON]
+            raise ValueError(f"skeleton: {type(error).__name__} {reason}") from error
 
 
 def _skeleton_from_json(described: Any, state_size: int | None) -> Skeleton:
-    described = described if isinstance(described, dict) else {"bones": described, "skin": None}
+    if not isinstance(described, dict):
+        described = {"bones": described, "skin": None}
     if {*described} != {"bones", "skin"} or not isinstance(described["bones"], list):
         raise ValueError("skeleton: wanted bones and a skin")
-    if len(described["bones"]) > MAX_BONES:
-        raise ValueError(f"skeleton: {len(described['bones'])} bones; wanted at most {MAX_BONES}")
-    bones = tuple(_bone_from_json(row, i) for i, row in enumerate(described["bones"]))
-    last = max((entry for bone in bones for entry in _entries_read(bone)), default=0)
-    if state_size is not None and last > state_size:
-        raise ValueError(f"skeleton: reads {last} state entries of {state_size}")
-    skin = None if described["skin"] is None else skin_from_json(described["skin"])
-    if skin is not None and (
-        any(bone.binding is None for bone in bones) or not skin.fits([b.offset for b in bones])
-    ):
+    rows = described["bones"]
+    if len(rows) > MAX_BONES:
+        raise ValueError(f"skeleton: {len(rows)} bones; wanted at most {MAX_BONES}")
+    bones = tuple(_bone_from_json(row, number) for number, row in enumerate(rows))
+    entries = max((_entries_read(bone) for bone in bones), default=0)
+    if state_size is not None and entries > state_size:
+        raise ValueError(f"skeleton: reads {entries} state entries of {state_size}")
+    if described["skin"] is None:
+        return Skeleton(bones)
+    skin = skin_from_json(described["skin"])
+    is_bound = all(bone.binding is not None for bone in bones)
+    if not is_bound or not skin.fits([bone.offset for bone in bones]):
         raise ValueError("skeleton: a skin needs other bones, which follow mass points")
     return Skeleton(bones, skin)
 
 
 def _bone_to_json(bone: Bone) -> dict[str, Any]:
     row = asdict(bone)
-    binding = row.pop("binding")
-    return row if binding is None else row | {"binding": binding.model_dump(mode="json")}
+    if bone.binding is None:
+        del row["binding"]
+    else:
+        row["binding"] = bone.binding.model_dump(mode="json")
+    return row
 
 
-def _bone_from_json(row: Any, position: int) -> Bone:
-    row = {"binding": None, **row} if isinstance(row, dict) else row
+def _bone_from_json(row: Any, number: int) -> Bone:
+    """Return a bone; only those before it, of which there are `number`, can be its parent."""
+    if isinstance(row, dict):
+        row = {"binding": None, **row}
     _check_keys(row, Bone)
-    name = check_label(row["name"], f"bone {position}")
+    name = check_label(row["name"], f"bone {number}")
     label = f"bone '{name}'"
     joints = tuple(_joint_from_json(joint, label) for joint in _pieces(row["joints"], label))
     shapes = tuple(_shape_from_json(shape, label) for shape in _pieces(row["shapes"], label))
-    binding = None if row["binding"] is None else binding_from_json(row["binding"])
-    parent = whole(row["parent"], f"{label}: parent", -1, position - 1)
+    binding = None
+    if row["binding"] is not None:
+        binding = binding_from_json(row["binding"])
+    parent = whole(row["parent"], f"{label}: parent", -1, number - 1)
     if binding is not None and (joints or parent >= 0):
         raise ValueError(f"{label} follows mass points and has joints or a parent")
-    offset, orientation = _place(row["offset"], label), _unit_vector(row["orientation"], label, 4)
-    return Bone(name, parent, offset, orientation, joints, shapes, binding)
+    return Bone(
+        name=name,
+        parent=parent,
+        offset=_position(row["offset"], label),
+        orientation=_unit_vector(row["orientation"], label, 4),
+        joints=joints,
+        shapes=shapes,
+        binding=binding,
+    )
 
 
 def _joint_from_json(row: Any, label: str) -> Joint:
@@ -185,7 +242,7 @@ def _joint_from_json(row: Any, label: str) -> Joint:
         kind=row["kind"],
         entry=whole(row["entry"], f"{label}: entry", 0, MAX_ENTRIES),
         axis=_unit_vector(row["axis"], label, 3),
-        anchor=_place(row["anchor"], label),
+        anchor=_position(row["anchor"], label),
         reference=number(row["reference"], f"{label}: reference", -MAX_VALUE, MAX_VALUE),
     )
 
@@ -199,21 +256,21 @@ def _shape_from_json(row: Any, label: str) -> Shape:
     if min(size) < 0 or min(colour) < 0:
         raise ValueError(f"{label}: wanted sizes and colours of 0 or more")
     return Shape(
-        row["kind"],
-        size,
-        _place(row["position"], label),
-        _unit_vector(row["orientation"], label, 4),
-        colour,
+        kind=row["kind"],
+        size=size,
+        position=_position(row["position"], label),
+        orientation=_unit_vector(row["orientation"], label, 4),
+        colour=colour,
     )
 
 
-def _place(value: Any, label: str) -> Numbers:
+def _position(value: Any, label: str) -> Numbers:
     return numbers(value, f"{label}: place", 3, MAX_DISTANCE)
 
 
 def _unit_vector(value: Any, label: str, size: int) -> Numbers:
     """Return an axis, or a quaternion; a length of 0 would make poses NaN."""
-    vector = numbers(value, f"{label}: axis or turn", size, 2.0)
+    vector = numbers(value, f"{label}: axis or turn", size, MAX_COMPONENT)
     if abs(np.linalg.norm(vector) - 1) > UNIT_TOLERANCE:
         raise ValueError(
             f"{label}: wanted an axis or a turn of length 1, came {quoted(list(vector))}"
@@ -227,56 +284,53 @@ def _pieces(rows: Any, label: str) -> list[Any]:
     return rows
 
 
-def _check_keys(row: Any, kind: type, valid: tuple[str, ...] = ()) -> None:
-    """Refuse a row that has not the fields of `kind`."""
-    if not isinstance(row, dict) or {*row} != {field.name for field in fields(kind)}:
-        raise ValueError(f"skeleton: a {kind.__name__.lower()} has other fields than expected")
-    if valid and row["kind"] not in valid:
-        raise ValueError(
-            f"skeleton: no {kind.__name__.lower()} of the kind {quoted(row['kind'])} is known"
-        )
+def _check_keys(row: Any, described: type, valid_kinds: tuple[str, ...] = ()) -> None:
+    """Refuse a row that has not the fields of the class `described`, or a kind that is none of `valid_kinds`."""
+    what = described.__name__.lower()
+    names = {field.name for field in fields(described)}
+    if not isinstance(row, dict) or {*row} != names:
+        raise ValueError(f"skeleton: a {what} has other fields than expected")
+    if valid_kinds and row["kind"] not in valid_kinds:
+        raise ValueError(f"skeleton: no {what} of the kind {quoted(row['kind'])} is known")
 
 
-def _entries_read(bone: Bone) -> list[int]:
-    """Return how many state entries there must be at least for each thing that moves `bone`."""
+def _entries_read(bone: Bone) -> int:
+    """Return how many state entries there must be at least for what moves `bone`."""
     ends = [joint.entry + JOINT_SIZES.get(joint.kind, 1) for joint in bone.joints]
-    return ends if bone.binding is None else [*ends, bone.binding.last_entry + 1]
+    if bone.binding is not None:
+        ends.append(bone.binding.last_entry + 1)
+    return max(ends, default=0)
 
 
-def _local_pose(bone: Bone, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (places (T, 3), quaternions (T, 4)) of a bone in its parent's frame, joint after joint as MuJoCo does."""
+def _local_pose(bone: Bone, states: Float[np.ndarray, "T S"]) -> Pose:
+    """Return positions and orientations of a bone in its parent's frame, joint after joint as MuJoCo does."""
     if bone.binding is not None:
         return bound_pose(bone.binding, states)
     position = np.broadcast_to(np.array(bone.offset), (len(states), 3))
     orientation = np.broadcast_to(np.array(bone.orientation), (len(states), 4))
     for joint in bone.joints:
-        value = states[:, joint.entry]
         if joint.kind == "free":
-            position, orientation = (
-                states[:, joint.entry : joint.entry + 3],
-                _unit(states, joint.entry + 3),
-            )
+            position = states[:, joint.entry : joint.entry + 3]
+            orientation = _unit_quaternion(states, joint.entry + 3)
         elif joint.kind == "slide":
-            way = (value - joint.reference)[:, None] * np.array(joint.axis)
-            position = position + rotate(orientation, way)
+            distance = states[:, joint.entry] - joint.reference
+            position = position + rotate(orientation, distance[:, None] * np.array(joint.axis))
         else:
             anchor = np.broadcast_to(np.array(joint.anchor), position.shape)
             fixed = position + rotate(orientation, anchor)
-            own = (
-                _unit(states, joint.entry)
-                if joint.kind == "ball"
-                else _about(joint.axis, value - joint.reference)
-            )
-            orientation = multiply(orientation, own)
+            orientation = multiply(orientation, _joint_rotation(joint, states))
             position = fixed - rotate(orientation, anchor)
     return position, orientation
 
 
-def _unit(states: np.ndarray, entry: int) -> np.ndarray:
+def _joint_rotation(joint: Joint, states: Float[np.ndarray, "T S"]) -> Float[np.ndarray, "T 4"]:
+    """Return the quaternion of a ball joint, or of a hinge turned by its angle."""
+    if joint.kind == "ball":
+        return _unit_quaternion(states, joint.entry)
+    half_angle = (states[:, joint.entry] - joint.reference)[:, None] / 2
+    return np.concatenate([np.cos(half_angle), np.sin(half_angle) * np.array(joint.axis)], axis=-1)
+
+
+def _unit_quaternion(states: Float[np.ndarray, "T S"], entry: int) -> Float[np.ndarray, "T 4"]:
     quaternion = states[:, entry : entry + 4]
     return quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
-
-
-def _about(axis: Numbers, angle: np.ndarray) -> np.ndarray:
-    half = angle[:, None] / 2
-    return np.concatenate([np.cos(half), np.sin(half) * np.array(axis)], axis=-1)

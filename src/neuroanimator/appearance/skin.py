@@ -19,14 +19,22 @@ from pydantic import Field, TypeAdapter
 from neuroanimator.tables import Share, Table
 
 Colour = tuple[Share, Share, Share]
-"""Red, green, blue."""
-Length = Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]
-"""[m]"""
-Size = Annotated[float, Field(ge=0, le=1e3, allow_inf_nan=False)]
-"""[m]"""
+"""Red, green and blue, each 0 to 1."""
 
-MAX_SECTIONS, MAX_FINS = 40, 12
-"""A skin may come from a stranger, and its triangles grow with these."""
+Length = Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]
+"""A coordinate [m]."""
+
+Size = Annotated[float, Field(ge=0, le=1e3, allow_inf_nan=False)]
+"""A length that has no sign [m]."""
+
+MAX_SECTIONS = 40
+"""Sections a body or a fin may have: a skin may come from a stranger, and its triangles grow with them."""
+
+MAX_FINS = 12
+"""Fins a body may have, for the same reason."""
+
+BOX_CORNERS = 8
+"""Bones a box is bound to, one at every corner."""
 
 
 class Fin(Table):
@@ -37,7 +45,7 @@ class Fin(Table):
     )
     """From one end of the blade to the other: x, y, z of its leading edge, and how far it reaches behind it."""
     thickness: Annotated[float, Field(gt=0, le=1)] = 0.12
-    """Over how far it reaches behind its edge."""
+    """How thick it is, over how far it reaches behind its edge."""
     both: bool = False
     """Whether there is another one, mirrored, on the right."""
 
@@ -49,18 +57,19 @@ class Swimmer(Table):
     back: Colour
     belly: Colour
     fin: Colour | None = None
-    """Of the fins; the back's if not given."""
+    """Colour of the fins; the back's if not given."""
     sections: tuple[tuple[Length, Size, Length, Length], ...] = Field(
         min_length=3, max_length=MAX_SECTIONS
     )
     """From nose to tail: x, half the width, top and bottom; one without any size ends in a rounded tip."""
     fins: tuple[Fin, ...] = Field((), max_length=MAX_FINS)
     eye: tuple[Length, Length, Length, Size] | None = None
-    """Of the left eye: place and radius."""
+    """Position and radius of the left eye; the right one is its mirror image."""
 
-    def fits(self, bones: Sequence[Sequence[float]]) -> bool:
-        """Return whether this skin can be bound to bones at these places."""
-        return len({position[0] for position in bones}) > 1
+    def fits(self, bone_positions: Sequence[Sequence[float]]) -> bool:
+        """Return whether this skin can be bound to bones at these positions [m]: not all at one X."""
+        along_x = {position[0] for position in bone_positions}
+        return len(along_x) > 1
 
 
 class Box(Table):
@@ -69,19 +78,25 @@ class Box(Table):
     kind: Literal["box"]
     face: Colour
     rim: Colour | None = None
-    """Of the edges; the faces' if not given."""
+    """Colour of the edges; the faces' if not given."""
     margin: Size = 0.0
     """How far the skin lies outside the corners' mass points."""
     rounding: Annotated[float, Field(gt=0, le=1)] = 0.25
     """Radius of the edges, over half the shortest side."""
 
-    def fits(self, bones: Sequence[Sequence[float]]) -> bool:
-        """Return whether this skin can be bound to bones at these places."""
-        return len(bones) == 8 and all(len({*along}) > 1 for along in zip(*bones, strict=True))
+    def fits(self, bone_positions: Sequence[Sequence[float]]) -> bool:
+        """Return whether this skin can be bound to bones at these positions [m]: eight, with some extent along each axis."""
+        if len(bone_positions) != BOX_CORNERS:
+            return False
+        return all(len(set(along)) > 1 for along in zip(*bone_positions, strict=True))
 
 
 Skin = Swimmer | Box
+"""What a skin may be."""
+
 SkinTable = Annotated[Skin, Field(discriminator="kind")]
+"""A skin as a field of a table: its `kind` says which."""
+
 _SKIN: TypeAdapter[Skin] = TypeAdapter(SkinTable)
 
 

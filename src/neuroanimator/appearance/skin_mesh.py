@@ -1,10 +1,11 @@
-"""The triangles of a skin, and how its points follow the bones."""
+"""The triangles of a skin at rest, their colours, and the weights by which their points follow the bones."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from neuroanimator.appearance.loft import (
     Surface,
@@ -18,142 +19,193 @@ from neuroanimator.appearance.loft import (
 )
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin import Box, Fin, Skin, Swimmer
-from neuroanimator.state.rotation import rotate, rotate_back
 
 INFLUENCES = 4
-"""Bones per point, as glTF has them."""
-BELLY, BACK, FIN, EYE, PUPIL = 0.0, 0.4, 0.6, 0.8, 1.0
-"""Shades: where a point's colour lies in the palette."""
-EYE_COLOURS = (0.93, 0.9, 0.82), (0.03, 0.03, 0.04)
-"""Of the eye and its pupil."""
-PUPIL_SHARE = 0.7
-"""Cosine of the angle to which the pupil reaches."""
+"""Bones a point follows, as glTF has them."""
+
+BELLY = 0.0
+"""Shade of a swimmer's belly: where its colour lies in the palette."""
+BACK = 0.4
+"""Shade of its back."""
+FIN = 0.6
+"""Shade of its fins."""
+EYE = 0.8
+"""Shade of its eyes."""
+PUPIL = 1.0
+"""Shade of their pupils."""
+
+EYE_COLOUR = (0.93, 0.9, 0.82)
+"""Red, green and blue of an eye: off-white."""
+
+PUPIL_COLOUR = (0.03, 0.03, 0.04)
+"""Red, green and blue of a pupil: nearly black."""
+
+PUPIL_COSINE = 0.7
+"""Cosine of the angle to which the pupil reaches, seen from the middle of the eye."""
+
 EYE_DEPTH = 0.5
-"""Thickness of the eye over its width."""
+"""Thickness of the eye over its width: it does not stand out."""
+
+BELLY_HEIGHT = 0.28
+"""Share of a body's height below which it is as light as its belly."""
+
+BELLY_TO_BACK = 0.42
+"""Share of a body's height over which it darkens from there to the back."""
+
+RIM_START = 0.7
+"""Distance from the middle of a box's face, over half its side, from which the rim's colour begins to show."""
+
+RIM_WIDTH = 0.2
+"""Distance over half the side across which it becomes the rim's colour alone."""
+
+MIN_HEIGHT = 1e-9
+"""Heights of a body are never divided by less [m]: at its tips it has none."""
 
 
 class SkinMesh(NamedTuple):
     """A skin at rest, in the world."""
 
-    points: np.ndarray
-    """(V, 3) [m]"""
-    normals: np.ndarray
-    """(V, 3), unit length, outward"""
-    triangles: np.ndarray
-    """(M, 3), counterclockwise from outside"""
-    bones: np.ndarray
-    """(V, 4) bones each point follows"""
-    weights: np.ndarray
-    """(V, 4), adding up to 1"""
-    shades: np.ndarray
-    """(V,) 0 to 1, see `colours_of`"""
+    points: Float[np.ndarray, "V 3"]
+    """Points of the skin [m]."""
+    normals: Float[np.ndarray, "V 3"]
+    """Outward normals at the points, of length 1."""
+    triangles: Int[np.ndarray, "M 3"]
+    """Numbers of points, counterclockwise from outside."""
+    bones: Int[np.ndarray, "V 4"]
+    """Bones each point follows."""
+    weights: Float[np.ndarray, "V 4"]
+    """How much it follows each; they add up to 1."""
+    shades: Float[np.ndarray, " V"]
+    """Where each point's colour lies in the palette, 0 to 1: see `colours_of`."""
+
+
+class _Influences(NamedTuple):
+    """The bones each point follows, and how much."""
+
+    bones: Int[np.ndarray, "V 4"]
+    weights: Float[np.ndarray, "V 4"]
 
 
 def skin_mesh(skeleton: Skeleton) -> SkinMesh:
     """Return the skin around the bones of `skeleton`, which has one."""
     skin = skeleton.skin
     assert skin is not None
-    positions = np.array([bone.offset for bone in skeleton.bones])
-    surface, shades, (bones, weights) = (
-        _swimmer(skin, positions) if isinstance(skin, Swimmer) else _box(skin, positions)
-    )
-    return SkinMesh(surface.points, normals_of(surface), surface.triangles, bones, weights, shades)
-
-
-def colours_of(skin: Skin, shades: np.ndarray) -> np.ndarray:
-    """Return the colours (N, 3) at `shades` (N,)."""
-    if isinstance(skin, Box):
-        stops, colours = [0.0, 1.0], [skin.face, skin.rim or skin.face]
+    bone_positions = np.array([bone.offset for bone in skeleton.bones])
+    if isinstance(skin, Swimmer):
+        surface, shades, influences = _swimmer(skin, bone_positions)
     else:
-        stops, colours = (
-            [BELLY, BACK, FIN, EYE, PUPIL],
-            [skin.belly, skin.back, skin.fin or skin.back, *EYE_COLOURS],
-        )
-    return np.stack(
-        [np.interp(shades, stops, channel) for channel in zip(*colours, strict=True)], axis=-1
-    )
+        surface, shades, influences = _box(skin, bone_positions)
+    normals = normals_of(surface)
+    return SkinMesh(surface.points, normals, surface.triangles, *influences, shades)
 
 
-def posed(skeleton: Skeleton, mesh: SkinMesh, states: np.ndarray) -> np.ndarray:
-    """Return the points (T, V, 3) of the skin [m] for states (T, S): every point carried by its bones."""
-    positions, orientations = skeleton.world_poses(states)
-    found = np.zeros((len(states), *mesh.points.shape))
-    for i, bone in enumerate(skeleton.bones):
-        own = rotate_back(np.array(bone.orientation)[None], mesh.points - np.array(bone.offset))
-        carried = positions[:, i, None] + rotate(orientations[:, i, None], own[None])
-        found += np.where(mesh.bones == i, mesh.weights, 0.0).sum(axis=1)[:, None] * carried
-    return found
+def colours_of(skin: Skin, shades: Float[np.ndarray, " N"]) -> Float[np.ndarray, "N 3"]:
+    """Return the colours (red, green, blue) at `shades`."""
+    if isinstance(skin, Box):
+        palette = {0.0: skin.face, 1.0: skin.rim or skin.face}
+    else:
+        palette = {
+            BELLY: skin.belly,
+            BACK: skin.back,
+            FIN: skin.fin or skin.back,
+            EYE: EYE_COLOUR,
+            PUPIL: PUPIL_COLOUR,
+        }
+    stops = list(palette)
+    colours = np.array(list(palette.values()))
+    channels = [np.interp(shades, stops, channel) for channel in colours.T]
+    return np.stack(channels, axis=-1)
 
 
 def _swimmer(
-    skin: Swimmer, positions: np.ndarray
-) -> tuple[Surface, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    body = body_surface(np.array(skin.sections))
-    parts = [(body, _countershade(body, np.array(skin.sections)))]
+    skin: Swimmer, bone_positions: Float[np.ndarray, "B 3"]
+) -> tuple[Surface, Float[np.ndarray, " V"], _Influences]:
+    sections = np.array(skin.sections)
+    body = body_surface(sections)
+    surfaces = [body]
+    shades = [_countershade(body, sections)]
     for fin in skin.fins:
-        parts += [(surface, np.full(len(surface.points), FIN)) for surface in _fins(fin)]
+        for surface in _fins(fin):
+            surfaces.append(surface)
+            shades.append(np.full(len(surface.points), FIN))
     if skin.eye is not None:
-        parts += _eyes(*skin.eye)
-    surface = joined([part for part, _ in parts])
-    return (
-        surface,
-        np.concatenate([shades for _, shades in parts]),
-        _along_spine(surface.points[:, 0], positions[:, 0]),
-    )
+        left, eye_shades = _left_eye(*skin.eye)
+        surfaces += [left, mirrored(left)]
+        shades += [eye_shades, eye_shades]
+    whole = joined(surfaces)
+    influences = _along_spine(whole.points[:, 0], bone_positions[:, 0])
+    return whole, np.concatenate(shades), influences
 
 
 def _fins(fin: Fin) -> list[Surface]:
     surface = fin_surface(np.array(fin.edge), fin.thickness)
-    return [surface, mirrored(surface)] if fin.both else [surface]
+    if fin.both:
+        return [surface, mirrored(surface)]
+    return [surface]
 
 
-def _eyes(x: float, y: float, z: float, radius: float) -> list[tuple[Surface, np.ndarray]]:
+def _left_eye(
+    x: float, y: float, z: float, radius: float
+) -> tuple[Surface, Float[np.ndarray, " V"]]:
+    """Return the left eye at x, y, z [m] and its shades."""
     ball = ball_surface(np.zeros(3), radius)
-    shades = np.where(ball.points[:, 1] > PUPIL_SHARE * radius, PUPIL, EYE)
-    left = Surface(ball.points * [1, EYE_DEPTH, 1] + [x, y, z], ball.triangles)
-    return [(left, shades), (mirrored(left), shades)]
+    is_pupil = ball.points[:, 1] > PUPIL_COSINE * radius
+    points = ball.points * [1, EYE_DEPTH, 1] + [x, y, z]
+    return Surface(points, ball.triangles), np.where(is_pupil, PUPIL, EYE)
 
 
-def _countershade(body: Surface, sections: np.ndarray) -> np.ndarray:
+def _countershade(body: Surface, sections: Float[np.ndarray, "K 4"]) -> Float[np.ndarray, " V"]:
     """Return a shade per point: light below, dark above, as animals are that are lit from above."""
     order = np.argsort(sections[:, 0])
     x, _, top, bottom = sections[order].T
-    tops, bottoms = (np.interp(body.points[:, 0], x, side) for side in (top, bottom))
-    height = (body.points[:, 2] - bottoms) / np.maximum(tops - bottoms, 1e-9)
-    return BELLY + (BACK - BELLY) * _soft((height - 0.28) / 0.42)
+    tops = np.interp(body.points[:, 0], x, top)
+    bottoms = np.interp(body.points[:, 0], x, bottom)
+    height = (body.points[:, 2] - bottoms) / np.maximum(tops - bottoms, MIN_HEIGHT)
+    darkness = _smooth_step((height - BELLY_HEIGHT) / BELLY_TO_BACK)
+    return BELLY + (BACK - BELLY) * darkness
 
 
-def _along_spine(at: np.ndarray, stations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the two bones each point follows, and how much, by its place along X."""
+def _along_spine(x: Float[np.ndarray, " V"], stations: Float[np.ndarray, " B"]) -> _Influences:
+    """Return the two bones each point follows, and how much, by its position along X."""
     order = np.argsort(stations)
-    share = np.interp(at, stations[order], np.arange(len(order)))
+    share = np.interp(x, stations[order], np.arange(len(order)))
     below = np.clip(share.astype(int), 0, max(len(order) - 2, 0))
     above = np.minimum(below + 1, len(order) - 1)
-    weight = _soft(share - below)
-    bones = np.stack([order[below], order[above], 0 * below, 0 * below], axis=1)
-    return bones, np.stack([1 - weight, weight, 0 * weight, 0 * weight], axis=1)
+    weight = _smooth_step(share - below)
+    no_bone = 0 * below
+    no_weight = 0 * weight
+    bones = np.stack([order[below], order[above], no_bone, no_bone], axis=1)
+    weights = np.stack([1 - weight, weight, no_weight, no_weight], axis=1)
+    return _Influences(bones, weights)
 
 
 def _box(
-    skin: Box, positions: np.ndarray
-) -> tuple[Surface, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    skin: Box, bone_positions: Float[np.ndarray, "8 3"]
+) -> tuple[Surface, Float[np.ndarray, " V"], _Influences]:
     """Return a box around eight corners; bone 4a + 2b + c is the one at the a-th end of X, b-th of Y, c-th of Z."""
-    centre = (positions.min(axis=0) + positions.max(axis=0)) / 2
-    half = np.ptp(positions, axis=0) / 2 + skin.margin
+    low = bone_positions.min(axis=0)
+    high = bone_positions.max(axis=0)
+    half = np.ptp(bone_positions, axis=0) / 2 + skin.margin
     surface, sharp = box_surface(half, skin.rounding * half.min())
-    near = np.stack([(1 - sharp) / 2, (1 + sharp) / 2], axis=1)
-    weights = (
-        near[:, :, None, None, 0] * near[:, None, :, None, 1] * near[:, None, None, :, 2]
-    ).reshape(-1, 8)
-    bones = np.argsort(-weights, axis=1, kind="stable")[:, :INFLUENCES]
-    kept = np.take_along_axis(weights, bones, axis=1)
-    rim = np.sort(np.abs(sharp), axis=1)[:, 1]
-    shades = _soft((rim - 0.7) / 0.2)
-    moved = Surface(surface.points + centre, surface.triangles)
-    return moved, shades, (bones, kept / kept.sum(axis=1, keepdims=True))
+    rim_distance = np.sort(np.abs(sharp), axis=1)[:, 1]
+    shades = _smooth_step((rim_distance - RIM_START) / RIM_WIDTH)
+    moved = Surface(surface.points + (low + high) / 2, surface.triangles)
+    return moved, shades, _nearest_corners(sharp)
 
 
-def _soft(share: np.ndarray) -> np.ndarray:
+def _nearest_corners(sharp: Float[np.ndarray, "V 3"]) -> _Influences:
+    """Return the corners each point follows, and how much; points are -1 to 1 along every axis of the box."""
+    ends = np.stack([(1 - sharp) / 2, (1 + sharp) / 2], axis=1)
+    along_x = ends[:, :, None, None, 0]
+    along_y = ends[:, None, :, None, 1]
+    along_z = ends[:, None, None, :, 2]
+    trilinear = (along_x * along_y * along_z).reshape(-1, 8)
+    bones = np.argsort(-trilinear, axis=1, kind="stable")[:, :INFLUENCES]
+    weights = np.take_along_axis(trilinear, bones, axis=1)
+    return _Influences(bones, weights / weights.sum(axis=1, keepdims=True))
+
+
+def _smooth_step(share: Float[np.ndarray, " V"]) -> Float[np.ndarray, " V"]:
     """Return 0 below 0, 1 above 1 and a smooth step between."""
     share = np.clip(share, 0, 1)
     return share * share * (3 - 2 * share)
