@@ -1,0 +1,203 @@
+"""What the documents say is true: their code runs, their links and paths lead somewhere, and nothing public is left out.
+
+The blocks of a page run in order, in this process, in a folder of their own: Python as it stands, and those lines of shell
+that begin with `neuroanimator`, with fewer samples and updates. A block after "save this as `name`" is written to that file. A
+comment right before a block, which readers do not see, says what else to do with it:
+
+    <!-- test: skip, REASON -->      it is not run
+    <!-- test: append to NAME -->    it is added to a file
+"""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import neuroanimator
+from neuroanimator.cli.verbs import VERBS, app
+from neuroanimator.errors import ResourceError
+from neuroanimator.export.film.video import graphics_backend
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+DOCUMENTS = [
+    *PAGES,
+    *(ROOT / name for name in ("ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md")),
+]
+
+BLOCK = re.compile(r"^```(?P<language>\w*)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
+MARKER = re.compile(r"<!-- test: (?P<action>skip|append to),? (?P<argument>[^>]+) -->\s*\Z")
+FILE = re.compile(r"\b[Ss]ave\b[^`]*\bas `(?P<name>[\w.]+)`")
+LINK = re.compile(r"\[[^\]]*\]\((?P<target>[^)\s]+)\)")
+HEADING = re.compile(r"^#+ +(?P<title>.+)$", re.MULTILINE)
+SOURCE_PATH = re.compile(r"`(?P<path>[\w./-]+/[\w-]+\.(?:py|toml|csv|md|safetensors))`")
+PUBLIC_NAME = re.compile(r"^::: neuroanimator\.(?P<name>\w+)$", re.MULTILINE)
+
+SHRUNK = {
+    "animate": ("--seconds", "0.5"),
+    "generate": ("--count", "1200"),
+    "train": ("--updates", "250", "--widths", "16"),
+}
+"""Options added to a verb, so that it ends soon: of an option given twice the last one counts."""
+
+WORDS_OF_README = 600
+"""The README is what a newcomer reads at one go; everything longer is a page of the site."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page."""
+
+    language: str
+    code: str
+    before: str
+    """All of the page's text before it."""
+
+    @property
+    def action(self) -> str:
+        """What a comment says is to be done with it: "skip", "append to", or nothing."""
+        marker = MARKER.search(self.before)
+        return marker["action"] if marker else ""
+
+    @property
+    def argument(self) -> str:
+        """The reason or the file name in that comment."""
+        marker = MARKER.search(self.before)
+        return marker["argument"] if marker else ""
+
+    @property
+    def file(self) -> str:
+        """The name a reader is told to save it as; empty if it is not to be saved."""
+        paragraph = self.before.rstrip().rpartition("\n\n")[2]
+        told = FILE.search(paragraph)
+        return told["name"] if told else ""
+
+
+def blocks_of(page: Path) -> Iterator[Block]:
+    text = page.read_text(encoding="utf-8")
+    for match in BLOCK.finditer(text):
+        yield Block(match["language"], match["code"], text[: match.start()])
+
+
+def has_code(page: Path) -> bool:
+    return any(block.language in ("python", "sh") for block in blocks_of(page))
+
+
+def id_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if has_code(page)], ids=id_of)
+def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {"__name__": "__main__"}
+    for block in blocks_of(page):
+        if block.action == "skip":
+            continue
+        if block.action == "append to":
+            path = tmp_path / block.argument
+            path.write_text(f"{path.read_text()}\n{block.code}", encoding="utf-8")
+        elif block.file:
+            (tmp_path / block.file).write_text(block.code, encoding="utf-8")
+        elif block.language == "toml":
+            tomllib.loads(block.code)
+        elif block.language == "python":
+            run_python(block.code, f"{id_of(page)}: a block", names)
+        elif block.language == "sh":
+            run_shell(block.code, monkeypatch)
+
+
+def run_python(code: str, name: str, names: dict[str, object]) -> None:
+    """Run `code`; where nothing can be drawn, what draws says so."""
+    program = compile(code, name, "exec")
+    if "render(" in code and graphics_backend() is None:
+        with pytest.raises(ResourceError, match="No OpenGL to draw with"):
+            exec(program, names)
+    else:
+        exec(program, names)
+
+
+def run_shell(code: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the lines that are ours by the function behind the command, and `python3 SCRIPT > FILE`."""
+    for line in code.splitlines():
+        words = shlex.split(line, comments=True)
+        if words[:1] == ["python3"]:
+            _, script, _, out = words
+            with Path(out).open("w", encoding="utf-8") as file, redirect_stdout(file):
+                runpy.run_path(script)
+        elif words[:1] == ["neuroanimator"]:
+            monkeypatch.setattr(sys, "argv", [*words, *SHRUNK.get(words[1], ())])
+            with pytest.raises(SystemExit) as ended:
+                app()
+            assert not ended.value.code, line
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=id_of)
+def test_every_link_leads_to_something_that_exists(document: Path):
+    for target in links_of(document):
+        name, _, anchor = target.partition("#")
+        path = (document.parent / name).resolve() if name else document
+        assert path.exists(), f"{target} leads nowhere"
+        if anchor:
+            assert anchor in anchors_of(path), f"{target}: {path.name} has no such heading"
+
+
+def links_of(document: Path) -> list[str]:
+    """Return the targets of all links and pictures but those on other hosts."""
+    text = BLOCK.sub("", document.read_text(encoding="utf-8"))
+    targets = [match["target"] for match in LINK.finditer(text)]
+    return [target for target in targets if "://" not in target]
+
+
+def anchors_of(document: Path) -> set[str]:
+    """Return the anchors that headings get, on the site as on code hosts."""
+    titles = HEADING.findall(BLOCK.sub("", document.read_text(encoding="utf-8")))
+    plain = [re.sub(r"[^\w\s-]", "", title.lower()).strip() for title in titles]
+    return {re.sub(r"\s+", "-", title) for title in plain}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=id_of)
+def test_every_path_named_exists(document: Path):
+    if document.name == "CHANGELOG.md":  # it tells of files as they were
+        return
+    for path in SOURCE_PATH.findall(document.read_text(encoding="utf-8")):
+        assert any(
+            (folder / path).exists() for folder in (ROOT, ROOT / "src/neuroanimator", DOCS)
+        ), path
+
+
+def test_the_reference_names_every_public_name_once():
+    pages = "\n".join(
+        page.read_text(encoding="utf-8") for page in (DOCS / "reference").glob("*.md")
+    )
+    assert sorted(PUBLIC_NAME.findall(pages)) == sorted(neuroanimator.__all__)
+
+
+def test_every_page_can_be_found_on_the_site():
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
+    named = re.findall(r"[\w/-]+\.md", navigation)
+    assert sorted(named) == sorted(page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md"))
+
+
+def test_the_readme_is_short_and_its_pictures_are_small():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.split()) <= WORDS_OF_README
+    pictures = [ROOT / target for target in links_of(ROOT / "README.md") if target.endswith(".gif")]
+    assert pictures
+    assert sum(picture.stat().st_size for picture in pictures) < 3_000_000
+
+
+def test_every_verb_of_the_readme_exists():
+    for block in blocks_of(ROOT / "README.md"):
+        for verb in re.findall(r"^neuroanimator (\w+)", block.code, re.MULTILINE):
+            assert verb in VERBS
