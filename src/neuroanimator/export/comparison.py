@@ -10,8 +10,8 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.export.gltf.scene import write_glb
 
 
-def write_comparison(emulator: Emulator, proof: Replay, path: Path) -> None:
-    """Write the motion on the true physics as GLB, with the emulator's as a ghost beside it."""
-    physics_states = make_clip(emulator, proof.physics_states, source="physics")
-    emulator_states = make_clip(emulator, proof.emulator_states, source="emulator")
-    write_glb(physics_states, path, ghost=emulator_states)
+def write_comparison(emulator: Emulator, replay: Replay, path: Path) -> None:
+    """Write the motion on the true physics to `path` as GLB, with the emulator's as a ghost beside it."""
+    physics_clip = make_clip(emulator, replay.physics_states, source="physics")
+    emulator_clip = make_clip(emulator, replay.emulator_states, source="emulator")
+    write_glb(physics_clip, path, ghost=emulator_clip)

@@ -8,6 +8,7 @@ from array import array
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.emulator import Emulator
@@ -22,49 +23,59 @@ MAX_TABLE = 256 * 2**20
 """Largest table read back [bytes]: an hour of the largest body at 30 images a second."""
 
 MAX_HEADER = 400
-"""Characters of a wanted header that an error shows."""
+"""Characters of the right header that an error shows."""
+
+UNEVEN = 1e-4
+"""Share of the first interval by which the others may differ from it: tables hold nine digits."""
 
 
-def write_table(path: Path, times: np.ndarray, rows: np.ndarray, layout: Layout) -> None:
-    """Write `rows` (T, N) at `times` (T,) [s] under the layout's names."""
-    header = header_of(layout)
-    lines = [
-        ",".join(f"{value:.9g}" for value in (time, *row))
-        for time, row in zip(times, rows, strict=True)
-    ]
-    write_whole(path, "\n".join([header, *lines, ""]).encode())
+def write_table(
+    path: Path, times: Float[np.ndarray, " T"], rows: Float[np.ndarray, "T N"], layout: Layout
+) -> None:
+    """Write `rows` at `times` [s] to `path`, under the layout's names."""
+    lines = [header_of(layout)]
+    for time, row in zip(times, rows, strict=True):
+        lines.append(",".join(f"{value:.9g}" for value in (time, *row)))
+    lines.append("")
+    write_whole(path, "\n".join(lines).encode())
 
 
 def header_of(layout: Layout) -> str:
     """Return a table's first line: one cell per column, whatever is in the layout's names."""
     line = io.StringIO()
-    csv.writer(line, lineterminator="").writerow(
-        [table_cell(name) for name in ("time s", *layout.names)]
-    )
+    csv.writer(line, lineterminator="").writerow(_column_names(layout))
     return line.getvalue()
 
 
-def read_table(path: Path, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
-    """Return (times, rows) of a table written for `layout`; BadFileError names the line that is wrong."""
+def _column_names(layout: Layout) -> list[str]:
+    return [table_cell(name) for name in ("time s", *layout.names)]
+
+
+def read_table(
+    path: Path, layout: Layout
+) -> tuple[Float[np.ndarray, " T"], Float[np.ndarray, "T N"]]:
+    """Return (times [s], rows) of a table written for `layout`; BadFileError names the line that is wrong."""
     rows = csv_rows(read_bounded(path, MAX_TABLE))
-    wanted = [table_cell(name) for name in ("time s", *layout.names)]
+    columns = _column_names(layout)
     numbers = array("d")
     try:
-        if next(rows, (0, []))[1] != wanted:
+        _, header = next(rows, (0, []))
+        if header != columns:
             raise BadFileError(
                 f"{path}: wanted the header {quoted(header_of(layout), MAX_HEADER)}."
             )
         for line, cells in rows:
-            numbers.extend(_numbers(f"{path}, line {line}", cells, len(wanted)))
+            numbers.extend(_numbers(f"{path}, line {line}", cells, len(columns)))
     except ValueError as error:
         raise BadFileError(f"{path}, {one_line(error)}.") from error
     if not numbers:
         raise BadFileError(f"{path} holds no rows below its header.")
-    table = np.array(numbers).reshape(-1, len(wanted))
+    table = np.array(numbers).reshape(-1, len(columns))
     return table[:, 0], table[:, 1:]
 
 
 def _numbers(where: str, cells: list[str], count: int) -> list[float]:
+    """Return the `count` finite numbers of a row; BadFileError says `where` there are others."""
     try:
         values = [float(cell) for cell in cells]
     except ValueError as error:
@@ -77,17 +88,17 @@ def _numbers(where: str, cells: list[str], count: int) -> list[float]:
 
 
 def write_clip(clip: Clip, path: Path, layout: Layout) -> None:
-    """Write `clip` as a table of its states."""
+    """Write `clip` to `path` as a table of its states."""
     write_table(path, clip.times, clip.states, layout)
 
 
 def read_clip(path: Path, emulator: Emulator) -> Clip:
     """Return the clip that `write_clip` wrote of a motion of `emulator`'s system."""
     times, states = read_table(path, emulator.state)
-    if (
-        len(times) < 2
-        or not np.allclose(np.diff(times), times[1] - times[0], rtol=1e-4)
-        or times[1] <= times[0]
-    ):
+    if len(times) < 2 or times[1] <= times[0] or not _is_even(times):
         raise BadFileError(f"{path}: wanted at least two evenly spaced, rising times.")
     return Clip(emulator.system, emulator.skeleton, times, states)
+
+
+def _is_even(times: Float[np.ndarray, " T"]) -> bool:
+    return np.allclose(np.diff(times), times[1] - times[0], rtol=UNEVEN)

@@ -15,7 +15,10 @@ from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.zoo import find_emulator
 
 FORMATS = (".csv", ".glb", ".mp4")
-USUAL = Film()
+"""How the names of files that can be written end."""
+
+DEFAULT_FILM = Film()
+"""How videos are filmed if nothing else is said."""
 
 
 def emulator_for(outs: list[Path], name: str) -> Emulator:
@@ -26,7 +29,9 @@ def emulator_for(outs: list[Path], name: str) -> Emulator:
     return emulator
 
 
-def export_clip(clip: Clip, emulator: Emulator, outs: list[Path], film: Film = USUAL) -> None:
+def export_clip(
+    clip: Clip, emulator: Emulator, outs: list[Path], film: Film = DEFAULT_FILM
+) -> None:
     """Write `clip` to each path as .csv, .glb or .mp4 (a `film`); nothing is written if one of them is refused."""
     _check_formats(outs)
     _check_bodies(clip.skeleton, outs)

@@ -6,10 +6,37 @@ import json
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Float32, Num
 
 COMPONENTS = {"float32": 5126, "uint16": 5123, "uint8": 5121}
-ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
-MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
+"""The format's codes of the types of numbers, by their names in NumPy."""
+
+ARRAY_BUFFER = 34962
+"""The format's code of numbers that belong to points."""
+
+ELEMENT_ARRAY_BUFFER = 34963
+"""The format's code of the indices of triangles' corners."""
+
+MAGIC = 0x46546C67
+"""What a GLB file begins with: 'glTF' as a number."""
+
+VERSION = 2
+"""The version of the GLB container."""
+
+JSON_CHUNK = 0x4E4F534A
+"""What the chunk of the document begins with: 'JSON' as a number."""
+
+BINARY_CHUNK = 0x004E4942
+"""What the chunk of the numbers begins with: 'BIN' as a number."""
+
+HEADER_SIZE = 12
+"""Bytes of the file's header."""
+
+CHUNK_HEADER_SIZE = 8
+"""Bytes before each chunk: its length and its kind."""
+
+ALIGNMENT = 4
+"""Chunks and arrays begin at multiples of so many bytes."""
 
 
 class Buffer:
@@ -22,40 +49,54 @@ class Buffer:
         self._known: dict[tuple[Any, ...], int] = {}
 
     def add(
-        self, array: np.ndarray, kind: str, *, target: int | None = None, bounds: bool = False
+        self,
+        array: Num[np.ndarray, N * K],
+        element: str,
+        *,
+        target: int | None = None,
+        has_bounds: bool = False,
     ) -> int:
-        """Return the index of the accessor of `array`, appended if the same numbers are not there yet."""
-        key = (array.tobytes(), array.dtype.name, kind, target, bounds)
+        """Return the index of the accessor of `array`, appended if the same numbers are not there yet.
+
+        `element` is what one row is to the format, such as `VEC3`; `target` is what the numbers are for, and
+        `has_bounds` adds their smallest and largest.
+        """
+        key = (array.tobytes(), array.dtype.name, element, target, has_bounds)
         if key not in self._known:
-            self._known[key] = self._append(array, kind, target, bounds)
+            self._known[key] = self._append(array, element, target, has_bounds)
         return self._known[key]
 
-    def _append(self, array: np.ndarray, kind: str, target: int | None, bounds: bool) -> int:
+    def _append(self, array: np.ndarray, element: str, target: int | None, has_bounds: bool) -> int:
         view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": array.nbytes}
-        self.views.append(view | ({"target": target} if target else {}))
-        self.content += array.tobytes() + b"\0" * (-array.nbytes % 4)
+        if target:
+            view["target"] = target
+        self.views.append(view)
+        self.content += array.tobytes() + b"\0" * (-array.nbytes % ALIGNMENT)
         accessor = {
             "bufferView": len(self.views) - 1,
             "componentType": COMPONENTS[array.dtype.name],
             "count": len(array),
-            "type": kind,
+            "type": element,
         }
-        if bounds:
-            flat = array.reshape(len(array), -1)
-            accessor |= {"min": flat.min(axis=0).tolist(), "max": flat.max(axis=0).tolist()}
+        if has_bounds:
+            rows = array.reshape(len(array), -1)
+            accessor["min"] = rows.min(axis=0).tolist()
+            accessor["max"] = rows.max(axis=0).tolist()
         self.accessors.append(accessor)
         return len(self.accessors) - 1
 
 
-def float32(values: np.ndarray) -> np.ndarray:
+def as_float32(values: Float[np.ndarray, "*S"]) -> Float32[np.ndarray, "*S"]:
     """Return `values` as the file holds numbers, ready for `Buffer.add`."""
     return np.ascontiguousarray(values, dtype=np.float32)
 
 
-def container(document: dict[str, Any], binary: bytes) -> bytes:
-    """Return the bytes of a GLB file."""
+def glb_bytes(document: dict[str, Any], binary: bytes) -> bytes:
+    """Return the bytes of a GLB file: a header, the JSON `document` and the `binary` chunk."""
     text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    words = [MAGIC, 2, 12 + 8 + len(text) + 8 + len(binary), len(text), JSON_CHUNK]
-    head = np.array(words, "<u4").tobytes()
-    return head + text + np.array([len(binary), BINARY_CHUNK], "<u4").tobytes() + binary
+    text += b" " * (-len(text) % ALIGNMENT)
+    size = HEADER_SIZE + CHUNK_HEADER_SIZE + len(text) + CHUNK_HEADER_SIZE + len(binary)
+    header = np.array([MAGIC, VERSION, size], "<u4").tobytes()
+    text_header = np.array([len(text), JSON_CHUNK], "<u4").tobytes()
+    binary_header = np.array([len(binary), BINARY_CHUNK], "<u4").tobytes()
+    return header + text_header + text + binary_header + binary

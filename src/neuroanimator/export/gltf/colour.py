@@ -1,25 +1,33 @@
-"""Colours: screens show sRGB, glTF computes with light."""
+"""Colours: screens show sRGB, glTF computes with amounts of light (IEC 61966-2-1)."""
 
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-DARK, SLOPE = 0.04045, 12.92
-"""sRGB is a straight line up to here (IEC 61966-2-1)."""
-OFFSET, EXPONENT = 0.055, 2.4
-"""And a power above."""
+DARK = 0.04045
+"""Up to this value, sRGB is a straight line."""
+
+SLOPE = 12.92
+"""The slope of that line: sRGB per amount of light."""
+
+OFFSET = 0.055
+"""Beyond it, sRGB plus this is proportional to a power of the light."""
+
+EXPONENT = 2.4
+"""The exponent of the light as a function of sRGB, beyond the straight line."""
 
 
-def linear_of(colours: ArrayLike) -> np.ndarray:
-    """Return the amounts of light (..., 3) that sRGB `colours` (..., 3) stand for, all 0 to 1 (IEC 61966-2-1)."""
-    shown = np.clip(np.asarray(colours, float), 0.0, 1.0)
-    bright = ((shown + OFFSET) / (1 + OFFSET)) ** EXPONENT
-    return np.where(shown <= DARK, shown / SLOPE, bright)
+def linear_of(colours: ArrayLike) -> Float[np.ndarray, "*B"]:
+    """Return the amounts of light that sRGB `colours` (of any shape) stand for, all 0 to 1 (IEC 61966-2-1)."""
+    screen = np.clip(np.asarray(colours, float), 0.0, 1.0)
+    bright = ((screen + OFFSET) / (1 + OFFSET)) ** EXPONENT
+    return np.where(screen <= DARK, screen / SLOPE, bright)
 
 
-def screen_of(light: ArrayLike) -> np.ndarray:
-    """Return the sRGB colours (..., 3) of amounts of `light` (..., 3): the inverse of `linear_of`."""
+def screen_of(light: ArrayLike) -> Float[np.ndarray, "*B"]:
+    """Return the sRGB colours of amounts of `light` (of any shape): the inverse of `linear_of`."""
     amounts = np.clip(np.asarray(light, float), 0.0, 1.0)
     bright = (1 + OFFSET) * amounts ** (1 / EXPONENT) - OFFSET
     return np.where(amounts <= DARK / SLOPE, amounts * SLOPE, bright)

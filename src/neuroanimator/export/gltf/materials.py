@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from neuroanimator.appearance.skeleton import Shape, Skeleton
 from neuroanimator.export.gltf.colour import linear_of
 
 GHOST_COLOUR = (0.95, 0.1, 0.7)
-"""sRGB: a magenta that no body has."""
+"""The sRGB colour of a ghost: a magenta that no body has."""
+
 GHOST_OPACITY = 0.45
-"""The body behind stays visible, and the ghost too where it is elsewhere."""
-THINNEST_WALL = 0.05
+"""The opacity of a ghost: the body behind stays visible, and the ghost too where it is elsewhere."""
+
+MAX_FLOOR_THICKNESS = 0.05
 """A box in the scenery that is thinner than this share of its other sides is a floor."""
 
 
@@ -24,16 +26,20 @@ def material(
     metallic: float = 0.1,
     roughness: float = 0.6,
 ) -> dict[str, Any]:
-    """Return a material of an sRGB `colour`, three numbers or four with opacity."""
-    alpha = (colour[3] if len(colour) > 3 else 1.0) * opacity
+    """Return the glTF object of a material of an sRGB `colour`, three numbers or four with opacity."""
+    alpha = opacity
+    if len(colour) > 3:
+        alpha = colour[3] * opacity
     light = [round(float(amount), 6) for amount in linear_of(colour[:3])]
     surface = {
         "baseColorFactor": [*light, alpha],
         "metallicFactor": metallic,
         "roughnessFactor": roughness,
     }
-    blend = {"alphaMode": "BLEND"} if alpha < 1 else {}
-    return {"name": name, "pbrMetallicRoughness": surface} | blend
+    described = {"name": name, "pbrMetallicRoughness": surface}
+    if alpha < 1:
+        described["alphaMode"] = "BLEND"
+    return described
 
 
 def ghost_material() -> dict[str, Any]:
@@ -44,24 +50,27 @@ def ghost_material() -> dict[str, Any]:
 def colour_names(skeleton: Skeleton) -> dict[tuple[float, ...], str]:
     """Return a name for each colour of the shapes of `skeleton`: 'floor', or the first bone that has it, numbered."""
     names: dict[tuple[float, ...], str] = {}
-    for i, bone in enumerate(skeleton.bones):
+    for number, bone in enumerate(skeleton.bones):
         for shape in bone.shapes:
             if shape.colour in names:
                 continue
-            is_floor = _is_slab(shape) and not skeleton.is_moved(i)
-            names[shape.colour] = unique("floor" if is_floor else bone.name, names.values())
+            name = bone.name
+            if _is_slab(shape) and not skeleton.is_moved(number):
+                name = "floor"
+            names[shape.colour] = unique(name, names.values())
     return names
 
 
-def unique(name: str, taken: Any) -> str:
+def unique(name: str, taken: Iterable[str]) -> str:
     """Return `name`, numbered if it is among those `taken`."""
     known = set(taken)
-    number, found = 1, name
-    while found in known:
+    number = 1
+    own = name
+    while own in known:
         number += 1
-        found = f"{name} {number}"
-    return found
+        own = f"{name} {number}"
+    return own
 
 
 def _is_slab(shape: Shape) -> bool:
-    return shape.kind == "box" and shape.size[2] < THINNEST_WALL * min(shape.size[:2])
+    return shape.kind == "box" and shape.size[2] < MAX_FLOOR_THICKNESS * min(shape.size[:2])

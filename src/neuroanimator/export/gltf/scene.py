@@ -1,4 +1,4 @@
-"""Clips as a GLB file: bones as nodes, their turns as an animation.
+"""Clips as a GLB file: bones as nodes, their motion as an animation.
 
 Inside, Z is up; glTF is Y up, so a root node turns each body (x, y, z) → (x, z, -y).
 Quaternions are wxyz inside and xyzw in the file; colours are sRGB inside and light in the file.
@@ -13,34 +13,44 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import continuous
 from neuroanimator.appearance.skeleton import Bone, Skeleton
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.gltf.buffers import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, container
+from neuroanimator.export.gltf.buffers import (
+    ARRAY_BUFFER,
+    ELEMENT_ARRAY_BUFFER,
+    Buffer,
+    as_float32,
+    glb_bytes,
+)
 from neuroanimator.export.gltf.materials import colour_names, ghost_material, material, unique
 from neuroanimator.export.gltf.shapes import shape_mesh
 from neuroanimator.export.gltf.skin import skin_material, skin_object, skin_primitives
 from neuroanimator.storage.files import write_whole
 
 Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
-"""xyzw: a quarter turn about x that takes Z up to Y up."""
+"""The quaternion xyzw of a root node: a quarter turn about x that takes Z up to Y up."""
 
 XYZW = [1, 2, 3, 0]
-"""Order of a quaternion's numbers in the file."""
-MIN_WAY = 1e-9
-"""[m] A bone that moves less against its parent gets no track of its places."""
+"""The order in the file of a quaternion's numbers, which are wxyz inside."""
+
+MIN_TRAVEL = 1e-9
+"""A bone that moves less than this against its parent gets no track of its positions [m]."""
+
 GHOST_PREFIX = "ghost "
-"""Of the names of a ghost's nodes: engines find what moves by its name."""
+"""What the names of a ghost's nodes begin with: engines find what moves by its name."""
+
 MAX_CLIPS = 1000
-"""Of one file."""
+"""The most clips one file may hold."""
 
 
 def write_glb(clips: Clip | Sequence[Clip], path: Path, *, ghost: Clip | None = None) -> None:
     """Write one clip, or several such as a school, to `path`: one node per bone, channels for what moves.
 
-    Several bodies keep their own places; the scenery is there once, that of the first. Names of nodes begin with the
+    Several bodies keep their own positions; the scenery is there once, that of the first. Names of nodes begin with the
     clip's name and number if there are several. A skin is one more node beside the scene's, for what moves it is its
     bones alone. A `ghost` is another motion of the only clip's body at the same place and time, in one translucent
     colour: such as the emulator's beside the physics'. What each motion is of is in the `extras` of its root node.
@@ -90,26 +100,24 @@ class _Scene:
     def add(
         self, clip: Clip, prefix: str, *, has_scenery: bool = False, is_ghost: bool = False
     ) -> None:
-        """Add what moves in `clip`, and its scenery if wanted."""
-        nodes, bones = self.document["nodes"], clip.skeleton.bones
+        """Add what moves in `clip`, and its scenery if asked for; names of nodes begin with `prefix`."""
+        nodes = self.document["nodes"]
+        bones = clip.skeleton.bones
         root = len(nodes)
         positions, orientations = clip.skeleton.local_poses(clip.states)
         self.document["scenes"][0]["nodes"].append(root)
         title = f"{prefix}root" if prefix and not is_ghost else f"{prefix}{clip.name} root"
         nodes.append({"name": self._own(title), "rotation": Y_UP, "extras": _extras(clip)})
-        for i, bone in enumerate(bones):
-            node: dict[str, Any] = {"name": self._own(prefix + bone.name)}
-            node |= {
-                "translation": positions[0, i].tolist(),
-                "rotation": orientations[0, i][XYZW].tolist(),
+        for number, bone in enumerate(bones):
+            node: dict[str, Any] = {
+                "name": self._own(prefix + bone.name),
+                "translation": positions[0, number].tolist(),
+                "rotation": orientations[0, number][XYZW].tolist(),
             }
-            if bone.shapes and (has_scenery or clip.skeleton.is_moved(i)):
-                node["mesh"] = self._mesh_of(clip.skeleton, i, is_ghost)
+            if bone.shapes and (has_scenery or clip.skeleton.is_moved(number)):
+                node["mesh"] = self._mesh_of(clip.skeleton, number, is_ghost)
             nodes.append(node)
-        for i in range(-1, len(bones)):
-            children = [root + 1 + k for k, bone in enumerate(bones) if bone.parent == i]
-            if children:
-                nodes[root + 1 + i]["children"] = children
+        _add_children(nodes, root, bones)
         self._add_tracks(clip, positions, continuous(orientations), root)
         if clip.skeleton.skin is not None:
             self._add_skin(clip.skeleton, prefix, root, is_ghost)
@@ -117,16 +125,15 @@ class _Scene:
     def content(self) -> bytes:
         """Return the bytes of the file."""
         self.document["buffers"] = [{"byteLength": len(self.buffer.content)}]
-        filled = {
-            key: value for key, value in self.document.items() if value != []
-        }  # the format knows no empty lists
-        return container(filled, bytes(self.buffer.content))
+        # The format knows no empty lists.
+        filled = {key: value for key, value in self.document.items() if value != []}
+        return glb_bytes(filled, bytes(self.buffer.content))
 
     def _own(self, name: str) -> str:
         """Return `name`, numbered if another node has it."""
-        found = unique(name, self._names)
-        self._names.add(found)
-        return found
+        own = unique(name, self._names)
+        self._names.add(own)
+        return own
 
     def _mesh_of(self, skeleton: Skeleton, number: int, is_ghost: bool) -> int:
         """Return the mesh of a bone's shapes: the same for the same bone of another clip."""
@@ -134,32 +141,25 @@ class _Scene:
         key = (bone.name, bone.shapes, is_ghost)
         if key not in self._meshes:
             primitives = []
-            for shape, found in zip(bone.shapes, _primitives(bone, self.buffer), strict=True):
-                used = self._ghost() if is_ghost else self._painted(skeleton, shape.colour)
-                primitives.append(found | {"material": used})
-            self._meshes[key] = self._append(
-                "meshes",
-                {"name": (GHOST_PREFIX if is_ghost else "") + bone.name, "primitives": primitives},
-            )
+            for shape, primitive in zip(bone.shapes, _primitives(bone, self.buffer), strict=True):
+                look = self._ghost() if is_ghost else self._painted(skeleton, shape.colour)
+                primitives.append(primitive | {"material": look})
+            name = GHOST_PREFIX + bone.name if is_ghost else bone.name
+            self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
         return self._meshes[key]
 
     def _add_skin(self, skeleton: Skeleton, prefix: str, root: int, is_ghost: bool) -> None:
+        """Add a node with the skin of the bones after the node `root`."""
         key = ("skin", skeleton.skin, tuple(bone.offset for bone in skeleton.bones), is_ghost)
         if key not in self._meshes:
             primitives = []
-            for part, found in skin_primitives(skeleton, self.buffer).items():
+            for part, primitive in skin_primitives(skeleton, self.buffer).items():
                 if is_ghost:
-                    plain = {
-                        name: used
-                        for name, used in found["attributes"].items()
-                        if name != "COLOR_0"
-                    }
-                    primitives.append(found | {"attributes": plain, "material": self._ghost()})
+                    primitives.append(_without_colours(primitive) | {"material": self._ghost()})
                 else:
-                    primitives.append(
-                        found | {"material": self._material((part,), skin_material(part))}
-                    )
-            name = f"{GHOST_PREFIX if is_ghost else ''}skin"
+                    look = self._material((part,), skin_material(part))
+                    primitives.append(primitive | {"material": look})
+            name = GHOST_PREFIX + "skin" if is_ghost else "skin"
             self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
         title = self._own(f"{prefix}skin")
         skin = self._append("skins", skin_object(skeleton, title, root, self.buffer))
@@ -167,6 +167,7 @@ class _Scene:
         self.document["scenes"][0]["nodes"].append(node)
 
     def _painted(self, skeleton: Skeleton, colour: tuple[float, ...]) -> int:
+        """Return the material of that colour of the skeleton's shapes."""
         return self._material(colour, material(colour_names(skeleton)[colour], colour))
 
     def _ghost(self) -> int:
@@ -180,39 +181,60 @@ class _Scene:
             self._materials[key] = self._append("materials", own)
         return self._materials[key]
 
-    def _append(self, kind: str, described: dict[str, Any]) -> int:
-        self.document[kind].append(described)
-        return len(self.document[kind]) - 1
+    def _append(self, group: str, described: dict[str, Any]) -> int:
+        """Return the index of what is described, appended to that list of the document."""
+        self.document[group].append(described)
+        return len(self.document[group]) - 1
 
     def _add_tracks(
-        self, clip: Clip, positions: np.ndarray, orientations: np.ndarray, root: int
+        self,
+        clip: Clip,
+        positions: Float[np.ndarray, "F B 3"],
+        orientations: Float[np.ndarray, "F B 4"],
+        root: int,
     ) -> None:
-        times = self.buffer.add(clip.times.astype(np.float32), "SCALAR", bounds=True)
-        animation = self.document["animations"][0]
-        for i, bone in enumerate(clip.skeleton.bones):
+        """Add the tracks of the bones that move, whose nodes come after the node `root`."""
+        times = self.buffer.add(as_float32(clip.times), "SCALAR", has_bounds=True)
+        for number, bone in enumerate(clip.skeleton.bones):
             if not bone.is_moving:
                 continue
-            tracks = [
-                ("rotation", orientations[:, i][:, XYZW], "VEC4"),
-                ("translation", positions[:, i], "VEC3"),
-            ]
-            for path, track, kind in tracks:
-                if path == "translation" and np.ptp(track, axis=0).max() < MIN_WAY:
-                    continue
-                output = self.buffer.add(np.ascontiguousarray(track, dtype=np.float32), kind)
-                sampler = len(animation["samplers"])
-                animation["channels"].append(
-                    {"sampler": sampler, "target": {"node": root + 1 + i, "path": path}}
-                )
-                animation["samplers"].append(
-                    {"input": times, "output": output, "interpolation": "LINEAR"}
-                )
+            node = root + 1 + number
+            rotations = as_float32(orientations[:, number][:, XYZW])
+            self._add_track(node, "rotation", times, self.buffer.add(rotations, "VEC4"))
+            if np.ptp(positions[:, number], axis=0).max() >= MIN_TRAVEL:
+                translations = as_float32(positions[:, number])
+                self._add_track(node, "translation", times, self.buffer.add(translations, "VEC3"))
+
+    def _add_track(self, node: int, path: str, times: int, values: int) -> None:
+        """Let `path`, a property of `node`, follow the accessor `values` at those `times`."""
+        animation = self.document["animations"][0]
+        sampler = len(animation["samplers"])
+        target = {"node": node, "path": path}
+        animation["channels"].append({"sampler": sampler, "target": target})
+        animation["samplers"].append({"input": times, "output": values, "interpolation": "LINEAR"})
+
+
+def _add_children(nodes: list[dict[str, Any]], root: int, bones: Sequence[Bone]) -> None:
+    """Tell each node its children; bones come in order after the node `root`, which is the parent -1."""
+    for parent in range(-1, len(bones)):
+        children = [root + 1 + child for child, bone in enumerate(bones) if bone.parent == parent]
+        if children:
+            nodes[root + 1 + parent]["children"] = children
+
+
+def _without_colours(primitive: dict[str, Any]) -> dict[str, Any]:
+    """Return a skin's primitive without the colours of its points."""
+    attributes = dict(primitive["attributes"])
+    del attributes["COLOR_0"]
+    return primitive | {"attributes": attributes}
 
 
 def _extras(clip: Clip) -> dict[str, Any]:
     """Return what a motion is of, for whoever opens the file."""
-    said = {"system": clip.name, "seconds": round(float(clip.times[-1]), 6)}
-    return said | ({"source": clip.source} if clip.source else {})
+    extras = {"system": clip.name, "seconds": round(float(clip.times[-1]), 6)}
+    if clip.source:
+        extras["source"] = clip.source
+    return extras
 
 
 def _primitives(bone: Bone, buffer: Buffer) -> list[dict[str, Any]]:
@@ -221,7 +243,7 @@ def _primitives(bone: Bone, buffer: Buffer) -> list[dict[str, Any]]:
     for shape in bone.shapes:
         mesh = shape_mesh(shape)
         attributes = {
-            "POSITION": buffer.add(mesh.points, "VEC3", target=ARRAY_BUFFER, bounds=True),
+            "POSITION": buffer.add(mesh.points, "VEC3", target=ARRAY_BUFFER, has_bounds=True),
             "NORMAL": buffer.add(mesh.normals, "VEC3", target=ARRAY_BUFFER),
         }
         indices = buffer.add(mesh.triangles.ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER)

@@ -5,53 +5,71 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int, UInt16
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin import Box
-from neuroanimator.appearance.skin_mesh import BACK, EYE, FIN, colours_of, skin_mesh
-from neuroanimator.export.gltf.buffers import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, float32
+from neuroanimator.appearance.skin_mesh import BACK, EYE, FIN, SkinMesh, colours_of, skin_mesh
+from neuroanimator.export.gltf.buffers import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, as_float32
 from neuroanimator.export.gltf.colour import linear_of
 from neuroanimator.export.gltf.materials import material
 from neuroanimator.state.rotation import rotation_matrices
 
 PARTS = ("body", "fin", "eye")
-"""Of a swimmer, by shade; a box is all body."""
+"""The parts of a swimmer's skin, in the order of their shades; a box is all body."""
+
+METALLIC = 0.0
+"""How metallic a skin is: not at all."""
+
+ROUGHNESS = 0.45
+"""How rough a skin is: less than dry things, since it is wet."""
 
 
 def skin_primitives(skeleton: Skeleton, buffer: Buffer) -> dict[str, dict[str, Any]]:
     """Return, for each part of the skin there is, its primitive without a material: the points are shared."""
     assert skeleton.skin is not None
     mesh = skin_mesh(skeleton)
-    colours = linear_of(colours_of(skeleton.skin, mesh.shades))
+    colours = as_float32(linear_of(colours_of(skeleton.skin, mesh.shades)))
+    points = as_float32(mesh.points)
+    joints = _joints(mesh.bones, mesh.weights)
     attributes = {
-        "POSITION": buffer.add(float32(mesh.points), "VEC3", target=ARRAY_BUFFER, bounds=True),
-        "NORMAL": buffer.add(float32(mesh.normals), "VEC3", target=ARRAY_BUFFER),
-        "COLOR_0": buffer.add(float32(colours), "VEC3", target=ARRAY_BUFFER),
-        "JOINTS_0": buffer.add(_listed(mesh.bones, mesh.weights), "VEC4", target=ARRAY_BUFFER),
-        "WEIGHTS_0": buffer.add(float32(mesh.weights), "VEC4", target=ARRAY_BUFFER),
+        "POSITION": buffer.add(points, "VEC3", target=ARRAY_BUFFER, has_bounds=True),
+        "NORMAL": buffer.add(as_float32(mesh.normals), "VEC3", target=ARRAY_BUFFER),
+        "COLOR_0": buffer.add(colours, "VEC3", target=ARRAY_BUFFER),
+        "JOINTS_0": buffer.add(joints, "VEC4", target=ARRAY_BUFFER),
+        "WEIGHTS_0": buffer.add(as_float32(mesh.weights), "VEC4", target=ARRAY_BUFFER),
     }
-    shades = mesh.shades[mesh.triangles].max(axis=1)
-    part = np.zeros(len(shades), int)
-    if not isinstance(skeleton.skin, Box):
-        part = np.digitize(shades, [(BACK + FIN) / 2, (FIN + EYE) / 2])
+    part_of = _part_numbers(skeleton, mesh)
     primitives = {}
     for number, name in enumerate(PARTS):
-        triangles = mesh.triangles[part == number]
+        triangles = mesh.triangles[part_of == number]
         if len(triangles):
-            indices = buffer.add(
-                triangles.astype(np.uint16).ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER
-            )
+            corners = triangles.astype(np.uint16).ravel()
+            indices = buffer.add(corners, "SCALAR", target=ELEMENT_ARRAY_BUFFER)
             primitives[name] = {"attributes": attributes, "indices": indices}
     return primitives
 
 
+def _part_numbers(skeleton: Skeleton, mesh: SkinMesh) -> Int[np.ndarray, " M"]:
+    """Return which of `PARTS` each triangle belongs to, by the largest shade of its corners."""
+    if isinstance(skeleton.skin, Box):
+        return np.zeros(len(mesh.triangles), int)
+    shades = mesh.shades[mesh.triangles].max(axis=1)
+    return np.digitize(shades, [(BACK + FIN) / 2, (FIN + EYE) / 2])
+
+
 def skin_object(skeleton: Skeleton, name: str, root: int, buffer: Buffer) -> dict[str, Any]:
-    """Return the skin: bones as joints, after the node `root`, and what takes points at rest into their frames."""
+    """Return the glTF object of a skin: bones as joints, and what takes points at rest into their frames.
+
+    The joints are the nodes after the node `root`.
+    """
     matrices = np.zeros((len(skeleton.bones), 4, 4))
     for matrix, bone in zip(matrices, skeleton.bones, strict=True):
-        back = rotation_matrices(np.array(bone.orientation)).T
-        matrix[:3, :3], matrix[:3, 3], matrix[3, 3] = back, -back @ np.array(bone.offset), 1
-    columns = float32(matrices.transpose(0, 2, 1))
+        to_bone = rotation_matrices(np.array(bone.orientation)).T
+        matrix[:3, :3] = to_bone
+        matrix[:3, 3] = -to_bone @ np.array(bone.offset)
+        matrix[3, 3] = 1
+    columns = as_float32(matrices.transpose(0, 2, 1))
     joints = list(range(root + 1, root + 1 + len(skeleton.bones)))
     return {
         "name": name,
@@ -62,10 +80,12 @@ def skin_object(skeleton: Skeleton, name: str, root: int, buffer: Buffer) -> dic
 
 
 def skin_material(part: str) -> dict[str, Any]:
-    """Return a wet surface; its colour is that of its points."""
-    return material(part, (1.0, 1.0, 1.0), metallic=0.0, roughness=0.45)
+    """Return the glTF object of a wet surface; its colour is that of its points."""
+    return material(part, (1.0, 1.0, 1.0), metallic=METALLIC, roughness=ROUGHNESS)
 
 
-def _listed(bones: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def _joints(
+    bones: Int[np.ndarray, "N 4"], weights: Float[np.ndarray, "N 4"]
+) -> UInt16[np.ndarray, "N 4"]:
     """Return the bones' numbers, 0 where they do not count, as the format wants."""
     return np.where(weights > 0, bones, 0).astype(np.uint16)
