@@ -18,7 +18,7 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin import Box, Skin, Swimmer
 from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, skin_mesh
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.film.camera import camera_way
+from neuroanimator.export.film.camera import camera_path
 from neuroanimator.export.film.video import graphics_backend, write_video
 from neuroanimator.state.rotation import rotate, rotate_back, rotation_matrices
 from neuroanimator.systems.deformable.bones import body_skeleton
@@ -310,10 +310,10 @@ def skinned(document: dict, binary: bytes, frame: int) -> np.ndarray:
 def test_the_camera_goes_along_smoothly_and_loses_nobody():
     times = np.arange(150)[:, None] / 30
     steady = np.concatenate([times, 0.03 * np.sin(20 * times), 0 * times], axis=1)
-    assert np.abs(camera_way(steady, 24, 0.3)[50:-50, 1]).max() < 0.003
+    assert np.abs(camera_path(steady, 24, 0.3)[50:-50, 1]).max() < 0.003
     thrown = np.concatenate([0 * times, 0 * times, -9.81 / 2 * times**2], axis=1)
-    assert np.linalg.norm(camera_way(thrown, 24, 0.05) - thrown, axis=1).max() <= 0.05
-    np.testing.assert_array_equal(camera_way(thrown[:2], 24, 0.0)[0], thrown[0])
+    assert np.linalg.norm(camera_path(thrown, 24, 0.05) - thrown, axis=1).max() <= 0.05
+    np.testing.assert_array_equal(camera_path(thrown[:2], 24, 0.0)[0], thrown[0])
 
 
 def test_an_animal_is_filmed_or_the_missing_library_named(tmp_path: Path):

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from neuroanimator.export.film.options import CAMERAS, USUAL_SIZE
+from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE
 
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
-SIZE = "{}x{}".format(*USUAL_SIZE)
+SIZE = "{}x{}".format(*DEFAULT_SIZE)
 SIZE_HELP = "Width x height of a film [pixels]."
 CAMERA_HELP = "Of a film: " + "; ".join(f"{name} ({does})" for name, does in CAMERAS.items()) + "."
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.film.live import Camera, checked_render_mode
+from neuroanimator.export.film.live import LiveCamera, checked_render_mode
 
 
 class EmulatedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -45,7 +45,7 @@ class EmulatedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = Box(low, high, dtype=np.float32)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._random = [np_random()[0] for _ in range(num_envs)]
-        self._camera = Camera(emulator.spec)
+        self._camera = LiveCamera(emulator.spec)
 
     def set_observation_space(self, space: Box) -> None:
         """Let `space` be that of one row's observation."""

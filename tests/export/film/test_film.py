@@ -13,32 +13,35 @@ from conftest import Cli
 from neuroanimator import Clip, Emulator, find_emulator, load_system, write_video
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.film.camera import FIELD, VIEWS, room_of, shots_of
+from neuroanimator.export.film.bounding_boxes import bounding_boxes
+from neuroanimator.export.film.camera import FIELD_OF_VIEW, VIEWS, shots_of
 from neuroanimator.export.film.options import CAMERAS, Film, read_film
 from neuroanimator.export.film.video import graphics_backend
 
 
-def held(name: str, heights: np.ndarray, way: float = 1.0) -> Clip:
-    """Return a stiff body that goes along X at `way` [m/s], its middle at `heights` (F,) [m]."""
+def held(name: str, heights: np.ndarray, speed: float = 1.0) -> Clip:
+    """Return a stiff body that goes along X at `speed` [m/s], its middle at `heights` (F,) [m]."""
     system = load_system(name)
     states = np.repeat(system.rest[None], len(heights), axis=0)
     times = np.arange(len(heights)) / 30
     assert system.structure.cloud is not None
     size = 3 * system.structure.cloud.count
-    states[:, 0:size:3] += way * times[:, None]
+    states[:, 0:size:3] += speed * times[:, None]
     states[:, 2:size:3] += heights[:, None] - system.rest[2:size:3].mean()
     return Clip(name, system.skeleton, times, states)
 
 
 def share_of_width(clip: Clip, film: Film) -> float:
     """Return how much of the picture's width the body takes in the middle image."""
-    shots, boxes, frame = shots_of([clip], film), room_of([clip]), len(clip.times) // 2
+    shots, boxes, frame = shots_of([clip], film), bounding_boxes([clip]), len(clip.times) // 2
     azimuth, _, distance = shots.angles(frame)
     extent = boxes.high[frame] - boxes.low[frame]
     wide = (
         abs(np.sin(np.radians(azimuth))) * extent[0] + abs(np.cos(np.radians(azimuth))) * extent[1]
     )
-    return wide / (2 * distance * np.tan(np.radians(FIELD / 2)) * film.size[0] / film.size[1])
+    return wide / (
+        2 * distance * np.tan(np.radians(FIELD_OF_VIEW / 2)) * film.size[0] / film.size[1]
+    )
 
 
 @pytest.mark.parametrize(
@@ -101,9 +104,9 @@ def test_a_leap_is_filmed_wholly_from_above_the_water(camera: str):
 @pytest.mark.parametrize("size", [(1280, 720), (720, 1280), (640, 480)])
 @pytest.mark.parametrize("name", ["fish", "dolphin", "cube"])
 def test_a_body_that_goes_along_fills_a_third_of_the_width(name: str, size: tuple[int, int]):
-    way = 2 * float(np.ptp(load_system(name).rest[0:24:3]))
+    speed = 2 * float(np.ptp(load_system(name).rest[0:24:3]))
     film = Film(size, "side")
-    assert 0.2 < share_of_width(held(name, np.ones(150), way), film) <= 0.361
+    assert 0.2 < share_of_width(held(name, np.ones(150), speed), film) <= 0.361
 
 
 @pytest.mark.parametrize("name", ["truck", "lander"])
@@ -119,8 +122,11 @@ def test_the_camera_moves_smoothly_and_keeps_the_body_in_the_picture():
     clip = held("fish", 0.002 * rng.normal(size=150), 0.3)
     shots = shots_of([clip], Film(camera="side"))
     jerks = np.abs(np.diff(shots.lookat, n=2, axis=0))
-    assert jerks[30:-30].max() < 0.2 * np.abs(np.diff(room_of([clip]).centres, n=2, axis=0)).max()
-    assert np.abs(shots.lookat - room_of([clip]).centres).max() < 0.5 * shots.size
+    assert (
+        jerks[30:-30].max()
+        < 0.2 * np.abs(np.diff(bounding_boxes([clip]).centres, n=2, axis=0)).max()
+    )
+    assert np.abs(shots.lookat - bounding_boxes([clip]).centres).max() < 0.5 * shots.size
 
 
 def test_an_arm_that_stays_is_filmed_by_a_camera_that_stays():

@@ -13,6 +13,7 @@ from contextlib import suppress
 from typing import IO, final
 
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, ResourceError
@@ -21,8 +22,12 @@ from neuroanimator.storage.files import canonical_json
 
 HEADER_SIZE = 8
 """Bytes of the number that says how long the header is."""
+
+WORKER = "neuroanimator.export.film.live_worker"
+"""The module that the drawing process runs."""
+
 PATIENCE = 10.0
-"""[s] A drawing process is given to end by itself."""
+"""Time a drawing process is given to end by itself [s]."""
 
 
 @final
@@ -36,18 +41,19 @@ class LiveView:
             raise ResourceError(HOW_TO_GET_GL)
         self._shape = (height, width, 3)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "neuroanimator.export.film.live_worker"],
+            [sys.executable, "-m", WORKER],
             env={**os.environ, "MUJOCO_GL": backend},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )
         self._send(_header(spec, width, height))
 
-    def draw(self, state: np.ndarray) -> np.ndarray:
-        """Return the picture (height, width, 3) in uint8 of `state` (S,); ResourceError if it cannot be drawn."""
+    def draw(self, state: Float[np.ndarray, " S"]) -> UInt8[np.ndarray, "H W 3"]:
+        """Return the picture of `state`; ResourceError if it cannot be drawn."""
         self._send(np.ascontiguousarray(state, "<f8").tobytes())
-        raw = self._pipe(self._process.stdout).read(int(np.prod(self._shape)))
-        if len(raw) < np.prod(self._shape):
+        size = int(np.prod(self._shape))
+        raw = self._pipe(self._process.stdout).read(size)
+        if len(raw) < size:
             self.close()
             raise ResourceError(
                 "The drawing process ended. 'neuroanimator doctor' says whether drawing works here."
@@ -80,15 +86,16 @@ class LiveView:
         return pipe
 
 
-class Camera:
-    """Pictures of an emulator's states; the drawing process starts with the first one."""
+@final
+class LiveCamera:
+    """Takes pictures of an emulator's states; the drawing process starts with the first one."""
 
     def __init__(self, spec: EmulatorSpec):
         self._spec = spec
         self._view: LiveView | None = None
 
-    def picture(self, state: np.ndarray) -> np.ndarray:
-        """Return the picture (H, W, 3) of `state` (S,) in uint8."""
+    def picture(self, state: Float[np.ndarray, " S"]) -> UInt8[np.ndarray, "H W 3"]:
+        """Return the picture of `state`; ResourceError if it cannot be drawn."""
         if self._view is None:
             self._view = LiveView(self._spec)
         return self._view.draw(state)

@@ -10,11 +10,12 @@ from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import skin_mesh
 from neuroanimator.export.film.live import HEADER_SIZE
-from neuroanimator.export.film.stage import add_bone, add_skin
+from neuroanimator.export.film.skeleton_model import add_bone, add_skin
 from neuroanimator.systems import load_system
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -22,22 +23,34 @@ from neuroanimator.systems.system import System
 
 FOLLOWING = 0.5
 """Share of the way to the body that the camera goes from picture to picture: steady, and never far behind."""
+
 DISTANCE = 2.2
-"""Of the camera, over the body's size."""
-ELEVATION, AZIMUTH = -25.0, 120.0
-"""[deg] The camera looks down by so much, from ahead of the side of a body that points along X."""
-DEPTH = 6.0
-"""Of the floor under the body at rest, over its size; where the system has ground, the floor is that."""
+"""Distance of the camera, over the body's size."""
+
+ELEVATION = -25.0
+"""How far the camera looks up [deg]: down, since it is negative."""
+
+AZIMUTH = 120.0
+"""Where the camera looks [deg]: from ahead of the side of a body that points along X."""
+
+FLOOR_DEPTH = 6.0
+"""How far the floor lies under the body at rest, over its size; where the system has ground, the floor is that."""
+
+HALF_WIDTH = 40.0
+"""Half the width of the floor, over the body's size."""
+
+NEW_START = 0.5
+"""A body that is farther from where the camera looks than this share of its size has begun anew."""
 
 
 @runtime_checkable
 class View(Protocol):
-    """What is drawn."""
+    """What is drawn: a model, posed state by state."""
 
     model: mujoco.MjModel
 
-    def pose(self, data: mujoco.MjData, state: np.ndarray) -> str | mujoco.MjvCamera:
-        """Put everything where `state` (S,) says, and return the camera."""
+    def pose(self, data: mujoco.MjData, state: Float[np.ndarray, " S"]) -> str | mujoco.MjvCamera:
+        """Put everything where `state` says, and return the camera."""
 
 
 class RigidView:
@@ -45,55 +58,63 @@ class RigidView:
 
     def __init__(self, system: MujocoSystem):
         self.model = system.model
-        names = [self.model.camera(i).name for i in range(self.model.ncam)]
-        self._camera = "side" if "side" in names else tracking(self.model)
+        names = [self.model.camera(number).name for number in range(self.model.ncam)]
+        self._camera = "side" if "side" in names else tracking_camera(self.model)
 
-    def pose(self, data: mujoco.MjData, state: np.ndarray) -> str | mujoco.MjvCamera:
+    def pose(self, data: mujoco.MjData, state: Float[np.ndarray, " S"]) -> str | mujoco.MjvCamera:
         """Put the joints where they are; the model's camera, or one that goes with the first body."""
         data.qpos[:] = state[: self.model.nq]
         return self._camera
 
 
-class BodyView:
+class SkeletonView:
     """Bones under a skin over a plain floor, and a camera that goes along."""
 
-    def __init__(self, skeleton: Skeleton, rest: np.ndarray, *, has_ground: bool):
+    def __init__(self, skeleton: Skeleton, rest: Float[np.ndarray, " S"], *, has_ground: bool):
         self._skeleton = skeleton
-        mesh = skin_mesh(skeleton) if skeleton.skin is not None else None
-        positions, _ = skeleton.world_poses(rest[None])
-        points = np.array([bone.offset for bone in skeleton.bones]) if mesh is None else mesh.points
+        self._lookat: Float[np.ndarray, " 3"] | None = None
+        points = np.array([bone.offset for bone in skeleton.bones])
+        mesh = None
+        if skeleton.skin is not None:
+            mesh = skin_mesh(skeleton)
+            points = mesh.points
         self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
-        floor = 0.0 if has_ground else float(positions[..., 2].min()) - DEPTH * self._size
-        spec = mujoco.MjSpec.from_string(_scene(self._size, floor))
-        for i, bone in enumerate(skeleton.bones):
-            add_bone(spec, f"bone{i}", bone)
+        floor = 0.0
+        if not has_ground:
+            positions, _ = skeleton.world_poses(rest[None])
+            floor = float(positions[..., 2].min()) - FLOOR_DEPTH * self._size
+        spec = mujoco.MjSpec.from_string(_place_mjcf(self._size, floor))
+        for number, bone in enumerate(skeleton.bones):
+            add_bone(spec, f"bone{number}", bone)
         if mesh is not None:
             add_skin(spec, "", skeleton, mesh)
         self.model = spec.compile()
-        self._looks_at: np.ndarray | None = None
 
-    def pose(self, data: mujoco.MjData, state: np.ndarray) -> mujoco.MjvCamera:
+    def pose(self, data: mujoco.MjData, state: Float[np.ndarray, " S"]) -> mujoco.MjvCamera:
         """Put the bones where they are; the camera follows their middle."""
         positions, orientations = self._skeleton.world_poses(state[None])
         data.mocap_pos[:] = positions[0]
         data.mocap_quat[:] = orientations[0]
-        middle = positions[0].mean(axis=0)
-        is_near = (
-            self._looks_at is not None and np.linalg.norm(middle - self._looks_at) < self._size / 2
-        )
-        # A body that is somewhere else altogether has begun anew: the camera goes there at once.
-        self._looks_at = (
-            self._looks_at + FOLLOWING * (middle - self._looks_at) if is_near else middle
-        )
+        self._lookat = self._next_lookat(positions[0].mean(axis=0))
         camera = mujoco.MjvCamera()
-        camera.lookat[:] = self._looks_at
+        camera.lookat[:] = self._lookat
         camera.azimuth = AZIMUTH
         camera.elevation = ELEVATION
         camera.distance = DISTANCE * self._size
         return camera
 
+    def _next_lookat(self, middle: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
+        """Return where the camera looks next, if the body's middle is at `middle` [m]."""
+        if self._lookat is None:
+            return middle
+        offset = middle - self._lookat
+        if np.linalg.norm(offset) >= NEW_START * self._size:
+            # A body that is somewhere else altogether has begun anew: the camera goes there at once.
+            return middle
+        return self._lookat + FOLLOWING * offset
 
-def tracking(model: mujoco.MjModel) -> mujoco.MjvCamera:
+
+def tracking_camera(model: mujoco.MjModel) -> mujoco.MjvCamera:
     """Return a camera that goes with the first body."""
     camera = mujoco.MjvCamera()
     mujoco.mjv_defaultFreeCamera(model, camera)
@@ -107,24 +128,27 @@ def view_of(system: System, skeleton: Skeleton) -> View:
     if isinstance(system, MujocoSystem):
         return RigidView(system)
     has_ground = isinstance(system, DeformableSystem) and system.body.ground is not None
-    return BodyView(skeleton, system.rest, has_ground=has_ground)
+    return SkeletonView(skeleton, system.rest, has_ground=has_ground)
 
 
 def serve() -> None:
     """Draw until there are no more states."""
     source = sys.stdin.buffer
     sink = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing else may get between the pictures
-    header = source.read(int.from_bytes(source.read(HEADER_SIZE), "little"))
-    content = np.load(io.BytesIO(header), allow_pickle=False)
-    width, height, entries = (int(number) for number in content["size"])
-    skeleton = Skeleton.from_json(json.loads(str(content["skeleton"])))
-    view = view_of(load_system(str(content["system"]), str(content["definition"])), skeleton)
+    # Nothing else may get between the pictures.
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    header_size = int.from_bytes(source.read(HEADER_SIZE), "little")
+    header = np.load(io.BytesIO(source.read(header_size)), allow_pickle=False)
+    width, height, entries = (int(number) for number in header["size"])
+    skeleton = Skeleton.from_json(json.loads(str(header["skeleton"])))
+    system = load_system(str(header["system"]), str(header["definition"]))
+    view = view_of(system, skeleton)
     data = mujoco.MjData(view.model)
     view.model.vis.global_.offwidth = width
     view.model.vis.global_.offheight = height
+    state_size = np.dtype("<f8").itemsize * entries
     with mujoco.Renderer(view.model, height, width) as renderer:
-        while len(raw := source.read(8 * entries)) == 8 * entries:
+        while len(raw := source.read(state_size)) == state_size:
             camera = view.pose(data, np.frombuffer(raw, "<f8"))
             mujoco.mj_forward(view.model, data)
             renderer.update_scene(data, camera=camera)
@@ -132,9 +156,9 @@ def serve() -> None:
             sink.flush()
 
 
-def _scene(size: float, floor: float) -> str:
-    """Return the place without the body, as MJCF."""
-    wide = 40 * size
+def _place_mjcf(size: float, floor: float) -> str:
+    """Return the place without the body, as MJCF; `floor` is the floor's height [m]."""
+    wide = HALF_WIDTH * size
     return f"""<mujoco>
       <statistic extent="{size:.6g}" center="0 0 0"/>
       <visual>

@@ -16,18 +16,21 @@ CAMERAS = {
 }
 """Cameras by name, and what each does."""
 
-USUAL_SIZE = (1280, 720)
-"""[pixels] Width and height, 16:9 as screens are."""
+DEFAULT_SIZE = (1280, 720)
+"""Width and height of a picture if nothing else is said [pixels]: 16:9 as screens are."""
 
-MIN_SIDE, MAX_SIDE = 32, 4096
-"""[pixels] No encoder likes less, and software drawing more takes seconds an image."""
+MIN_SIDE = 32
+"""Least width or height [pixels]: no encoder likes less."""
+
+MAX_SIDE = 4096
+"""Greatest width or height [pixels]: software that draws more takes seconds an image."""
 
 
 class Film(NamedTuple):
-    """A film's looks."""
+    """How a motion is filmed."""
 
-    size: tuple[int, int] = USUAL_SIZE
-    """[pixels] Width and height, both even, as H.264 wants them."""
+    size: tuple[int, int] = DEFAULT_SIZE
+    """Width and height [pixels], both even, as H.264 wants them."""
     camera: str = "follow"
     """One of `CAMERAS`."""
 
@@ -49,12 +52,14 @@ def checked_film(size: tuple[int, int], camera: str) -> Film:
 def read_film(size: str, camera: str) -> Film:
     """Return the film of a size as typed, such as '1280x720', and the name of a camera."""
     width, cross, height = size.partition("x")
-    if not (
-        cross and width.isascii() and width.isdigit() and height.isascii() and height.isdigit()
-    ):
+    if not (cross and _is_number(width) and _is_number(height)):
         raise ArgumentError(
             f"size: wanted width x height in pixels, such as 1280x720, came '{size[:40]}'."
         )
     if max(len(width), len(height)) > len(str(MAX_SIDE)):
         raise ArgumentError(f"size: wanted at most {MAX_SIDE} pixels a side, came '{size[:40]}'.")
     return checked_film((int(width), int(height)), camera)
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdigit()

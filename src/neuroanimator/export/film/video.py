@@ -16,43 +16,53 @@ from threading import Timer
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.errors import ArgumentError, ResourceError
-from neuroanimator.export.film.options import USUAL_SIZE, checked_film
-from neuroanimator.export.film.reel import packed
-from neuroanimator.export.film.worker import NO_GRAPHICS
+from neuroanimator.export.film.clip_bytes import pack_clips
+from neuroanimator.export.film.options import DEFAULT_SIZE, checked_film
+from neuroanimator.export.film.video_worker import NO_GRAPHICS
 from neuroanimator.storage.unfinished import finish, unfinished
 from neuroanimator.terminal import Bar, progress_bar
 
 BACKENDS = ("egl", "osmesa")
-"""Ways to draw without a screen, tried in this order."""
+"""Graphics libraries that draw without a screen, tried in this order."""
 
 HOW_TO_GET_GL = (
     "No OpenGL to draw with, so no video: install EGL or OSMesa (Debian: apt-get install libegl1 libosmesa6) "
     "and run again. Everything else works without."
 )
 
+WORKER = "neuroanimator.export.film.video_worker"
+"""The module that the drawing process runs."""
+
 MAX_DRAWING = 3600
-"""[s] A drawing process is given up after this time."""
+"""Time after which a drawing process is given up [s]."""
+
 MAX_CLIPS = 64
-"""Filmed at once: MuJoCo's picture has no room for many thousand shapes."""
+"""The most clips filmed together: MuJoCo's picture has no room for many thousand shapes."""
+
+MAX_COMPLAINT = 200
+"""Characters of a drawing process's complaint that an error shows."""
+
+UNEVEN_RATES = 1e-6
+"""Share by which the rates of clips filmed together may differ."""
 
 
 def write_video(
     clips: Clip | Sequence[Clip],
     path: Path,
     *,
-    size: tuple[int, int] = USUAL_SIZE,
+    size: tuple[int, int] = DEFAULT_SIZE,
     camera: str = "follow",
 ) -> None:
     """Write one clip, or several seen together, to `path` as H.264 at their own rate.
 
-    `size` is width and height [pixels]; `camera` is one of `film.CAMERAS`. Several clips are of one system and one
+    `size` is width and height [pixels]; `camera` is one of `options.CAMERAS`. Several clips are of one system and one
     rate, such as a school; the shorter ones stay at their last pose. ResourceError says what to install if nothing can
     be drawn here.
     """
     film = checked_film(size, camera)
     together = [clips] if isinstance(clips, Clip) else list(clips)
     _check_together(together)
-    content = packed(together, film)
+    content = pack_clips(together, film)
     images = max(len(clip.times) for clip in together)
     try:
         with unfinished(path, path.suffix) as temporary:
@@ -72,7 +82,7 @@ def _check_together(clips: list[Clip]) -> None:
             raise ArgumentError(
                 f"clips: wanted several of one system, came {clip.name} beside {first.name}."
             )
-        if abs(clip.rate - first.rate) > 1e-6 * first.rate:
+        if abs(clip.rate - first.rate) > UNEVEN_RATES * first.rate:
             raise ArgumentError(
                 f"clips: wanted one rate, came {clip.rate:g} beside {first.rate:g} a second."
             )
@@ -86,20 +96,23 @@ def _draw(content: bytes, temporary: Path, name: str, images: int, bar: Bar) -> 
             return
         if code != NO_GRAPHICS:
             raise ResourceError(
-                f"Drawing {name} failed: {complaint[:200]}. 'neuroanimator doctor' says more."
+                f"Drawing {name} failed: {complaint[:MAX_COMPLAINT]}. 'neuroanimator doctor' says more."
             )
     raise ResourceError(HOW_TO_GET_GL)
 
 
 def _run_drawing(content: bytes, out: Path, backend: str, images: int, bar: Bar) -> tuple[int, str]:
     """Return the drawing process's exit code and its last complaint; it ends whenever this function does."""
-    command = [sys.executable, "-m", "neuroanimator.export.film.worker", str(out)]
-    environment = {**os.environ, "MUJOCO_GL": backend}
-    with tempfile.TemporaryFile() as given, tempfile.TemporaryFile() as complaints:
-        given.write(content)
-        given.seek(0)
+    command = [sys.executable, "-m", WORKER, str(out)]
+    with tempfile.TemporaryFile() as clips, tempfile.TemporaryFile() as complaints:
+        clips.write(content)
+        clips.seek(0)
         with subprocess.Popen(
-            command, env=environment, stdin=given, stdout=subprocess.PIPE, stderr=complaints
+            command,
+            env=_environment(backend),
+            stdin=clips,
+            stdout=subprocess.PIPE,
+            stderr=complaints,
         ) as process:
             alarm = Timer(MAX_DRAWING, process.kill)
             alarm.daemon = True
@@ -107,7 +120,7 @@ def _run_drawing(content: bytes, out: Path, backend: str, images: int, bar: Bar)
             try:
                 assert process.stdout is not None
                 for line in process.stdout:
-                    _show(bar, line, images)
+                    _show_progress(bar, line, images)
                 code = process.wait()
             finally:
                 alarm.cancel()
@@ -117,7 +130,8 @@ def _run_drawing(content: bytes, out: Path, backend: str, images: int, bar: Bar)
     return code, lines[-1] if lines else "no message"
 
 
-def _show(bar: Bar, line: bytes, images: int) -> None:
+def _show_progress(bar: Bar, line: bytes, images: int) -> None:
+    """Show the number of the image on a `line` of the drawing process, if it is one."""
     text = line.strip()
     if not text.isdigit():
         return
@@ -127,17 +141,19 @@ def _show(bar: Bar, line: bytes, images: int) -> None:
 
 def graphics_backend() -> str | None:
     """Return the first of EGL and OSMesa that can draw here; None if neither can."""
+    command = [sys.executable, "-m", WORKER]
     for backend in _backends():
-        command = [sys.executable, "-m", "neuroanimator.export.film.worker"]
-        environment = {**os.environ, "MUJOCO_GL": backend}
-        if (
-            subprocess.run(
-                command, env=environment, capture_output=True, timeout=MAX_DRAWING
-            ).returncode
-            == 0
-        ):
+        trial = subprocess.run(
+            command, env=_environment(backend), capture_output=True, timeout=MAX_DRAWING
+        )
+        if trial.returncode == 0:
             return backend
     return None
+
+
+def _environment(backend: str) -> dict[str, str]:
+    """Return the environment of a process that draws with that graphics library."""
+    return {**os.environ, "MUJOCO_GL": backend}
 
 
 def _backends() -> tuple[str, ...]:

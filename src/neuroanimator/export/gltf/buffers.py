@@ -50,7 +50,7 @@ class Buffer:
 
     def add(
         self,
-        array: Num[np.ndarray, N * K],
+        array: Num[np.ndarray, "*S"],
         element: str,
         *,
         target: int | None = None,

@@ -14,17 +14,14 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.export.film.options import Film, checked_film
 
 
-def packed(clips: Sequence[Clip], film: Film) -> bytes:
+def pack_clips(clips: Sequence[Clip], film: Film) -> bytes:
     """Return all that the drawing process needs, as the bytes of an .npz file."""
-    described = {
-        "size": list(film.size),
-        "camera": film.camera,
-        "clips": [
-            {"name": clip.name, "definition": clip.definition, "skeleton": clip.skeleton.to_json()}
-            for clip in clips
-        ],
-    }
-    arrays: dict[str, Any] = {"described": np.array(json.dumps(described))}
+    rows = [
+        {"name": clip.name, "definition": clip.definition, "skeleton": clip.skeleton.to_json()}
+        for clip in clips
+    ]
+    description = {"size": list(film.size), "camera": film.camera, "clips": rows}
+    arrays: dict[str, Any] = {"description": np.array(json.dumps(description))}
     for number, clip in enumerate(clips):
         arrays[f"times{number}"] = clip.times
         arrays[f"states{number}"] = clip.states
@@ -33,14 +30,15 @@ def packed(clips: Sequence[Clip], film: Film) -> bytes:
     return content.getvalue()
 
 
-def unpacked(content: bytes) -> tuple[list[Clip], Film]:
-    """Return what was `packed`."""
+def unpack_clips(content: bytes) -> tuple[list[Clip], Film]:
+    """Return what `pack_clips` was given."""
     arrays = np.load(io.BytesIO(content), allow_pickle=False)
-    described = json.loads(str(arrays["described"]))
+    description = json.loads(str(arrays["description"]))
     clips = []
-    for number, row in enumerate(described["clips"]):
+    for number, row in enumerate(description["clips"]):
         skeleton = Skeleton.from_json(row["skeleton"])
-        times, states = arrays[f"times{number}"], arrays[f"states{number}"]
+        times = arrays[f"times{number}"]
+        states = arrays[f"states{number}"]
         clips.append(Clip(row["name"], skeleton, times, states, row["definition"]))
-    width, height = described["size"]
-    return clips, checked_film((width, height), described["camera"])
+    width, height = description["size"]
+    return clips, checked_film((width, height), description["camera"])

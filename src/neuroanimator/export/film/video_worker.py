@@ -1,4 +1,4 @@
-"""The drawing process of `video`: clips come in as .npz on stdin, an MP4 goes out, image numbers on stdout.
+"""The drawing process of `write_video`: clips come in as .npz on stdin, an MP4 goes out, image numbers on stdout.
 
 Without arguments it only tries whether drawing works at all.
 """
@@ -21,9 +21,9 @@ def main(arguments: list[str]) -> int:
         print(f"no OpenGL: {error}", file=sys.stderr)
         return NO_GRAPHICS
     if arguments:
-        from neuroanimator.export.film.shoot import shoot
+        from neuroanimator.export.film.draw_video import draw_video
 
-        shoot(arguments[0], sys.stdin.buffer.read())
+        draw_video(arguments[0], sys.stdin.buffer.read())
     return 0
 
 

@@ -1,0 +1,69 @@
+"""A film's scene of rigid bodies: the system's own MuJoCo model, with the camera and lights of the film."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from neuroanimator.animation.clip import Clip
+from neuroanimator.export.film.camera import FIELD_OF_VIEW, shots_of
+from neuroanimator.export.film.options import Film
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+
+NEAREST = 0.05
+"""How near something is still drawn, over the camera's distance."""
+
+FARTHEST = 60.0
+"""How far away something is still drawn at least, over the camera's distance."""
+
+LIGHT_DISTANCE = 3.0
+"""Distance of a directional light that goes along, over the camera's."""
+
+SHADOW_REACH = 3.0
+"""Half the width of where shadows fall around a body that rests on scenery, over its size."""
+
+
+class RigidScene:
+    """A system's own MuJoCo model; of several clips, the others' bodies in the same place."""
+
+    def __init__(self, system: MujocoSystem, clips: Sequence[Clip], film: Film):
+        self.model = copy.deepcopy(system.model)
+        self.shots = shots_of(clips, film)
+        self._states = [clip.states[:, : self.model.nq] for clip in clips]
+        self._datas = [mujoco.MjData(self.model) for _ in clips]
+        self.data = self._datas[0]
+        # MuJoCo counts these distances in the model's extent.
+        extent = self.model.stat.extent
+        distance = self.shots.distance
+        farthest = max(self.model.vis.map.zfar * extent, FARTHEST * distance)
+        self.model.vis.map.znear = NEAREST * distance / extent
+        self.model.vis.map.zfar = farthest / extent
+        self.model.vis.map.shadowclip = SHADOW_REACH * self.shots.size / extent
+        self.model.vis.global_.fovy = FIELD_OF_VIEW
+        is_directional = self.model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        is_of_the_world = self.model.light_bodyid == 0
+        self._lights = np.flatnonzero(is_directional & is_of_the_world)
+
+    def prepare(self, scene: mujoco.MjvScene) -> None:
+        """Leave it as it is."""
+
+    def pose(self, frame: int) -> None:
+        """Put the joints, and lights as far away as the sun, where they are in `frame`."""
+        for light in self._lights:
+            direction = self.model.light_dir[light]
+            offset = direction * LIGHT_DISTANCE * self.shots.distance
+            self.model.light_pos[light] = self.shots.lookat[frame] - offset
+        for states, data in zip(self._states, self._datas, strict=True):
+            data.qpos[:] = states[min(frame, len(states) - 1)]
+            mujoco.mj_forward(self.model, data)
+
+    def fill(self, scene: mujoco.MjvScene) -> None:
+        """Add the bodies of the other clips, without their scenery."""
+        option = mujoco.MjvOption()
+        perturbation = mujoco.MjvPerturb()
+        moving = mujoco.mjtCatBit.mjCAT_DYNAMIC
+        for data in self._datas[1:]:
+            mujoco.mjv_addGeoms(self.model, data, option, perturbation, moving, scene)
