@@ -1,18 +1,26 @@
-"""Timed poses at the display rate."""
+"""Clips: timed states at the display rate, ready to draw or export."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from neuroanimator.animation.interpolate import INTERPOLATIONS
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 
-FASTEST_RATE = 1000.0
+MAX_RATE = 1000.0
 """Highest display rate accepted [1/s]; no display and no engine asks for more."""
+
+FRAME_ROUNDING = 1e-6
+"""Share of a frame that a motion may be too short for its last frame: products of numbers round."""
+
+TIME_ROUNDING = 1e-9
+"""Time by which the last frame may lie beyond the motion's end [s]."""
 
 
 @dataclass(frozen=True)
@@ -20,13 +28,14 @@ class Clip:
     """A motion ready to draw or export."""
 
     name: str
+    """The system's name."""
     skeleton: Skeleton
-    times: np.ndarray
-    """(F,) [s], evenly spaced."""
-    states: np.ndarray
-    """(F, S) in the system's own layout."""
+    times: Float[np.ndarray, " F"]
+    """The time of each frame, evenly spaced from 0 on [s]."""
+    states: Float[np.ndarray, "F S"]
+    """The state in each frame, in the system's own layout."""
     definition: str = ""
-    """Of a user's own system; see `System.definition`."""
+    """The definition of a user's own system; see `System.definition`."""
     source: str = ""
     """What made the motion, as exports say it: 'emulator' or 'physics'; empty if not known."""
 
@@ -41,27 +50,37 @@ class Clip:
 
 def make_clip(
     emulator: Emulator,
-    states: np.ndarray,
+    states: ArrayLike,
     *,
     rate: float = 30.0,
     interpolation: str = "hermite",
     source: str = "",
 ) -> Clip:
-    """Return the clip of a trajectory (T+1, S) at `rate` frames a second; `source` says what made it."""
+    """Return the clip of a trajectory `states` (T+1, S) at `rate` frames a second; `source` says what made it.
+
+    Raises ArgumentError for an interpolation or a rate there is not, and for states of another shape.
+    """
     if interpolation not in INTERPOLATIONS:
         raise ArgumentError(
             f"No interpolation called '{interpolation}'. Interpolations: {', '.join(sorted(INTERPOLATIONS))}."
         )
-    spec = emulator.spec
-    states = spec.state.check(states, "state")
-    if not 0 < rate <= FASTEST_RATE:
+    trajectory = emulator.state.check(states, "state")
+    if not 0 < rate <= MAX_RATE:
         raise ArgumentError(
-            f"rate: wanted between 0 and {FASTEST_RATE:g} frames a second, came {rate}."
+            f"rate: wanted between 0 and {MAX_RATE:g} frames a second, came {rate}."
         )
-    duration = (len(states) - 1) * spec.dt
-    frames = max(1, int(duration * rate + 1e-6))
-    times = np.arange(frames + 1) / rate
-    times = times[times <= duration + 1e-9] if frames > 1 else np.array([0.0, duration])
+    spec = emulator.spec
+    times = _frame_times((len(trajectory) - 1) * spec.dt, rate)
     orientations = emulator.state_structure.orientations
-    between = INTERPOLATIONS[interpolation](states, spec.dt, times, spec.rates, orientations)
-    return Clip(spec.system, spec.skeleton, times, between, spec.definition, source)
+    interpolate = INTERPOLATIONS[interpolation]
+    frames = interpolate(trajectory, spec.dt, times, spec.rates, orientations)
+    return Clip(spec.system, spec.skeleton, times, frames, spec.definition, source)
+
+
+def _frame_times(duration: float, rate: float) -> Float[np.ndarray, " F"]:
+    """Return the times of the frames of a motion of that duration [s]; its two ends if it is shorter than a frame."""
+    count = max(1, int(duration * rate + FRAME_ROUNDING))
+    if count == 1:
+        return np.array([0.0, duration])
+    times = np.arange(count + 1) / rate
+    return times[times <= duration + TIME_ROUNDING]

@@ -1,66 +1,82 @@
-"""States between super steps."""
+"""States between super steps: straight lines as in 1998, or Hermite's cubics through the known velocities."""
 
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.rotation import multiply
 
 Pairs = tuple[tuple[int, int], ...]
+"""Pairs of state entries: a number and its time derivative, or where a quaternion and its angular velocity begin."""
+
+TIME_ROUNDING = 1e-9
+"""Time by which a time asked for may lie beyond the last state [s]."""
 
 
 def interpolate_linear(
-    states: np.ndarray, dt: float, times: np.ndarray, rates: Pairs = (), orientations: Pairs = ()
-) -> np.ndarray:
-    """Return states (F, S) at `times` [s] on straight lines between states (T, S) `dt` apart, as in 1998."""
-    states = _nearest_signs(states, orientations)
+    states: Float[np.ndarray, "T S"],
+    dt: float,
+    times: Float[np.ndarray, " F"],
+    rates: Pairs = (),
+    orientations: Pairs = (),
+) -> Float[np.ndarray, "F S"]:
+    """Return the states at `times` [s] on straight lines between `states`, which lie `dt` [s] apart, as in 1998.
+
+    `rates` and `orientations` are those of `interpolate_hermite`; quaternions are made of length one again.
+    """
+    states = _with_nearest_signs(states, orientations)
     index, share = _locate(states, dt, times)
     return _unit(states[index] * (1 - share) + states[index + 1] * share, orientations)
 
 
 def interpolate_hermite(
-    states: np.ndarray, dt: float, times: np.ndarray, rates: Pairs = (), orientations: Pairs = ()
-) -> np.ndarray:
-    """Return states (F, S) at `times` [s] on cubics that also have the known velocities.
+    states: Float[np.ndarray, "T S"],
+    dt: float,
+    times: Float[np.ndarray, " F"],
+    rates: Pairs = (),
+    orientations: Pairs = (),
+) -> Float[np.ndarray, "F S"]:
+    """Return the states at `times` [s] on cubics that also have the known velocities; `states` lie `dt` [s] apart.
 
     `rates` holds (i, j) where entry j is the time derivative of entry i; the positions i follow
     the cubic, the velocities j its derivative, all other entries straight lines. `orientations` holds (i, j)
     where a quaternion begins at i and its angular velocity, in the body's frame, at j: its four
     numbers follow cubics too (q̇ = ½ q ω) and are made a unit quaternion again.
     """
-    states = _nearest_signs(states, orientations)
+    states = _with_nearest_signs(states, orientations)
     index, share = _locate(states, dt, times)
-    found = states[index] * (1 - share) + states[index + 1] * share
-    s = share[:, 0]
+    interpolated = states[index] * (1 - share) + states[index + 1] * share
     for orientation, angular_velocity in orientations:
-        spins = np.concatenate(
-            [np.zeros((len(states), 1)), states[:, angular_velocity : angular_velocity + 3]], axis=1
-        )
         quaternions = states[:, orientation : orientation + 4]
-        slopes = multiply(quaternions, spins) / 2 * dt
-        found[:, orientation : orientation + 4] = _cubic(
-            s[:, None], quaternions[index], quaternions[index + 1], slopes[index], slopes[index + 1]
+        real = np.zeros((len(states), 1))
+        imaginary = states[:, angular_velocity : angular_velocity + 3]
+        slopes = multiply(quaternions, np.concatenate([real, imaginary], axis=1)) / 2 * dt
+        interpolated[:, orientation : orientation + 4] = _cubic(
+            share, quaternions[index], quaternions[index + 1], slopes[index], slopes[index + 1]
         )
     if rates:
         positions, velocities = np.array(rates).T
-        before, after = states[index], states[index + 1]
-        p0, p1 = before[:, positions], after[:, positions]
-        v0, v1 = before[:, velocities] * dt, after[:, velocities] * dt
-        found[:, positions] = _cubic(share, p0, p1, v0, v1)
-        slope = (
-            6 * (share**2 - share) * (p0 - p1)
-            + (3 * share**2 - 4 * share + 1) * v0
-            + (3 * share**2 - 2 * share) * v1
-        )
-        found[:, velocities] = slope / dt
-    return _unit(found, orientations)
+        before = states[index]
+        after = states[index + 1]
+        p0 = before[:, positions]
+        p1 = after[:, positions]
+        v0 = before[:, velocities] * dt
+        v1 = after[:, velocities] * dt
+        interpolated[:, positions] = _cubic(share, p0, p1, v0, v1)
+        interpolated[:, velocities] = _cubic_slope(share, p0, p1, v0, v1) / dt
+    return _unit(interpolated, orientations)
 
 
 def _cubic(
-    s: np.ndarray, p0: np.ndarray, p1: np.ndarray, v0: np.ndarray, v1: np.ndarray
-) -> np.ndarray:
-    """Return Hermite's cubic at shares `s`, its ends p and their slopes v per interval."""
+    s: Float[np.ndarray, "F 1"],
+    p0: Float[np.ndarray, "F K"],
+    p1: Float[np.ndarray, "F K"],
+    v0: Float[np.ndarray, "F K"],
+    v1: Float[np.ndarray, "F K"],
+) -> Float[np.ndarray, "F K"]:
+    """Return Hermite's cubic at shares `s` of an interval, `p` at its ends with slopes `v` per interval."""
     return (
         (2 * s**3 - 3 * s**2 + 1) * p0
         + (s**3 - 2 * s**2 + s) * v0
@@ -69,35 +85,52 @@ def _cubic(
     )
 
 
-def _nearest_signs(states: np.ndarray, orientations: Pairs) -> np.ndarray:
-    """Return `states` with each quaternion's sign the one nearest to the quaternion before."""
-    states = np.array(states, dtype=float)
-    for orientation, _ in orientations:
-        states[:, orientation : orientation + 4] = continuous(
-            states[:, orientation : orientation + 4]
-        )
-    return states
+def _cubic_slope(
+    s: Float[np.ndarray, "F 1"],
+    p0: Float[np.ndarray, "F K"],
+    p1: Float[np.ndarray, "F K"],
+    v0: Float[np.ndarray, "F K"],
+    v1: Float[np.ndarray, "F K"],
+) -> Float[np.ndarray, "F K"]:
+    """Return the slope of `_cubic` per interval."""
+    return 6 * (s**2 - s) * (p0 - p1) + (3 * s**2 - 4 * s + 1) * v0 + (3 * s**2 - 2 * s) * v1
 
 
-def continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Return quaternions (T, ..., 4) with signs flipped so that each is nearest to the one before."""
+def continuous(quaternions: Float[np.ndarray, "T *B 4"]) -> Float[np.ndarray, "T *B 4"]:
+    """Return the quaternions with signs flipped so that each is nearest to the one before."""
     dots = (quaternions[1:] * quaternions[:-1]).sum(axis=-1, keepdims=True)
     signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
     return np.concatenate([quaternions[:1], quaternions[1:] * signs])
 
 
-def _unit(states: np.ndarray, orientations: Pairs) -> np.ndarray:
+def _with_nearest_signs(
+    states: Float[np.ndarray, "T S"], orientations: Pairs
+) -> Float[np.ndarray, "T S"]:
+    """Return a copy of `states` with each quaternion's sign the one nearest to the quaternion before."""
+    states = np.array(states, dtype=float)
     for orientation, _ in orientations:
-        states[:, orientation : orientation + 4] /= np.linalg.norm(
-            states[:, orientation : orientation + 4], axis=1, keepdims=True
-        )
+        entries = slice(orientation, orientation + 4)
+        states[:, entries] = continuous(states[:, entries])
     return states
 
 
-def _locate(states: np.ndarray, dt: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, per time, the super step before it and how far (0..1) it lies into the next."""
+def _unit(states: Float[np.ndarray, "F S"], orientations: Pairs) -> Float[np.ndarray, "F S"]:
+    """Return `states`, their quaternions made of length one in place."""
+    for orientation, _ in orientations:
+        entries = slice(orientation, orientation + 4)
+        states[:, entries] /= np.linalg.norm(states[:, entries], axis=1, keepdims=True)
+    return states
+
+
+def _locate(
+    states: Float[np.ndarray, "T S"], dt: float, times: Float[np.ndarray, " F"]
+) -> tuple[Int[np.ndarray, " F"], Float[np.ndarray, "F 1"]]:
+    """Return, per time, the super step before it and how far (0..1) it lies into the next.
+
+    Raises ArgumentError for times beyond the states, and for fewer than two states.
+    """
     end = (len(states) - 1) * dt
-    if len(states) < 2 or times.min() < 0 or times.max() > end + 1e-9:
+    if len(states) < 2 or times.min() < 0 or times.max() > end + TIME_ROUNDING:
         raise ArgumentError(f"times: wanted between 0 and {end:g} s of at least two states.")
     position = np.clip(times / dt, 0, len(states) - 1)
     index = np.minimum(position.astype(int), len(states) - 2)
@@ -105,3 +138,4 @@ def _locate(states: np.ndarray, dt: float, times: np.ndarray) -> tuple[np.ndarra
 
 
 INTERPOLATIONS = {"hermite": interpolate_hermite, "linear": interpolate_linear}
+"""The interpolations by name."""

@@ -1,0 +1,151 @@
+"""What a body does to be looked at when nobody says anything: a swimmer dives and keeps its depth, a soft body is thrown."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.state.rotation import multiply, rotate
+
+FIRST_BEND = 0.02
+"""Share of the controls' range by which a swimmer bends its back to keep its depth, tried at first."""
+
+MAX_BEND = 0.15
+"""Share of the controls' range by which a swimmer bends its back at most."""
+
+SECANTS = 4
+"""Number of tries at that bend: they leave a few centimetres after five seconds."""
+
+SAME_RISE = 1e-6
+"""Difference between two tries' rises below which there is no slope to go by [m]."""
+
+DIVE = 0.6
+"""How deep under the water's surface a swimmer begins, over its length: there its tail stays wet."""
+
+TOSS = 2.0
+"""How high a soft body is thrown, over its size: high enough to bounce, and low enough to be seen whole."""
+
+TOSS_ORIENTATION = (0.1, 0.6)
+"""How it is held when thrown, about its X and Y [rad]: it lands on a corner."""
+
+TOSS_VELOCITY = np.array([0.6, 0.15, 1.0])
+"""Its velocity when thrown, over its velocity upward."""
+
+TOSS_ANGULAR_VELOCITY = np.array([0.3, 6.0, 0.2])
+"""How it turns in flight [rad/s]: it rolls on."""
+
+WELL_WITHIN = 0.8
+"""Share of the speed and angular speed seen in training that a throw has at most."""
+
+GRAVITY = 9.81
+"""The acceleration of a fall [m/s²]."""
+
+UNDER_GROUND = 0.05
+"""How far a body that stands on the ground may reach below it, over its height."""
+
+
+def swims_under_a_surface(emulator: Emulator) -> bool:
+    """Return whether this is a body of mass points in water with a surface."""
+    is_body = emulator.state_structure.cloud is not None
+    return is_body and emulator.frame.is_immersed and bool(emulator.frame.probes)
+
+
+def dive(emulator: Emulator, start: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
+    """Return `start` of a swimmer, moved down under the water's surface in place."""
+    positions, _ = _points(emulator, start)
+    length = float(np.ptp(positions, axis=0).max())
+    positions[:, 2] += _surface_height(emulator) - DIVE * length - positions[:, 2].mean()
+    return start
+
+
+def level_swim(
+    emulator: Emulator, start: Float[np.ndarray, " S"], controls: Float[np.ndarray, "T C"]
+) -> Float[np.ndarray, "T C"]:
+    """Return `controls` of a gait with the back bent a little, such that the swim ends as deep as it begins.
+
+    The bend is what is added to the muscles in the sense of the gait, found by secants.
+    """
+    assert emulator.gait is not None
+    bounds = emulator.bounds
+    sense = np.sign(emulator.gait.amplitudes) * bounds.half
+
+    def rise_of(bend: float) -> float:
+        states = np.array(emulator.rollout(start, bounds.clip(controls + bend * sense)), float)
+        return _height(emulator, states[-1]) - _height(emulator, states[0])
+
+    last_bend = 0.0
+    last_rise = rise_of(last_bend)
+    bend = FIRST_BEND
+    for _ in range(SECANTS):
+        rise = rise_of(bend)
+        if abs(rise - last_rise) < SAME_RISE:
+            break
+        slope = (rise - last_rise) / (bend - last_bend)
+        last_bend = bend
+        last_rise = rise
+        bend = float(np.clip(bend - rise / slope, -MAX_BEND, MAX_BEND))
+    return bounds.clip(controls + bend * sense)
+
+
+def is_soft_on_ground(emulator: Emulator) -> bool:
+    """Return whether this is a body of mass points that at rest lies wholly above the level its heights count from."""
+    frame = emulator.frame
+    if emulator.state_structure.cloud is None or not frame.has_gravity or frame.is_immersed:
+        return False
+    positions, _ = _points(emulator, emulator.rest)
+    height = float(np.ptp(positions[:, 2]))
+    return float(positions[:, 2].min()) > _surface_height(emulator) - UNDER_GROUND * height
+
+
+def throw(emulator: Emulator, start: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
+    """Return `start` of a soft body, in place turned, above the ground, and flying: up, forward and spinning."""
+    positions, velocities = _points(emulator, start)
+    size = float(np.ptp(positions, axis=0).max())
+    centre = positions.mean(axis=0)
+    about_x, about_y = TOSS_ORIENTATION
+    orientation = multiply(_rotation_about(0, about_x), _rotation_about(1, about_y))
+    offsets = rotate(np.broadcast_to(orientation, (len(positions), 4)), positions - centre)
+    # It begins half as high as it is thrown, and climbs the other half: v² = 2 g (TOSS / 2) size.
+    velocity = TOSS_VELOCITY * np.sqrt(GRAVITY * TOSS * size)
+    velocity *= _share_within(velocity, emulator.encoding.max_speed)
+    spin = TOSS_ANGULAR_VELOCITY * _share_within(
+        TOSS_ANGULAR_VELOCITY, emulator.encoding.max_angular_speed
+    )
+    positions[:] = centre + np.array([0.0, 0.0, TOSS / 2 * size]) + offsets
+    velocities[:] = velocity + np.cross(spin, offsets)
+    return start
+
+
+def _share_within(vector: Float[np.ndarray, " 3"], limit: float) -> float:
+    """Return the share of `vector`, at most all of it, that is well within `limit`."""
+    return min(1.0, WELL_WITHIN * limit / float(np.linalg.norm(vector)))
+
+
+def _surface_height(emulator: Emulator) -> float:
+    """Return the height of ground or water [m]: what the frame's probes are held against."""
+    return emulator.frame.probes[0][3] if emulator.frame.probes else 0.0
+
+
+def _height(emulator: Emulator, state: Float[np.ndarray, " S"]) -> float:
+    """Return the mean height of the mass points [m]."""
+    positions, _ = _points(emulator, state)
+    return float(positions[:, 2].mean())
+
+
+def _points(
+    emulator: Emulator, state: Float[np.ndarray, " S"]
+) -> tuple[Float[np.ndarray, "N 3"], Float[np.ndarray, "N 3"]]:
+    """Return positions [m] and velocities [m/s] of the mass points of `state`, as views into it."""
+    cloud = emulator.state_structure.cloud
+    assert cloud is not None
+    size = 3 * cloud.count
+    return state[:size].reshape(-1, 3), state[size : 2 * size].reshape(-1, 3)
+
+
+def _rotation_about(axis: int, angle: float) -> Float[np.ndarray, " 4"]:
+    """Return the quaternion wxyz that rotates by `angle` [rad] about an axis of the world."""
+    quaternion = np.zeros(4)
+    quaternion[0] = np.cos(angle / 2)
+    quaternion[1 + axis] = np.sin(angle / 2)
+    return quaternion
