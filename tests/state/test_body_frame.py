@@ -22,16 +22,16 @@ from neuroanimator.state.rotation import (
     rotation_between,
     rotation_matrices,
 )
-from neuroanimator.state.structure import Segment
+from neuroanimator.state.segments import Heading, Plain, PlanarPosition, PlanarVelocity
 from neuroanimator.systems.system import System
 from neuroanimator.training.initialise import build_emulator
 
 PLANAR = (
-    Segment("planar position", 2, 4),
-    Segment("heading", 1, 6),
-    Segment("plain", 1),
-    Segment("planar velocity", 2),
-    Segment("plain", 2),
+    PlanarPosition(rate=4),
+    Heading(rate=6),
+    Plain(size=1),
+    PlanarVelocity(),
+    Plain(size=2),
 )
 
 

@@ -26,7 +26,13 @@ from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
-from neuroanimator.state.structure import segments_from_json, segments_to_json
+from neuroanimator.state.segments import (
+    Points,
+    PointVelocities,
+    moves_freely,
+    segments_from_json,
+    segments_to_json,
+)
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.text import printable, quoted
@@ -323,11 +329,11 @@ def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float)
         raise ValueError(f"frame: {len(probes)} probes; wanted at most {MAX_PROBES}")
     if segments and sum(segment.size for segment in segments) != state_size:
         raise ValueError("frame: its segments do not fill the state")
-    if any("point" in segment.kind for segment in segments):
+    if any(isinstance(segment, Points | PointVelocities) for segment in segments):
         raise ValueError("frame: mass points are decoded by modes")
     if any(segment.rate >= state_size - 1 for segment in segments):
         raise ValueError("frame: a rate lies outside the state")
-    if probes and {"position", "quaternion", "velocity"} - {segment.kind for segment in segments}:
+    if probes and not moves_freely(segments):
         raise ValueError("frame: probes need a root that moves freely")
     external_forces = listed(
         described["external_forces"],

@@ -186,7 +186,7 @@ class Emulator(eqx.Module):
         Neither the position nor the heading is among it. `latent` and `control` are encoded.
         """
         local = self.frame.local(latent)
-        felt = self.frame.seen_control(latent, control)
+        felt = self.frame.felt_control(latent, control)
         return self.features.plain_of(latent, local, felt)
 
     def raw_features_of(

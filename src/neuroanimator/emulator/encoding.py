@@ -19,7 +19,8 @@ from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.features import Features
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Layout
-from neuroanimator.state.structure import Segment, Structure
+from neuroanimator.state.segments import Segment
+from neuroanimator.state.structure import Structure
 
 KEPT_MARGIN = 0.1
 """Share of its range by which a predicted number may leave it: further out the network says nothing of worth."""

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from neuroanimator.emulator.pca import Basis, principal, reflection
 from neuroanimator.emulator.shape_modes import LIMITS, ShapeModes, view_in_frame
+from neuroanimator.state.segments import Lag
 from neuroanimator.state.structure import Structure
 
 HARDLY_EXCEEDED = 0.9995
@@ -42,7 +43,7 @@ def modes_along(
 ) -> ShapeModes:
     """Return the modes in these directions, with spread and limits of the bodies in `states` (B, S)."""
     assert structure.cloud is not None
-    lags = [segment for segment in structure.segments if segment.kind == "lag"]
+    lags = [segment for segment in structure.segments if isinstance(segment, Lag)]
     time_constant = 0.0
     if lags:
         time_constant = lags[0].time_constant

@@ -30,7 +30,16 @@ from neuroanimator.state.reference_shape import (
     to_world_axes,
 )
 from neuroanimator.state.rotation import cross
-from neuroanimator.state.structure import MAX_RESPONSE, Mirror, Segment, Structure
+from neuroanimator.state.segments import (
+    MAX_RESPONSE,
+    Lag,
+    Plain,
+    Position,
+    Quaternion,
+    Segment,
+    Velocity,
+)
+from neuroanimator.state.structure import Mirror, Structure
 
 TINY = 1e-12
 """Added to squares before their root is divided by: motions that stand still are not divided by zero."""
@@ -243,14 +252,14 @@ class ShapeModes(Encoding):
         layout = self.layout
         velocity = layout.index("frame.velocity").start
         angular_velocity = layout.index("frame.angular_velocity").start
-        segments = [
-            Segment("position", 3, rate=velocity),
-            Segment("quaternion", 4, rate=angular_velocity),
-            Segment("velocity", 3),
-            Segment("plain", 3 + self.count),
+        segments: list[Segment] = [
+            Position(rate=velocity),
+            Quaternion(rate=angular_velocity),
+            Velocity(),
+            Plain(size=3 + self.count),
         ]
         if self.muscles:
-            segments.append(Segment("lag", self.muscles, time_constant=self.time_constant))
+            segments.append(Lag(size=self.muscles, time_constant=self.time_constant))
         return Structure(
             angles=(),
             rates=(),

@@ -13,6 +13,7 @@ from neuroanimator.control.policies.policy import latent_structure
 from neuroanimator.control.policies.steering import leftward, unit
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.pose import read_pose
+from neuroanimator.state.segments import Position
 from neuroanimator.tasks.task import Aim
 
 MAX_OBSERVATION = 10.0
@@ -166,7 +167,7 @@ def _observe_goal(
 ) -> list[Float[Array, " 3"]]:
     """Return the goal's position, the direction to go and up, all along the body's axes; nothing if it has none."""
     structure = latent_structure(emulator)
-    if not any(segment.kind == "position" for segment in structure.segments):
+    if not any(isinstance(segment, Position) for segment in structure.segments):
         return []
     pose = read_pose(structure, latent)
     left = leftward(pose)

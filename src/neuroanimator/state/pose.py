@@ -7,7 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.reference_shape import points_of
 from neuroanimator.state.rotation import Numbers, cross, rotate
+from neuroanimator.state.segments import (
+    Position,
+    Quaternion,
+    Velocity,
+    first_of_each,
+    moves_freely,
+)
 from neuroanimator.state.structure import Structure
 
 
@@ -43,10 +51,9 @@ def read_pose(structure: Structure, states: Numbers) -> Pose:
 
     Raises ArgumentError for a system without a freely moving root or mass points.
     """
-    kinds = [segment.kind for segment in structure.segments]
     if structure.cloud is not None:
         return _cloud_pose(structure, states)
-    if "position" in kinds and "quaternion" in kinds and "velocity" in kinds:
+    if moves_freely(structure.segments):
         return _root_pose(structure, states)
     raise ArgumentError(
         "position, speed and heading: wanted a system with a free root or mass points, came one without. "
@@ -65,28 +72,29 @@ def read_heights(structure: Structure, states: Numbers) -> Numbers:
 
 
 def _root_pose(structure: Structure, states: Numbers) -> Pose:
-    xp, found, start = states.__array_namespace__(), {}, 0
-    for segment in structure.segments:
-        found.setdefault(segment.kind, states[..., start : start + segment.size])
-        start += segment.size
-    x, z = (xp.asarray(np.eye(3)[axis], dtype=states.dtype) for axis in (0, 2))
-    orientation = found["quaternion"]
+    xp = states.__array_namespace__()
+    root = first_of_each(structure.segments)
+    orientation = states[..., root[Quaternion].entries]
+    x_axis = xp.asarray(np.eye(3)[0], dtype=states.dtype)
+    z_axis = xp.asarray(np.eye(3)[2], dtype=states.dtype)
     return Pose(
-        found["position"], found["velocity"], rotate(orientation, x), rotate(orientation, z)
+        position=states[..., root[Position].entries],
+        velocity=states[..., root[Velocity].entries],
+        forward=rotate(orientation, x_axis),
+        upward=rotate(orientation, z_axis),
     )
 
 
 def _cloud_pose(structure: Structure, states: Numbers) -> Pose:
-    xp, cloud = states.__array_namespace__(), structure.cloud
+    xp = states.__array_namespace__()
+    cloud = structure.cloud
     assert cloud is not None
     size = 3 * cloud.count
-    positions, velocities = (
-        states[..., i * size : (i + 1) * size].reshape(*states.shape[:-1], -1, 3) for i in range(2)
-    )
+    positions = points_of(states[..., :size])
+    velocities = points_of(states[..., size : 2 * size])
     centre = cloud.centroid(positions)
     moments = np.array(cloud.positions) * np.array(cloud.masses)[:, None]
-    axes = (xp.asarray(moments[:, [0, 2]].T, dtype=states.dtype)) @ (
-        positions - centre[..., None, :]
-    )
+    weights = xp.asarray(moments[:, [0, 2]].T, dtype=states.dtype)
+    axes = weights @ (positions - centre[..., None, :])
     axes = axes / xp.linalg.vector_norm(axes, axis=-1, keepdims=True)
     return Pose(centre, cloud.centroid(velocities), axes[..., 0, :], axes[..., 1, :])

@@ -118,6 +118,23 @@ def cross(left: Numbers, right: Numbers) -> Numbers:
     return left.__array_namespace__().stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
 
 
+def rotate_in_plane(angle: Numbers, vector: Numbers) -> Numbers:
+    """Return `vector` (..., 2) turned by `angle` (..., 1) [rad]."""
+    xp = vector.__array_namespace__()
+    cosine = xp.cos(angle[..., 0])
+    sine = xp.sin(angle[..., 0])
+    x = vector[..., 0]
+    y = vector[..., 1]
+    return xp.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+
+
+def two_axes(quaternion: Numbers) -> Numbers:
+    """Return two columns of the rotation (..., 6): all of it, without the quaternion's double sign."""
+    rows = rotation_rows(quaternion)
+    xp = quaternion.__array_namespace__()
+    return xp.stack([rows[i][j] for j in range(2) for i in range(3)], axis=-1)
+
+
 def heading_of(quaternion: Numbers) -> Numbers:
     """Return the angle (...) between the world's X axis and the body's, seen from above [rad]."""
     rows = rotation_rows(quaternion)

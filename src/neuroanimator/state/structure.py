@@ -3,53 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
-from neuroanimator.parsing.numbers import entries, number, whole
-from neuroanimator.state.layout import MAX_NUMBERS
+from neuroanimator.parsing.numbers import entries
 from neuroanimator.state.reference_shape import Cloud
-from neuroanimator.text import quoted
+from neuroanimator.state.segments import Segment, orientations_of
 
 Probe = tuple[float, float, float, float]
 """Centre [m] in the root's frame and radius [m] of a round part that may touch the ground."""
-
-Kind = Literal[
-    "plain", "position", "quaternion", "velocity", "planar position", "heading", "planar velocity",
-    "points", "point velocities", "lag",
-]  # fmt: skip
-
-MAX_RESPONSE = 10.0
-"""[s] What a definition allows of a muscle."""
-
-STATE_SIZES: dict[str, int] = {
-    "position": 3, "quaternion": 4, "velocity": 3, "planar position": 2, "heading": 1, "planar velocity": 2,
-}  # fmt: skip
-"""State entries of each kind of segment that may not have any number."""
-
-
-@dataclass(frozen=True)
-class Segment:
-    """Consecutive state entries that change in one way.
-
-    `plain` numbers are added to. `position` and `velocity` are the root's, in the world; they change
-    along the root's own axes. A `quaternion` is turned, in its own frame; the first one of a state with
-    a `position` is the root's. `planar position`, `heading` and `planar velocity` are the same for a
-    root that moves in a plane. `points` and `point velocities` are places and speeds of many mass points, three
-    numbers each, seen along the axes of the cloud they make up. A `lag` tends to its control exponentially,
-    which is known exactly: nothing of its change is predicted.
-    """
-
-    kind: Kind
-    size: int
-    rate: int = -1
-    """State entry where its rate of change begins; -1 if none is known or used."""
-    time_constant: float = 0.0
-    """[s] Time constant of a follower."""
-
-    @property
-    def change_size(self) -> int:
-        """Numbers that describe a change: a quaternion's four need three, a follower's none."""
-        return {"quaternion": 3, "lag": 0}.get(self.kind, self.size)
 
 
 @dataclass(frozen=True)
@@ -134,43 +95,3 @@ class Structure:
     def orientations(self) -> tuple[tuple[int, int], ...]:
         """(i, j) where a quaternion begins at state entry i and its angular velocity, in the body's frame, at j."""
         return orientations_of(self.segments)
-
-
-def orientations_of(segments: tuple[Segment, ...]) -> tuple[tuple[int, int], ...]:
-    """Return `Structure.orientations` of a state made of `segments`."""
-    orientations = []
-    first = 0
-    for segment in segments:
-        if segment.kind == "quaternion":
-            orientations.append((first, segment.rate))
-        first += segment.size
-    return tuple(orientations)
-
-
-def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
-    """Return the segments as plain lists."""
-    return [
-        [segment.kind, segment.size, segment.rate, segment.time_constant] for segment in segments
-    ]
-
-
-def segments_from_json(rows: Any) -> tuple[Segment, ...]:
-    """Return the segments `segments_to_json` wrote; ValueError if they cannot be."""
-    if not isinstance(rows, list):
-        raise ValueError("segments: wanted a list")
-    return tuple(_segment_from_json(row) for row in rows)
-
-
-def _segment_from_json(row: Any) -> Segment:
-    if not isinstance(row, list) or len(row) != 4:
-        raise ValueError(f"segment: wanted kind, size, rate and time_constant, came {quoted(row)}")
-    kind, size, rate, time_constant = row
-    whole(size, "segment: size", 1, MAX_NUMBERS)
-    if kind not in get_args(Kind) or STATE_SIZES.get(kind, size) != size:
-        raise ValueError(f"segment {quoted(kind)} of {size} entries is not known")
-    return Segment(
-        kind,
-        size,
-        whole(rate, "segment: rate", -1, MAX_NUMBERS),
-        number(time_constant, "segment: response", 0, MAX_RESPONSE),
-    )

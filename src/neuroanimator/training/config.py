@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, field_validator
 
 from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.emulator.networks import DEFAULT_WIDTHS, check_widths
@@ -49,13 +49,13 @@ class TrainingConfig(Settings):
 
     @field_validator("widths")
     @classmethod
-    def _usual_widths(cls, widths: tuple[int, ...], info: ValidationInfo) -> tuple[int, ...]:
+    def _usual_widths(cls, widths: tuple[int, ...], info: Any) -> tuple[int, ...]:
         network = info.data.get("network", "")
         return widths or DEFAULT_WIDTHS.get(network, ())
 
     @field_validator("learning_rate")
     @classmethod
-    def _usual_rate(cls, rate: float, info: ValidationInfo) -> float:
+    def _usual_rate(cls, rate: float, info: Any) -> float:
         optimizer = info.data.get("optimizer", "")
         return rate or DEFAULT_RATES.get(optimizer, rate)
 

@@ -73,7 +73,7 @@ def build_emulator(data: Transitions, config: TrainingConfig) -> Emulator:
         latent = _body_data(data, config, dt)
     features = latent.features
     local = latent.frame.local(latent.states)
-    felt = latent.frame.seen_control(latent.states, latent.controls)
+    felt = latent.frame.felt_control(latent.states, latent.controls)
     raw = features.plain_of(latent.states, local, felt)
     is_odd = [features.is_odd and i not in features.even for i in range(raw.shape[1])]
     odd_raw = np.array(is_odd)

@@ -12,7 +12,8 @@ from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.terms import END, ReachState
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.state.structure import Segment, Structure
+from neuroanimator.state.segments import Plain, place_segments
+from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import Goal, System
 
 Verdict = Callable[[np.ndarray], bool]
@@ -85,11 +86,11 @@ def tangent_weights(frame: Frame, size: int, goal: Goal) -> np.ndarray:
     wanted = {
         entry: tolerance for (entry, _), tolerance in zip(goal.values, goal.tolerances, strict=True)
     }
-    weights, start = [], 0
-    for segment in frame.segments or (Segment("plain", size),):
-        entries = range(start, start + segment.change_size)
+    weights = []
+    for placed in place_segments(frame.segments or (Plain(size=size),)):
+        first = placed.entries.start
+        entries = range(first, first + placed.segment.change_size)
         weights += [1 / wanted[entry] if entry in wanted else 0.0 for entry in entries]
-        start += segment.size
     return np.array(weights)
 
 

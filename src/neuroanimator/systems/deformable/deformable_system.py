@@ -13,7 +13,8 @@ from neuroanimator.definitions.body import BodyDefinition, control_names
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.reference_shape import Cloud, to_world_axes
 from neuroanimator.state.rotation import facing, multiply, rotated_by
-from neuroanimator.state.structure import Group, Probe, Segment, Structure
+from neuroanimator.state.segments import Lag, Points, PointVelocities, Segment
+from neuroanimator.state.structure import Group, Probe, Structure
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.bones import body_skeleton
@@ -159,9 +160,9 @@ def _state_layout(body: Body, controls: list[str]) -> Layout:
 
 def _structure(definition: BodyDefinition, body: Body) -> Structure:
     size, muscles = 3 * len(body.masses), body.muscles.shape[1]
-    segments = [Segment("points", size, rate=size), Segment("point velocities", size)]
+    segments: list[Segment] = [Points(size=size, rate=size), PointVelocities(size=size)]
     if muscles:
-        segments.append(Segment("lag", muscles, time_constant=body.time_constant))
+        segments.append(Lag(size=muscles, time_constant=body.time_constant))
     return Structure(
         angles=(),
         rates=tuple((i, size + i) for i in range(size)),

@@ -11,7 +11,17 @@ from neuroanimator.definitions.model import FrameTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import model_name
 from neuroanimator.state.layout import Layout, Slice
-from neuroanimator.state.structure import Segment, Structure
+from neuroanimator.state.segments import (
+    Heading,
+    Plain,
+    PlanarPosition,
+    PlanarVelocity,
+    Position,
+    Quaternion,
+    Segment,
+    Velocity,
+)
+from neuroanimator.state.structure import Structure
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.text import quoted
 
@@ -221,42 +231,40 @@ def _segments(views: list[JointView], planar: tuple[str, ...], size: int) -> tup
     parts = [segment for view in views for segment in _place_segments(view, planar)]
     parts += [segment for view in views for segment in _rate_segments(view, planar)]
     rest = size - sum(part.size for part in parts)  # activations and sensors
-    return tuple(_merged([*parts, Segment("plain", rest)]))
+    return tuple(_merged([*parts, Plain(size=rest)]))
 
 
 def _place_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
     if view.kind == "free":
-        return [Segment("position", 3, view.rate), Segment("quaternion", 4, view.rate + 3)]
+        return [Position(rate=view.rate), Quaternion(rate=view.rate + 3)]
     if view.kind == "ball":
-        return [Segment("quaternion", 4, view.rate)]
+        return [Quaternion(rate=view.rate)]
     if view.name in planar:
         kinds = {
-            0: [Segment("planar position", 2, view.rate)],
+            0: [PlanarPosition(rate=view.rate)],
             1: [],
-            2: [Segment("heading", 1, view.rate)],
+            2: [Heading(rate=view.rate)],
         }
         return kinds[planar.index(view.name)]
-    return [Segment("plain", 1)]
+    return [Plain(size=1)]
 
 
 def _rate_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
     if view.kind == "free":
-        return [Segment("velocity", 3), Segment("plain", 3)]
+        return [Velocity(), Plain(size=3)]
     if view.kind == "ball":
-        return [Segment("plain", 3)]
+        return [Plain(size=3)]
     if view.name in planar:
-        return {0: [Segment("planar velocity", 2)], 1: [], 2: [Segment("plain", 1)]}[
-            planar.index(view.name)
-        ]
-    return [Segment("plain", 1)]
+        return {0: [PlanarVelocity()], 1: [], 2: [Plain(size=1)]}[planar.index(view.name)]
+    return [Plain(size=1)]
 
 
 def _merged(parts: list[Segment]) -> list[Segment]:
     """Return `parts` with neighbouring plain segments joined: fewer pieces, fewer copies at every step."""
     joined: list[Segment] = []
     for part in parts:
-        if joined and part.kind == joined[-1].kind == "plain":
-            joined[-1] = Segment("plain", joined[-1].size + part.size)
+        if joined and isinstance(part, Plain) and isinstance(joined[-1], Plain):
+            joined[-1] = Plain(size=joined[-1].size + part.size)
         elif part.size:
             joined.append(part)
     return joined

@@ -1,0 +1,459 @@
+"""Kinds of state segment: what each shows of itself in the body's own frame, and how it changes.
+
+A state is a row of segments. A position moves along the body's own axes, a quaternion is rotated, a lag
+follows its control; each kind is a small class here, and `body_frame.Frame` puts them together.
+"""
+
+from __future__ import annotations
+
+import abc
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple
+
+from jaxtyping import Float
+
+from neuroanimator.parsing.numbers import number, whole
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.layout import MAX_NUMBERS
+from neuroanimator.state.reference_shape import (
+    Cloud,
+    flat_of,
+    points_of,
+    to_body_axes,
+    to_world_axes,
+)
+from neuroanimator.state.rotation import (
+    rotate,
+    rotate_back,
+    rotate_in_plane,
+    rotated_by,
+    rotation_between,
+    two_axes,
+)
+from neuroanimator.text import quoted
+
+MAX_RESPONSE = 10.0
+"""Largest time constant of a lag that a definition allows [s]."""
+
+Coasting = Any
+"""What a segment's own rate adds in a super step: an array (..., V), or 0.0 where there is none."""
+
+
+class Surroundings(NamedTuple):
+    """What a segment's change depends on besides itself."""
+
+    root: Float[AnyArray, "... R"]
+    """What turns with the root: its quaternion (R = 4), its heading (R = 1), or nothing (R = 0)."""
+    control: Float[AnyArray, "... C"] | None
+    """The controls that lags follow; None leaves lags where they are."""
+    dt: float
+    """Time the change takes [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment(abc.ABC):
+    """Consecutive state entries that change in one way.
+
+    Entries are those of a state (..., size), changes have `change_size` numbers. A segment is added to along
+    the axes that `to_world` and `to_body` speak of; those of this class are the state's own.
+    """
+
+    kind: ClassVar[str]
+    """What files call it."""
+    size: int
+    """State entries."""
+    rate: int = -1
+    """State entry where its rate of change begins; -1 if none is known or used."""
+
+    @property
+    def change_size(self) -> int:
+        """Numbers that describe a change."""
+        return self.size
+
+    @property
+    def local_size(self) -> int:
+        """Numbers that `local` shows."""
+        return 0
+
+    def local(
+        self, entries: Float[AnyArray, "... S"], root: Float[AnyArray, "... R"], cloud: Cloud | None
+    ) -> Float[AnyArray, "... L"]:
+        """Return what the body's own frame shows of the entries, whatever the position and the heading."""
+        return entries[..., :0]
+
+    def axes(
+        self, entries: Float[AnyArray, "... S"], cloud: Cloud | None
+    ) -> Float[AnyArray, "... R"] | None:
+        """Return what the body's axes follow from, a quaternion or a heading; None if not from this segment."""
+        return None
+
+    def coasting(self, state: Float[AnyArray, "... S"], dt: float) -> Coasting:
+        """Return what the segment's own rate adds in `dt` [s]; 0.0 where that is left to the network."""
+        if self.rate < 0:
+            return 0.0
+        return dt * state[..., self.rate : self.rate + self.change_size]
+
+    def to_world(
+        self, root: Float[AnyArray, "... R"], change: Float[AnyArray, "... V"]
+    ) -> Float[AnyArray, "... V"]:
+        """Return a change along the body's axes as one along the axes of the state."""
+        return change
+
+    def to_body(
+        self, root: Float[AnyArray, "... R"], change: Float[AnyArray, "... V"]
+    ) -> Float[AnyArray, "... V"]:
+        """Return a change along the axes of the state as one along the body's axes."""
+        return change
+
+    def apply(
+        self,
+        entries: Float[AnyArray, "... S"],
+        change: Float[AnyArray, "... V"],
+        coasting: Coasting,
+        around: Surroundings,
+    ) -> Float[AnyArray, "... S"]:
+        """Return the entries after `change` on top of `coasting`."""
+        return entries + coasting + self.to_world(around.root, change)
+
+    def difference(
+        self,
+        before: Float[AnyArray, "... S"],
+        after: Float[AnyArray, "... S"],
+        coasting: Coasting,
+        root: Float[AnyArray, "... R"],
+    ) -> Float[AnyArray, "... V"]:
+        """Return the change for which `apply` makes `after` of `before`."""
+        return self.to_body(root, after - before - coasting)
+
+    def change_entries(self, first: int) -> list[tuple[int, ...]]:
+        """Return, per state entry, the numbers of a change that change it; the segment's own begin at `first`."""
+        numbers = tuple(range(first, first + self.change_size))
+        return [numbers] * self.size
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plain(Segment):
+    """Numbers that are added to, one by one; what they coast by is left to the network."""
+
+    kind: ClassVar[str] = "plain"
+
+    def coasting(self, state: Float[AnyArray, "... S"], dt: float) -> Coasting:
+        return 0.0
+
+    def change_entries(self, first: int) -> list[tuple[int, ...]]:
+        return [(number,) for number in range(first, first + self.size)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _AlongRoot(Segment):
+    """A vector of the root in the world, which changes along the root's own axes."""
+
+    size: int = field(default=3, init=False)
+
+    def to_world(
+        self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... 3"]
+    ) -> Float[AnyArray, "... 3"]:
+        return rotate(root, change)
+
+    def to_body(
+        self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... 3"]
+    ) -> Float[AnyArray, "... 3"]:
+        return rotate_back(root, change)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Position(_AlongRoot):
+    """Where a root that moves freely is; it never matters to what happens next."""
+
+    kind: ClassVar[str] = "position"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Velocity(_AlongRoot):
+    """Velocity of a root that moves freely, seen along its own axes."""
+
+    kind: ClassVar[str] = "velocity"
+
+    @property
+    def local_size(self) -> int:
+        return 3
+
+    def local(
+        self, entries: Float[AnyArray, "... 3"], root: Float[AnyArray, "... 4"], cloud: Cloud | None
+    ) -> Float[AnyArray, "... 3"]:
+        return rotate_back(root, entries)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quaternion(Segment):
+    """An orientation, which is rotated in its own frame; the first one of a state with a `Position` is the root's."""
+
+    kind: ClassVar[str] = "quaternion"
+    size: int = field(default=4, init=False)
+
+    @property
+    def change_size(self) -> int:
+        return 3
+
+    @property
+    def local_size(self) -> int:
+        return 6
+
+    def local(
+        self, entries: Float[AnyArray, "... 4"], root: Float[AnyArray, "... R"], cloud: Cloud | None
+    ) -> Float[AnyArray, "... 6"]:
+        return two_axes(entries)
+
+    def axes(
+        self, entries: Float[AnyArray, "... 4"], cloud: Cloud | None
+    ) -> Float[AnyArray, "... 4"]:
+        return entries
+
+    def apply(
+        self,
+        entries: Float[AnyArray, "... 4"],
+        change: Float[AnyArray, "... 3"],
+        coasting: Coasting,
+        around: Surroundings,
+    ) -> Float[AnyArray, "... 4"]:
+        return rotated_by(entries, coasting + change)
+
+    def difference(
+        self,
+        before: Float[AnyArray, "... 4"],
+        after: Float[AnyArray, "... 4"],
+        coasting: Coasting,
+        root: Float[AnyArray, "... R"],
+    ) -> Float[AnyArray, "... 3"]:
+        return rotation_between(before, after) - coasting
+
+
+@dataclass(frozen=True, kw_only=True)
+class _AlongHeading(Segment):
+    """A vector of a root that moves in a plane, which changes along the root's own axes."""
+
+    size: int = field(default=2, init=False)
+
+    def to_world(
+        self, root: Float[AnyArray, "... 1"], change: Float[AnyArray, "... 2"]
+    ) -> Float[AnyArray, "... 2"]:
+        return rotate_in_plane(root, change)
+
+    def to_body(
+        self, root: Float[AnyArray, "... 1"], change: Float[AnyArray, "... 2"]
+    ) -> Float[AnyArray, "... 2"]:
+        return rotate_in_plane(-root, change)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarPosition(_AlongHeading):
+    """Where a root is that moves in a plane."""
+
+    kind: ClassVar[str] = "planar position"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarVelocity(_AlongHeading):
+    """Velocity of a root that moves in a plane, seen along its own axes."""
+
+    kind: ClassVar[str] = "planar velocity"
+
+    @property
+    def local_size(self) -> int:
+        return 2
+
+    def local(
+        self, entries: Float[AnyArray, "... 2"], root: Float[AnyArray, "... 1"], cloud: Cloud | None
+    ) -> Float[AnyArray, "... 2"]:
+        return rotate_in_plane(-root, entries)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heading(Segment):
+    """Heading of a root that moves in a plane [rad]."""
+
+    kind: ClassVar[str] = "heading"
+    size: int = field(default=1, init=False)
+
+    def axes(
+        self, entries: Float[AnyArray, "... 1"], cloud: Cloud | None
+    ) -> Float[AnyArray, "... 1"]:
+        return entries
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PointVectors(Segment):
+    """Vectors of many mass points, three numbers each, seen along the axes of the cloud they make up."""
+
+    @property
+    def local_size(self) -> int:
+        return self.size
+
+    def local(
+        self, entries: Float[AnyArray, "... S"], root: Float[AnyArray, "... 4"], cloud: Cloud | None
+    ) -> Float[AnyArray, "... S"]:
+        return flat_of(to_body_axes(root, points_of(entries)))
+
+    def to_world(
+        self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... V"]
+    ) -> Float[AnyArray, "... V"]:
+        return flat_of(to_world_axes(root, points_of(change)))
+
+    def to_body(
+        self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... V"]
+    ) -> Float[AnyArray, "... V"]:
+        return flat_of(to_body_axes(root, points_of(change)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Points(_PointVectors):
+    """Positions of mass points, seen from their centroid; the body's axes follow from them."""
+
+    kind: ClassVar[str] = "points"
+
+    def local(
+        self, entries: Float[AnyArray, "... S"], root: Float[AnyArray, "... 4"], cloud: Cloud | None
+    ) -> Float[AnyArray, "... S"]:
+        points = points_of(entries)
+        if cloud is not None:
+            points = points - cloud.centroid(points)[..., None, :]
+        return flat_of(to_body_axes(root, points))
+
+    def axes(
+        self, entries: Float[AnyArray, "... S"], cloud: Cloud | None
+    ) -> Float[AnyArray, "... 4"] | None:
+        if cloud is None:
+            return None
+        return cloud.orientation(points_of(entries))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointVelocities(_PointVectors):
+    """Velocities of mass points."""
+
+    kind: ClassVar[str] = "point velocities"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lag(Segment):
+    """Numbers that tend to their controls exponentially: known exactly, so nothing of their change is predicted."""
+
+    kind: ClassVar[str] = "lag"
+    time_constant: float = 0.0
+    """Time in which the distance to the control falls to 1/e [s]; 0 follows at once."""
+
+    @property
+    def change_size(self) -> int:
+        return 0
+
+    def apply(
+        self,
+        entries: Float[AnyArray, "... S"],
+        change: Float[AnyArray, "... 0"],
+        coasting: Coasting,
+        around: Surroundings,
+    ) -> Float[AnyArray, "... S"]:
+        if around.control is None:
+            return entries
+        left = 0.0
+        if self.time_constant:
+            left = math.exp(-around.dt / self.time_constant)
+        return around.control + left * (entries - around.control)
+
+
+SEGMENTS: dict[str, type[Segment]] = {
+    segment.kind: segment
+    for segment in (
+        Plain,
+        Position,
+        Quaternion,
+        Velocity,
+        PlanarPosition,
+        Heading,
+        PlanarVelocity,
+        Points,
+        PointVelocities,
+        Lag,
+    )
+}
+"""Every kind of segment by the name that files give it."""
+
+
+class PlacedSegment(NamedTuple):
+    """A segment and where its numbers lie."""
+
+    segment: Segment
+    entries: slice
+    """In a state."""
+    changes: slice
+    """In a change of a state."""
+
+
+def place_segments(segments: tuple[Segment, ...]) -> Iterator[PlacedSegment]:
+    """Yield every segment of a state, in order, with where its numbers lie."""
+    entry = 0
+    change = 0
+    for segment in segments:
+        entries = slice(entry, entry + segment.size)
+        changes = slice(change, change + segment.change_size)
+        yield PlacedSegment(segment, entries, changes)
+        entry = entries.stop
+        change = changes.stop
+
+
+def first_of_each(segments: tuple[Segment, ...]) -> dict[type[Segment], PlacedSegment]:
+    """Return the first segment of each kind: of a root that moves freely, its position, orientation, velocity."""
+    firsts: dict[type[Segment], PlacedSegment] = {}
+    for placed in place_segments(segments):
+        firsts.setdefault(type(placed.segment), placed)
+    return firsts
+
+
+def moves_freely(segments: tuple[Segment, ...]) -> bool:
+    """Return whether the state has a root that moves freely: a position, an orientation and a velocity."""
+    return {Position, Quaternion, Velocity} <= {type(segment) for segment in segments}
+
+
+def orientations_of(segments: tuple[Segment, ...]) -> tuple[tuple[int, int], ...]:
+    """Return (i, j) where a quaternion begins at state entry i and its angular velocity, in its own frame, at j."""
+    return tuple(
+        (placed.entries.start, placed.segment.rate)
+        for placed in place_segments(segments)
+        if isinstance(placed.segment, Quaternion)
+    )
+
+
+def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
+    """Return the segments as plain lists: kind, size, rate, time constant."""
+    return [
+        [segment.kind, segment.size, segment.rate, getattr(segment, "time_constant", 0.0)]
+        for segment in segments
+    ]
+
+
+def segments_from_json(rows: Any) -> tuple[Segment, ...]:
+    """Return the segments `segments_to_json` wrote; ValueError if they cannot be."""
+    if not isinstance(rows, list):
+        raise ValueError("segments: wanted a list")
+    return tuple(_segment_from_json(row) for row in rows)
+
+
+def _segment_from_json(row: Any) -> Segment:
+    if not isinstance(row, list) or len(row) != 4:
+        raise ValueError(f"segment: wanted kind, size, rate and response, came {quoted(row)}")
+    kind, size, rate, time_constant = row
+    whole(size, "segment: size", 1, MAX_NUMBERS)
+    whole(rate, "segment: rate", -1, MAX_NUMBERS)
+    number(time_constant, "segment: response", 0, MAX_RESPONSE)
+    segment_class = SEGMENTS.get(kind) if isinstance(kind, str) else None
+    if segment_class is Lag:
+        return Lag(size=size, rate=rate, time_constant=float(time_constant))
+    if segment_class in (Plain, Points, PointVelocities):
+        return segment_class(size=size, rate=rate)
+    if segment_class is not None:
+        segment = segment_class(rate=rate)  # pyright: ignore[reportCallIssue]
+        if segment.size == size:
+            return segment
+    raise ValueError(f"segment {quoted(kind)} of {size} entries is not known")
