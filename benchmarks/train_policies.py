@@ -28,7 +28,6 @@ from neuroanimator.control.policies.steering import (
     upright,
 )
 from neuroanimator.data.sampling import sample_starts
-from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
 from neuroanimator.tasks.swimmers import body_length
 from neuroanimator.terminal import print_table
@@ -74,7 +73,7 @@ def gait_alone(
         system.gait.controls(steps, policy.dt, system.bounds, strength=float(each))
         for each in strengths
     ]
-    return play(system, starts, np.stack(controls), policy.dt).states
+    return system.simulate_fastest(starts, np.stack(controls), policy.dt).states
 
 
 def errors(policy: Policy, states: np.ndarray, target: SteeringTarget) -> dict[str, float]:
@@ -133,7 +132,7 @@ def measure_from(
     about = {
         "system": system.name,
         "starts": kind,
-        "policies_alive": int(physics_states.is_alive.sum()),
+        "policies_alive": int((~physics_states.has_diverged).sum()),
     }
     return [
         {**about, "driver": label, **errors(policy, states, target)}

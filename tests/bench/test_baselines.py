@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator, load_system, stand_upright
-from neuroanimator.bench.baselines.cost_evaluator import BLOWN_UP, CostEvaluator
+from neuroanimator.bench.baselines.cost_evaluator import DIVERGED_COST, CostEvaluator
 from neuroanimator.bench.baselines.fast_physics import (
     SINGLE_LANES,
     SimulatedPhysics,
@@ -25,7 +25,6 @@ from neuroanimator.control.objective.goals import reach_state
 from neuroanimator.control.objective.objective import Objective, objective_cost
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import Scheme, System
 
 DT = 0.05
@@ -45,7 +44,9 @@ def test_every_baseline_lowers_j_on_the_true_pendulum(name: str, shipped: Emulat
     found = run(name)
     assert found.cost < 0.9 * found.curve[0].cost
     PENDULUM.check_controls(found.controls)
-    states = play(PENDULUM, PENDULUM.rest[None], found.controls[None], DT, found.scheme).states[0]
+    states = PENDULUM.simulate_fastest(
+        PENDULUM.rest[None], found.controls[None], DT, found.scheme
+    ).states[0]
     assert found.cost == pytest.approx(
         objective_cost(UPRIGHT, shipped, states, found.controls), rel=1e-5
     )
@@ -129,7 +130,9 @@ def differences(
 
     def residuals(z: np.ndarray) -> np.ndarray:
         controls = parametrisation.controls(jnp.asarray(z))
-        states = play(system, start[None], np.asarray(controls)[None], dt, system.scheme).states[0]
+        states = system.simulate_fastest(
+            start[None], np.asarray(controls)[None], dt, system.scheme
+        ).states[0]
         return np.asarray(goal.residuals(Trajectory(jnp.asarray(states), controls, limit, dt)))
 
     return np.stack(
@@ -167,9 +170,9 @@ def test_bodies_side_by_side_move_as_by_the_slow_physics():
     starts = np.repeat(cube.rest[None], len(controls), axis=0)
     slow = cube.simulate(starts, controls, DT, scheme=cube.scheme).states
     fast = fast_physics(cube, cube.scheme, DT, cube.rest, 6, 2 * SINGLE_LANES)
-    states, is_alive = fast.rollout(controls)
-    assert is_alive.shape == (len(controls),)
-    assert is_alive.all()
+    states, has_diverged = fast.rollout(controls)
+    assert has_diverged.shape == (len(controls),)
+    assert not has_diverged.any()
     rows = np.moveaxis(states, -1, 1).reshape(-1, *states.shape[1:3])[: len(controls)]
     np.testing.assert_allclose(rows, slow[:, 1:], atol=2e-3)
     np.testing.assert_allclose(fast.rollout(controls[-1:])[0][0, ..., 0], slow[-1, 1:], atol=2e-3)
@@ -190,9 +193,11 @@ def test_controls_that_blow_the_physics_up_cost_most():
         SINGLE_LANES,
     )
     zs = np.ones((3, parametrisation.size))
-    assert not play(cube, cube.rest[None], evaluator.controls(zs[:1]), DT, wild).is_alive.any()
-    assert (evaluator.costs(zs) == BLOWN_UP).all()
-    assert (evaluator.costs(zs[:1]) == BLOWN_UP).all()
+    assert cube.simulate_fastest(
+        cube.rest[None], evaluator.controls(zs[:1]), DT, wild
+    ).has_diverged.all()
+    assert (evaluator.costs(zs) == DIVERGED_COST).all()
+    assert (evaluator.costs(zs[:1]) == DIVERGED_COST).all()
 
 
 def test_the_cheapest_scheme_is_one_of_the_two_a_user_would_take():

@@ -50,7 +50,7 @@ def warns(system: MujocoSystem, runs: int = 40, threads: int = 2) -> np.ndarray:
     starts[::2, system.model.nq :] = 1e12
     return system.simulate(
         starts, np.zeros((runs, 5, system.control.size)), 0.05, threads=threads
-    ).is_alive
+    ).has_diverged
 
 
 def test_warnings_of_all_threads_are_counted_and_not_printed(tmp_path: Path, monkeypatch, capfd):
@@ -58,8 +58,8 @@ def test_warnings_of_all_threads_are_counted_and_not_printed(tmp_path: Path, mon
     system = load_system("lander")
     assert isinstance(system, MujocoSystem)
     before = warnings_heard().total()
-    alive = warns(system)
-    assert alive.tolist() == [False, True] * 20
+    has_diverged = warns(system)
+    assert has_diverged.tolist() == [True, False] * 20
     assert warnings_heard().total() >= before + 20
     assert not list(tmp_path.iterdir())
     assert "WARNING" not in "".join(capfd.readouterr())

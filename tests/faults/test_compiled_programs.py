@@ -18,7 +18,6 @@ import pytest
 from neuroanimator.compiler import build, compiler
 from neuroanimator.compiler.compiler import compiled_library, find_compiler
 from neuroanimator.systems import load_system
-from neuroanimator.systems.fastest import play
 from neuroanimator.terminal import warn_once
 
 pytestmark = pytest.mark.skipif(
@@ -194,7 +193,9 @@ def test_a_compiler_that_is_none_costs_one_line(
     began = time.monotonic()
     system = load_system("fish")
     controls = np.zeros((1, 1, system.control.size))
-    runs = play(system, system.rest[None], controls, 4 * system.physics_dt, system.scheme)
+    runs = system.simulate_fastest(
+        system.rest[None], controls, 4 * system.physics_dt, system.scheme
+    )
     assert np.isfinite(runs.states).all()
     assert [compiled_library(program()[0]) for _ in range(3)] == [None] * 3
     assert time.monotonic() - began < 60

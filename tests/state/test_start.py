@@ -14,7 +14,6 @@ from neuroanimator.control.objective.goals import find_goal, goal_start
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.start import read_starts
-from neuroanimator.systems.system import Goal
 
 
 @pytest.mark.parametrize(
@@ -97,9 +96,8 @@ def test_a_swimmer_is_moved_and_turned_as_a_whole():
 
 def test_a_goals_start_is_checked_with_its_system():
     lander = load_system("lander")
-    goal = {"pad": Goal((), ())}
     with pytest.raises(ArgumentError, match="goals.pad: start: no part called 'wing'"):
-        lander.with_starts(goal, {"pad": GoalTable(start={"wing": (1.0,)})})
+        lander.goals_of({"pad": GoalTable(start={"wing": (1.0,)})})
 
 
 def test_control_says_already_there_and_writes_nothing(cli: Cli, tmp_path: Path):

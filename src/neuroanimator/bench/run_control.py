@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from neuroanimator.bench.baselines.ilqr import is_usable_on
 from neuroanimator.bench.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
 from neuroanimator.bench.control_plot import Panel, draw_runs
 from neuroanimator.bench.csv_table import quartiles, write_csv
@@ -20,7 +21,6 @@ from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems import load_system
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.tasks.rigid import RIGID_TASKS
 from neuroanimator.tasks.solver import Solver
 from neuroanimator.tasks.swimmers import ANIMAL_TASKS
@@ -154,7 +154,7 @@ def _compared(solved: list[Solved], budget: ControlBudget) -> list[Solved]:
 
 def baselines_of(solver: Solver) -> list[str]:
     """Return the names of the baselines that can be used on the task's system."""
-    is_differentiable = isinstance(solver.system, MujocoSystem)
+    is_differentiable = is_usable_on(solver.system)
     return [name for name in BASELINES if name != "ilqr" or is_differentiable]
 
 
@@ -258,7 +258,7 @@ def holding(solver: Solver) -> Objective | None:
     dt = solver.emulator.dt
     if system.name == "pendulum":
         return stand_upright(1.0, dt, all_along(PLANNED_STEPS, dt))
-    if not isinstance(system, MujocoSystem):
+    if not system.goals:
         return None
     goal = next(iter(system.goals.values()))
     return Objective.of(effort(EFFORT_WEIGHT), reach_goal(system.structure, system.rest, goal))

@@ -40,11 +40,11 @@ def compare_swims(
     starts = sample_starts(system, rng, runs)
     controls = sample_control_runs(rng, runs, steps, emulator.dt, system)
     true = system.simulate(starts, controls, emulator.dt)
-    is_alive = true.is_alive
-    emulated = emulator.rollout(starts[is_alive], controls[is_alive], may_diverge=True)
+    is_whole = ~true.has_diverged
+    emulated = emulator.rollout(starts[is_whole], controls[is_whole], may_diverge=True)
     cloud = system.structure.cloud
     assert cloud is not None
-    true_points, _, _ = system.unpack(true.states[is_alive])
+    true_points, _, _ = system.unpack(true.states[is_whole])
     emulated_points, _, _ = system.unpack(np.asarray(emulated, float))
     true_centre, true_orientation, true_shape = cloud.own_frame(true_points)
     centre, orientation, shape = cloud.own_frame(emulated_points)

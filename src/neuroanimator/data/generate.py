@@ -32,7 +32,6 @@ from neuroanimator.storage.files import locked, write_tensors
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.cores import core_count
-from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 
 
@@ -59,8 +58,8 @@ def generate(
         for shard in range(config.shards):
             diverged += _ensure_shard(system, config, folder, shard, threads)
             on_shard()
-        if isinstance(system, RecordedSystem):
-            write_held_out(system, config, folder)
+        if system.recordings is not None:
+            write_held_out(system.recordings, config, folder)
     return diverged
 
 
@@ -116,8 +115,10 @@ def _ensure_shard(
 
 def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) -> Shard:
     """Return shard number `shard`: a function of its arguments alone."""
-    if isinstance(system, RecordedSystem):
-        return Shard(cut_shard(system, config, shard), np.zeros((0, 0)), np.zeros((0, 0, 0)))
+    if system.recordings is not None:
+        return Shard(
+            cut_shard(system.recordings, config, shard), np.zeros((0, 0)), np.zeros((0, 0, 0))
+        )
     rng = np.random.default_rng([config.seed, shard])
     count = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
     dt = config.substeps * system.physics_dt
@@ -126,13 +127,13 @@ def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) 
     samples = np.stack([sample_steps(rng, config.samples_per_run) for _ in range(count)])
     controls = with_idle_runs(rng, controls, system.bounds, config.idle_share)
     runs = system.simulate(starts, controls, dt, threads=threads)
-    is_alive = runs.is_alive
+    is_whole = ~runs.has_diverged
     tensors = {
-        "states": runs.states[is_alive].astype(np.float32),
-        "controls": controls[is_alive].astype(np.float32),
-        "samples": samples[is_alive].astype(np.int32),
+        "states": runs.states[is_whole].astype(np.float32),
+        "controls": controls[is_whole].astype(np.float32),
+        "samples": samples[is_whole].astype(np.int32),
     }
-    return Shard(tensors, starts[~is_alive], controls[~is_alive])
+    return Shard(tensors, starts[runs.has_diverged], controls[runs.has_diverged])
 
 
 def sample_steps(rng: np.random.Generator, count: int) -> Int[np.ndarray, " K"]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from neuroanimator.data.config import DatasetConfig, window_length
 from neuroanimator.errors import BadFileError
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.recorded.recorded_system import RecordedSystem
+from neuroanimator.systems.recorded.recording_file import RecordingFile
 
 MANY_SEGMENTS = 40
 """Long runs are cut until there are about so many: training keeps whole segments to validate on."""
@@ -42,20 +42,20 @@ class Split(NamedTuple):
     test: list[Segment]
 
 
-def split_recordings(system: RecordedSystem, length: int) -> Split:
+def split_recordings(recordings: RecordingFile, length: int) -> Split:
     """Return the segments of all runs, each at least `length` samples long; BadFileError where they are too few."""
-    for rows, origin in zip(system.rows, system.origins, strict=True):
+    for rows, origin in zip(recordings.rows, recordings.origins, strict=True):
         if rows < length:
             raise BadFileError(
-                f"{system.file}, {origin}: a run of {rows} rows; wanted at least {length} for so long a super step. "
+                f"{recordings.name}, {origin}: a run of {rows} rows; wanted at least {length} for so long a super step. "
                 "Use a smaller --substeps, or leave the run out."
             )
     segments: list[Segment] = []
-    for run in range(len(system.rows)):
-        segments += _cut_run(system, run, length)
+    for run in range(len(recordings.rows)):
+        segments += _cut_run(recordings, run, length)
     if len(segments) < MIN_SEGMENTS:
         raise BadFileError(
-            f"{system.file}: {sum(system.rows)} rows are too few to learn from and to test on; "
+            f"{recordings.name}: {sum(recordings.rows)} rows are too few to learn from and to test on; "
             f"wanted at least {MIN_SEGMENTS * MIN_WINDOWS * length}. Record longer, or use a smaller --substeps."
         )
     test = segments[TEST_EVERY - 1 :: TEST_EVERY] or segments[-1:]
@@ -63,10 +63,10 @@ def split_recordings(system: RecordedSystem, length: int) -> Split:
     return Split(learning, test)
 
 
-def _cut_run(system: RecordedSystem, run: int, length: int) -> list[Segment]:
-    rows = system.rows[run]
+def _cut_run(recordings: RecordingFile, run: int, length: int) -> list[Segment]:
+    rows = recordings.rows[run]
     most_parts = rows // (MIN_WINDOWS * length)
-    parts = max(1, min(round(MANY_SEGMENTS * rows / sum(system.rows)), most_parts))
+    parts = max(1, min(round(MANY_SEGMENTS * rows / sum(recordings.rows)), most_parts))
     edges = [rows * part // parts for part in range(parts + 1)]
     return [Segment(run, start, stop) for start, stop in pairwise(edges)]
 
@@ -78,18 +78,21 @@ def limited_to_recordings(config: DatasetConfig) -> DatasetConfig:
     for it. Raises BadFileError if they hold too few windows for even one run's worth of examples.
     """
     system = carried_system(config.system, config.definition)
-    if not isinstance(system, RecordedSystem):
+    recordings = system.recordings
+    if recordings is None:
         return config
-    system.recording()
-    available = count_available(system, config)
+    recordings.read()
+    available = count_available(recordings, config)
     return config.model_copy(update={"count": min(config.count, available)})
 
 
-def count_available(system: RecordedSystem, config: DatasetConfig) -> int:
+def count_available(recordings: RecordingFile, config: DatasetConfig) -> int:
     """Return how many examples recordings hold, in whole runs' worth of `samples_per_run`."""
     length = window_length(config.substeps)
-    learning = split_recordings(system, length).learning
+    learning = split_recordings(recordings, length).learning
     windows = sum(segment.windows(length) for segment in learning)
     if windows < config.samples_per_run:
-        raise BadFileError(f"{system.file}: only {windows} windows of super steps. Record longer.")
+        raise BadFileError(
+            f"{recordings.name}: only {windows} windows of super steps. Record longer."
+        )
     return windows // config.samples_per_run * config.samples_per_run

@@ -22,7 +22,7 @@ from neuroanimator.data.config import (
 from neuroanimator.data.recorded_segments import Segment, split_recordings
 from neuroanimator.data.store import HELD_OUT_NAME
 from neuroanimator.storage.files import write_tensors
-from neuroanimator.systems.recorded.recorded_system import RecordedSystem
+from neuroanimator.systems.recorded.recording_file import RecordingFile
 
 WINDOWS_STREAM = 2
 """The order of windows is drawn from a stream of its own: the seed with this number."""
@@ -35,10 +35,12 @@ class RecordedRun(NamedTuple):
     controls: Float[np.ndarray, "K C"]
 
 
-def cut_shard(system: RecordedSystem, config: DatasetConfig, shard: int) -> dict[str, np.ndarray]:
+def cut_shard(
+    recordings: RecordingFile, config: DatasetConfig, shard: int
+) -> dict[str, np.ndarray]:
     """Return the tensors of shard number `shard`: a function of its arguments and the recordings alone."""
     length = window_length(config.substeps)
-    segments = split_recordings(system, length).learning
+    segments = split_recordings(recordings, length).learning
     counts = np.array([segment.windows(length) for segment in segments])
     rng = np.random.default_rng([config.seed, WINDOWS_STREAM])
     order = rng.permutation(counts.sum())[: config.runs * config.samples_per_run]
@@ -47,7 +49,7 @@ def cut_shard(system: RecordedSystem, config: DatasetConfig, shard: int) -> dict
     ends = np.cumsum(counts)
     numbers = np.searchsorted(ends, chosen, side="right")
     offsets = chosen - (ends - counts)[numbers]
-    runs = unwrapped(system)
+    runs = unwrapped(recordings)
     windows = []
     for number, offset in zip(numbers.tolist(), offsets.tolist(), strict=True):
         segment = segments[number]
@@ -61,13 +63,14 @@ def cut_shard(system: RecordedSystem, config: DatasetConfig, shard: int) -> dict
     }
 
 
-def unwrapped(system: RecordedSystem) -> list[RecordedRun]:
+def unwrapped(recordings: RecordingFile) -> list[RecordedRun]:
     """Return each run's samples; angles given by sine and cosine go on over ±π instead of jumping."""
-    recording = system.recording()
+    recording = recordings.read()
+    angles = list(recordings.angles)
     runs = []
     for states, controls in zip(recording.states, recording.controls, strict=True):
         continuous = states.copy()
-        continuous[:, system.turning] = np.unwrap(states[:, system.turning], axis=0)
+        continuous[:, angles] = np.unwrap(states[:, angles], axis=0)
         runs.append(RecordedRun(continuous, controls))
     return runs
 
@@ -82,12 +85,12 @@ def super_steps(
     return RecordedRun(states[segment.start : stop + 1 : substeps], held)
 
 
-def write_held_out(system: RecordedSystem, config: DatasetConfig, folder: Path) -> None:
+def write_held_out(recordings: RecordingFile, config: DatasetConfig, folder: Path) -> None:
     """Store the test's runs beside the shards: as many as fit, equally long, none overlapping another."""
-    segments = split_recordings(system, window_length(config.substeps)).test
+    segments = split_recordings(recordings, window_length(config.substeps)).test
     fitting = [(segment.stop - segment.start - 1) // config.substeps for segment in segments]
     steps = min(RUN_STEPS, *fitting)
-    runs = unwrapped(system)
+    runs = unwrapped(recordings)
     pieces = []
     for segment, fits in zip(segments, fitting, strict=True):
         for piece in range(fits // steps):

@@ -84,7 +84,7 @@ def sample_starts(
     controls = sample_control_runs(rng, count, steps, dt, system)
     runs = system.simulate(starts, controls, dt, scheme=system.scheme, threads=threads)
     chosen = runs.states[np.arange(count), rng.integers(0, steps + 1, count)]
-    return np.where(runs.is_alive[:, None], chosen, system.rest)
+    return np.where(runs.has_diverged[:, None], system.rest, chosen)
 
 
 def sample_control_runs(

@@ -40,7 +40,6 @@ from neuroanimator.storage.files import (
     write_whole,
 )
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 from neuroanimator.tables import first_fault
 from neuroanimator.text import quoted
@@ -166,7 +165,7 @@ def read_transitions(folder: Path) -> Transitions:
     shards = (read_shard(folder, config, system, shard) for shard in range(config.shards))
     counted = ((tensors, metadata["diverged"]) for tensors, metadata in shards)
     transitions = gather_transitions(config, system, counted)
-    if isinstance(system, RecordedSystem):
+    if system.recordings is not None:
         return replace(transitions, held_out=read_held_out(folder, config, system))
     return transitions
 
@@ -216,7 +215,7 @@ def read_shard(
     """Return one shard's (tensors, metadata), checked to belong to `config` and to hold what such a shard does."""
     path = config.shard_path(folder, shard)
     runs = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
-    if isinstance(system, RecordedSystem):
+    if system.recordings is not None:
         specs = recorded_shard_specs(system)
         rows = runs * config.samples_per_run
     else:

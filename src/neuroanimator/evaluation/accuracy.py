@@ -54,7 +54,7 @@ def scheme_error(test: HeldOut, scheme: Scheme) -> float:
 
 def runs_error(test: HeldOut, runs: Runs) -> float:
     """Return the error of `runs` that took the test's super steps, one each; infinite if one blew up."""
-    if not runs.is_alive.all():
+    if runs.has_diverged.any():
         return float("inf")
     errors = test.frame.difference(test.transitions.next_states, runs.states[:, 1])
     return float(root_mean_square(test.relative(errors), axis=(0, 1)))
@@ -64,4 +64,5 @@ def self_divergence(test: HeldOut) -> Float[np.ndarray, " T"]:
     """Return how far the physics at its own step strays from fine physics."""
     system = test.system
     runs = system.simulate(test.states[:, 0], test.controls, test.dt, scheme=system.scheme)
-    return rollout_error(test.frame, runs.states[runs.is_alive], test.states[runs.is_alive])
+    is_whole = ~runs.has_diverged
+    return rollout_error(test.frame, runs.states[is_whole], test.states[is_whole])

@@ -30,7 +30,6 @@ from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
 from neuroanimator.evaluation.speed_mass_spring import JAX, NO_COMPILER
 from neuroanimator.evaluation.stability import count_blow_ups
 from neuroanimator.evaluation.verdict import Verdict, judge
-from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.terminal import phase
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import validation_mask
@@ -214,7 +213,7 @@ def evaluate(
     The test of an emulator of recordings is what `data` kept apart; there are no speed-ups then.
     """
     effort = effort or THOROUGH
-    is_recorded = isinstance(system_of(emulator), RecordedSystem)
+    is_recorded = system_of(emulator).recordings is not None
     with phase("simulating finely"):
         if is_recorded:
             test = recorded_runs(emulator, data)

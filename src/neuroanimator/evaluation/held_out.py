@@ -144,7 +144,7 @@ def held_out_runs(
     if is_shifted:
         controls = system.bounds.middle + rng.uniform(-1, 1, controls.shape) * system.bounds.half
     runs = system.simulate(starts, controls, dt, scheme=system.fine, threads=threads)
-    return make_test(system, dt, runs.states[runs.is_alive], controls[runs.is_alive])
+    return make_test(system, dt, runs.states[~runs.has_diverged], controls[~runs.has_diverged])
 
 
 def make_test(

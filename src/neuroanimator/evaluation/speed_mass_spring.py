@@ -107,7 +107,7 @@ def twin_error(test: HeldOut, scheme: Scheme) -> float:
     starts, controls, _ = test.transitions
     ends = twin.advance(starts, controls, scheme.integrator, scheme.dt, scheme.steps(test.dt))
     states = np.stack([starts, ends], axis=1)
-    return runs_error(test, Runs(states, system.is_sane(states)))
+    return runs_error(test, Runs(states, system.has_diverged(states)))
 
 
 def deformable_schemes(

@@ -12,8 +12,6 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.systems.cores import core_count
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 BLOCK = 500
 """So many super steps are rolled out at once."""
@@ -69,16 +67,17 @@ def reach(emulator: Emulator, steps: int) -> Float[np.ndarray, " K"]:
     domain = emulator.domain
     largest = np.maximum(np.abs(np.asarray(domain.low)), np.abs(np.asarray(domain.high)))
     system = system_of(emulator)
-    if not isinstance(system, MujocoSystem | DeformableSystem):
+    if not system.is_self_contained:
         return largest
     rng = np.random.default_rng(PHYSICS_SEED)
     threads = core_count()
     states = sample_starts(system, rng, PHYSICS_STARTS, threads)
     for controls in _control_blocks(emulator, rng, PHYSICS_STARTS, steps):
         runs = system.simulate(states, controls, emulator.dt, scheme=system.scheme, threads=threads)
-        inputs = emulator.raw_features_of(runs.states[runs.is_alive, 1:], controls[runs.is_alive])
+        is_whole = ~runs.has_diverged
+        inputs = emulator.raw_features_of(runs.states[is_whole, 1:], controls[is_whole])
         largest = np.maximum(largest, np.abs(inputs).max(axis=(0, 1), initial=0))
-        states = np.where(runs.is_alive[:, None], runs.states[:, -1], system.rest)
+        states = np.where(is_whole[:, None], runs.states[:, -1], system.rest)
     return largest
 
 

@@ -23,9 +23,8 @@ from neuroanimator.gym.episodes import (
 from neuroanimator.gym.single_env import SingleEnv
 from neuroanimator.gym.vector_env import EmulatedVectorEnv, check_reset_options
 from neuroanimator.systems import load_system
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.tasks.rigid import RIGID_TASKS
-from neuroanimator.tasks.swimmers import ANIMAL_TASKS, body_length
+from neuroanimator.tasks.swimmers import ANIMAL_TASKS
 from neuroanimator.tasks.task import Task, Trial
 from neuroanimator.zoo import find_emulator
 
@@ -62,9 +61,7 @@ class TaskVectorEnv(EmulatedVectorEnv):
         super().__init__(emulator, num_envs, render_mode)
         self.system = load_system(self.task.system)
         self.steps = round(self.task.seconds / emulator.dt)
-        self._scale = RIGID_SCALE
-        if isinstance(self.system, DeformableSystem):
-            self._scale = body_length(self.system)
+        self._scale = self.system.body_length or RIGID_SCALE
         self._drawn: dict[int, Trial] = {}
         self._begin([0] * num_envs)
         size = self._observe().shape[1]

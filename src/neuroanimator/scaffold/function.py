@@ -165,13 +165,13 @@ def _trial(system: PythonSystem) -> tuple[np.ndarray, np.ndarray]:
     controls = system.bounds.middle + rng.uniform(-1, 1, shape) * system.bounds.half
     dt = proposed_substeps(system.physics_dt) * system.physics_dt
     runs = system.simulate(starts, controls, dt, scheme=system.scheme)
-    if runs.is_alive.sum() < TRIAL_RUNS / 2:
+    if (~runs.has_diverged).sum() < TRIAL_RUNS / 2:
         raise BadFileError(
-            f"{system.file}: {(~runs.is_alive).sum()} of {TRIAL_RUNS} trial runs under random controls blew up. "
+            f"{system.file}: {runs.has_diverged.sum()} of {TRIAL_RUNS} trial runs under random controls blew up. "
             "Use a smaller STEP, a smaller SPREAD or weaker CONTROL."
         )
-    alive = runs.is_alive
-    return runs.states[alive, :-1].reshape(-1, system.state.size), controls[alive].reshape(
+    whole = ~runs.has_diverged
+    return runs.states[whole, :-1].reshape(-1, system.state.size), controls[whole].reshape(
         -1, system.control.size
     )
 

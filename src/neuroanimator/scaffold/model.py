@@ -188,7 +188,7 @@ def _trial(system: ModelSystem) -> tuple[np.ndarray, np.ndarray, float]:
     shape = (TRIAL_RUNS, round(TRIAL_SECONDS / dt), system.control.size)
     controls = system.bounds.middle + rng.uniform(-1, 1, shape) * system.bounds.half
     runs = system.simulate(starts, controls, dt, scheme=system.scheme)
-    return runs.states[runs.is_alive], controls[runs.is_alive], dt
+    return runs.states[~runs.has_diverged], controls[~runs.has_diverged], dt
 
 
 def _usual_speeds(system: ModelSystem, path: Path) -> dict[str, tuple[float, ...]]:
@@ -221,7 +221,7 @@ def _teacher(system: ModelSystem) -> tuple[Scheme, float, float]:
 
     def error(scheme: Scheme) -> float:
         runs = system.simulate(starts, held, dt, scheme=scheme)
-        if not runs.is_alive.all():
+        if runs.has_diverged.any():
             return float("inf")
         return float(
             np.sqrt(np.mean((frame.difference(exact.states[:, 1], runs.states[:, 1]) / unit) ** 2))

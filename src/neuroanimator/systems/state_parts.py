@@ -1,21 +1,16 @@
-"""From the parts a definition lists to layouts, structure, bounds and goals."""
+"""From the parts of a state and a control a definition lists to layouts, bounds and structure."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.parts import ControlPart, StatePart
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.units import known_unit
-from neuroanimator.systems.system import Goal
-
-GOAL_TOLERANCE = 0.1
-"""Of a goal's part for which none is given, in its own unit."""
 
 MAX_STATE = 1000
 """Most numbers in a state: a definition may come from a stranger, and memory grows with their square."""
@@ -88,46 +83,6 @@ def structure_of_parts(parts: Sequence[StatePart]) -> Structure:
     unit = np.eye(layout.size, dtype=int)
     angles = tuple(tuple(int(x) for x in unit[i]) for i in looks["sine"])
     return Structure(angles=angles, rates=tuple(rates), plain=tuple(looks["plain"]))
-
-
-def goals_of(layout: Layout, tables: Mapping[str, GoalTable]) -> dict[str, Goal]:
-    """Return the goals as entries of the state."""
-    return {
-        name: goal_of(name, table, _wanted(layout, name, table)) for name, table in tables.items()
-    }
-
-
-def _wanted(
-    layout: Layout, name: str, table: GoalTable
-) -> dict[str, tuple[range, Sequence[float]]]:
-    wanted = {}
-    for part, numbers in table.reach.items():
-        entries = layout.index(part)
-        if len(numbers) != entries.stop - entries.start:
-            raise ArgumentError(
-                f"goals.{name}.reach: '{part}' has {entries.stop - entries.start} numbers."
-            )
-        wanted[part] = (range(entries.start, entries.stop), numbers)
-    return wanted
-
-
-def goal_of(
-    name: str, table: GoalTable, wanted: Mapping[str, tuple[Sequence[int], Iterable[float]]]
-) -> Goal:
-    """Return the goal that each part in `wanted` has its numbers in its state entries.
-
-    Raises ArgumentError where the table gives a tolerance to another part.
-    """
-    values, tolerances = [], []
-    for part, (entries, numbers) in wanted.items():
-        values += [(entry, float(number)) for entry, number in zip(entries, numbers, strict=True)]
-        tolerances += [table.within.get(part, GOAL_TOLERANCE)] * len(entries)
-    for part in table.within:
-        if part not in wanted:
-            raise ArgumentError(
-                f"goals.{name}.within: '{part}' is not reached for. Parts: {', '.join(wanted)}."
-            )
-    return Goal(tuple(values), tuple(tolerances), table.seconds)
 
 
 def _refuse_clash(kind: str, names: list[str]) -> None:

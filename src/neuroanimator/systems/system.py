@@ -15,6 +15,9 @@ from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
 from neuroanimator.state.start import start_state
 from neuroanimator.state.structure import Structure
+from neuroanimator.systems.cores import core_count
+from neuroanimator.systems.goal import Goal, goal_in_layout
+from neuroanimator.systems.recorded.recording_file import RecordingFile
 
 if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulator does not need it
     from neuroanimator.definitions.goal import GoalTable
@@ -54,22 +57,8 @@ class Runs(NamedTuple):
 
     states: np.ndarray
     """(B, T+1, S): the start and the state after each of T controls."""
-    is_alive: np.ndarray
-    """(B,): False where the physics blew up; such a row holds no usable numbers."""
-
-
-@dataclass(frozen=True)
-class Goal:
-    """A state, or part of one, worth reaching."""
-
-    values: tuple[tuple[int, float], ...]
-    """(state entry, wanted value) pairs; all four entries of a quaternion or none."""
-    tolerances: tuple[float, ...]
-    """How far off still counts as reached, per pair and in its unit (a quaternion's: of the angle [rad])."""
-    seconds: float = 2.0
-    """A sensible length of the motion [s]."""
-    start: tuple[float, ...] = ()
-    """A state (S,) to reach it from, if nothing else is said; empty for the state of rest."""
+    has_diverged: np.ndarray
+    """(B,): True where the physics diverged; such a row holds no usable numbers."""
 
 
 class System(abc.ABC):
@@ -82,6 +71,14 @@ class System(abc.ABC):
     name: str
     definition: str = ""
     """JSON text the system can be made from again; empty for one that comes with the package."""
+    is_self_contained: bool = True
+    """Whether its definition holds all of its physics.
+
+    Where it does not, it names a file of the user's, which may be missing or may not be run; so nothing that is
+    trained or measured may depend on simulating such a system unasked.
+    """
+    recordings: RecordingFile | None = None
+    """What the system is known from if it has no physics to simulate; None where it has."""
     state: Layout
     control: Layout
     bounds: Bounds
@@ -100,6 +97,12 @@ class System(abc.ABC):
     goals: Mapping[str, Goal] = {}
     gait: Gait | None = None
     """How it moves along if nothing else is said; None if it has no such way."""
+    body_length: float | None = None
+    """Length at rest of the body that distances are counted by [m]; None where there is none."""
+    has_ground: bool = False
+    """Whether a skeleton without one is drawn on a ground, at height zero."""
+    water_surface: float | None = None
+    """Height of the surface of the water it is in [m]; None where there is none to be seen."""
 
     def __repr__(self) -> str:
         kind, sizes = type(self).__name__, f"{self.state.size} states, {self.control.size} controls"
@@ -118,25 +121,37 @@ class System(abc.ABC):
             self.state, self.rest, parts, orientations=orientations, cloud=self.structure.cloud
         )
 
-    def with_starts(
-        self, goals: Mapping[str, Goal], tables: Mapping[str, GoalTable]
-    ) -> dict[str, Goal]:
-        """Return `goals` with the starts their tables name; ArgumentError says which of them is wrong."""
-        found = {}
-        for name, goal in goals.items():
-            parts = tables[name].start
-            try:
-                start = tuple(map(float, self.start_at(parts))) if parts else ()
-            except ArgumentError as error:
-                raise ArgumentError(f"goals.{name}: {error}") from error
-            found[name] = replace(goal, start=start)
-        return found
+    def goal(self, name: str, table: GoalTable) -> Goal:
+        """Return the goal that `table` describes, without its start.
+
+        Raises ArgumentError, which names the goal and the part that is wrong.
+        """
+        return goal_in_layout(self.state, name, table)
+
+    def goals_of(self, tables: Mapping[str, GoalTable]) -> dict[str, Goal]:
+        """Return the goals that `tables` describe, with their starts.
+
+        Raises ArgumentError, which names the goal and the part that is wrong.
+        """
+        goals = {}
+        for name, table in tables.items():
+            start: tuple[float, ...] = ()
+            if table.start:
+                start = self._goal_start(name, table)
+            goals[name] = replace(self.goal(name, table), start=start)
+        return goals
+
+    def _goal_start(self, name: str, table: GoalTable) -> tuple[float, ...]:
+        try:
+            start = self.start_at(table.start)
+        except ArgumentError as error:
+            raise ArgumentError(f"goals.{name}: {error}") from error
+        return tuple(float(number) for number in start)
 
     def check_controls(self, controls: np.ndarray) -> np.ndarray:
         """Return `controls` (..., C) if finite and within bounds."""
         return self.bounds.check(self.control.check(controls, "control"), self.control.names)
 
-    @abc.abstractmethod
     def simulate(
         self,
         starts: np.ndarray,
@@ -148,8 +163,61 @@ class System(abc.ABC):
     ) -> Runs:
         """Return the runs from `starts` (B, S) under `controls` (B, T, C), each held for `dt` [s].
 
-        `scheme` defaults to `truth`. Bytes do not depend on `threads`.
+        `scheme` defaults to `truth`. Bytes do not depend on `threads`. Raises ArgumentError for
+        numbers that are not finite, for controls out of bounds, and for a `dt` that is not a whole
+        number of physics steps.
         """
+        states, controls, scheme, substeps = self._prepare(starts, controls, dt, scheme)
+        self._simulate(states, controls, scheme, substeps, threads)
+        return Runs(states, self.has_diverged(states))
+
+    def simulate_fastest(
+        self,
+        starts: np.ndarray,
+        controls: np.ndarray,
+        dt: float,
+        scheme: Scheme | None = None,
+    ) -> Runs:
+        """Return what `simulate` does, the soonest way there is: on every core, or in C compiled for the body.
+
+        C and JAX agree to the last digits but a few (tests/systems/deformable/native/test_compiled.py).
+        """
+        states, controls, scheme, substeps = self._prepare(starts, controls, dt, scheme)
+        self._simulate_fastest(states, controls, scheme, substeps)
+        return Runs(states, self.has_diverged(states))
+
+    def _prepare(
+        self, starts: np.ndarray, controls: np.ndarray, dt: float, scheme: Scheme | None
+    ) -> tuple[np.ndarray, np.ndarray, Scheme, int]:
+        """Return states (B, T+1, S) of which the first are given, checked controls, the scheme, and steps a control."""
+        starts = self.state.check(starts, "state")
+        controls = self.check_controls(controls)
+        scheme = scheme or self.truth
+        substeps = scheme.steps(dt)
+        states = np.empty((len(starts), controls.shape[1] + 1, self.state.size))
+        states[:, 0] = starts
+        return states, controls, scheme, substeps
+
+    @abc.abstractmethod
+    def _simulate(
+        self,
+        states: np.ndarray,
+        controls: np.ndarray,
+        scheme: Scheme,
+        substeps: int,
+        threads: int,
+    ) -> None:
+        """Fill `states` (B, T+1, S) from the second on: each follows `substeps` steps of `scheme` after the last."""
+
+    def _simulate_fastest(
+        self, states: np.ndarray, controls: np.ndarray, scheme: Scheme, substeps: int
+    ) -> None:
+        """Fill `states` as `_simulate` does, as fast as this system can."""
+        self._simulate(states, controls, scheme, substeps, core_count())
+
+    @abc.abstractmethod
+    def has_diverged(self, states: np.ndarray) -> np.ndarray:
+        """Return (B,) True for each run (B, T+1, S) that is no motion any more: not finite, or impossibly fast or wide."""
 
     @abc.abstractmethod
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:

@@ -19,7 +19,6 @@ from neuroanimator.control.objective.objective import Objective
 from neuroanimator.data.sampling import sample_starts
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
 from neuroanimator.tasks.task import FREE, Aim, Task, Trial
 
@@ -48,7 +47,7 @@ def swim(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
     start, length = swimming_start(system, rng), body_length(system)
     pose = read_pose(system.structure, start)
     gait = gait_controls(system, steps, dt)
-    usual = way(system, pose, play(system, start[None], gait[None], dt).states[0])
+    usual = way(system, pose, system.simulate_fastest(start[None], gait[None], dt).states[0])
     far = travel(system, pose.forward, 2 * max(usual, length), within=0.2 * length)
     costs = effort(0.1), smoothness(0.001), stay_upright(system, weight=SWIMMING_UPRIGHT), far
 
@@ -90,7 +89,7 @@ def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tr
     pose = read_pose(system.structure, start)
     gait = gait_controls(system, steps, dt)
     far = rng.uniform(0.7, 1.0) * max(
-        way(system, pose, play(system, start[None], gait[None], dt).states[0]), length
+        way(system, pose, system.simulate_fastest(start[None], gait[None], dt).states[0]), length
     )
     target = pose.position + far * ahead(pose, math.radians(rng.uniform(-60, 60)))
     aim = reach_position(system, target, within=TARGET_WITHIN * length / 3)
@@ -130,14 +129,12 @@ def swimming_start(system: System, rng: np.random.Generator) -> np.ndarray:
     What has neither weight nor up and down swims anyhow: it is turned upright as a whole, which changes nothing else.
     """
     assert isinstance(system, DeformableSystem)
-    water = system.body.water
-    has_surface = water is not None and water.surface is not None
     while True:
         start = sample_starts(system, rng, 1)[0]
         if not system.structure.has_gravity:
             return turned_upright(system, start)
         pose = read_pose(system.structure, start)
-        is_deep = DEPTHS[0] < pose.position[2] < DEPTHS[1] or not has_surface
+        is_deep = DEPTHS[0] < pose.position[2] < DEPTHS[1] or system.water_surface is None
         if is_deep and abs(pose.forward[2]) < LEVEL_WITHIN and pose.upward[2] > UPRIGHT_WITHIN:
             return start
 
@@ -169,8 +166,8 @@ def three(vector: np.ndarray) -> tuple[float, float, float]:
 
 def body_length(system: System) -> float:
     """Return how long [m] a deformable body is at rest."""
-    assert isinstance(system, DeformableSystem)
-    return float(np.ptp(system.body.positions[:, 0]))
+    assert system.body_length is not None
+    return system.body_length
 
 
 def gait_controls(system: System, steps: int, dt: float) -> np.ndarray:

@@ -25,8 +25,6 @@ from neuroanimator.state.structure import Structure
 from neuroanimator.storage.files import append_line, digest, locked, write_whole
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.storage.unfinished import remove_stale
-from neuroanimator.systems.functions.function_system import PythonSystem
-from neuroanimator.systems.recorded.recorded_system import RecordedSystem
 from neuroanimator.systems.system import System
 from neuroanimator.training.batches import draw_batches, folded, rare_rows
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
@@ -208,7 +206,7 @@ def keeps_still(system: System, emulator: Emulator) -> bool:
     Of recordings and functions of a user's nobody asks: they may be there, or be allowed to run, or not, and what is
     trained must not depend on that.
     """
-    if isinstance(system, RecordedSystem | PythonSystem):
+    if not system.is_self_contained:
         return False
     rest = system.rest[None]
     idle = np.tile(system.bounds.idle, (1, 1, 1))

@@ -15,7 +15,6 @@ from neuroanimator.control.descent.gradient_check import (
 )
 from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.emulator.emulator import rollout
-from neuroanimator.systems.fastest import play
 
 STEPS = 10
 REST = np.zeros(6)
@@ -37,7 +36,7 @@ def physical_gradient(
     system = load_system("pendulum")
 
     def follow(starts, controls):
-        return play(system, starts, controls, emulator.dt).states
+        return system.simulate_fastest(starts, controls, emulator.dt).states
 
     bounds = emulator.bounds
     return difference_gradient(

@@ -25,7 +25,8 @@ from neuroanimator.control.synthesis.objective_file import KINDS, Wanted, read_o
 from neuroanimator.control.synthesis.progress import watching
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.systems.system import Goal, System
+from neuroanimator.systems.goal import Goal
+from neuroanimator.systems.system import System
 
 TUTORIAL = Path(__file__).parents[3] / "docs" / "tutorials" / "my-objective.md"
 

@@ -38,7 +38,7 @@ from neuroanimator.control.synthesis.synthesise import CORRECTING_ITERATIONS, sy
 from neuroanimator.data.store import Transitions
 from neuroanimator.demo import CORRECTIONS, SWEEPS
 from neuroanimator.state.layout import Bounds
-from neuroanimator.systems.system import Goal
+from neuroanimator.systems.goal import Goal
 
 REST = np.zeros(6)
 

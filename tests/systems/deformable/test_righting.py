@@ -10,7 +10,6 @@ from neuroanimator.state.reference_shape import to_world_axes
 from neuroanimator.state.rotation import upward
 from neuroanimator.systems.deformable.body import Body, Ground, Water
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.fastest import play
 
 BODIES = ("dolphin", "fish")
 
@@ -61,7 +60,7 @@ def test_belly_up_a_body_turns_over_and_stays(name: str, seconds: float):
     dt = 50 * system.physics_dt
     starts = np.stack([rolled(system, angle) for angle in (3.0, -1.5)])
     controls = np.zeros((2, round(1.4 * seconds / dt), system.control.size))
-    tilts = tilt(system, play(system, starts, controls, dt).states)
+    tilts = tilt(system, system.simulate_fastest(starts, controls, dt).states)
     assert (tilts[:, 0] > 80).all()
     assert tilts[:, round(seconds / dt) :].max() < 10
 
@@ -72,7 +71,7 @@ def test_swimming_along_a_body_stays_upright_and_level(name: str):
     dt = 50 * system.physics_dt
     assert system.gait is not None
     controls = system.gait.controls(round(6 / dt), dt, system.bounds)[None]
-    states = play(system, system.rest[None], controls, dt).states
+    states = system.simulate_fastest(system.rest[None], controls, dt).states
     cloud = system.structure.cloud
     assert cloud is not None
     path = cloud.centroid(system.unpack(states)[0])[0]

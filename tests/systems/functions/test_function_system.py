@@ -128,7 +128,7 @@ def test_a_run_that_blows_up_is_told_from_one_that_does_not(tmp_path: Path):
     runs = system.simulate(
         np.array([[1e-3, 0.0], [1e6, 0.0]]), np.zeros((2, 3, 1)), 0.1, scheme=system.scheme
     )
-    assert runs.is_alive.tolist() == [True, False]
+    assert runs.has_diverged.tolist() == [False, True]
 
 
 def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_function(folder: Path):

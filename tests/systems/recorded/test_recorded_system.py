@@ -28,6 +28,7 @@ from neuroanimator.evaluation.evaluate import Effort
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
+from neuroanimator.systems.recorded.recording_file import RecordingFile
 
 HEADER = "run,time s,state.angle rad,state.speed rad/s,control.torque N·m"
 SUBSTEPS = 5
@@ -73,6 +74,12 @@ def system_from(path: Path) -> RecordedSystem:
     system = load_system(*resolve(str(toml))[:2])
     assert isinstance(system, RecordedSystem)
     return system
+
+
+def recordings_from(path: Path) -> RecordingFile:
+    recordings = system_from(path).recordings
+    assert recordings is not None
+    return recordings
 
 
 def dataset_from(system: RecordedSystem, folder: Path, **changes: int) -> Path:
@@ -303,7 +310,7 @@ def test_a_bad_npz_is_refused_by_array(
 
 def test_one_long_recording_is_cut_so_that_something_is_left_to_test_on(tmp_path: Path):
     write_csv(tmp_path / "one.csv", recordings(runs=1, rows=2400))
-    learn, test = split_recordings(system_from(tmp_path / "one.csv"), window_length(SUBSTEPS))
+    learn, test = split_recordings(recordings_from(tmp_path / "one.csv"), window_length(SUBSTEPS))
     assert len(learn) > 10
     assert len(test) > 1
     assert sum(segment.stop - segment.start for segment in [*learn, *test]) == 2400

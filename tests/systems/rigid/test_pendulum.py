@@ -94,7 +94,7 @@ def test_a_blow_up_is_detected_and_not_reset():
     system = pendulum()
     starts = np.array([[0.0, 0, 0, 0, 0, 0], [0.0, 0, 0, 1e5, -1e5, 1e5]])
     runs = system.simulate(starts, np.zeros((2, 5, 3)), 0.05, scheme=Scheme("euler", 0.05))
-    assert runs.is_alive.tolist() == [True, False]
+    assert runs.has_diverged.tolist() == [False, True]
 
 
 def test_the_motors_can_hold_the_arm_level_and_weak_ones_cannot():

@@ -21,7 +21,7 @@ def drive(
     """Return the trajectory under a constant control, from rest if no start is given."""
     controls = np.tile(control, (1, round(seconds / 0.1), 1))
     runs = system.simulate((system.rest if start is None else start)[None], controls, 0.1)
-    assert runs.is_alive.all()
+    assert not runs.has_diverged.any()
     return runs.states[0]
 
 

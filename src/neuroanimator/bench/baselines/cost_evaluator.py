@@ -16,7 +16,7 @@ from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 
-BLOWN_UP = 1e9
+DIVERGED_COST = 1e9
 """J of a motion that blows the physics up, or has no finite J: finite, for baselines take differences of it."""
 
 MAX_PROGRAMS = 64
@@ -70,12 +70,12 @@ class CostEvaluator:
             # One compiled program serves any number of them: the last fills the batch up.
             zs = zs[np.arange(self.batch).clip(max=count - 1)]
         controls = self.controls(zs)
-        states, is_alive = self.physics.rollout(controls[:count])
+        states, has_diverged = self.physics.rollout(controls[:count])
         costs = self._programs.costs(
             self._arrays, self._start, self._control_scale, states, controls
         )
         costs = np.asarray(costs)[:count]
-        return np.where(is_alive & np.isfinite(costs), costs, BLOWN_UP).astype(float)
+        return np.where(~has_diverged & np.isfinite(costs), costs, DIVERGED_COST).astype(float)
 
     def linearised(
         self,

@@ -20,7 +20,6 @@ from neuroanimator.systems.deformable.body import Body
 from neuroanimator.systems.deformable.deformable_system import MAX_STRAIN, DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import strains
 from neuroanimator.systems.deformable.native.compiled import SINGLE_LANES, CTwin, c_twin
-from neuroanimator.systems.fastest import play
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
@@ -42,7 +41,7 @@ class FastPhysics(abc.ABC):
     def rollout(
         self, controls: Float[np.ndarray, "B T C"]
     ) -> tuple[Float[np.ndarray, "G T S L"], Bool[np.ndarray, " B"]]:
-        """Return the states after each control, and whether the physics kept sane in each motion.
+        """Return the states after each control, and whether the physics diverged in each motion.
 
         Motion b is lane b % L of group b // L. One motion comes alone; more come in room for `batch`. The states may be
         a buffer that the next call overwrites: copy what must last longer.
@@ -83,7 +82,7 @@ class MujocoPhysics(FastPhysics):
         self, controls: Float[np.ndarray, "B T C"]
     ) -> tuple[Float[np.ndarray, "G T S L"], Bool[np.ndarray, " B"]]:
         states = self.rollout_float64(controls)
-        return _ungrouped(states, self.batch), self.system.is_sane(states)
+        return _ungrouped(states, self.batch), self.system.has_diverged(states)
 
     def rollout_float64(self, controls: Float[np.ndarray, "B T C"]) -> Float[np.ndarray, "B T S"]:
         """Return the states after each control, not rounded."""
@@ -148,8 +147,8 @@ class BodyPhysics(FastPhysics):
             states = self._play(self._alone, self._start, controls[0])[None, ..., None]
         else:
             states = self._side_by_side(controls)
-        is_whole = np.asarray(_is_whole(self.body, states)).ravel()
-        return states, is_whole[: len(controls)]
+        has_diverged = np.asarray(_has_diverged(self.body, states)).ravel()
+        return states, has_diverged[: len(controls)]
 
     def _side_by_side(self, controls: Float[np.ndarray, "B T C"]) -> Float[np.ndarray, "G T S L"]:
         """Return the states of all groups, in the buffer; the last motion fills the last group up."""
@@ -192,8 +191,8 @@ class SimulatedPhysics(FastPhysics):
         self, controls: Float[np.ndarray, "B T C"]
     ) -> tuple[Float[np.ndarray, "G T S L"], Bool[np.ndarray, " B"]]:
         starts = np.tile(self._start, (len(controls), 1))
-        runs = play(self.system, starts, controls, dt=self.dt, scheme=self.scheme)
-        return _ungrouped(runs.states[:, 1:], self.batch), runs.is_alive
+        runs = self.system.simulate_fastest(starts, controls, self.dt, self.scheme)
+        return _ungrouped(runs.states[:, 1:], self.batch), runs.has_diverged
 
 
 def _ungrouped(states: Float[np.ndarray, "B T S"], batch: int) -> Float[np.ndarray, "G T S 1"]:
@@ -260,10 +259,10 @@ def threads() -> ThreadPoolExecutor:
 
 
 @partial(jax.jit, static_argnums=0)
-def _is_whole(body: Body, states: Float[Array, "G T S L"]) -> Bool[Array, "G L"]:
-    """Return whether a body is finite and not torn apart in all its states."""
+def _has_diverged(body: Body, states: Float[Array, "G T S L"]) -> Bool[Array, "G L"]:
+    """Return whether any of a body's states is not finite, or has a spring stretched far too wide."""
     points = states[:, :, : 3 * len(body.masses)]
     positions = points.reshape(*points.shape[:2], -1, 3, points.shape[-1])
     by_point = jnp.moveaxis(positions, (2, 3), (0, 1))
     is_torn = jnp.abs(strains(body, by_point)) > MAX_STRAIN
-    return ~is_torn.any(axis=(0, 2)) & jnp.isfinite(states).all(axis=(1, 2))
+    return is_torn.any(axis=(0, 2)) | ~jnp.isfinite(states).all(axis=(1, 2))

@@ -26,12 +26,17 @@ SPREAD = 0.5
 """Spread of z about the first guess where a further descent begins: the first spread of CMA-ES."""
 
 
+def is_usable_on(system: System) -> bool:
+    """Return whether iLQR can be used: MuJoCo differentiates the physics, by the motors of the model."""
+    return isinstance(system, MujocoSystem) and not system.external_forces
+
+
 def linear_scheme(system: System, scheme: Scheme) -> Scheme:
     """Return `scheme`, or the system's own where MuJoCo cannot differentiate it: RK4.
 
     Raises ArgumentError for a system iLQR cannot be used on.
     """
-    if not isinstance(system, MujocoSystem) or system.external_forces:
+    if not is_usable_on(system):
         raise ArgumentError(
             f"ilqr: wanted a MuJoCo system driven by its own motors, came {system.name}."
         )

@@ -21,7 +21,6 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.state.layout import Bounds
-from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
@@ -131,8 +130,8 @@ def difference_gradient(
 
 
 def _played(system: System, starts: np.ndarray, controls: np.ndarray, dt: float) -> np.ndarray:
-    runs = play(system, starts, controls, dt)
-    if not runs.is_alive.all():
+    runs = system.simulate_fastest(starts, controls, dt)
+    if runs.has_diverged.any():
         raise NeuroAnimatorError(
             "The physics blew up under these controls: it has no gradient there. Shorten the motion."
         )

@@ -14,7 +14,8 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.segments import Plain, place_segments
 from neuroanimator.state.structure import Structure
-from neuroanimator.systems.system import Goal, System
+from neuroanimator.systems.goal import Goal
+from neuroanimator.systems.system import System
 
 Verdict = Callable[[np.ndarray], bool]
 """Whether a state (S,) fulfils a goal."""

@@ -13,7 +13,6 @@ from neuroanimator.control.policies.behaviours import Behaviour
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import Runs, System
 
 
@@ -93,15 +92,15 @@ def rollout_on_physics(
     """
     states = [np.asarray(starts, float)]
     controls = []
-    is_alive = np.ones(len(starts), bool)
+    has_diverged = np.zeros(len(starts), bool)
     phase = np.zeros(len(starts))
     for _ in range(steps):
         latent = jnp.asarray(policy.emulator.encode(states[-1]), jnp.float32)
         chosen = _choose_controls(policy, latent, jnp.asarray(phase, jnp.float32), target)
         held = system.bounds.clip(np.asarray(chosen, float))  # float32 may round beyond a bound
-        runs = play(system, states[-1], held[:, None], policy.dt)
-        is_alive &= runs.is_alive
-        states.append(np.where(is_alive[:, None], runs.states[:, -1], states[-1]))
+        runs = system.simulate_fastest(states[-1], held[:, None], policy.dt)
+        has_diverged |= runs.has_diverged
+        states.append(np.where(has_diverged[:, None], states[-1], runs.states[:, -1]))
         controls.append(held)
         phase = (phase + policy.tick) % (2 * np.pi)
-    return Runs(np.stack(states, axis=1), is_alive), np.stack(controls, axis=1)
+    return Runs(np.stack(states, axis=1), has_diverged), np.stack(controls, axis=1)

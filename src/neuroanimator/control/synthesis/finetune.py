@@ -89,12 +89,12 @@ def transitions_near(
     )
     held = bounds.clip(held)
     runs = system.simulate(starts, held, data.config.substeps * system.physics_dt, threads=threads)
-    alive = runs.is_alive
+    whole = ~runs.has_diverged
     return replace(
         data,
-        states=np.concatenate([data.states, runs.states[alive].astype(np.float32)]),
-        controls=np.concatenate([data.controls, held[alive].astype(np.float32)]),
-        run=np.concatenate([data.run, data.run.max() + 1 + np.flatnonzero(alive)]),
+        states=np.concatenate([data.states, runs.states[whole].astype(np.float32)]),
+        controls=np.concatenate([data.controls, held[whole].astype(np.float32)]),
+        run=np.concatenate([data.run, data.run.max() + 1 + np.flatnonzero(whole)]),
     )
 
 

@@ -44,9 +44,8 @@ from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.names import SystemName
-from neuroanimator.systems.rigid.model_system import ModelSystem
-from neuroanimator.systems.state_parts import goals_of
-from neuroanimator.systems.system import Goal, System
+from neuroanimator.systems.goal import Goal
+from neuroanimator.systems.system import System
 from neuroanimator.tables import Finite, Positive, Table, first_fault, read_toml
 
 USUAL_KNOTS = 12
@@ -199,9 +198,7 @@ def goal_to_reach(
     if not reach:
         raise ArgumentError("reach: wanted at least one part of the state and its values.")
     table = GoalTable(reach=reach, within=within)
-    if isinstance(system, ModelSystem):
-        return system.goal("reach_state", table)
-    return goals_of(system.state, {"reach_state": table})["reach_state"]
+    return system.goal("reach_state", table)
 
 
 KINDS: dict[str, Callable[..., Term]] = {

@@ -21,7 +21,6 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.state.layout import Bounds
-from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
 
 ITERATIONS = 2
@@ -185,8 +184,8 @@ class PhysicsPlant:
 
     def __call__(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
         """Return the state (S,) one super step later."""
-        runs = play(self.system, state[None], control[None, None], self.dt)
-        if not runs.is_alive[0]:
+        runs = self.system.simulate_fastest(state[None], control[None, None], self.dt)
+        if runs.has_diverged[0]:
             raise NeuroAnimatorError(
                 "The physics blew up under control. Push less, or raise effort_weight."
             )

@@ -10,7 +10,6 @@ import numpy as np
 from neuroanimator.control.objective.objective import Objective, objective_cost
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.systems.fastest import play
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
@@ -76,13 +75,13 @@ def ranked_on_physics(
     """Return what the controls (K, T, C) do on the true physics, the least J first; those that blow up are left out."""
     starts = np.broadcast_to(start, (len(candidates), len(start)))
     with phase("replaying"):
-        runs = play(system, starts, candidates, emulator.dt)
-    if not runs.is_alive.any():
+        runs = system.simulate_fastest(starts, candidates, emulator.dt)
+    if runs.has_diverged.all():
         raise NeuroAnimatorError(
             "The physics blew up under these controls. Raise effort_weight, or shorten the motion."
         )
-    alive = [(candidates[k], runs.states[k]) for k in np.flatnonzero(runs.is_alive)]
+    whole = [(candidates[k], runs.states[k]) for k in np.flatnonzero(~runs.has_diverged)]
     motions = [
-        Motion(*each, objective_cost(objective, emulator, each[1], each[0])) for each in alive
+        Motion(*each, objective_cost(objective, emulator, each[1], each[0])) for each in whole
     ]
     return sorted(motions, key=lambda motion: motion.cost)

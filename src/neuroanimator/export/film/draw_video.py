@@ -16,7 +16,6 @@ from neuroanimator.export.film.rigid_scene import RigidScene
 from neuroanimator.export.film.scene import Scene
 from neuroanimator.export.film.skeleton_scene import Setting, SkeletonScene
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 SAMPLES = 8
@@ -76,10 +75,4 @@ def scene_of(clips: Sequence[Clip], film: Film) -> Scene:
     system = carried_system(clips[0].name, clips[0].definition)
     if isinstance(system, MujocoSystem):
         return RigidScene(system, clips, film)
-    surface = None
-    has_ground = False
-    if isinstance(system, DeformableSystem):
-        has_ground = system.body.ground is not None
-        if system.body.water:
-            surface = system.body.water.surface
-    return SkeletonScene(clips, film, Setting(surface, has_ground))
+    return SkeletonScene(clips, film, Setting(system.water_surface, system.has_ground))

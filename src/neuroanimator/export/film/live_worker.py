@@ -17,7 +17,6 @@ from neuroanimator.appearance.skin_mesh import skin_mesh
 from neuroanimator.export.film.live import HEADER_SIZE
 from neuroanimator.export.film.skeleton_model import add_bone, add_skin
 from neuroanimator.systems import load_system
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 
@@ -127,8 +126,7 @@ def view_of(system: System, skeleton: Skeleton) -> View:
     """Return what is drawn of `system`: rigid bodies as MuJoCo has them, others as their skeleton has them."""
     if isinstance(system, MujocoSystem):
         return RigidView(system)
-    has_ground = isinstance(system, DeformableSystem) and system.body.ground is not None
-    return SkeletonView(skeleton, system.rest, has_ground=has_ground)
+    return SkeletonView(skeleton, system.rest, has_ground=system.has_ground)
 
 
 def serve() -> None:

@@ -22,8 +22,11 @@ from neuroanimator.systems.deformable.build import body_of, gait_of, group_numbe
 from neuroanimator.systems.deformable.checks import check_steps
 from neuroanimator.systems.deformable.mass_spring import BodyState, strains, trajectory
 from neuroanimator.systems.deformable.mirror import mirror_of
-from neuroanimator.systems.state_parts import goals_of
-from neuroanimator.systems.system import Runs, Scheme, System
+from neuroanimator.systems.deformable.native.compiled import CTwin, c_twin
+from neuroanimator.systems.system import Scheme, System
+
+DOUBLE_LANES = 8
+"""Bodies side by side in C where numbers are float64: one AVX-512 register of them."""
 
 ROWS = 256
 """Bodies simulated side by side: results do not depend on how many are asked for at once."""
@@ -32,7 +35,7 @@ BODIES, RUNNERS = 16, 64
 """How many bodies, and compiled motions of theirs, are kept: compiling one takes longer than most runs."""
 
 MAX_STRAIN = 5.0
-"""A spring stretched to more than this many times its length belongs to a body that has blown up."""
+"""A spring stretched to more than this many times its length belongs to a body whose motion has diverged."""
 
 
 class DeformableSystem(System):
@@ -57,7 +60,10 @@ class DeformableSystem(System):
         self.sampling, self.warm_up = definition.sampling, definition.sampling.warm_up
         self.skeleton = body_skeleton(self.body, definition.skin)
         self.gait = gait_of(definition)
-        self.goals = self.with_starts(goals_of(self.state, definition.goals), definition.goals)
+        self.body_length = float(np.ptp(self.body.positions[:, 0]))
+        self.has_ground = self.body.ground is not None
+        self.water_surface = self.body.water.surface if self.body.water else None
+        self.goals = self.goals_of(definition.goals)
 
     @property
     def muscles(self) -> int:
@@ -78,26 +84,35 @@ class DeformableSystem(System):
         shape = (*states.shape[:-1], -1, 3)
         return positions.reshape(shape), velocities.reshape(shape), states[..., 2 * size :]
 
-    def simulate(
+    def _simulate(
         self,
-        starts: np.ndarray,
+        states: np.ndarray,
         controls: np.ndarray,
-        dt: float,
-        *,
-        scheme: Scheme | None = None,
-        threads: int = 1,
-    ) -> Runs:
-        """Return the runs, in float64; `threads` is JAX's own affair."""
-        starts, controls = self.state.check(starts, "state"), self.check_controls(controls)
-        scheme = scheme or self.truth
-        run = _runner(self.body, scheme, scheme.steps(dt))
-        states = np.empty((len(starts), controls.shape[1] + 1, self.state.size))
-        states[:, 0] = starts
+        scheme: Scheme,
+        substeps: int,
+        threads: int,
+    ) -> None:
+        """Fill `states`, in float64; `threads` is JAX's own affair."""
+        run = _runner(self.body, scheme, substeps)
         with jax.enable_x64(True):
-            for first in range(0, len(starts), ROWS):
+            for first in range(0, len(states), ROWS):
                 rows = slice(first, first + ROWS)
-                states[rows, 1:] = self._run(run, starts[rows], controls[rows])
-        return Runs(states, self.is_sane(states))
+                states[rows, 1:] = self._run(run, states[rows, 0], controls[rows])
+
+    def _simulate_fastest(
+        self, states: np.ndarray, controls: np.ndarray, scheme: Scheme, substeps: int
+    ) -> None:
+        lanes = 1 if len(states) == 1 else DOUBLE_LANES
+        twin = _double_twin(self.body, lanes)
+        if twin is None:
+            super()._simulate_fastest(states, controls, scheme, substeps)
+            return
+        for first in range(0, len(states), lanes):
+            rows = np.arange(first, first + lanes).clip(max=len(states) - 1)
+            start = _lanes_last(states[rows, 0])
+            held = _lanes_last(controls[rows])
+            path = twin.play(start, held, scheme.integrator, scheme.dt, substeps)
+            states[rows, 1:] = path[None] if lanes == 1 else np.moveaxis(path, -1, 0)
 
     def _run(self, run: Any, starts: np.ndarray, controls: np.ndarray) -> np.ndarray:
         """Return states (B, T, S): rows go last and come back first."""
@@ -109,12 +124,12 @@ class DeformableSystem(System):
         found = run(motion, jnp.asarray(np.moveaxis(controls, 0, -1)))
         return self.pack(*(np.moveaxis(np.asarray(part), -1, 0) for part in found))
 
-    def is_sane(self, states: np.ndarray) -> np.ndarray:
-        """Return (B,) False for each run (B, T+1, S) that is not finite or torn apart."""
+    def has_diverged(self, states: np.ndarray) -> np.ndarray:
+        """Return (B,) True for each run (B, T+1, S) that is not finite or has a spring stretched far too wide."""
         with np.errstate(all="ignore"):
             positions = np.moveaxis(self.unpack(states)[0], (2, 3), (0, 1))
-            torn = np.abs(strains(self.body, positions)).max(axis=(0, 2)) > MAX_STRAIN
-        return np.isfinite(states).all(axis=(1, 2)) & ~torn
+            largest = np.abs(strains(self.body, positions)).max(axis=(0, 2))
+        return ~np.isfinite(states).all(axis=(1, 2)) | (largest > MAX_STRAIN)
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         sampling, cloud = self.sampling, self.structure.cloud
@@ -209,6 +224,19 @@ def _body(text: str) -> Body:
     body = body_of(definition)
     check_steps(definition, body)
     return body
+
+
+@lru_cache(maxsize=32)
+def _double_twin(body: Body, lanes: int) -> CTwin | None:
+    """Return the C twin in float64, `lanes` bodies at a time; None where there is no C compiler."""
+    return c_twin(body, np.float64, lanes)
+
+
+def _lanes_last(rows: np.ndarray) -> np.ndarray:
+    """Return `rows` (lanes, ...) as the C twin takes them: (..., lanes), or (...) of one body alone."""
+    if len(rows) == 1:
+        return rows[0]
+    return np.moveaxis(rows, 0, -1)
 
 
 @lru_cache(maxsize=RUNNERS)

@@ -11,13 +11,12 @@ from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.parsing.numbers import MAX_MAGNITUDE
 from neuroanimator.systems.functions.step_file import StepFunction, call_step, run_file
 from neuroanimator.systems.state_parts import (
-    goals_of,
     layout_of_control,
     layout_of_state,
     numbers_of,
     structure_of_parts,
 )
-from neuroanimator.systems.system import Runs, Scheme, System
+from neuroanimator.systems.system import Scheme, System
 
 FUNCTION = "function"
 """The only integrator there is: the function itself, called with a smaller or a larger dt."""
@@ -27,8 +26,10 @@ class PythonSystem(System):
     """The user's `step`, called again and again.
 
     The definition holds the file's name and sha256 and no code. The file is run when the first step
-    is taken, and only if the user allowed that: see `own.trust_files`.
+    is taken, and only if the user allowed that: see `loading.trust_files`.
     """
+
+    is_self_contained = False
 
     def __init__(self, definition: PythonDefinition, files: dict[str, Any], text: str = ""):
         self.name, self.definition = definition.name, text
@@ -46,44 +47,42 @@ class PythonSystem(System):
         self.rest = numbers_of(definition.state, "rest")
         self.spread = numbers_of(definition.state, "spread")
         self.sampling = definition.sampling
-        self.goals = self.with_starts(goals_of(self.state, definition.goals), definition.goals)
+        self.goals = self.goals_of(definition.goals)
 
     @property
     def function(self) -> StepFunction:
         """The user's function; BadFileError unless the user allowed its file to be run."""
         return run_file(self.sha256, self.file).step
 
-    def simulate(
+    def _simulate(
         self,
-        starts: np.ndarray,
+        states: np.ndarray,
         controls: np.ndarray,
-        dt: float,
-        *,
-        scheme: Scheme | None = None,
-        threads: int = 1,
-    ) -> Runs:
-        starts = self.state.check(starts, "state")
-        controls = self.check_controls(controls)
-        scheme, function = scheme or self.truth, self.function
-        runs = np.empty((len(starts), controls.shape[1] + 1, self.state.size))
-        runs[:, 0] = starts
+        scheme: Scheme,
+        substeps: int,
+        threads: int,
+    ) -> None:
+        function = self.function
         for t in range(controls.shape[1]):
-            now = runs[:, t].copy()
-            for _ in range(scheme.steps(dt)):
+            now = states[:, t].copy()
+            for _ in range(substeps):
                 self._advance(function, now, controls[:, t], scheme.dt)
-            runs[:, t + 1] = now
-        return Runs(runs, np.asarray(is_sane(runs).all(axis=1)))
+            states[:, t + 1] = now
+
+    def has_diverged(self, states: np.ndarray) -> np.ndarray:
+        """Return (B,) True for each run (B, T+1, S) with a state that is not finite or too large for a dataset."""
+        return np.asarray(are_too_large(states).any(axis=1))
 
     def _advance(
         self, function: StepFunction, states: np.ndarray, controls: np.ndarray, dt: float
     ) -> None:
-        """Take one step of all `states` (B, S) in place; those that have blown up stay as they are."""
-        alive = np.flatnonzero(is_sane(states))
-        if self.batched and len(alive):
-            columns = call_step(function, self.file, states[alive].T, controls[alive].T, dt)
-            states[alive] = columns.T
+        """Take one step of all `states` (B, S) in place; those that have diverged stay as they are."""
+        going = np.flatnonzero(~are_too_large(states))
+        if self.batched and len(going):
+            columns = call_step(function, self.file, states[going].T, controls[going].T, dt)
+            states[going] = columns.T
             return
-        for row in alive:
+        for row in going:
             states[row] = call_step(function, self.file, states[row], controls[row], dt)
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -92,6 +91,7 @@ class PythonSystem(System):
         return self.rest + rng.uniform(-1, 1, (count, self.state.size)) * self.spread * width
 
 
-def is_sane(states: np.ndarray) -> np.ndarray:
-    """Return (...,) False for each state (..., S) that is not finite or too large for a dataset: it has blown up."""
-    return np.asarray((np.abs(states) < MAX_MAGNITUDE).all(axis=-1))  # false for NaN too
+def are_too_large(states: np.ndarray) -> np.ndarray:
+    """Return (...,) True for each state (..., S) that is not finite or too large for a dataset: it has diverged."""
+    fits = np.abs(states) < MAX_MAGNITUDE  # false for NaN too
+    return np.asarray(~fits.all(axis=-1))

@@ -13,6 +13,7 @@ from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
+from neuroanimator.systems.goal import Goal, goal_at
 from neuroanimator.systems.rigid.bones import skeleton_of
 from neuroanimator.systems.rigid.joints import (
     JointView,
@@ -25,8 +26,7 @@ from neuroanimator.systems.rigid.joints import (
 from neuroanimator.systems.rigid.limbs import groups_of
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
-from neuroanimator.systems.state_parts import goal_of
-from neuroanimator.systems.system import Goal, Scheme
+from neuroanimator.systems.system import Scheme
 
 HOME = "home"
 """Keyframe that is the state of rest, if the model has one of this name."""
@@ -53,8 +53,7 @@ class ModelSystem(MujocoSystem):
         self.sampling = definition.sampling
         self.warm_up = definition.sampling.warm_up
         self._check_sampling()
-        goals = {name: self.goal(name, table) for name, table in definition.goals.items()}
-        self.goals = self.with_starts(goals, definition.goals)
+        self.goals = self.goals_of(definition.goals)
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         near = rng.random(count) < self.sampling.rest_share
@@ -130,7 +129,7 @@ class ModelSystem(MujocoSystem):
         reach = {part: np.array(values, float) for part, values in table.reach.items()}
         if table.site:
             reach |= self._at_site(name, table.site)
-        return goal_of(
+        return goal_at(
             name,
             table,
             {part: self._entries(name, part, numbers) for part, numbers in reach.items()},

@@ -9,7 +9,7 @@ import numpy as np
 from mujoco import rollout
 
 from neuroanimator.systems.rigid.warnings import warnings_counted
-from neuroanimator.systems.system import Runs, Scheme, System
+from neuroanimator.systems.system import Scheme, System
 
 INTEGRATORS = {
     "euler": mujoco.mjtIntegrator.mjINT_EULER,
@@ -58,35 +58,28 @@ class MujocoSystem(System):
         model.opt.integrator = INTEGRATORS[scheme.integrator]
         return model
 
-    def simulate(
+    def _simulate(
         self,
-        starts: np.ndarray,
+        states: np.ndarray,
         controls: np.ndarray,
-        dt: float,
-        *,
-        scheme: Scheme | None = None,
-        threads: int = 1,
-    ) -> Runs:
-        starts = self.state.check(starts, "state")
-        controls = self.check_controls(controls)
-        scheme = scheme or self.truth
-        substeps = scheme.steps(dt)
+        scheme: Scheme,
+        substeps: int,
+        threads: int,
+    ) -> None:
         model = self.model_with(scheme)
         workers = [mujoco.MjData(model) for _ in range(threads)]
-        runs = np.empty((len(starts), controls.shape[1] + 1, self.state.size))
-        runs[:, 0] = starts
         batch = max(1, STEPS_IN_MEMORY // (substeps * max(1, controls.shape[1])))
-        for first in range(0, len(starts), batch):
+        for first in range(0, len(states), batch):
             rows = slice(first, first + batch)
-            runs[rows, 1:] = self._rollout(model, workers, starts[rows], controls[rows], substeps)
-        return Runs(runs, self.is_sane(runs))
+            starts = states[rows, 0]
+            states[rows, 1:] = self._rollout(model, workers, starts, controls[rows], substeps)
 
-    def is_sane(self, runs: np.ndarray) -> np.ndarray:
-        """Return (B,) False for each run (B, T+1, S) that is not finite or impossibly fast."""
-        velocities = np.abs(runs[..., self.model.nq : self.model.nq + self.model.nv])
-        return np.asarray(
-            np.isfinite(runs).all(axis=(1, 2)) & (velocities < DIVERGED_VELOCITY).all(axis=(1, 2))
-        )
+    def has_diverged(self, states: np.ndarray) -> np.ndarray:
+        """Return (B,) True for each run (B, T+1, S) that is not finite or impossibly fast."""
+        velocities = np.abs(states[..., self.model.nq : self.model.nq + self.model.nv])
+        is_finite = np.isfinite(states).all(axis=(1, 2))
+        is_slow = (velocities < DIVERGED_VELOCITY).all(axis=(1, 2))
+        return np.asarray(~(is_finite & is_slow))
 
     def put(self, data: mujoco.MjData, state: np.ndarray) -> None:
         """Make `state` (S,) the state of `data`."""

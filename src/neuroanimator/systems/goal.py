@@ -1,0 +1,66 @@
+"""Goals: states, or parts of states, worth reaching."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.state.layout import Layout
+
+if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulator does not need it
+    from neuroanimator.definitions.goal import GoalTable
+
+GOAL_TOLERANCE = 0.1
+"""How far off a part of a goal may be for which no tolerance is given, in the part's own unit."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A state, or part of one, worth reaching."""
+
+    values: tuple[tuple[int, float], ...]
+    """(state entry, wanted value) pairs; all four entries of a quaternion or none."""
+    tolerances: tuple[float, ...]
+    """How far off still counts as reached, per pair and in its unit (a quaternion's: of the angle [rad])."""
+    seconds: float = 2.0
+    """A sensible length of the motion [s]."""
+    start: tuple[float, ...] = ()
+    """A state (S,) to reach it from, if nothing else is said; empty for the state of rest."""
+
+
+def goal_in_layout(layout: Layout, name: str, table: GoalTable) -> Goal:
+    """Return the goal `table` describes, its parts being those of `layout`.
+
+    Raises ArgumentError, which names the goal and the part that is wrong.
+    """
+    targets = {}
+    for part, numbers in table.reach.items():
+        entries = layout.index(part)
+        if len(numbers) != entries.stop - entries.start:
+            raise ArgumentError(
+                f"goals.{name}.reach: '{part}' has {entries.stop - entries.start} numbers."
+            )
+        targets[part] = (range(entries.start, entries.stop), numbers)
+    return goal_at(name, table, targets)
+
+
+def goal_at(
+    name: str, table: GoalTable, targets: Mapping[str, tuple[Sequence[int], Iterable[float]]]
+) -> Goal:
+    """Return the goal that each part in `targets` has its numbers in its state entries.
+
+    Raises ArgumentError where the table gives a tolerance to another part.
+    """
+    values = []
+    tolerances = []
+    for part, (entries, numbers) in targets.items():
+        values += [(entry, float(number)) for entry, number in zip(entries, numbers, strict=True)]
+        tolerances += [table.within.get(part, GOAL_TOLERANCE)] * len(entries)
+    for part in table.within:
+        if part not in targets:
+            raise ArgumentError(
+                f"goals.{name}.within: '{part}' is not reached for. Parts: {', '.join(targets)}."
+            )
+    return Goal(tuple(values), tuple(tolerances), table.seconds)
