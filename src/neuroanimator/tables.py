@@ -17,12 +17,19 @@ MAX_SHOWN = 80
 
 
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
-
+"""A number above zero, of a size that physics has."""
 
 Share = Annotated[float, Field(ge=0, le=1)]
-
+"""A part of a whole, from none to all of it."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+"""Any number but NaN and the infinite ones."""
+
+MIN_STEP = 1e-8
+"""Smallest step of physics [s]: times closer than a tenth of it count as the same, see `system.TIME_RESOLUTION`."""
+
+Step = Annotated[float, Field(ge=MIN_STEP, le=0.1)]
+"""A step of physics [s]."""
 
 
 class Table(BaseModel):
@@ -51,7 +58,9 @@ def first_fault(error: ValidationError) -> str:
     """Return pydantic's first complaint as one line naming the key."""
     fault = error.errors()[0]
     key = ".".join(str(part) for part in fault["loc"])
-    return f"{printable(key[:MAX_SHOWN])}: {fault['msg'].lower()}, came {str(fault['input'])[:MAX_SHOWN]!r}"
+    shown_key = printable(key[:MAX_SHOWN])
+    came = str(fault["input"])[:MAX_SHOWN]
+    return f"{shown_key}: {fault['msg'].lower()}, came {came!r}"
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -69,11 +78,3 @@ def check_table(values: dict[str, Any], label: str, table: type[BaseModel]) -> A
         return table.model_validate(values)
     except ValidationError as error:
         raise ArgumentError(f"{label}: {first_fault(error)}.") from error
-
-
-MIN_STEP = 1e-8
-"""[s] Of physics: times closer than a tenth of it count as the same, see `system.TIME_RESOLUTION`."""
-
-
-Step = Annotated[float, Field(ge=MIN_STEP, le=0.1)]
-"""Of physics [s]."""

@@ -15,6 +15,7 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     Task,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -24,7 +25,7 @@ from rich.text import Text
 from neuroanimator.text import print_line, printable
 
 SHOWN_AFTER = 0.3
-"""[s] A phase shorter than this is not shown: it would only flicker."""
+"""A phase shorter than this is not shown [s]: it would only flicker."""
 
 
 class Bar:
@@ -32,7 +33,9 @@ class Bar:
 
     def __init__(self, progress: Progress | None, title: str, total: int):
         self._progress = progress
-        self._task = progress.add_task(printable(title), total=total, note="") if progress else None
+        self._task: TaskID | None = None
+        if progress is not None:
+            self._task = progress.add_task(printable(title), total=total, note="")
 
     def advance_to(self, done: int, note: str = "") -> None:
         """Show `done` of the total, with a short note behind the bar."""
@@ -95,7 +98,7 @@ class _Clock:
     def __init__(self):
         self.seconds: dict[str, float] = {}
         self._within: list[float] = []
-        """Of every phase that is open, what its inner phases took."""
+        """What the inner phases of every open phase took [s]."""
 
     @contextmanager
     def running(self, name: str) -> Iterator[None]:
@@ -143,14 +146,18 @@ class _Count(MofNCompleteColumn):
     """How many of how many; nothing for what has no number."""
 
     def render(self, task: Task) -> Text:
-        return Text("") if task.total is None else super().render(task)
+        if task.total is None:
+            return Text("")
+        return super().render(task)
 
 
 class _Remaining(TimeRemainingColumn):
     """Time left; nothing where nobody knows."""
 
     def render(self, task: Task) -> Text:
-        return Text("") if task.total is None else super().render(task)
+        if task.total is None:
+            return Text("")
+        return super().render(task)
 
 
 def _new_display() -> Progress:
@@ -179,17 +186,21 @@ def print_rows(rows: Iterable[tuple[str, object]]) -> None:
 
 def print_table(rows: list[dict[str, object]]) -> None:
     """Print rows of the same keys as aligned columns."""
-    texts = [[_text(value) for value in row.values()] for row in rows]
     heads = [printable(head) for head in rows[0]]
-    widths = [max(len(head), *(len(row[i]) for row in texts)) for i, head in enumerate(heads)]
+    texts = []
+    for row in rows:
+        texts.append([_text(value) for value in row.values()])
+    columns = zip(heads, *texts, strict=True)
+    widths = [max(map(len, column)) for column in columns]
     for row in [heads, *texts]:
-        print(
-            "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
-        )
+        cells = [f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)]
+        print("  ".join(cells).rstrip())
 
 
 def _text(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else printable(str(value))
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return printable(str(value))
 
 
 @cache

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.codegen.c_function import HEAD, c_function
 from neuroanimator.codegen.program import UnsupportedError
@@ -17,8 +18,10 @@ from neuroanimator.emulator.emulator import Emulator, rollout_latent
 from neuroanimator.errors import NeuroAnimatorError
 
 CHECKED_STEPS = 30
+"""Super steps of a random motion that the program is held against JAX in."""
+
 TOLERANCE = 1e-4
-"""Relative: both are float32, and order their sums differently."""
+"""Relative to the largest number of the motion: both are float32, and order their sums differently."""
 
 
 def c_program(emulator: Emulator) -> str:
@@ -27,9 +30,11 @@ def c_program(emulator: Emulator) -> str:
     Only numbers and names of our own are written: none of the text an emulator carries reaches a compiler.
     """
     start, controls = emulator.encode_motion(emulator.rest, emulator.bounds.middle)
-    (latent,), (control,) = start.shape, controls.shape
+    (latent,) = start.shape
+    (control,) = controls.shape
+    super_step = c_function("super_step", emulator.step_latent, (latent,), (control,))
     return f"""/* A super step of {float(emulator.dt):g} s: {latent} numbers, {control} controls. */
-{HEAD}{c_function("super_step", emulator.step_latent, (latent,), (control,))}
+{HEAD}{super_step}
 /* `steps` super steps under (steps, {control}) controls; `after` has the last. */
 void play(const float *before, const float *controls, long steps, float *after) {{
 float now[{latent}];
@@ -46,18 +51,27 @@ class CEmulator:
 
     library: ctypes.CDLL
 
-    def play(self, start: np.ndarray, controls: np.ndarray) -> np.ndarray:
-        """Return the last state (I,) of the motion from `start` (I,) under `controls` (T, C)."""
-        return self.player(start, controls)().copy()
+    def play(
+        self, start: Float[np.ndarray, " L"], controls: Float[np.ndarray, "T C"]
+    ) -> Float[np.ndarray, " L"]:
+        """Return the last latent state of the motion from `start` under `controls`."""
+        play = self.player(start, controls)
+        return play().copy()
 
-    def player(self, start: np.ndarray, controls: np.ndarray) -> Callable[[], np.ndarray]:
+    def player(
+        self, start: Float[np.ndarray, " L"], controls: Float[np.ndarray, "T C"]
+    ) -> Callable[[], Float[np.ndarray, " L"]]:
         """Return a function that does what `play` does in one call of C."""
-        start, controls = (np.ascontiguousarray(each, np.float32) for each in (start, controls))
+        start = np.ascontiguousarray(start, np.float32)
+        controls = np.ascontiguousarray(controls, np.float32)
         last = np.empty_like(start)
-        arrays = [each.ctypes.data_as(ctypes.c_void_p) for each in (start, controls, last)]
+        steps = ctypes.c_long(len(controls))
+        before, held, after = (
+            array.ctypes.data_as(ctypes.c_void_p) for array in (start, controls, last)
+        )
 
         def play() -> np.ndarray:
-            self.library.play(arrays[0], arrays[1], ctypes.c_long(len(controls)), arrays[2])
+            self.library.play(before, held, steps, after)
             return last
 
         return play
@@ -74,26 +88,28 @@ def c_emulator(emulator: Emulator) -> CEmulator | None:
         library = compiled_library(c_program(emulator))
     except UnsupportedError:
         return None
-    found = library and CEmulator(library)
-    if found:
-        _check(found, emulator)
-    return found
+    if library is None:
+        return None
+    program = CEmulator(library)
+    _check(program, emulator)
+    return program
 
 
 def _check(program: CEmulator, emulator: Emulator) -> None:
     """Compare one super step from each state of a random motion, as long as it stays finite."""
     spec = emulator.spec
     share = np.random.default_rng(0).uniform(-1, 1, (CHECKED_STEPS, spec.control.size))
-    start, controls = emulator.encode_motion(
-        spec.rest, spec.bounds.middle + share * spec.bounds.half
-    )
-    states = np.asarray(
-        jnp.concatenate([start[None], eqx.filter_jit(rollout_latent)(emulator, start, controls)])
-    )
-    finite = states[: int(np.isfinite(states).all(axis=1).cumprod().sum())]
-    pairs = zip(finite[:-1], np.asarray(controls)[: len(finite) - 1, None], strict=True)
-    found = np.stack([finite[0], *(program.play(*each) for each in pairs)])
-    if not np.allclose(found, finite, rtol=TOLERANCE, atol=TOLERANCE * np.abs(finite).max()):
+    random_controls = spec.bounds.middle + share * spec.bounds.half
+    start, controls = emulator.encode_motion(spec.rest, random_controls)
+    following = eqx.filter_jit(rollout_latent)(emulator, start, controls)
+    states = np.asarray(jnp.concatenate([start[None], following]))
+    is_finite_so_far = np.isfinite(states).all(axis=1).cumprod()
+    expected = states[: int(is_finite_so_far.sum())]
+    computed = [expected[0]]
+    for state, held in zip(expected[:-1], np.asarray(controls), strict=False):
+        computed.append(program.play(state, held[None]))
+    tolerance = TOLERANCE * np.abs(expected).max()
+    if not np.allclose(np.stack(computed), expected, rtol=TOLERANCE, atol=tolerance):
         raise NeuroAnimatorError(
             f"{spec.system}: the generated C does not do what the emulator does in JAX."
         )

@@ -16,11 +16,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var
+from numpy.typing import ArrayLike
 
 from neuroanimator.errors import NeuroAnimatorError
 
 NESTED = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 """Parameters under which an operation keeps the operations it stands for."""
+
+LOOPS_AND_BRANCHES = ("scan", "while", "cond")
+"""Operations whose nested ones are not carried out once each, and so cannot be laid open."""
 
 MOVES = frozenset(
     ("broadcast_in_dim", "concatenate", "copy", "copy_p", "dynamic_slice", "expand_dims", "gather", "reshape", "rev",
@@ -30,6 +34,12 @@ MOVES = frozenset(
 
 WIDTH = 16
 """Floats to which arrays are aligned: an AVX-512 register."""
+
+FLOAT_BYTES = 4
+"""Bytes of a float32."""
+
+ALIGNMENT = FLOAT_BYTES * WIDTH
+"""Bytes to which arrays are aligned."""
 
 FEW = 4
 """Arrays up to this length share a line of memory: scalars, vectors and quaternions."""
@@ -62,40 +72,47 @@ class Program:
     size: int = 0
     """Floats in the workspace."""
     _free: int = 0
-    """Where the next few numbers go, up to the end of their line."""
+    """Where the next few numbers go."""
     _line_end: int = 0
+    """Where that line ends."""
 
     def room(self, shape: tuple[int, ...]) -> Addresses:
         """Return fresh addresses of this shape: aligned, with room for whole registers, unless they are few."""
         count = math.prod(shape)
         if count > FEW:
-            first, self.size = self.size, self.size + -(-count // WIDTH) * WIDTH
+            registers = -(-count // WIDTH)
+            first = self.size
+            self.size += registers * WIDTH
         else:
             if self._free + count > self._line_end:
-                self._free, self.size = self.size, self.size + WIDTH
+                self._free = self.size
+                self.size += WIDTH
                 self._line_end = self.size
-            first, self._free = self._free, self._free + count
-        return first + np.arange(count).reshape(shape)
+            first = self._free
+            self._free += count
+        return np.asarray(first + np.arange(count).reshape(shape))
 
-    def constant(self, numbers: np.ndarray) -> Addresses:
-        """Return the addresses of these numbers among the constants."""
+    def constant(self, numbers: ArrayLike) -> Addresses:
+        """Return the addresses of these numbers among the constants, in their shape."""
+        block = np.asarray(numbers, np.float32)
         first = self.starts[-1]
-        self.constants.append(np.asarray(numbers, np.float32).ravel())
-        self.starts.append(first + max(numbers.size, 1))
-        return -(first + np.arange(numbers.size).reshape(numbers.shape)) - 1
+        self.constants.append(block.ravel())
+        self.starts.append(first + max(block.size, 1))
+        return np.asarray(-(first + np.arange(block.size).reshape(block.shape)) - 1)
 
     def value_of(self, addresses: Addresses) -> np.ndarray:
         """Return the constants at `addresses`, all of which must be constants."""
-        return np.concatenate(self.constants)[-addresses - 1]
+        return np.asarray(np.concatenate(self.constants)[-addresses - 1])
 
 
 def trace(function: Callable[..., Any], *shapes: tuple[int, ...]) -> Program:
     """Return the program of `function`, which takes float32 arrays of these shapes and returns one array.
 
-    Raises UnsupportedError for what cannot be laid open beforehand, such as entries whose place is computed. Of loops
+    Raises UnsupportedError for what cannot be laid open beforehand, such as entries whose position is computed. Of loops
     and branches the writer says that it knows no code for them.
     """
-    closed = jax.make_jaxpr(function)(*(jnp.zeros(shape, jnp.float32) for shape in shapes))
+    zeros = [jnp.zeros(shape, jnp.float32) for shape in shapes]
+    closed = jax.make_jaxpr(function)(*zeros)
     return _Tracer().run(closed, shapes)
 
 
@@ -107,16 +124,17 @@ class UnsupportedError(NeuroAnimatorError):
 
 
 class _Tracer:
+    """Walks through a jaxpr and gathers its operations in a program."""
+
     def __init__(self) -> None:
         self.program = Program()
 
     def run(self, closed: ClosedJaxpr, shapes: tuple[tuple[int, ...], ...]) -> Program:
         program = self.program
         program.inputs = [program.room(shape) for shape in shapes]
-        found = self._jaxpr(
-            closed.jaxpr, [np.asarray(const) for const in closed.consts], list(program.inputs)
-        )
-        program.outputs = [self._addresses(each) for each in found]
+        constants = [np.asarray(constant) for constant in closed.consts]
+        outputs = self._jaxpr(closed.jaxpr, constants, list(program.inputs))
+        program.outputs = [self._addresses(output) for output in outputs]
         program.operations = list(_needed(program))
         return program
 
@@ -125,32 +143,26 @@ class _Tracer:
         known: dict[Var, Any] = dict(zip(jaxpr.constvars, map(_wrap, consts), strict=True))
         known |= dict(zip(jaxpr.invars, inputs, strict=True))
 
-        def read(atom):
-            return _Known(np.asarray(atom.val)) if isinstance(atom, Literal) else known[atom]
+        def read(atom: Any) -> Any:
+            if isinstance(atom, Literal):
+                return _Known(np.asarray(atom.val))
+            return known[atom]
 
         for eqn in jaxpr.eqns:
-            known |= dict(
-                zip(
-                    eqn.outvars,
-                    self._equation(eqn, [read(atom) for atom in eqn.invars]),
-                    strict=True,
-                )
-            )
+            operands = [read(atom) for atom in eqn.invars]
+            results = self._equation(eqn, operands)
+            known.update(zip(eqn.outvars, results, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
 
     def _equation(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
-        latent = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
-        if latent is not None and eqn.primitive.name not in ("scan", "while", "cond"):
-            is_closed = isinstance(latent, ClosedJaxpr)
-            return self._jaxpr(
-                latent.jaxpr if is_closed else latent,
-                list(latent.consts) if is_closed else [],
-                inputs,
-            )
-        if all(isinstance(each, _Known) for each in inputs):
-            return [
-                _Known(np.asarray(each)) for each in _bind(eqn, [each.numbers for each in inputs])
-            ]
+        inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
+        if inner is not None and eqn.primitive.name not in LOOPS_AND_BRANCHES:
+            if isinstance(inner, ClosedJaxpr):
+                return self._jaxpr(inner.jaxpr, list(inner.consts), inputs)
+            return self._jaxpr(inner, [], inputs)
+        if all(isinstance(operand, _Known) for operand in inputs):
+            results = _bind(eqn, [operand.numbers for operand in inputs])
+            return [_wrap(result) for result in results]
         if eqn.primitive.name in MOVES:
             return self._moved(eqn, inputs)
         return [self._computed(eqn, inputs)]
@@ -159,29 +171,38 @@ class _Tracer:
         """Do to the addresses what is done to the data; which entries are moved where, constants say."""
         name = eqn.primitive.name
         if name == "convert_element_type":
-            before, after = eqn.invars[0].aval.dtype, eqn.outvars[0].aval.dtype
+            before = eqn.invars[0].aval.dtype
+            after = eqn.outvars[0].aval.dtype
             if before.kind == "f" and after.kind != "f":
                 raise UnsupportedError(f"{name} from {before} to {after}")
             return inputs
-        moved = 1 if name in ("gather", "dynamic_slice") else len(inputs)
-        if not all(isinstance(each, _Known) for each in inputs[moved:]):
+        # Of these two the first input is moved; the others say from where.
+        count = 1 if name in ("gather", "dynamic_slice") else len(inputs)
+        moved = inputs[:count]
+        indices = inputs[count:]
+        if not all(isinstance(operand, _Known) for operand in indices):
             raise UnsupportedError(f"{name} at places that are computed")
-        positions = [jnp.asarray(self._addresses(each), jnp.int32) for each in inputs[:moved]]
-        rest = [jnp.asarray(each.numbers) for each in inputs[moved:]]
-        return [np.asarray(each, int) for each in _bind(eqn, [*positions, *rest])]
+        addresses = [jnp.asarray(self._addresses(operand), jnp.int32) for operand in moved]
+        numbers = [jnp.asarray(operand.numbers) for operand in indices]
+        results = _bind(eqn, [*addresses, *numbers])
+        return [np.asarray(result, int) for result in results]
 
     def _computed(self, eqn: JaxprEqn, inputs: list[Any]) -> Addresses:
         output = self.program.room(eqn.outvars[0].aval.shape)
-        addresses = tuple(self._addresses(each) for each in inputs)
+        addresses = tuple(self._addresses(operand) for operand in inputs)
         self.program.operations.append(Operation(eqn.primitive.name, addresses, output, eqn.params))
         return output
 
     def _addresses(self, value: Any) -> Addresses:
-        return self.program.constant(value.numbers) if isinstance(value, _Known) else value
+        if isinstance(value, _Known):
+            return self.program.constant(value.numbers)
+        return value
 
 
 @dataclass(frozen=True)
 class _Known:
+    """A value that is known before the program runs."""
+
     numbers: np.ndarray
 
 
@@ -190,8 +211,11 @@ def _wrap(numbers: Any) -> _Known:
 
 
 def _bind(eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
-    found = eqn.primitive.bind(*map(jnp.asarray, inputs), **eqn.params)
-    return list(found) if eqn.primitive.multiple_results else [found]
+    """Return what an operation gives for `inputs`, carried out now."""
+    results = eqn.primitive.bind(*map(jnp.asarray, inputs), **eqn.params)
+    if eqn.primitive.multiple_results:
+        return list(results)
+    return [results]
 
 
 def _needed(program: Program) -> Iterator[Operation]:
@@ -199,10 +223,10 @@ def _needed(program: Program) -> Iterator[Operation]:
     needed = np.zeros(program.size, bool)
     for output in program.outputs:
         needed[output[output >= 0]] = True
-    kept = []
+    backwards = []
     for operation in reversed(program.operations):
         if needed[operation.output].any():
-            kept.append(operation)
-            for each in operation.inputs:
-                needed[each[each >= 0]] = True
-    yield from reversed(kept)
+            backwards.append(operation)
+            for addresses in operation.inputs:
+                needed[addresses[addresses >= 0]] = True
+    yield from reversed(backwards)

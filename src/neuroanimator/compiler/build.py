@@ -16,16 +16,16 @@ from pathlib import Path
 from typing import Any
 
 PATIENCE = 120
-"""[s] A compiler may take: the largest program takes ten on one slow core."""
+"""Time a compiler may take [s]: the largest program takes ten on one slow core."""
 
 VERSION_PATIENCE = 10
-"""[s] A compiler may take to say which one it is."""
+"""Time a compiler may take to say which one it is [s]."""
 
 BUILD = "build-"
 """How the names of these folders begin."""
 
 SETTLED = 10
-"""[s] After which a builder has surely locked its folder."""
+"""Time after which a builder has surely locked its folder [s]."""
 
 
 class CompilerError(Exception):
@@ -41,28 +41,17 @@ def build_library(
 ) -> bytes:
     """Return the shared library of the C program `text`, made in `folder` with the first flags the compiler knows."""
     with _build_folder(folder) as work_folder:
-        source, unlinked, library = (
-            work_folder / f"program.{suffix}" for suffix in ("c", "o", "so")
-        )
+        source = work_folder / "program.c"
+        unlinked = work_folder / "program.o"
+        library = work_folder / "program.so"
         source.write_text(text, encoding="utf-8")
         # Linked apart, without -ffast-math: with it the library would flush small numbers in the whole process.
         link = [*command, "-shared", str(unlinked), "-o", str(library), "-lm"]
         for flags in flag_sets:
-            compile_ = [
-                *command,
-                "-std=gnu11",
-                *flags,
-                "-fPIC",
-                "-c",
-                str(source),
-                "-o",
-                str(unlinked),
-            ]
-            if (
-                _succeeds(compile_, work_folder)
-                and _succeeds(link, work_folder)
-                and library.is_file()
-            ):
+            options = ["-std=gnu11", *flags, "-fPIC"]
+            compile_ = [*command, *options, "-c", str(source), "-o", str(unlinked)]
+            is_made = _succeeds(compile_, work_folder) and _succeeds(link, work_folder)
+            if is_made and library.is_file():
                 return library.read_bytes()
     raise CompilerError(f"{command[0]} failed")
 
@@ -108,14 +97,12 @@ def _started(command: list[str], **options: Any) -> Iterator[subprocess.Popen[by
 @contextmanager
 def _build_folder(folder: Path) -> Iterator[Path]:
     """Yield a folder to build in. While its builder lives it is locked, so that nobody else removes it."""
-    with tempfile.TemporaryDirectory(
-        prefix=BUILD, dir=folder, ignore_cleanup_errors=True
-    ) as work_folder:
+    temporary = tempfile.TemporaryDirectory(prefix=BUILD, dir=folder, ignore_cleanup_errors=True)
+    with temporary as work_folder:
         handle = os.open(work_folder, os.O_RDONLY)
         try:
-            with suppress(
-                OSError
-            ):  # a disk of another machine that knows no locks: there, age decides
+            # A disk of another machine may know no locks: there, age decides.
+            with suppress(OSError):
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield Path(work_folder)
         finally:
@@ -126,7 +113,8 @@ def remove_abandoned_builds(folder: Path) -> None:
     """Remove what killed builders left in `folder`."""
     for work_folder in folder.glob(f"{BUILD}*"):
         with suppress(OSError):
-            if time.time() - work_folder.stat().st_mtime > SETTLED and _is_unlocked(work_folder):
+            age = time.time() - work_folder.stat().st_mtime
+            if age > SETTLED and _is_unlocked(work_folder):
                 shutil.rmtree(work_folder, ignore_errors=True)
 
 

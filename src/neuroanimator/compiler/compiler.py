@@ -28,25 +28,31 @@ from neuroanimator.storage.unfinished import replace_whole
 from neuroanimator.terminal import warn_once
 
 COMPILERS = ("cc", "gcc", "clang")
+"""Commands that are looked for, in this order."""
 
 FLAGS = (
     ("-O3", "-march=native", "-ffast-math", "-mprefer-vector-width=512"),
     ("-O3", "-march=native", "-ffast-math"),
     ("-O3", "-ffast-math"),
 )
-"""The first that the compiler knows are used."""
+"""Sets of flags; the first that the compiler knows is used."""
 
 _given_up: set[str] = set()
 """Compilers that this process does not try again: one that hangs would hang for every program."""
 
 PURPOSE = "compiled"
-"""Of the private folder the libraries lie in."""
+"""Name of the private folder the libraries lie in."""
+
+KEY_DIGITS = 24
+"""Digits of the sha256 that a program and its compiler are known by: twins do not happen."""
 
 
 def compiled_library(text: str) -> ctypes.CDLL | None:
     """Return the library of the C program `text`; None without a compiler, or if it fails, which is said once."""
     compiler = find_compiler()
-    return None if compiler is None else _compiled(text, compiler)
+    if compiler is None:
+        return None
+    return _compiled(text, compiler)
 
 
 def find_compiler() -> str | None:
@@ -58,7 +64,8 @@ def find_compiler() -> str | None:
         return None
     asked = os.environ.get("CC", "").strip()
     if not asked:
-        return next((shlex.quote(path) for path in map(shutil.which, COMPILERS) if path), None)
+        paths = [path for path in map(shutil.which, COMPILERS) if path]
+        return shlex.quote(paths[0]) if paths else None
     try:
         program = shutil.which(shlex.split(asked)[0])
     except ValueError:  # a quotation mark without its partner
@@ -77,7 +84,7 @@ def _compiled(text: str, compiler: str) -> ctypes.CDLL | None:
         return None
     try:
         about = "\n".join([text, compiler, compiler_version(command[0]), _processor(), str(FLAGS)])
-        key = hashlib.sha256(about.encode()).hexdigest()[:24]
+        key = hashlib.sha256(about.encode()).hexdigest()[:KEY_DIGITS]
         return _found_or_made(text, command, key)
     except (CompilerError, OSError) as error:
         if isinstance(error, NoCompilerError):
@@ -135,7 +142,9 @@ def _path(folder: Path, key: str, content: bytes) -> Path:
 def _processor() -> str:
     """Return what -march=native depends on, as far as it can be told."""
     about = Path("/proc/cpuinfo")
-    lines = about.read_text(errors="replace").splitlines() if about.exists() else []
-    return platform.machine() + next(
-        (line for line in lines if line.startswith(("flags", "Features"))), ""
-    )
+    if not about.exists():
+        return platform.machine()
+    for line in about.read_text(errors="replace").splitlines():
+        if line.startswith(("flags", "Features")):
+            return platform.machine() + line
+    return platform.machine()

@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterator
 
 MAX_LINE = 128 * 1024
-"""[characters] A thousand columns of numbers at full precision take a fifth of it."""
+"""Characters a line may have: a thousand columns of numbers at full precision take a fifth of it."""
 
 
 def csv_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:

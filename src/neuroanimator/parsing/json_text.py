@@ -13,16 +13,19 @@ DEEPEST = 32
 """Deepest list or object in another; ours go ten deep, and Python's reader recurses."""
 
 MAX_DIGITS = 18
-"""Of a whole number: all that fit in 64 bits, and far below what Python takes long to convert."""
+"""Digits a whole number may have: all that fit in 64 bits, and far below what Python takes long to convert."""
 
 MAX_SHOWN = 40
 """Characters of a text shown in an error."""
 
 STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
-"""Nothing is tried twice (`*+`), so that the time is proportional to the text."""
+"""A text in quotes, or what begins as one. Nothing is tried twice (`*+`), so that the time is proportional to the text."""
 
 OPENING = np.frombuffer(b"[{", np.uint8)
+"""What begins a list or an object."""
+
 CLOSING = np.frombuffer(b"]}", np.uint8)
+"""What ends one."""
 
 HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 """An escape that is half of a character beyond 16 bits: alone it is none, and cannot be written out again."""
@@ -63,14 +66,14 @@ def _refuse_depth(content: bytes) -> None:
 
 
 def _unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        seen: set[str] = set()
+    members = dict(pairs)
+    if len(members) < len(pairs):
+        earlier: set[str] = set()
         for name, _ in pairs:
-            if name in seen:
+            if name in earlier:
                 raise ValueError(f"the name {name[:MAX_SHOWN]!r} occurs twice")
-            seen.add(name)
-    return found
+            earlier.add(name)
+    return members
 
 
 def _whole_number(text: str) -> int:

@@ -15,22 +15,28 @@ from pydantic import AfterValidator, Field
 from neuroanimator.text import quoted
 
 SYSTEM_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$"
-"""Of systems and goals: no dot and no slash, so that none can be a path."""
+"""What the name of a system or goal may be: no dot and no slash, so that none can be a path."""
 
 PART_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.-]{0,39}$"
-"""Of what a user names in a definition: parts, nodes, muscles, groups."""
+"""What a user may call things in a definition: parts, nodes, muscles, groups."""
 
 MAX_LABEL = 80
+"""Characters a label may have."""
+
 LABEL_PATTERN = rf"^\w(?:[\w.:/ -]{{0,{MAX_LABEL - 2}}}[\w.:/-])?$"
-"""Of what an emulator calls its parts: those names, with endings such as `.velocity`, and what models call theirs."""
+"""What an emulator may call its parts: those names, with endings such as `.velocity`, and what models call theirs."""
 
 MAX_MODEL_NAME = 60
-"""Leaves room for an ending within `MAX_LABEL`."""
+"""Characters kept of a model's own name: they leave room for an ending within `MAX_LABEL`."""
 
 MAX_FILE_NAME = 200
+"""Characters the name of a file may have."""
 
 SystemName = Annotated[str, Field(pattern=SYSTEM_PATTERN)]
+"""The name of a system or goal in a table."""
+
 PartName = Annotated[str, Field(pattern=PART_PATTERN)]
+"""The name of a part, node, muscle or group in a table."""
 
 
 def check_system_name(value: object) -> str:
@@ -53,11 +59,11 @@ def check_label(value: object, what: str) -> str:
 
 def refuse_twins(names: Iterable[str], what: str) -> None:
     """Raise ValueError if two of `names` are the same."""
-    seen: set[str] = set()
+    earlier: set[str] = set()
     for name in names:
-        if name in seen:
+        if name in earlier:
             raise ValueError(f"{what}: two parts are called {quoted(name)}")
-        seen.add(name)
+        earlier.add(name)
 
 
 def model_name(text: str, otherwise: str) -> str:
@@ -65,12 +71,13 @@ def model_name(text: str, otherwise: str) -> str:
 
     Models may be written by strangers, and their format allows any text: what a label may not hold becomes `_`.
     """
-    kept = re.sub(r"[^\w.:/ -]", "_", text).strip()[:MAX_MODEL_NAME].strip()
-    if not kept:
+    allowed = re.sub(r"[^\w.:/ -]", "_", text)
+    name = allowed.strip()[:MAX_MODEL_NAME].strip()
+    if not name:
         return otherwise
-    if not re.match(r"\w", kept):
-        return "_" + kept
-    return kept
+    if not re.match(r"\w", name):
+        return "_" + name
+    return name
 
 
 def _check_file_name(value: str) -> str:
@@ -81,7 +88,7 @@ def _check_file_name(value: str) -> str:
 
 
 FileName = Annotated[str, AfterValidator(_check_file_name)]
-"""Of a file beside its definition: no path."""
+"""The name of a file beside its definition: no path."""
 
 
 def check_file_name(value: object) -> str:

@@ -11,20 +11,34 @@ import numpy as np
 from numpy.lib import format as npy
 
 MAX_MEMBERS = 64
-"""Files in the archive; ours need six."""
+"""Files an archive may hold; ours need six."""
 
 MAX_HEADER = 2048
 """Longest header of an array [characters]: NumPy's reader of it is Python's own, which recurses."""
 
-MIN_UNPACKED, MAX_GROWTH = 8 * 2**20, 20
-"""Unpacked, the arrays may take so many bytes, or so many times what the archive takes: packed recordings grow two to
-ten times, a bomb a thousand times."""
+MIN_UNPACKED = 8 * 2**20
+"""Bytes the arrays may always take when they are unpacked."""
+
+MAX_GROWTH = 20
+"""How many times what the archive takes they may take beyond that.
+
+Packed recordings grow two to ten times, a bomb a thousand times.
+"""
+
+MAX_AXES = 2
+"""Axes an array may have: rows and columns."""
+
+MAX_REASON = 200
+"""Characters of our own reason that one line quotes."""
+
+MAX_FOREIGN_REASON = 120
+"""Characters of a library's reason that one line quotes."""
 
 KINDS = "biufUS"
 """NumPy's letters for truth values, numbers and texts; objects are pickles, which run code."""
 
 PARSERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-"""By version of the format; later ones are for named columns, which no recording has."""
+"""NumPy's readers of headers by version of the format; later ones are for named columns, which no recording has."""
 
 
 def parse_npz(content: bytes, wanted: Iterable[str]) -> dict[str, np.ndarray]:
@@ -34,11 +48,12 @@ def parse_npz(content: bytes, wanted: Iterable[str]) -> dict[str, np.ndarray]:
             members = _members(archive, wanted, len(content))
             return {name: _array(archive, member, name) for name, member in members.items()}
     except (ValueError, MemoryError) as error:
-        raise ValueError(" ".join(str(error).split())[:200] or type(error).__name__) from error
-    except (
-        Exception
-    ) as error:  # zipfile, zlib and NumPy's reader raise whatever the damage makes them trip over
-        raise ValueError(f"{type(error).__name__}: {' '.join(str(error).split())[:120]}") from error
+        reason = " ".join(str(error).split())[:MAX_REASON]
+        raise ValueError(reason or type(error).__name__) from error
+    except Exception as error:
+        # zipfile, zlib and NumPy's reader raise whatever the damage makes them trip over.
+        reason = " ".join(str(error).split())[:MAX_FOREIGN_REASON]
+        raise ValueError(f"{type(error).__name__}: {reason}") from error
 
 
 def _members(
@@ -48,19 +63,20 @@ def _members(
     if len(entries) > MAX_MEMBERS:
         raise ValueError(f"{len(entries):,} files in the archive; wanted at most {MAX_MEMBERS}")
     names = [entry.filename for entry in entries]
-    found = {}
+    members = {}
     for name in wanted:
-        if names.count(f"{name}.npy") > 1:
+        file_name = f"{name}.npy"
+        if names.count(file_name) > 1:
             raise ValueError(f"array '{name}' is there twice")
-        if f"{name}.npy" in names:
-            found[name] = entries[names.index(f"{name}.npy")]
-    unpacked = sum(entry.file_size for entry in found.values())
-    most = max(MIN_UNPACKED, MAX_GROWTH * size)
-    if unpacked > most:
+        if file_name in names:
+            members[name] = entries[names.index(file_name)]
+    unpacked = sum(entry.file_size for entry in members.values())
+    largest = max(MIN_UNPACKED, MAX_GROWTH * size)
+    if unpacked > largest:
         raise ValueError(
-            f"{unpacked:,} bytes unpacked; wanted at most {most:,} for so small a file"
+            f"{unpacked:,} bytes unpacked; wanted at most {largest:,} for so small a file"
         )
-    return found
+    return members
 
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> np.ndarray:
@@ -76,18 +92,16 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> np.nd
         raise ValueError(f"array '{name}': objects are refused, as they can run code")
     if dtype.kind not in KINDS:
         raise ValueError(f"array '{name}' holds {dtype}; wanted numbers or texts")
-    if len(shape) > 2 or any(length < 0 for length in shape):
+    if len(shape) > MAX_AXES or any(length < 0 for length in shape):
         raise ValueError(
             f"array '{name}' has {len(shape)} axes or a negative length; wanted at most rows and columns"
         )
     count = math.prod(shape)
     start = header.tell()
-    if count * dtype.itemsize != len(content) - start:
-        raise ValueError(
-            f"array '{name}' claims {count:,} numbers, and holds {len(content) - start:,} bytes"
-        )
+    present = len(content) - start
+    if count * dtype.itemsize != present:
+        raise ValueError(f"array '{name}' claims {count:,} numbers, and holds {present:,} bytes")
     if count == 0:
         return np.zeros(shape, dtype)
-    return np.frombuffer(content, dtype, count, start).reshape(
-        shape, order="F" if is_fortran else "C"
-    )
+    flat = np.frombuffer(content, dtype, count, start)
+    return flat.reshape(shape, order="F" if is_fortran else "C")

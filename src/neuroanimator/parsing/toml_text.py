@@ -13,7 +13,7 @@ DEEPEST = 16
 """Deepest list or table in another; ours go four deep."""
 
 MAX_DOTS = 16
-"""In one key."""
+"""Dots one key may have."""
 
 MAX_WORD = 64
 """Characters of a number or of a name without quotes; names have at most 40."""
@@ -49,9 +49,12 @@ def parse_toml(content: bytes) -> dict[str, Any]:
 
 def _refuse_extremes(text: str) -> None:
     """Refuse what makes Python's reader slow, large or recurse, or its numbers too long to print."""
-    depth, dots, values = 0, 0, 0
+    depth = 0
+    dots = 0
+    values = 0
     for match in TOKEN.finditer(text):
-        kind, token = match.lastgroup, match.group()
+        kind = match.lastgroup
+        token = match.group()
         if kind == "word" and len(token) > MAX_WORD:
             raise ValueError(
                 f"line {_line(text, match)}: {len(token):,} characters in a number or name without quotes"

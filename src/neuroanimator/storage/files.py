@@ -33,12 +33,26 @@ HEADER_LIMIT = 2**20
 TENSOR_LIMIT = 256
 """Most tensors in a file: a crowded header is a known way to make a reader slow."""
 
+LENGTH_BYTES = 8
+"""Bytes at the start of a safetensors file that say how long its header is."""
+
 MAX_AXES = 8
-"""Of a tensor; ours have three."""
+"""Axes a tensor may have; ours have three."""
+
+MAX_SHOWN = 40
+"""Characters of a file's own text that a message quotes."""
+
+MAX_REASON = 200
+"""Characters of another error's message that one line quotes."""
+
+MAX_ID_DIGITS = 20
+"""Bytes read of a lock file, which holds a process id."""
 
 DTYPES = {"F32": np.dtype("<f4"), "F64": np.dtype("<f8"), "I32": np.dtype("<i4")}
+"""The number types a tensor may have, as safetensors calls them and as NumPy does."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT)
+"""What the system says where the disk, or the user's share of it, is full."""
 
 
 def canonical_json(value: Any) -> str:
@@ -64,7 +78,9 @@ def write_whole(path: Path, content: bytes) -> None:
     try:
         replace_whole(path, content)
     except OSError as error:
-        need = f" ({len(content):,} bytes needed)" if error.errno in FULL else ""
+        need = ""
+        if error.errno in FULL:
+            need = f" ({len(content):,} bytes needed)"
         raise ResourceError(f"Could not write {path}: {error.strerror}{need}.") from error
 
 
@@ -102,8 +118,8 @@ def _take_lock(handle: int, folder: Path) -> None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        number = os.pread(handle, 20, 0).decode(errors="replace").strip()
-        holder = f"process {number}" if number.isdecimal() else "another process"
+        process = os.pread(handle, MAX_ID_DIGITS, 0).decode(errors="replace").strip()
+        holder = f"process {process}" if process.isdecimal() else "another process"
         raise ResourceError(
             f"{folder} is in use by {holder}. Wait for it, or choose another folder."
         ) from error
@@ -114,7 +130,8 @@ def _take_lock(handle: int, folder: Path) -> None:
 def _seal(tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> str:
     """Return the sha256 that covers the tensors and all other metadata."""
     others = {key: value for key, value in metadata.items() if key != "sha256"}
-    return hashlib.sha256((canonical_json(others) + digest(tensors)).encode()).hexdigest()
+    sealed = canonical_json(others) + digest(tensors)
+    return hashlib.sha256(sealed.encode()).hexdigest()
 
 
 def write_tensors(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> None:
@@ -148,11 +165,11 @@ def read_tensors(
 def read_bounded(path: Path, largest: int) -> bytes:
     """Return the bytes of a file; BadFileError if it cannot be read or is larger than `largest` [bytes]."""
     try:
-        found = path.stat()
-        if not stat.S_ISREG(found.st_mode):
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
             raise BadFileError(f"{path} is not a file: a folder, a pipe or a device. Give a file.")
-        if found.st_size > largest:
-            raise BadFileError(f"{path}: {found.st_size:,} bytes; wanted at most {largest:,}.")
+        if status.st_size > largest:
+            raise BadFileError(f"{path}: {status.st_size:,} bytes; wanted at most {largest:,}.")
         with open(path, "rb") as file:
             return file.read(largest)
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL character
@@ -162,10 +179,12 @@ def read_bounded(path: Path, largest: int) -> bytes:
 
 def _read_header(raw: bytes) -> tuple[dict[str, Any], int]:
     """Return (the header, where the tensors begin)."""
-    length = int.from_bytes(raw[:8], "little")
-    if len(raw) < 8 or length > min(HEADER_LIMIT, len(raw) - 8):
+    length = int.from_bytes(raw[:LENGTH_BYTES], "little")
+    largest = min(HEADER_LIMIT, len(raw) - LENGTH_BYTES)
+    if len(raw) < LENGTH_BYTES or length > largest:
         raise ValueError("truncated, or not a safetensors file")
-    return parse_json_object(raw[8 : 8 + length], HEADER_LIMIT), 8 + length
+    start = LENGTH_BYTES + length
+    return parse_json_object(raw[LENGTH_BYTES:start], HEADER_LIMIT), start
 
 
 def _take_metadata(header: dict[str, Any]) -> dict[str, Any]:
@@ -182,35 +201,38 @@ def _view_tensors(header: dict[str, Any], raw: bytes, start: int) -> dict[str, n
     """Return the tensors as views into `raw`; together they fill it from `start` on, without a gap or an overlap."""
     if len(header) > TENSOR_LIMIT:
         raise ValueError(f"{len(header)} tensors; wanted at most {TENSOR_LIMIT}")
-    ranges = {name: _check_place(name, entry) for name, entry in header.items()}
+    ranges = {name: _check_range(name, entry) for name, entry in header.items()}
     expected = 0
     for name, (begin, end) in sorted(ranges.items(), key=lambda item: item[1]):
         if begin != expected:
-            raise ValueError(f"tensor {name[:40]!r} overlaps another, or leaves a gap")
+            raise ValueError(f"tensor {name[:MAX_SHOWN]!r} overlaps another, or leaves a gap")
         expected = end
     if start + expected != len(raw):
         raise ValueError(f"{len(raw) - start:,} bytes of tensors; wanted {expected:,}")
     tensors = {}
     for name, (begin, _) in ranges.items():
         entry = header[name]
+        dtype = DTYPES[entry["dtype"]]
         count = math.prod(entry["shape"])
-        flat = (
-            np.frombuffer(raw, DTYPES[entry["dtype"]], count, start + begin)
-            if count
-            else np.zeros(0)
-        )
-        tensors[name] = flat.astype(DTYPES[entry["dtype"]], copy=False).reshape(entry["shape"])
+        flat = np.zeros(0, dtype)
+        if count:
+            flat = np.frombuffer(raw, dtype, count, start + begin)
+        tensors[name] = flat.reshape(entry["shape"])
     return tensors
 
 
-def _check_place(name: str, entry: Any) -> tuple[int, int]:
+def _check_range(name: str, entry: Any) -> tuple[int, int]:
     """Return (begin, end) of a tensor among the tensors' bytes."""
-    label = f"tensor {name[:40]!r}"
+    label = f"tensor {name[:MAX_SHOWN]!r}"
     if not isinstance(entry, dict) or set(entry) != {"dtype", "shape", "data_offsets"}:
         raise ValueError(f"{label}: wanted dtype, shape and data_offsets")
-    dtype, shape, offsets = entry["dtype"], entry["shape"], entry["data_offsets"]
+    dtype = entry["dtype"]
+    shape = entry["shape"]
+    offsets = entry["data_offsets"]
     if not isinstance(dtype, str) or dtype not in DTYPES:
-        raise ValueError(f"{label} has dtype {str(dtype)[:40]}; wanted one of {sorted(DTYPES)}")
+        raise ValueError(
+            f"{label} has dtype {str(dtype)[:MAX_SHOWN]}; wanted one of {sorted(DTYPES)}"
+        )
     if not _are_counts(shape) or len(shape) > MAX_AXES:
         raise ValueError(f"{label}: its shape is not at most {MAX_AXES} whole numbers")
     if not _are_counts(offsets) or len(offsets) != 2:
@@ -227,14 +249,14 @@ def _are_counts(value: Any) -> bool:
 
 def _check_payload(tensors: dict[str, np.ndarray], metadata: dict[str, Any], kind: str) -> None:
     if metadata.get("kind") != kind:
-        raise ValueError(f"it says it is a {str(metadata.get('kind'))[:40]!r}")
+        raise ValueError(f"it says it is a {str(metadata.get('kind'))[:MAX_SHOWN]!r}")
     for name, array in tensors.items():
         if not np.isfinite(array).all():
-            raise ValueError(f"tensor {name[:40]!r} holds NaN or infinite numbers")
+            raise ValueError(f"tensor {name[:MAX_SHOWN]!r} holds NaN or infinite numbers")
     if metadata.get("sha256") != _seal(tensors, metadata):
         raise ValueError("its contents do not match its sha256 (damaged)")
 
 
 def one_line(error: Exception) -> str:
     """Return what `error` says, in one line of bounded length."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
+    return " ".join(str(error).split())[:MAX_REASON] or type(error).__name__

@@ -12,8 +12,13 @@ from pathlib import Path
 from neuroanimator.storage.unfinished import remove_at_exit
 
 NAME = "neuroanimator"
+"""Name of our folder in the user's cache, and how temporary ones begin."""
 
 WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+"""What a folder's mode must not say: that its group, or anybody, may write to it."""
+
+ROOT = 0
+"""The user id of the system's own user, who may do everything anyway."""
 
 
 def private_folders(purpose: str) -> Iterator[Path]:
@@ -23,12 +28,12 @@ def private_folders(purpose: str) -> Iterator[Path]:
     next process. The second is temporary and goes with this process. Either may be missing: a home that cannot be
     written to, a disk that is full, a folder that somebody else could write to, or a link.
     """
-    kept = kept_folder(purpose)
-    if kept is not None:
-        yield kept
-    passing = _passing_folder()
-    if passing is not None:
-        yield passing
+    lasting = kept_folder(purpose)
+    if lasting is not None:
+        yield lasting
+    temporary = _temporary_folder()
+    if temporary is not None:
+        yield temporary
 
 
 def kept_folder(*purpose: str) -> Path | None:
@@ -47,45 +52,45 @@ def kept_folder(*purpose: str) -> Path | None:
             folder.mkdir(mode=0o700, exist_ok=True)
             if not is_private(folder):
                 return None
-    except (
-        OSError,
-        RuntimeError,
-        ValueError,
-    ):  # no home; cannot be written to; a zero byte in the name
+    except (OSError, RuntimeError, ValueError):
+        # It cannot be written to; there is no home; a zero byte is in the name.
         return None
-    return folder if os.access(folder, os.W_OK | os.X_OK) else None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        return None
+    return folder
 
 
 def _cache_home() -> Path:
     """Return the user's cache folder, without links; RuntimeError where there is no home."""
-    said = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    asked = Path(os.environ.get("XDG_CACHE_HOME", ""))
     # The standard says that a relative path is to be ignored.
-    chosen = said if said.is_absolute() else Path.home() / ".cache"
-    return chosen.resolve()
+    if asked.is_absolute():
+        return asked.resolve()
+    return (Path.home() / ".cache").resolve()
 
 
 def is_private(folder: Path) -> bool:
     """Return whether `folder` is a real folder of this user's, no link, that nobody else can write to."""
-    found = folder.lstat()
-    is_own_folder = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
-    return is_own_folder and not found.st_mode & WRITABLE_BY_OTHERS
+    status = folder.lstat()
+    is_own_folder = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid()
+    return is_own_folder and not status.st_mode & WRITABLE_BY_OTHERS
 
 
 def _is_safe_above(folder: Path) -> bool:
     """Return whether nobody but root and this user could put another folder in the place of one in `folder`."""
-    found = folder.lstat()
-    if found.st_uid not in (0, os.getuid()):
+    status = folder.lstat()
+    if status.st_uid not in (ROOT, os.getuid()):
         return False
-    if found.st_mode & stat.S_ISVTX:
+    if status.st_mode & stat.S_ISVTX:
         return True
     # Where every user has a group of their own, homes are often writable by that group.
-    is_own_group = found.st_gid == os.getgid()
+    is_own_group = status.st_gid == os.getgid()
     unwanted = stat.S_IWOTH if is_own_group else WRITABLE_BY_OTHERS
-    return not found.st_mode & unwanted
+    return not status.st_mode & unwanted
 
 
 @cache
-def _passing_folder() -> Path | None:
+def _temporary_folder() -> Path | None:
     """Return a folder that is removed when this process ends; None where nothing temporary can be written."""
     try:
         folder = Path(tempfile.mkdtemp(prefix=f"{NAME}-"))

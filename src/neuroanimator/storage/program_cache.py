@@ -18,10 +18,13 @@ from pathlib import Path
 from neuroanimator.storage.private_folder import kept_folder
 
 SWITCH = "NEUROANIMATOR_CACHE"
+"""The environment variable that switches it off."""
+
 OFF = ("off", "0", "no", "false")
+"""What that variable may say to do so."""
 
 MAX_PROGRAMS = 4000
-"""Kept on disk: about 100 MB. Beyond that the older half is removed."""
+"""Programs kept on disk: about 100 MB. Beyond that the older half is removed."""
 
 COMPLAINTS = "Error (reading|writing) persistent compilation cache entry"
 """How JAX's warnings begin where a kept program is damaged or the disk is full: it compiles instead."""
@@ -59,7 +62,9 @@ def _machine() -> str:
         version("jaxlib"),
     ]
     about = Path("/proc/cpuinfo")
-    lines = about.read_text().splitlines() if about.exists() else []
+    lines: list[str] = []
+    if about.exists():
+        lines = about.read_text().splitlines()
     for key in ("model name", "flags", "Features", "CPU part"):
         facts += [line for line in lines if line.startswith(key)][:1]
     return hashlib.sha256("\n".join(facts).encode()).hexdigest()[:16]

@@ -17,13 +17,15 @@ from functools import cache
 from pathlib import Path
 
 UNFINISHED = ".neuroanimator-tmp-"
+"""How the name of a file begins while it is written: hidden, and nobody else's."""
+
 UNFINISHED_NAME = re.compile(
     re.escape(UNFINISHED) + r"([0-9a-f]{8})-([0-9]{1,10})-[0-9a-f]{8}(?:\.[a-z0-9]{1,5})?"
 )
 """The name of a file while it is written: the machine, the process, a random number. Nobody else's looks like it."""
 
 MAX_WRITE = 24 * 3600
-"""[s] A file that a process on another machine began is given up after this time."""
+"""Time after which a file that a process on another machine began is given up [s]."""
 
 
 @contextmanager
@@ -100,7 +102,9 @@ def remove_leftovers() -> None:
 def _machine() -> str:
     """Return eight hex digits for the machine whose process ids ours are; containers count as machines."""
     processes = Path("/proc/self/ns/pid")
-    space = processes.stat().st_ino if processes.exists() else 0
+    space = 0
+    if processes.exists():
+        space = processes.stat().st_ino
     return hashlib.sha256(f"{platform.node()} {space}".encode()).hexdigest()[:8]
 
 
@@ -117,6 +121,7 @@ def remove_stale(folder: Path) -> None:
 
 
 _swept: set[Path] = set()
+"""Folders this process has looked through for what others left behind."""
 
 
 def _remove_stale_once(folder: Path) -> None:
