@@ -33,7 +33,8 @@ import sys, time
 import numpy as np
 import neuroanimator as na
 emulator = na.Emulator.load(na.find_emulator("fish-50"))
-state, control = np.array(emulator.identity.rest), np.zeros(emulator.identity.control.size)
+state = np.array(emulator.rest)
+control = np.zeros(emulator.control.size)
 for call in range(int(sys.argv[1])):
     began = time.perf_counter()
     np.asarray(emulator.step(state, control))

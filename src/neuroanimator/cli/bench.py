@@ -9,6 +9,37 @@ import typer
 
 EXAMPLE = "neuroanimator bench --table1 --quick"
 
+TABLE_COLUMNS = (
+    "system",
+    "substeps",
+    "one_step_error",
+    "nominal_speedup",
+    "nominal_1998",
+    "equal_error_speedup",
+    "equal_error_rival",
+    "emulator_us",
+    "rollout_error_1s",
+    "rollout_error_5s",
+    "break_even_hours",
+    "diverged",
+    "verdict",
+)
+"""What is printed of the table of 1998; its CSV file has more."""
+
+CONTROL_COLUMNS = (
+    "task",
+    "method",
+    "success_rate",
+    "iterations_median",
+    "seconds_median",
+    "j_physics_median",
+    "speedup_over_best_rival",
+    "best_rival",
+    "gradient_cosine_median",
+    "replan_p99_ms",
+)
+"""What is printed of the controllers; their CSV file has more."""
+
 
 def run(
     table1: Annotated[
@@ -26,7 +57,7 @@ def run(
     ] = None,
     quick: Annotated[
         bool,
-        typer.Option("--quick", help="n = 50, one seed, fewer runs, starts and races: minutes."),
+        typer.Option("--quick", help="n = 50, one seed, fewer runs and starts: minutes."),
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
     systems: Annotated[
@@ -52,22 +83,12 @@ def run(
     if control:
         _run_control(tasks, quick, json, out)
         return
-    wanted = chosen_rows(systems, substeps or ("50" if quick else None))
-    figures, files = run_table(wanted, out, is_quick=quick, seeds=1 if quick else seeds)
+    chosen = chosen_rows(systems, substeps or ("50" if quick else None))
+    figures, files = run_table(chosen, out, is_quick=quick, seeds=1 if quick else seeds)
     if json:
         print(dumps(figures, indent=2))
         return
-    shown = (
-        "system",
-        "substeps",
-        "one_step_error",
-        "nominal_speedup",
-        "nominal_1998",
-        "equal_error_speedup",
-    )
-    shown += ("equal_error_rival", "emulator_us", "rollout_error_1s", "rollout_error_5s")
-    shown += ("break_even_hours", "diverged", "verdict")
-    print_table([{key: row[key] for key in shown} for row in figures])
+    print_table([{key: row[key] for key in TABLE_COLUMNS} for row in figures])
     print_rows([("file", path) for path in files])
 
 
@@ -81,14 +102,5 @@ def _run_control(tasks: str | None, quick: bool, json: bool, out: Path) -> None:
     if json:
         print(dumps(rows, indent=2))
         return
-    shown = (
-        "task",
-        "method",
-        "success_rate",
-        "iterations_median",
-        "seconds_median",
-        "j_physics_median",
-    )
-    shown += ("speedup_over_best_rival", "best_rival", "gradient_cosine_median", "replan_p99_ms")
-    print_table([{key: row[key] for key in shown} for row in rows])
+    print_table([{key: row[key] for key in CONTROL_COLUMNS} for row in rows])
     print_rows([("file", path) for path in files])

@@ -41,8 +41,9 @@ def run(
 ) -> None:
     """Measure emulators on unseen runs against fine physics, and their speed against it; or choose n by --sweep."""
     if sweep:
-        return _sweep(emulators, substeps, tolerance, seconds, count, updates, out, json)
-    return _evaluate(emulators, data, system, report, json)
+        _sweep(emulators, substeps, tolerance, seconds, count, updates, out, json)
+    else:
+        _evaluate(emulators, data, system, report, json)
 
 
 def _evaluate(
@@ -65,16 +66,19 @@ def _evaluate(
             trust_files(system)
         loaded = [Emulator.load(find_emulator(name)) for name in emulators]
         transitions = read_transitions(data) if data else None
-    found = []
+    evaluations = []
     with progress_bar("emulators", len(loaded)) as bar:
         for emulator in loaded:
-            found.append(evaluate(emulator, data=transitions))
-            bar.advance_to(len(found))
+            evaluations.append(evaluate(emulator, data=transitions))
+            bar.advance_to(len(evaluations))
     if report:
-        write_report(found, report)
-    rows = [evaluation.row() for evaluation in found]
-    print(dumps(rows, indent=2)) if json else print_table([dict(row) for row in rows])
-    for evaluation in [] if json else found:
+        write_report(evaluations, report)
+    rows = [evaluation.row() for evaluation in evaluations]
+    if json:
+        print(dumps(rows, indent=2))
+        return
+    print_table([dict(row) for row in rows])
+    for evaluation in evaluations:
         print_line(f"{evaluation.system}, n = {evaluation.substeps}: {evaluation.verdict}.")
         if evaluation.verdict.is_useless and evaluation.measured_speed:
             print_line(f"{evaluation.system}: equal-error speed-up: {evaluation.equal_error_text}.")
@@ -107,7 +111,8 @@ def _sweep(
         )
     if systems[0].endswith(".toml"):
         trust_files(systems[0])
-    counts, done = whole_numbers("substeps", substeps), 0
+    counts = whole_numbers("substeps", substeps)
+    done = 0
     with progress_bar("n", len(counts)) as bar:
 
         def on_row() -> None:
@@ -125,9 +130,14 @@ def _sweep(
             on_row=on_row,
         )
     best = largest_within(rows, tolerance)
+    table = []
+    for row in rows:
+        figures = asdict(row)
+        figures["path"] = str(row.path)
+        table.append(figures)
     if json:
-        return print(dumps([{**asdict(row), "path": str(row.path)} for row in rows], indent=2))
-    print_table([{**asdict(row), "path": str(row.path)} for row in rows])
+        print(dumps(table, indent=2))
+        return
+    print_table(table)
     verdict = f"n = {best.substeps}" if best else "none of them; train longer, or take smaller n"
     print(f"Largest n whose error after {seconds:g} s is at most {tolerance:g}: {verdict}.")
-    return None

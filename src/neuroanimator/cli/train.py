@@ -54,12 +54,14 @@ def run(
 
     named = {
         "network": network,
+        "widths": None if widths is None else whole_numbers("widths", widths),
         "optimizer": optimizer,
         "learning_rate": learning_rate,
         "updates": updates,
+        "batch": batch,
+        "unroll": unroll,
+        "seed": seed,
     }
-    named |= {"batch": batch, "unroll": unroll, "seed": seed}
-    named |= {"widths": whole_numbers("widths", widths) if widths is not None else None}
     settings: dict[str, Any] = read_toml(config) if config else {}
     settings |= {key: value for key, value in named.items() if value is not None}
     checked = TrainingConfig(**settings)
