@@ -144,7 +144,7 @@ def observe(
     """Return the observations; see `TaskEnv`.
 
     `time_left` is the share of the episodes' time that is left, `scale` [m] the length distances are counted in, and
-    `is_in_a_fixed_world` says whether the place in the world is observed, too.
+    `is_in_a_fixed_world` says whether the position in the world is observed, too.
     """
 
     def observe_row(latent: Array, aim: AimArrays, time_left: Array) -> Array:

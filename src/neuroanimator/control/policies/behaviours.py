@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Num
+from jaxtyping import Array, Bool, Float, Num
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
@@ -204,8 +204,8 @@ def steer_along(force: Float[Array, "B 3"], speed: ArrayLike) -> SteeringTarget:
     return SteeringTarget(unit(force), speeds)
 
 
-def _others(pose: Pose) -> Array:
-    """Return (B, B) whether a pair is of two bodies, not of a body and itself."""
+def _others(pose: Pose) -> Bool[Array, "B B"]:
+    """Return whether a pair is of two bodies, not of a body and itself."""
     return ~jnp.eye(len(pose.position), dtype=bool)
 
 

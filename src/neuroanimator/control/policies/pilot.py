@@ -196,7 +196,6 @@ class Pilot:
         emulator = self.policy.emulator
         ends = np.stack([self._begin, self._end])
         now = np.array([min(self._since_begin, emulator.dt)])
-        # Mass points have no quaternions that must stay of length one.
         orientations = emulator.state_structure.orientations
         return interpolate_hermite(ends, emulator.dt, now, emulator.rates, orientations)[0]
 

@@ -1,6 +1,6 @@
 """Policies: networks from a body's state and an abstract command to its muscles, forward(s, v) → u (SIGGRAPH 98).
 
-A policy sees what its emulator sees, so place and heading do not matter to it. A clock gives it the rhythm
+A policy sees what its emulator sees, so position and heading do not matter to it. A clock gives it the rhythm
 to swim by; the system's gait is its first guess. Whatever is mirrored in, comes out mirrored.
 """
 

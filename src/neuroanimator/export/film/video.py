@@ -29,6 +29,7 @@ HOW_TO_GET_GL = (
     "No OpenGL to draw with, so no video: install EGL or OSMesa (Debian: apt-get install libegl1 libosmesa6) "
     "and run again. Everything else works without."
 )
+"""What an error says where nothing can be drawn."""
 
 WORKER = "neuroanimator.export.film.video_worker"
 """The module that the drawing process runs."""

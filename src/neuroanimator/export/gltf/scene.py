@@ -142,8 +142,8 @@ class _Scene:
         if key not in self._meshes:
             primitives = []
             for shape, primitive in zip(bone.shapes, _primitives(bone, self.buffer), strict=True):
-                look = self._ghost() if is_ghost else self._painted(skeleton, shape.colour)
-                primitives.append(primitive | {"material": look})
+                paint = self._ghost() if is_ghost else self._painted(skeleton, shape.colour)
+                primitives.append(primitive | {"material": paint})
             name = GHOST_PREFIX + bone.name if is_ghost else bone.name
             self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
         return self._meshes[key]
@@ -157,8 +157,8 @@ class _Scene:
                 if is_ghost:
                     primitives.append(_without_colours(primitive) | {"material": self._ghost()})
                 else:
-                    look = self._material((part,), skin_material(part))
-                    primitives.append(primitive | {"material": look})
+                    paint = self._material((part,), skin_material(part))
+                    primitives.append(primitive | {"material": paint})
             name = GHOST_PREFIX + "skin" if is_ghost else "skin"
             self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
         title = self._own(f"{prefix}skin")
