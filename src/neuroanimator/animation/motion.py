@@ -29,8 +29,8 @@ STEP_ROUNDING = 1e-9
 
 def random_motion(
     emulator: Emulator, seconds: float, seed: int, start: ArrayLike | None = None
-) -> Float[np.ndarray, "T+1 S"]:
-    """Return a trajectory under random, never idle controls, from `start` (S,).
+) -> Float[np.ndarray, "K S"]:
+    """Return a trajectory (K = T+1 states) under random, never idle controls, from `start` (S,).
 
     Without a start it begins at rest; free hinges start anywhere. With the seed 0 and no start it is a motion to look
     at: what has a gait moves by it, a swimmer well under the surface, and a soft body on the ground is thrown and left
@@ -95,8 +95,8 @@ def named_start(
 
 def controlled_motion(
     emulator: Emulator, controls: ArrayLike, start: ArrayLike | None = None
-) -> Float[np.ndarray, "T+1 S"]:
-    """Return the trajectory from `start` (S,), or from rest, under `controls` (T, C).
+) -> Float[np.ndarray, "K S"]:
+    """Return the trajectory (K = T+1 states) from `start` (S,), or from rest, under `controls` (T, C).
 
     Raises ArgumentError for controls out of bounds.
     """
