@@ -213,7 +213,7 @@ def test_recordings_beside_a_strangers_emulator_are_not_opened(trap: Path):
     text = resolve("trap.toml")[1]
     trusted_files._TRUSTED.clear(), read_recording.cache_clear()  # as in another process
     system = carried_system("trap", text)
-    config = DatasetConfig(system=system.name, definition=system.definition)
+    config = DatasetConfig(system=system.name, definition=system.definition_text)
     with pytest.raises(BadFileError, match="only if you say so"):
         simulate_transitions(config)
 

@@ -35,7 +35,7 @@ class Clip:
     states: Float[np.ndarray, "F S"]
     """The state in each frame, in the system's own layout."""
     definition: str = ""
-    """The definition of a user's own system; see `System.definition`."""
+    """The definition of a user's own system; see `System.definition_text`."""
     source: str = ""
     """What made the motion, as exports say it: 'emulator' or 'physics'; empty if not known."""
 

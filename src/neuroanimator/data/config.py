@@ -62,7 +62,7 @@ class DatasetConfig(Settings, DatasetTable):
             if str(values.get("system", "")).endswith(".toml"):
                 raise ArgumentError(
                     "system: wanted a name. Of a TOML file: made = load_system('my.toml'), then system=made.name, "
-                    "definition=made.definition."
+                    "definition=made.definition_text."
                 )
             super().__init__(**values)
 

@@ -15,10 +15,11 @@ from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.scaffold.defaults import GOOD_ENOUGH, WHOLE_TURN, proposed_substeps
 from neuroanimator.state.body_frame import Frame
+from neuroanimator.systems.rigid.actuators import actuator_name, control_range
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
-from neuroanimator.systems.rigid.joints import LOOKS, actuator_name, joint_name, sensor_name
+from neuroanimator.systems.rigid.joints import LOOKS, joint_name, sensor_name
 from neuroanimator.systems.rigid.model_files import compile_model, read_model_files
-from neuroanimator.systems.rigid.model_system import ModelSystem, control_range
+from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
 from neuroanimator.systems.system import Scheme
 from neuroanimator.tables import check_table

@@ -69,7 +69,7 @@ class System(abc.ABC):
     """
 
     name: str
-    definition: str = ""
+    definition_text: str = ""
     """JSON text the system can be made from again; empty for one that comes with the package."""
     is_self_contained: bool = True
     """Whether its definition holds all of its physics.

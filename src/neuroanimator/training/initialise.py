@@ -201,7 +201,7 @@ def _spec(system: System, substeps: int, dt: float) -> EmulatorSpec:
         skeleton=system.skeleton,
         rates=system.structure.rates,
         rest=tuple(float(value) for value in system.rest),
-        definition=system.definition,
+        definition=system.definition_text,
         gait=system.gait,
     )
 

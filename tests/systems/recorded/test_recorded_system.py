@@ -84,7 +84,9 @@ def recordings_from(path: Path) -> RecordingFile:
 
 def dataset_from(system: RecordedSystem, folder: Path, **changes: int) -> Path:
     settings = {"substeps": SUBSTEPS, "count": 100_000} | changes
-    generate(DatasetConfig(system=system.name, definition=system.definition, **settings), folder)
+    generate(
+        DatasetConfig(system=system.name, definition=system.definition_text, **settings), folder
+    )
     return folder
 
 
@@ -274,7 +276,7 @@ def test_a_missing_file_is_refused(tmp_path: Path):
 def test_runs_too_short_or_too_few_are_refused(tmp_path: Path, rows: int, message: str):
     write_csv(tmp_path / "bad.csv", recordings(runs=1, rows=rows))
     system = system_from(tmp_path / "bad.csv")
-    config = DatasetConfig(system=system.name, definition=system.definition, substeps=SUBSTEPS)
+    config = DatasetConfig(system=system.name, definition=system.definition_text, substeps=SUBSTEPS)
     with pytest.raises(BadFileError, match=message):
         limited_to_recordings(config)
 

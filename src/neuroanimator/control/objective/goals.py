@@ -165,6 +165,6 @@ def how_to_wish(system: System) -> str:
     wish = f'[[costs]], kind = "reach_state", reach = {{ "{part.name}" = [{values}] }}'
     lines = f'system = "{system.name}", seconds = 2.0, {wish}'
     later = ""
-    if system.definition:
+    if system.definition_text:
         later = " Or add [goals.NAME] with such a reach to your TOML file, and pass --system FILE.toml --goal NAME."
     return f"Goals of {system.name}: none. Write a file my.toml with the lines {lines}; pass --objective my.toml.{later}"

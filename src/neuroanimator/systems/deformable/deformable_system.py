@@ -23,6 +23,7 @@ from neuroanimator.systems.deformable.checks import check_steps
 from neuroanimator.systems.deformable.mass_spring import BodyState, strains, trajectory
 from neuroanimator.systems.deformable.mirror import mirror_of
 from neuroanimator.systems.deformable.native.compiled import CTwin, c_twin
+from neuroanimator.systems.schemes import schemes_of
 from neuroanimator.systems.system import Scheme, System
 
 DOUBLE_LANES = 8
@@ -41,19 +42,17 @@ MAX_STRAIN = 5.0
 class DeformableSystem(System):
     """A mass-spring body; its state is every mass point's place, then every speed, then muscle contractions."""
 
-    def __init__(self, definition: BodyDefinition, text: str = ""):
-        """`text` is what the system can be made from again; empty for one that comes with the package."""
+    def __init__(self, definition: BodyDefinition, definition_text: str = ""):
+        """`definition_text` is what the system can be made from again; empty for one that comes with the package."""
         keep_programs()
-        self.name, self.definition = definition.name, text
+        self.name = definition.name
+        self.definition_text = definition_text
         self.body = _body(definition.model_dump_json())
         names = control_names(definition)
         self.control = Layout(tuple(Slice(name, 1, "1") for name in names))
         self.bounds = Bounds.symmetric(np.ones(len(names)))
         self.state = _state_layout(self.body, names)
-        physics = definition.physics
-        self.scheme = Scheme(physics.integrator, physics.step)
-        self.truth = Scheme(physics.truth_integrator, physics.truth_step)
-        self.fine = Scheme(physics.fine_integrator, physics.fine_step)
+        self.scheme, self.truth, self.fine = schemes_of(definition.physics)
         self.structure = _structure(definition, self.body)
         positions = self.body.positions + np.array([0.0, 0.0, self.body.rest_height])
         self.rest = self.pack(positions, np.zeros_like(positions), np.zeros(self.muscles))

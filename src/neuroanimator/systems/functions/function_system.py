@@ -31,17 +31,21 @@ class PythonSystem(System):
 
     is_self_contained = False
 
-    def __init__(self, definition: PythonDefinition, files: dict[str, Any], text: str = ""):
-        self.name, self.definition = definition.name, text
+    def __init__(
+        self, definition: PythonDefinition, files: dict[str, Any], definition_text: str = ""
+    ):
+        """`files` holds the name and the sha256 of the step file; `definition_text` is what both were read from."""
+        self.name = definition.name
+        self.definition_text = definition_text
         self.file: str = files["name"]
         self.sha256: str = files["sha256"]
         self.batched = definition.batched
         self.state = layout_of_state(definition.state)
         self.control, self.bounds = layout_of_control(definition.control)
         physics = definition.physics
-        self.scheme, self.truth, self.fine = (
-            Scheme(FUNCTION, step) for step in (physics.step, physics.truth_step, physics.fine_step)
-        )
+        self.scheme = Scheme(FUNCTION, physics.step)
+        self.truth = Scheme(FUNCTION, physics.truth_step)
+        self.fine = Scheme(FUNCTION, physics.fine_step)
         self.structure = structure_of_parts(definition.state)
         self.skeleton = Skeleton(())
         self.rest = numbers_of(definition.state, "rest")
@@ -86,9 +90,10 @@ class PythonSystem(System):
             states[row] = call_step(function, self.file, states[row], controls[row], dt)
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        near = rng.random(count) < self.sampling.rest_share
-        width = np.where(near, self.sampling.rest_spread, 1.0)[:, None]
-        return self.rest + rng.uniform(-1, 1, (count, self.state.size)) * self.spread * width
+        is_near_rest = rng.random(count) < self.sampling.rest_share
+        width = np.where(is_near_rest, self.sampling.rest_spread, 1.0)[:, None]
+        offsets = rng.uniform(-1, 1, (count, self.state.size))
+        return self.rest + offsets * self.spread * width
 
 
 def are_too_large(states: np.ndarray) -> np.ndarray:

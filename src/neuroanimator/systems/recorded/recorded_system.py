@@ -24,10 +24,12 @@ class RecordedSystem(System):
 
     is_self_contained = False
 
-    def __init__(self, definition: RecordedDefinition, files: dict[str, Any], text: str = ""):
-        """`files` holds the name, the sha256 and the runs of the recordings; `text` is what both were read from."""
+    def __init__(
+        self, definition: RecordedDefinition, files: dict[str, Any], definition_text: str = ""
+    ):
+        """`files` holds the name, the sha256 and the runs of the recordings; `definition_text` is what both were read from."""
         self.name = definition.name
-        self.definition = text
+        self.definition_text = definition_text
         self.state = layout_of_state(definition.state)
         self.control, self.bounds = layout_of_control(definition.control)
         self.structure = structure_of_parts(definition.state)

@@ -54,11 +54,6 @@ def joint_name(model: mujoco.MjModel, joint: int) -> str:
     return model_name(model.joint(joint).name, f"joint_{joint}")
 
 
-def actuator_name(model: mujoco.MjModel, actuator: int) -> str:
-    """Return what an actuator is called; `actuator_3` if the model does not say."""
-    return model_name(model.actuator(actuator).name, f"actuator_{actuator}")
-
-
 def sensor_name(model: mujoco.MjModel, sensor: int) -> str:
     """Return what a sensor is called; empty if the model does not say, for then it cannot be asked for."""
     return model_name(model.sensor(sensor).name, "")

@@ -1,0 +1,71 @@
+"""The actuators of a MuJoCo model as a control vector: its names, units and bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.parsing.names import model_name
+from neuroanimator.state.layout import Bounds, Layout, Slice
+
+
+def actuator_name(model: mujoco.MjModel, actuator: int) -> str:
+    """Return what an actuator is called; `actuator_3` if the model does not say."""
+    return model_name(model.actuator(actuator).name, f"actuator_{actuator}")
+
+
+def layout_of_actuators(model: mujoco.MjModel) -> Layout:
+    """Return the actuators in the model's order, one number each."""
+    slices = [Slice(actuator_name(model, i), 1, control_unit(model, i)) for i in range(model.nu)]
+    return Layout(tuple(slices))
+
+
+def bounds_of_actuators(model: mujoco.MjModel, given: Mapping[str, tuple[float, float]]) -> Bounds:
+    """Return the bounds of all actuators: those `given` by name, else the model's own.
+
+    Raises ArgumentError for a name that is no actuator's, and for bounds that are missing or empty.
+    """
+    names = [actuator_name(model, i) for i in range(model.nu)]
+    for name in given:
+        if name not in names:
+            raise ArgumentError(
+                f"control: no actuator called '{name}'. Actuators: {', '.join(names)}."
+            )
+    low = []
+    high = []
+    for actuator, name in enumerate(names):
+        bound = given.get(name) or control_range(model, actuator)
+        if bound is None or not bound[0] < bound[1]:
+            raise ArgumentError(
+                f"control.{name}: wanted [least, largest], such as [-1, 1]; the model gives no range."
+            )
+        low.append(float(bound[0]))
+        high.append(float(bound[1]))
+    return Bounds(tuple(low), tuple(high))
+
+
+def control_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float] | None:
+    """Return the least and largest control the model allows, or None if it does not say."""
+    if not model.actuator_ctrllimited[actuator]:
+        return None
+    low, high = model.actuator_ctrlrange[actuator]
+    return float(low), float(high)
+
+
+def control_unit(model: mujoco.MjModel, actuator: int) -> str:
+    """Return the unit of a control where it is certain, else 1."""
+    if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_JOINT:
+        return "1"
+    joint = model.actuator_trnid[actuator][0]
+    is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+    is_motor = model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+    gain = model.actuator_gainprm[actuator][0]
+    is_ungeared = model.actuator_gear[actuator][0] == 1
+    if is_motor and gain == 1 and is_ungeared and not model.actuator_dyntype[actuator]:
+        return "N·m" if is_hinge else "N"
+    is_servo = not is_motor and gain == -model.actuator_biasprm[actuator][1]
+    if is_servo and is_ungeared:
+        return "rad" if is_hinge else "m"
+    return "1"

@@ -1,0 +1,26 @@
+"""The three schemes a definition names: the user's own, the teacher's, and the reference."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from neuroanimator.definitions.body import BodyPhysics
+from neuroanimator.definitions.model import Physics
+from neuroanimator.systems.system import Scheme
+
+
+class Schemes(NamedTuple):
+    """See the fields of these names of `System`."""
+
+    scheme: Scheme
+    truth: Scheme
+    fine: Scheme
+
+
+def schemes_of(physics: Physics | BodyPhysics) -> Schemes:
+    """Return the schemes the table `physics` of a definition names."""
+    return Schemes(
+        scheme=Scheme(physics.integrator, physics.step),
+        truth=Scheme(physics.truth_integrator, physics.truth_step),
+        fine=Scheme(physics.fine_integrator, physics.fine_step),
+    )
