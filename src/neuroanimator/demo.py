@@ -28,11 +28,26 @@ from neuroanimator.terminal import print_rows, progress_bar
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.train import train
 
-SYSTEM, SUBSTEPS = "pendulum", 50
+SYSTEM = "pendulum"
+"""The system that is learnt: three links and three motors."""
+
+SUBSTEPS = 50
+"""The emulator leaps so many physics steps at a time."""
+
 TRANSITIONS = 100_000
+"""The emulator learns from so many super steps."""
+
 UPDATES = 100_000
-SWEEPS, CORRECTIONS = 16, 2
-"""Backward sweeps of the first descent, and corrections of two more each: at most twenty iterations in all."""
+"""The emulator's weights are updated so often."""
+
+SWEEPS = 16
+"""The first descent takes at most so many backward sweeps."""
+
+CORRECTIONS = 2
+"""So many corrections follow, of two sweeps each: at most twenty iterations in all."""
+
+HOLD_SECONDS = 0.5
+"""The film stays so long on the last state, so that one sees it stand [s]."""
 
 
 def run_demo(out: Path) -> dict[str, Any]:
@@ -43,8 +58,8 @@ def run_demo(out: Path) -> dict[str, Any]:
         "2/5 train", lambda: _train(data, out / f"{SYSTEM}.emulator.safetensors")
     )
     evaluation, _ = _timed("3/5 evaluate", lambda: evaluate(emulator, data=data))
-    found, _ = _timed("4/5 swing up", lambda: _swing_up(emulator, data))
-    files, _ = _timed("5/5 draw and write", lambda: _write(out, evaluation, found))
+    synthesis, _ = _timed("4/5 swing up", lambda: _swing_up(emulator, data))
+    files, _ = _timed("5/5 draw and write", lambda: _write(out, evaluation, synthesis))
     saved = evaluation.speed.physics_seconds * SUBSTEPS - evaluation.speed.emulator_seconds
     break_even = (seconds_data + seconds_training) / saved * emulator.dt
     summary = {
@@ -52,16 +67,16 @@ def run_demo(out: Path) -> dict[str, Any]:
         "rollout_error_1s": evaluation.rollout_error_at(1.0),
         "nominal_speedup": evaluation.speed.nominal,
         "equal_error_speedup": evaluation.speed.equal_error,
-        "iterations": found.descent.iterations,
-        "synthesis_seconds": found.descent.seconds,
-        "cost_emulator": found.outcome.cost_emulator,
-        "cost_physics": found.outcome.cost_physics,
-        "upright_on_physics": is_upright(found.outcome.physics_states[-1]),
+        "iterations": synthesis.descent.iterations,
+        "synthesis_seconds": synthesis.descent.seconds,
+        "cost_emulator": synthesis.outcome.cost_emulator,
+        "cost_physics": synthesis.outcome.cost_physics,
+        "upright_on_physics": is_upright(synthesis.outcome.physics_states[-1]),
         "seconds_total": time.monotonic() - began,
         "files": [str(path) for path in files] + [str(out / "summary.json")],
     }
     write_whole(out / "summary.json", (canonical_json(summary) + "\n").encode())
-    _print(summary, evaluation, found, break_even)
+    _print(summary, evaluation, synthesis, break_even)
     return summary
 
 
@@ -101,42 +116,39 @@ def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
     )
 
 
-def _write(out: Path, evaluation: Evaluation, found: Synthesis) -> list[Path]:
-    emulator, states = found.emulator, found.outcome.physics_states
-    hold = np.repeat(
-        states[-1:] * [1, 1, 1, 0, 0, 0], round(0.5 / emulator.dt), axis=0
-    )  # time to see it stand
+def _write(out: Path, evaluation: Evaluation, synthesis: Synthesis) -> list[Path]:
+    emulator = synthesis.emulator
+    states = synthesis.outcome.physics_states
+    at_rest = states[-1:] * [1, 1, 1, 0, 0, 0]  # the angles stay, their rates end
+    hold = np.repeat(at_rest, round(HOLD_SECONDS / emulator.dt), axis=0)
     clip = make_clip(emulator, np.concatenate([states, hold]))
-    files = [
-        out / name
-        for name in (
-            "swing-up.glb",
-            "swing-up.csv",
-            "report.html",
-            f"{SYSTEM}.emulator.safetensors",
-        )
-    ]
-    write_glb(clip, files[0])
-    times = np.arange(len(found.descent.controls)) * emulator.dt
-    write_table(files[1], times, found.descent.controls, emulator.control)
-    write_report([evaluation], files[2], extra=[("Swing-up", _swing_up_html(found))])
+    scene = out / "swing-up.glb"
+    table = out / "swing-up.csv"
+    report = out / "report.html"
+    video = out / "swing-up.mp4"
+    write_glb(clip, scene)
+    controls = synthesis.descent.controls
+    times = np.arange(len(controls)) * emulator.dt
+    write_table(table, times, controls, emulator.control)
+    write_report([evaluation], report, extra=[("Swing-up", _swing_up_html(synthesis))])
+    files = [scene, table, report, out / f"{SYSTEM}.emulator.safetensors"]
     try:
-        write_video(clip, out / "swing-up.mp4")
-        files.append(out / "swing-up.mp4")
+        write_video(clip, video)
+        files.append(video)
     except ResourceError as error:
         print(f"neuroanimator: {error}", file=sys.stderr)
     return files
 
 
-def _swing_up_html(found: Synthesis) -> str:
-    rows = "".join(
-        f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in outcome_rows(found)
-    )
+def _swing_up_html(synthesis: Synthesis) -> str:
+    rows = ""
+    for name, value in outcome_rows(synthesis):
+        rows += f"<tr><td>{name}</td><td>{value}</td></tr>"
     return f"<table>{rows}</table>"
 
 
 def _print(
-    summary: dict[str, Any], evaluation: Evaluation, found: Synthesis, break_even: float
+    summary: dict[str, Any], evaluation: Evaluation, synthesis: Synthesis, break_even: float
 ) -> None:
     print_rows(
         [
@@ -157,7 +169,7 @@ def _print(
                 "break-even",
                 f"after {break_even / 3600:.1f} simulated hours (data and training counted)",
             ),
-            *outcome_rows(found),
+            *outcome_rows(synthesis),
             ("seconds in all", f"{summary['seconds_total']:.0f}"),
             *(("file", path) for path in summary["files"]),
         ]

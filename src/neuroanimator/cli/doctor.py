@@ -4,6 +4,9 @@ from __future__ import annotations
 
 EXAMPLE = "neuroanimator doctor"
 
+PACKAGES = ("neuroanimator", "jax", "equinox", "mujoco", "numpy")
+"""The packages whose versions are told."""
+
 
 def run() -> None:
     """Check this machine and say what is missing and how to get it."""
@@ -16,20 +19,12 @@ def run() -> None:
     from neuroanimator.export.film.video import HOW_TO_GET_GL, graphics_backend
     from neuroanimator.terminal import print_rows
 
-    backend = graphics_backend()
+    rows: list[tuple[str, object]] = [("Python", platform.python_version())]
+    rows += [(name, version(name)) for name in PACKAGES]
+    rows += [
+        ("JAX runs on", ", ".join(str(device) for device in jax.devices())),
+        ("video drawn by", graphics_backend() or HOW_TO_GET_GL),
+    ]
     free = shutil.disk_usage(".").free / 1e9
-    print_rows(
-        [
-            ("Python", platform.python_version()),
-            *(
-                (name, version(name))
-                for name in ("neuroanimator", "jax", "equinox", "mujoco", "numpy")
-            ),
-            ("JAX runs on", ", ".join(str(device) for device in jax.devices())),
-            ("video drawn by", backend or HOW_TO_GET_GL),
-            (
-                "free disk",
-                f"{free:.1f} GB" + ("" if free > 1 else " (a dataset needs up to 1 GB: make room)"),
-            ),
-        ]
-    )
+    note = "" if free > 1 else " (a dataset needs up to 1 GB: make room)"
+    print_rows([*rows, ("free disk", f"{free:.1f} GB{note}")])
