@@ -21,7 +21,7 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
 from neuroanimator.evaluation.speed import TIMED_SUPER_STEPS, emulator_player, interleaved, one_core
-from neuroanimator.evaluation.stability import count_blow_ups
+from neuroanimator.evaluation.stability import count_diverged
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import train
@@ -66,7 +66,7 @@ def accuracy_row(emulator: Emulator, *, quick: bool) -> dict[str, Any]:
         "place_quartiles": quartiles(swims.position[:, last]),
         "turn_error_100_deg": float(np.degrees(np.median(swims.orientation[:, last]))),
         "way_m": float(np.median(swims.travelled[:, last])),
-        "blow_ups_of_1000": count_blow_ups(emulator, 100 if quick else 1000, SWIM_STEPS),
+        "diverged_of_1000": count_diverged(emulator, 100 if quick else 1000, SWIM_STEPS),
     }
 
 

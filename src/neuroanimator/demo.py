@@ -164,7 +164,7 @@ def _print(
             ("nominal speed-up", f"{summary['nominal_speedup']:.0f} (MuJoCo Euler, 1 ms)"),
             ("equal-error speed-up", evaluation.equal_error_text),
             ("verdict", evaluation.verdict),
-            ("blow-ups", f"{evaluation.diverged} of {evaluation.diverged_starts} random starts"),
+            ("diverged", f"{evaluation.diverged} of {evaluation.diverged_starts} random starts"),
             (
                 "break-even",
                 f"after {break_even / 3600:.1f} simulated hours (data and training counted)",

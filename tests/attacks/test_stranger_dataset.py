@@ -106,19 +106,22 @@ SHARDS: dict[str, tuple[Callable[[Tensors, dict[str, Any]], object], str]] = {
         replace("samples", lambda samples: samples[:, 0]),
         "tensor 'samples' has shape (8,)",
     ),
-    "no blow-ups told": (lambda _, metadata: metadata.pop("diverged"), "diverged is 'None'"),
-    "blow-ups in words": (
+    "no diverged runs told": (lambda _, metadata: metadata.pop("diverged"), "diverged is 'None'"),
+    "diverged runs in words": (
         lambda _, metadata: metadata.update(diverged="many"),
         "diverged is 'many'",
     ),
-    "negative blow-ups": (lambda _, metadata: metadata.update(diverged=-1), "diverged is '-1'"),
-    "blow-ups that are no number": (
+    "negative diverged runs": (
+        lambda _, metadata: metadata.update(diverged=-1),
+        "diverged is '-1'",
+    ),
+    "diverged runs that are no number": (
         lambda _, metadata: metadata.update(diverged=True),
         "diverged is 'True'",
     ),
-    "too many blow-ups": (
+    "too many diverged runs": (
         lambda _, metadata: metadata.update(diverged=3),
-        "8 rows and 3 blow-ups; wanted 8",
+        "8 rows and 3 diverged; wanted 8",
     ),
     "another shard": (lambda _, metadata: metadata.update(shard=1), "belongs to another dataset"),
     "infinite states": (
@@ -204,7 +207,7 @@ def test_a_damaged_shard_is_made_again_with_the_same_bytes(folder: Path, honest:
         (np.zeros((1, 6), np.float32), np.zeros((1, 40, 3)), "'starts' holds float32"),
     ],
 )
-def test_runs_that_blew_up_are_held_against_the_system(
+def test_runs_that_diverged_are_held_against_the_system(
     folder: Path, starts: np.ndarray, controls: np.ndarray, message: str
 ):
     config = DatasetConfig(system="pendulum", count=96)

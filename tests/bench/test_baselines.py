@@ -178,7 +178,7 @@ def test_bodies_side_by_side_move_as_by_the_slow_physics():
     np.testing.assert_allclose(fast.rollout(controls[-1:])[0][0, ..., 0], slow[-1, 1:], atol=2e-3)
 
 
-def test_controls_that_blow_the_physics_up_cost_most():
+def test_controls_that_make_the_physics_diverge_cost_most():
     cube = load_system("cube")
     wild = replace(cube.scheme, dt=DT)
     parametrisation = EachStep.of(20, cube.bounds)

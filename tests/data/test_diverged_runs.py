@@ -1,4 +1,4 @@
-"""A run whose physics blows up is dropped, counted, and saved so that it can be replayed."""
+"""A run whose physics diverges is dropped, counted, and saved so that it can be replayed."""
 
 from __future__ import annotations
 
@@ -77,12 +77,12 @@ def folder(toml: Path, cli: Cli) -> Path:
     assert made.returncode == 0, made.stderr
     dropped = len(read_diverged(toml.parent / "data")[0])
     said = " ".join(made.stdout.split())
-    assert f"runs blown up and dropped {dropped}" in said
+    assert f"runs diverged and dropped {dropped}" in said
     assert "diverged-*.safetensors" in said
     return toml.parent / "data"
 
 
-def test_a_body_that_blows_up_is_dropped_counted_and_blows_up_again_when_replayed(folder: Path):
+def test_a_body_that_diverges_is_dropped_counted_and_diverges_again_when_replayed(folder: Path):
     transitions, (starts, controls) = read_transitions(folder), read_diverged(folder)
     system = transitions.system
     assert 0 < len(starts) == transitions.diverged < 500
@@ -125,7 +125,7 @@ def test_a_damaged_file_is_refused_when_read_and_other_runs_are_not_overwritten(
     assert fingerprint(tmp_path) == fingerprint(folder)
 
 
-def test_a_dataset_without_blow_ups_has_none_to_replay(dataset: Path):
+def test_a_dataset_without_diverged_runs_has_none_to_replay(dataset: Path):
     assert len(read_diverged(dataset)[0]) == 0
     assert not list(dataset.glob("diverged*"))
     assert load_system("pendulum").name == "pendulum"

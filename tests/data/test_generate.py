@@ -70,7 +70,7 @@ def test_an_emulator_is_driven_by_the_same_random_controls_as_its_system(name: s
     assert len(np.unique(own, axis=0)) == 20
 
 
-def test_a_run_that_blows_up_is_dropped_and_counted():
+def test_a_run_that_diverges_is_dropped_and_counted():
     system = load_system("pendulum")
     system.sample_starts = lambda rng, count: np.full((count, 6), 1e4)
     shard = make_shard(system, DatasetConfig(system="pendulum", count=120), 0, threads=1)

@@ -16,7 +16,7 @@ from neuroanimator.evaluation.baselines import baselines
 from neuroanimator.evaluation.evaluate import Effort
 from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.evaluation.speed import OPPONENT_INTEGRATORS
-from neuroanimator.evaluation.stability import count_blow_ups
+from neuroanimator.evaluation.stability import count_diverged
 from neuroanimator.systems.system import Scheme
 
 
@@ -39,22 +39,22 @@ def test_the_shipped_emulator_beats_every_cheap_predictor(
     assert error < 0.2 * min(cheap.values())
 
 
-def test_no_rollout_of_the_shipped_emulator_blows_up(shipped: Emulator):
-    assert count_blow_ups(shipped, starts=200, steps=1000) == 0
+def test_no_rollout_of_the_shipped_emulator_diverges(shipped: Emulator):
+    assert count_diverged(shipped, starts=200, steps=1000) == 0
 
 
-def test_a_broken_emulator_is_found_to_blow_up(shipped: Emulator):
+def test_a_broken_emulator_is_found_to_diverge(shipped: Emulator):
     import equinox as eqx
 
     broken = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: jnp.nan * out)
-    assert count_blow_ups(broken, starts=20, steps=200) == 20
+    assert count_diverged(broken, starts=20, steps=200) == 20
 
 
 def test_a_wild_emulator_is_kept_where_training_was(shipped: Emulator):
     import equinox as eqx
 
     wild = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: 500 * out)
-    assert count_blow_ups(wild, starts=20, steps=200) == 0
+    assert count_diverged(wild, starts=20, steps=200) == 0
     assert evaluate(wild, effort=Effort(runs=8, starts=10, steps=50)).verdict.is_useless
 
 

@@ -65,7 +65,7 @@ def with_target(
     return trained(tmp_path_factory.mktemp("with") / "m", REACHER.replace("TARGET", TARGET))
 
 
-def test_what_never_moves_is_left_out_of_errors_and_blow_ups(with_target):
+def test_what_never_moves_is_left_out_of_errors_and_diverged_rollouts(with_target):
     emulator, data, config = with_target
     found = evaluate(emulator, data=data, effort=FAST)
     assert found.one_step_error < 0.2
@@ -132,9 +132,9 @@ CHEAP = {NO_CHANGE: 1.0, CONSTANT_VELOCITY: 0.8, "ridge regression": 0.01}
     ("error", "more", "word", "reason"),
     [
         (0.03, {}, "good", "one step is off by 0.03"),
-        (0.03, {"diverged": 0, "rollouts": 1000}, "good", "0 of 1,000 long rollouts blew up"),
-        (0.03, {"diverged": 5, "rollouts": 1000}, "usable", "5 of 1,000 long rollouts blew up"),
-        (0.03, {"diverged": 472, "rollouts": 1000}, "poor", "472 of 1,000 long rollouts blew up"),
+        (0.03, {"diverged": 0, "rollouts": 1000}, "good", "0 of 1,000 long rollouts diverged"),
+        (0.03, {"diverged": 5, "rollouts": 1000}, "usable", "5 of 1,000 long rollouts diverged"),
+        (0.03, {"diverged": 472, "rollouts": 1000}, "poor", "472 of 1,000 long rollouts diverged"),
         (0.03, {"error_after_second": 1.3}, "usable", "after a second"),
         (0.03, {"error_after_second": math.nan}, "usable", "after a second"),
         (0.2, {}, "usable", "one step is off by 0.2"),

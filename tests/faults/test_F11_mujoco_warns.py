@@ -1,4 +1,4 @@
-"""F11: runs that blow up are counted and explained in one line, and leave nothing in the user's folder."""
+"""F11: runs that diverge are counted and explained in one line, and leave nothing in the user's folder."""
 
 from __future__ import annotations
 

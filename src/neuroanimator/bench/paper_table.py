@@ -94,7 +94,7 @@ def measure_row(
         "seeds": len(emulators),
         "rounds": len(evaluations),
         "diverged": sum(evaluation.diverged for evaluation in evaluations),
-        "blow_up_starts": sum(evaluation.diverged_starts for evaluation in evaluations),
+        "diverged_starts": sum(evaluation.diverged_starts for evaluation in evaluations),
     }
     figures |= latency(shipped)
     figures |= _batch_figures(shipped)
@@ -102,13 +102,13 @@ def measure_row(
 
 
 def _evaluations(emulators: list[Emulator], effort: Effort) -> list[Evaluation]:
-    """Return an evaluation per round, of the emulators in turn; blow-ups are counted in the first alone."""
+    """Return an evaluation per round, of the emulators in turn; diverged rollouts are counted in the first alone."""
     examples = few_transitions(emulators[0])
-    without_blow_ups = replace(effort, starts=0)
+    without_rollouts = replace(effort, starts=0)
     evaluations = []
     for seed in range(max(effort.rounds, len(emulators))):
         emulator = emulators[seed % len(emulators)]
-        chosen = without_blow_ups if seed else effort
+        chosen = without_rollouts if seed else effort
         evaluations.append(evaluate(emulator, data=examples, effort=chosen, seed=seed))
     return evaluations
 

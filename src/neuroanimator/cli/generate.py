@@ -53,7 +53,7 @@ def run(
     print_rows(
         [
             ("transitions", (config.runs - diverged) * config.samples_per_run),
-            ("runs blown up and dropped", diverged),
+            ("runs diverged and dropped", diverged),
             *kept,
             ("shards", config.shards),
             ("folder", out),
@@ -62,7 +62,7 @@ def run(
 
 
 def generate_with_bar(config: DatasetConfig, out: Path, threads: int | None = None) -> int:
-    """Fill `out` with the dataset under a progress bar; return how many runs blew up and were dropped."""
+    """Fill `out` with the dataset under a progress bar; return how many runs diverged and were dropped."""
     from neuroanimator.data.generate import generate
     from neuroanimator.terminal import progress_bar
 

@@ -1,7 +1,7 @@
-"""Runs whose physics blew up: left out of the data, counted, and kept so that they can be replayed.
+"""Runs whose physics diverged: left out of the data, counted, and kept so that they can be replayed.
 
 starts, controls = read_diverged("data/fish")
-system.simulate(starts, controls, dt)  # blows up again
+system.simulate(starts, controls, dt)  # diverges again
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def write_diverged(
     starts: Float[np.ndarray, "B S"],
     controls: Float[np.ndarray, "B T C"],
 ) -> None:
-    """Write the starts and controls of a shard's runs that blew up; nothing if none did.
+    """Write the starts and controls of a shard's runs that diverged; nothing if none did.
 
     Raises BadFileError if other such runs are there already; a damaged file is made again.
     """
@@ -57,7 +57,7 @@ def write_diverged(
 
 
 def has_diverged(folder: Path, config: DatasetConfig, shard: int, count: int) -> bool:
-    """Return whether all `count` runs of a shard that blew up are there to be replayed."""
+    """Return whether all `count` runs of a shard that diverged are there to be replayed."""
     if not count:
         return True
     try:
@@ -70,7 +70,7 @@ def has_diverged(folder: Path, config: DatasetConfig, shard: int, count: int) ->
 def read_diverged(
     folder: str | Path,
 ) -> tuple[Float[np.ndarray, "B S"], Float[np.ndarray, "B T C"]]:
-    """Return starts (B, S) and controls (B, T, C) of all runs that blew up, each control held for one super step.
+    """Return starts (B, S) and controls (B, T, C) of all runs that diverged, each control held for one super step.
 
     Raises BadFileError if a file is damaged or belongs to another dataset.
     """

@@ -42,7 +42,7 @@ def generate(
     threads: int | None = None,
     on_shard: Callable[[], None] = lambda: None,
 ) -> int:
-    """Fill `folder` with the dataset `config` describes; return how many runs blew up and were dropped.
+    """Fill `folder` with the dataset `config` describes; return how many runs diverged and were dropped.
 
     Shards already there are kept, damaged ones made again. `on_shard` is called as each is done. The runs that blew
     up can be replayed, see `data.diverged_runs`. `threads`: none, or 0, for all cores. Recordings hold only so many
@@ -86,20 +86,20 @@ class Shard(NamedTuple):
 
     tensors: dict[str, np.ndarray]
     starts: Float[np.ndarray, "B S"]
-    """Where the runs began that blew up."""
+    """Where the runs began that diverged."""
     controls: Float[np.ndarray, "B T C"]
-    """What the runs were driven by that blew up."""
+    """What the runs were driven by that diverged."""
 
     @property
     def diverged(self) -> int:
-        """How many runs blew up."""
+        """How many runs diverged."""
         return len(self.starts)
 
 
 def _ensure_shard(
     system: System, config: DatasetConfig, folder: Path, shard: int, threads: int
 ) -> int:
-    """Return how many of a shard's runs blew up; the shard is made unless it is there."""
+    """Return how many of a shard's runs diverged; the shard is made unless it is there."""
     try:
         _, metadata = read_shard(folder, config, system, shard)
         if has_diverged(folder, config, shard, metadata["diverged"]):

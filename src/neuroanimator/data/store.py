@@ -227,7 +227,7 @@ def read_shard(
     diverged = whole_number(path, metadata, "diverged", runs)
     present = check_tensors(path, tensors, specs)
     if present + diverged != rows:
-        refuse(path, f"{present:,} rows and {diverged:,} blow-ups; wanted {rows:,} together")
+        refuse(path, f"{present:,} rows and {diverged:,} diverged; wanted {rows:,} together")
     last_sample = tensors["controls"].shape[1] - MAX_UNROLL
     check_range(path, "samples", tensors["samples"], 0, last_sample)
     return tensors, metadata

@@ -45,7 +45,7 @@ def rollout_error(
 
 
 def scheme_error(test: HeldOut, scheme: Scheme) -> float:
-    """Return the one-step error of the physics itself when stepped by `scheme`; infinite if it blows up."""
+    """Return the one-step error of the physics itself when stepped by `scheme`; infinite if it diverges."""
     states, controls, _ = test.transitions
     threads = core_count()
     runs = test.system.simulate(states, controls[:, None], test.dt, scheme=scheme, threads=threads)
@@ -53,7 +53,7 @@ def scheme_error(test: HeldOut, scheme: Scheme) -> float:
 
 
 def runs_error(test: HeldOut, runs: Runs) -> float:
-    """Return the error of `runs` that took the test's super steps, one each; infinite if one blew up."""
+    """Return the error of `runs` that took the test's super steps, one each; infinite if one diverged."""
     if runs.has_diverged.any():
         return float("inf")
     errors = test.frame.difference(test.transitions.next_states, runs.states[:, 1])

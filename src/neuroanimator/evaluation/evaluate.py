@@ -28,7 +28,7 @@ from neuroanimator.evaluation.held_out import (
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
 from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
 from neuroanimator.evaluation.speed_mass_spring import JAX, NO_COMPILER
-from neuroanimator.evaluation.stability import count_blow_ups
+from neuroanimator.evaluation.stability import count_diverged
 from neuroanimator.evaluation.verdict import Verdict, judge
 from neuroanimator.terminal import phase
 from neuroanimator.training.config import TrainingConfig
@@ -57,7 +57,7 @@ class Effort:
     repeats: int = REPEATS
     """Timings of each side."""
     starts: int = 1000
-    """Random starts that might blow up; 0 leaves that out."""
+    """Random starts that might diverge; 0 leaves that out."""
     steps: int = 2000
     """Super steps rolled out from each."""
     rounds: int = 5
@@ -99,7 +99,7 @@ class Evaluation:
     baselines: dict[str, float]
     """One-step errors of cheap predictors; ridge regression only with a dataset."""
     diverged: int
-    """Random starts whose long rollouts blew up."""
+    """Random starts whose long rollouts diverged."""
     diverged_starts: int
     """So many random starts were tried."""
     still: list[str] = field(default_factory=list)
@@ -232,11 +232,11 @@ def evaluate(
             error = float(root_mean_square(errors))
             speed = measure_speed(emulator, test, error, effort.repeats)
             emulator_seconds = speed.emulator_seconds
-    with phase("looking for blow-ups"):
+    with phase("looking for rollouts that diverge"):
         diverged = 0
         if effort.starts:
             among = test.transitions.states if is_recorded else None
-            diverged = count_blow_ups(emulator, effort.starts, effort.steps, among=among)
+            diverged = count_diverged(emulator, effort.starts, effort.steps, among=among)
     return Evaluation(
         system=emulator.system,
         substeps=emulator.substeps,

@@ -156,7 +156,7 @@ def make_test(
     """Return the runs (B, T+1, S) under controls (B, T, C) as a test; refuse runs in which nothing happens."""
     if not len(states):
         raise ArgumentError(
-            f"{system.name}: every test run blew up in the physics itself. Use a smaller step."
+            f"{system.name}: every test run diverged in the physics itself. Use a smaller step."
         )
     changes = Frame.of(system.structure, dt).difference(states[:, :-1], states[:, 1:])
     test = HeldOut(system, dt, states, controls, changes.std(axis=(0, 1)))

@@ -72,14 +72,14 @@ def _verdict(evaluations: list[Evaluation]) -> str:
 def _sentence(evaluation: Evaluation) -> str:
     heading = f"<b>{_title(evaluation)}: {html.escape(str(evaluation.verdict))}.</b>"
     cost = f"One super step costs {evaluation.emulator_seconds * 1e6:.2f} µs"
-    blow_ups = f"Blow-ups: {evaluation.diverged} of {evaluation.diverged_starts}"
+    diverged = f"Diverged: {evaluation.diverged} of {evaluation.diverged_starts}"
     if evaluation.measured_speed is None:
-        return f"{heading} {cost}. {NO_OPPONENT} {blow_ups} recorded starts."
+        return f"{heading} {cost}. {NO_OPPONENT} {diverged} recorded starts."
     speed = evaluation.measured_speed
     return (
         f"{heading} {cost} in {html.escape(speed.runtime)}. "
         f"The physics' own {evaluation.substeps} steps take {speed.nominal:.0f} times as long. "
-        f"{_at_equal_error(evaluation)} {blow_ups} random starts. {html.escape(evaluation.note)}"
+        f"{_at_equal_error(evaluation)} {diverged} random starts. {html.escape(evaluation.note)}"
     )
 
 

@@ -23,13 +23,13 @@ PHYSICS_SEED = 2
 """The runs of the physics are drawn from this seed."""
 
 STILL_REACH = 0.1
-"""What never moved counts as reaching so far [of its unit], so that it has blown up where it is off by one whole unit."""
+"""What never moved counts as reaching so far [of its unit], so that it has diverged where it is off by one whole unit."""
 
 TOO_FAR = 10.0
-"""A rollout has blown up at so many times the reach of training and physics."""
+"""A rollout has diverged at so many times the reach of training and physics."""
 
 
-def count_blow_ups(
+def count_diverged(
     emulator: Emulator,
     starts: int,
     steps: int,
@@ -52,7 +52,7 @@ def count_blow_ups(
     bound = TOO_FAR * np.maximum(reach(emulator, steps), min_reach(emulator))
     is_fine = np.ones(starts, dtype=bool)
     for controls in _control_blocks(emulator, rng, starts, steps):
-        # What has blown up goes on from rest: its numbers are of no more use.
+        # What has diverged goes on from rest: its numbers are of no more use.
         begin = np.where(is_fine[:, None], states, rest)
         path = np.asarray(emulator.rollout(begin, controls, may_diverge=True))
         inputs = np.abs(emulator.raw_features_of(path[:, 1:], controls.astype(np.float32)))

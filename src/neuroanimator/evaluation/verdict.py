@@ -27,10 +27,10 @@ GOOD_ERROR = 0.1
 """Controllers found through emulators with at most this one-step error [the change's standard deviation] held on the
 physics."""
 
-MANY_BLOW_UPS = 0.1
+MANY_DIVERGED = 0.1
 """Where a larger share of long rollouts leaves physics, an emulator is poor."""
 
-SOME_BLOW_UPS = 0.001
+SOME_DIVERGED = 0.001
 """Where a larger share of long rollouts leaves physics, an emulator is not good."""
 
 LOST = 1.0
@@ -81,27 +81,27 @@ def judge(
         return Verdict(USELESS, (reason,))
     share = diverged / rollouts if rollouts else 0.0
     on_error = f"one step is off by {error:.2g} of the change's standard deviation"
-    on_blow_ups = f"{diverged:,} of {rollouts:,} long rollouts blew up"
+    on_divergence = f"{diverged:,} of {rollouts:,} long rollouts diverged"
     faults = []
     if without_data and error > USABLE_SHARE * min(without_data.values()):
         best = min(without_data, key=lambda name: without_data[name])
         faults.append(f"{on_error}, {IN_WORDS[best]} by no more than {without_data[best]:.2g}")
-    if share > MANY_BLOW_UPS:
-        faults.append(on_blow_ups)
+    if share > MANY_DIVERGED:
+        faults.append(on_divergence)
     if faults:
         return Verdict(POOR, tuple(faults))
     flaws = []
     if error > GOOD_ERROR:
         flaws.append(on_error)
-    if share > SOME_BLOW_UPS:
-        flaws.append(on_blow_ups)
+    if share > SOME_DIVERGED:
+        flaws.append(on_divergence)
     if not error_after_second < LOST:
         flaws.append("after a second it is off by as much as runs move")
     if flaws:
         return Verdict(USABLE, tuple(flaws))
     merits = [on_error]
     if rollouts:
-        merits.append(on_blow_ups)
+        merits.append(on_divergence)
     return Verdict(GOOD, tuple(merits))
 
 

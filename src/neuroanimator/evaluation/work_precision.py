@@ -29,7 +29,7 @@ MIN_ERROR = 1e-6
 """Schemes with a smaller error are not drawn: they are the reference itself."""
 
 MAX_ERROR = 2.0
-"""Schemes with a larger error are not drawn: they blow up."""
+"""Schemes with a larger error are not drawn: they diverge."""
 
 PANEL_WIDTH = 3.4
 """Width of one panel [inch]."""

@@ -167,7 +167,7 @@ def _trial(system: PythonSystem) -> tuple[np.ndarray, np.ndarray]:
     runs = system.simulate(starts, controls, dt, scheme=system.scheme)
     if (~runs.has_diverged).sum() < TRIAL_RUNS / 2:
         raise BadFileError(
-            f"{system.file}: {runs.has_diverged.sum()} of {TRIAL_RUNS} trial runs under random controls blew up. "
+            f"{system.file}: {runs.has_diverged.sum()} of {TRIAL_RUNS} trial runs under random controls diverged. "
             "Use a smaller STEP, a smaller SPREAD or weaker CONTROL."
         )
     whole = ~runs.has_diverged

@@ -197,7 +197,7 @@ def _usual_speeds(system: ModelSystem, path: Path) -> dict[str, tuple[float, ...
     states, _, _ = _trial(system)
     if len(states) < TRIAL_RUNS / 2:
         raise BadFileError(
-            f"{path.name}: {TRIAL_RUNS - len(states)} of {TRIAL_RUNS} trial runs under random controls blew up at the "
+            f"{path.name}: {TRIAL_RUNS - len(states)} of {TRIAL_RUNS} trial runs under random controls diverged at the "
             f"model's own step of {system.physics_dt:g} s. Use a smaller timestep, or weaker actuators."
         )
     velocities = {}
@@ -242,6 +242,6 @@ def _teacher(system: ModelSystem) -> tuple[Scheme, float, float]:
     best = int(np.argmin(errors))
     if not np.isfinite(errors[best]):
         raise ArgumentError(
-            "No scheme steps this model without blowing up. Use a smaller timestep in the model."
+            "No scheme steps this model without diverging. Use a smaller timestep in the model."
         )
     return ways[best], errors[best], own

@@ -119,7 +119,7 @@ class _Run:
         held_out = validation_mask(data.run, config)
         if not held_out.any() or held_out.all():
             lost = (
-                f" {data.diverged} runs blew up and were dropped: use a smaller step."
+                f" {data.diverged} runs diverged and were dropped: use a smaller step."
                 if data.diverged
                 else ""
             )

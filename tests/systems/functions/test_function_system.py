@@ -119,7 +119,7 @@ def test_a_function_that_ignores_dt_cannot_be_an_equation(tmp_path: Path):
         )
 
 
-def test_a_run_that_blows_up_is_told_from_one_that_does_not(tmp_path: Path):
+def test_a_run_that_diverges_is_told_from_one_that_does_not(tmp_path: Path):
     system = system_from(
         tmp_path,
         SPRING.replace("control[0] -", "control[0] + 1e-3 * np.abs(state[0]) ** 3 -"),

@@ -90,7 +90,7 @@ def test_threads_do_not_change_a_bit():
     assert one.tobytes() == many.tobytes()
 
 
-def test_a_blow_up_is_detected_and_not_reset():
+def test_a_diverged_run_is_detected_and_not_reset():
     system = pendulum()
     starts = np.array([[0.0, 0, 0, 0, 0, 0], [0.0, 0, 0, 1e5, -1e5, 1e5]])
     runs = system.simulate(starts, np.zeros((2, 5, 3)), 0.05, scheme=Scheme("euler", 0.05))

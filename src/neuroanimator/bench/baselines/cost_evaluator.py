@@ -17,7 +17,7 @@ from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 
 DIVERGED_COST = 1e9
-"""J of a motion that blows the physics up, or has no finite J: finite, for baselines take differences of it."""
+"""J of a motion that makes the physics diverge, or has no finite J: finite, for baselines take differences of it."""
 
 MAX_PROGRAMS = 64
 """So many compiled objectives are kept: many runs are for cost terms that differ in numbers alone."""

@@ -78,7 +78,7 @@ def gradient_trust(
     Takes 2Z runs of the physics, in one batch; or two for each of so many random `directions`, in which alone both
     gradients are then compared: the cosine is then right to about one over the root of their number.
 
-    Raises NeuroAnimatorError where the physics blows up.
+    Raises NeuroAnimatorError where the physics diverges.
     """
     start, z = emulator.state.check(start, "state"), parametrisation.guess(controls)
     problem = pose_problem(emulator, objective, parametrisation, start, defects)
@@ -133,7 +133,7 @@ def _played(system: System, starts: np.ndarray, controls: np.ndarray, dt: float)
     runs = system.simulate_fastest(starts, controls, dt)
     if runs.has_diverged.any():
         raise NeuroAnimatorError(
-            "The physics blew up under these controls: it has no gradient there. Shorten the motion."
+            "The physics diverged under these controls: it has no gradient there. Shorten the motion."
         )
     return runs.states
 

@@ -187,7 +187,7 @@ class PhysicsPlant:
         runs = self.system.simulate_fastest(state[None], control[None, None], self.dt)
         if runs.has_diverged[0]:
             raise NeuroAnimatorError(
-                "The physics blew up under control. Push less, or raise effort_weight."
+                "The physics diverged under control. Push less, or raise effort_weight."
             )
         return runs.states[0, 1]
 

@@ -72,13 +72,13 @@ def ranked_on_physics(
     start: np.ndarray,
     candidates: np.ndarray,
 ) -> list[Motion]:
-    """Return what the controls (K, T, C) do on the true physics, the least J first; those that blow up are left out."""
+    """Return what the controls (K, T, C) do on the true physics, the least J first; those that diverge are left out."""
     starts = np.broadcast_to(start, (len(candidates), len(start)))
     with phase("replaying"):
         runs = system.simulate_fastest(starts, candidates, emulator.dt)
     if runs.has_diverged.all():
         raise NeuroAnimatorError(
-            "The physics blew up under these controls. Raise effort_weight, or shorten the motion."
+            "The physics diverged under these controls. Raise effort_weight, or shorten the motion."
         )
     whole = [(candidates[k], runs.states[k]) for k in np.flatnonzero(~runs.has_diverged)]
     motions = [

@@ -67,7 +67,7 @@ def warning_line() -> str:
         else ""
     )
     return (
-        f"MuJoCo warned {times}: {text}{more}. Runs that blew up were dropped, or count as failed."
+        f"MuJoCo warned {times}: {text}{more}. Runs that diverged were dropped, or count as failed."
     )
 
 
