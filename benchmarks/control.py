@@ -1,6 +1,6 @@
 """Controllers, part by part; each writes results/control_PART.csv.
 
-python benchmarks/control.py tasks               every task through the emulator, and its rivals (as bench --control)
+python benchmarks/control.py tasks               every task through the emulator, and its baselines (as bench --control)
 python benchmarks/control.py descents            every way of descending on every task
 python benchmarks/control.py descents --quick    fewer trials; writes no file
 """
@@ -24,15 +24,18 @@ from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]
 ITERATIONS = (20, 100)
+"""Descents are stopped after so many iterations."""
+
 TRIALS = 12
+"""Medians are over so many trials."""
 
 
 def task_rows(is_quick: bool) -> Rows:
     """Return what `bench --control` does."""
+    budget = QUICK if is_quick else THOROUGH
     with TemporaryDirectory() as folder:
-        return run_control_bench(
-            list(TASKS.values()), Path(folder), QUICK if is_quick else THOROUGH
-        )[0]
+        rows, _ = run_control_bench(list(TASKS.values()), Path(folder), budget)
+    return rows
 
 
 def descent_rows(is_quick: bool) -> Rows:
@@ -51,29 +54,30 @@ def descent_rows(is_quick: bool) -> Rows:
 
 def descent_row(solver: Solver, method: str, iterations: int, trials: int) -> dict[str, Any]:
     """Return medians over trials; one first guess each, no corrections."""
-    found, physics = [], []
+    descents = []
+    costs_on_physics = []
     for number in range(trials):
         trial = solver.draw(number)
-        found.append(
+        descents.append(
             descend(
                 solver.emulator, trial.objective, trial.start, steps=solver.steps, method=method,
                 iterations=iterations, first=trial.first, parametrisation=solver.parametrisation,
             )
         )  # fmt: skip
         outcome = replay(
-            solver.emulator, solver.system, trial.objective, trial.start, found[-1].controls
+            solver.emulator, solver.system, trial.objective, trial.start, descents[-1].controls
         )
-        physics.append(outcome.cost_physics)
+        costs_on_physics.append(outcome.cost_physics)
     return {
         "task": solver.task.name,
         "numbers": solver.parametrisation.size,
         "method": method,
         "iterations_allowed": iterations,
-        "iterations": float(np.median([each.iterations for each in found])),
-        "milliseconds": float(np.median([each.seconds for each in found])) * 1e3,
-        "J_emulator": float(np.median([each.cost for each in found])),
-        "J_emulator_quartiles": quartiles([each.cost for each in found], DIGITS),
-        "J_physics": float(np.median(physics)),
+        "iterations": float(np.median([descent.iterations for descent in descents])),
+        "milliseconds": float(np.median([descent.seconds for descent in descents])) * 1e3,
+        "J_emulator": float(np.median([descent.cost for descent in descents])),
+        "J_emulator_quartiles": quartiles([descent.cost for descent in descents], DIGITS),
+        "J_physics": float(np.median(costs_on_physics)),
     }
 
 

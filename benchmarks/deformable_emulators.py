@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 from neuroanimator import Emulator, find_emulator, load_system
+from neuroanimator.bench.csv_table import quartiles
 from neuroanimator.bench.long_run import measure_long_run
 from neuroanimator.bench.spring_relaxation import relaxed
 from neuroanimator.bench.swims import compare_swims
@@ -28,8 +29,23 @@ from neuroanimator.training.train import train
 
 Rows = list[dict[str, Any]]
 COUNTS = (25, 50, 100)
-SWIM_STEPS, SWIMS = 100, 64
-LONG_STEPS, LONG_STARTS = 100_000, 100
+"""The n of the emulators."""
+
+SWIMS = 64
+"""So many random swims are compared with the physics."""
+
+SWIM_STEPS = 100
+"""A swim lasts so many super steps."""
+
+LONG_STARTS = 100
+"""So many bodies swim for long."""
+
+LONG_STEPS = 100_000
+"""They swim for so many super steps."""
+
+DIGITS = 2
+"""Quartiles are told with so many digits."""
+
 KNOWN_RUNS = 36 * 1_000
 """Training states a long run is measured against."""
 
@@ -49,9 +65,10 @@ def accuracy_rows(repeats: int) -> Rows:
 
 def accuracy_row(emulator: Emulator, *, quick: bool) -> dict[str, Any]:
     """Return the errors of one emulator; quartiles are over swims."""
-    system, test = deformable(emulator.system), held_out_runs(emulator, 8 if quick else 32)
+    system = deformable(emulator.system)
+    test = held_out_runs(emulator, 8 if quick else 32)
     swims = compare_swims(emulator, system, 16 if quick else SWIMS, SWIM_STEPS)
-    errors, last = one_step_error(emulator, test), -1
+    errors = one_step_error(emulator, test)
     size = 3 * len(system.body.masses)
     return {
         "system": system.name,
@@ -60,48 +77,44 @@ def accuracy_row(emulator: Emulator, *, quick: bool) -> dict[str, Any]:
         "places": float(root_mean_square(errors[:size])),
         "speeds": float(root_mean_square(errors[size:])),
         "least_with_these_modes": least_error(emulator, test),
-        "shape_error_100": float(np.median(swims.shape[:, last])),
-        "shape_quartiles": quartiles(swims.shape[:, last]),
-        "place_error_100": float(np.median(swims.position[:, last])),
-        "place_quartiles": quartiles(swims.position[:, last]),
-        "turn_error_100_deg": float(np.degrees(np.median(swims.orientation[:, last]))),
-        "way_m": float(np.median(swims.travelled[:, last])),
+        "shape_error_100": float(np.median(swims.shape[:, -1])),
+        "shape_quartiles": quartiles(swims.shape[:, -1], DIGITS),
+        "place_error_100": float(np.median(swims.position[:, -1])),
+        "place_quartiles": quartiles(swims.position[:, -1], DIGITS),
+        "turn_error_100_deg": float(np.degrees(np.median(swims.orientation[:, -1]))),
+        "way_m": float(np.median(swims.travelled[:, -1])),
         "diverged_of_1000": count_diverged(emulator, 100 if quick else 1000, SWIM_STEPS),
     }
 
 
 def least_error(emulator: Emulator, test: HeldOut) -> float:
     """Return the one-step error of the true next states, shown by the emulator's modes alone."""
-    truth = test.transitions[2]
+    truth = test.transitions.next_states
     shown = np.asarray(emulator.decode(np.asarray(emulator.encode(truth))))
     return float(
         root_mean_square(test.frame.difference(truth, shown) / test.change_scale, axis=(0, 1))
     )
 
 
-def quartiles(values: np.ndarray) -> str:
-    """Return the quartiles, such as `0.02-0.06`."""
-    low, high = np.percentile(values, [25, 75])
-    return f"{low:.2g}-{high:.2g}"
-
-
 def long_rows(repeats: int) -> Rows:
     """Return a row per system and correction: `LONG_STEPS` super steps against what training showed."""
-    quick, rows = repeats < 5, []
+    quick = repeats < 5
+    rows = []
     for name in ("fish", "dolphin"):
-        emulator, system = Emulator.load(find_emulator(f"{name}-50")), deformable(name)
+        emulator = Emulator.load(find_emulator(f"{name}-50"))
+        system = deformable(name)
         known = simulate_transitions(
             DatasetConfig(system=name, count=KNOWN_RUNS // (20 if quick else 1), samples_per_run=36)
         )
         states = known.states.reshape(-1, known.states.shape[-1])
         steps = 2_000 if quick else LONG_STEPS
-        ways = {
+        corrections = {
             "none": (None, False),
             "bounded by what training showed (the default)": (None, True),
             "3 relaxation steps of the springs, every 10": (relaxed(emulator, system.body), False),
             "both": (relaxed(emulator, system.body), True),
         }
-        for label, (correction, is_bounded) in ways.items():
+        for label, (correction, is_bounded) in corrections.items():
             rows.append(
                 long_row(
                     emulator, system, states, label, correction, steps, is_bounded, quick=quick
@@ -114,7 +127,8 @@ def long_row(
     emulator, system, states, label, correction, steps, is_bounded, *, quick: bool
 ) -> dict[str, Any]:
     """Return one row of `long_rows`."""
-    began, starts = time.perf_counter(), 20 if quick else LONG_STARTS
+    began = time.perf_counter()
+    starts = 20 if quick else LONG_STARTS
     every = 10 if correction else 1
     found = measure_long_run(
         emulator,
@@ -153,7 +167,8 @@ HIERARCHY_EXAMPLES, HIERARCHY_UPDATES = 200_016, 12_000
 
 def hierarchy_rows(repeats: int) -> Rows:
     """Return a row per network: flat ones on modes of the whole body, hierarchies on modes of its segments."""
-    quick, rows = repeats < 5, []
+    quick = repeats < 5
+    rows = []
     for name, modes in (("fish", (32, 44)), ("dolphin", (28, 40))):
         examples = HIERARCHY_EXAMPLES // (20 if quick else 1)
         data = simulate_transitions(DatasetConfig(system=name, count=examples, samples_per_run=36))

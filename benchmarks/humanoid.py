@@ -145,7 +145,7 @@ def measure(
 
 
 def trained(
-    data: Transitions, kind: str, widths: tuple[int, ...], updates: int, folder: Path
+    data: Transitions, kind: Any, widths: tuple[int, ...], updates: int, folder: Path
 ) -> Emulator:
     """Return the best of a training run of single super steps."""
     config = TrainingConfig(network=kind, widths=widths, updates=updates, unroll=1)

@@ -6,12 +6,12 @@ import csv
 import io
 import os
 import platform
-from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import ArrayLike
 
 from neuroanimator.storage.files import write_whole
 
@@ -19,9 +19,9 @@ PACKAGES = ("jax", "mujoco", "numpy")
 """The versions of these are told with every table."""
 
 
-def quartiles(values: Sequence[float], digits: int = 3) -> str:
-    """Return the quartiles of `values` with so many digits, such as `92.1-96.3`."""
-    low, high = np.percentile(values, [25, 75])
+def quartiles(values: ArrayLike, digits: int = 3) -> str:
+    """Return the quartiles of `values` (N,) with so many digits, such as `92.1-96.3`."""
+    low, high = np.percentile(np.asarray(values), [25, 75])
     return f"{low:.{digits}g}-{high:.{digits}g}"
 
 
