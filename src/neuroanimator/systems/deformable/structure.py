@@ -1,0 +1,73 @@
+"""What the state vector of a deformable body means: its named slices, and what an emulator may exploit of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from neuroanimator.definitions.body import BodyDefinition, control_names
+from neuroanimator.state.layout import Layout, Slice
+from neuroanimator.state.reference_shape import Cloud
+from neuroanimator.state.segments import Lag, Points, PointVelocities, Segment
+from neuroanimator.state.structure import Group, Probe, Structure
+from neuroanimator.systems.deformable.body import Body
+from neuroanimator.systems.deformable.build import group_numbers
+from neuroanimator.systems.deformable.mirror import mirror_of
+
+
+def state_layout(definition: BodyDefinition, body: Body) -> Layout:
+    """Return the state's slices: every mass point's position, then every velocity, then the muscles' activations."""
+    muscles = control_names(definition)[: body.muscles.shape[1]]
+    positions = [Slice(name, 3, "m") for name in body.names]
+    velocities = [Slice(f"{name}.velocity", 3, "m/s") for name in body.names]
+    activations = [Slice(f"{name}.contraction", 1, "1") for name in muscles]
+    return Layout((*positions, *velocities, *activations))
+
+
+def structure_of(definition: BodyDefinition, body: Body) -> Structure:
+    """Return what an emulator may exploit; ArgumentError for groups or a mirror that are none."""
+    size = 3 * len(body.masses)
+    muscles = body.muscles.shape[1]
+    segments: list[Segment] = [Points(size=size, rate=size), PointVelocities(size=size)]
+    if muscles:
+        segments.append(Lag(size=muscles, time_constant=body.time_constant))
+    return Structure(
+        angles=(),
+        rates=tuple((entry, size + entry) for entry in range(size)),
+        plain=(),
+        segments=tuple(segments),
+        cloud=Cloud.of(body.positions, body.masses),
+        has_gravity=body.has_gravity,
+        is_immersed=body.water is not None and body.ground is None,
+        mirror=mirror_of(definition, body),
+        probes=_probes(definition, body),
+        groups=_groups(definition, body),
+        external_forces=_external_forces(body),
+    )
+
+
+def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:
+    """Return the probes from the centroid; what is there as a radius is the height of the surface."""
+    centre = body.masses @ body.positions / body.masses.sum()
+    level = 0.0
+    if body.water is not None and body.water.surface is not None:
+        level = body.water.surface
+    offsets = np.array(definition.probes).reshape(-1, 3) - centre
+    return tuple((float(x), float(y), float(z), level) for x, y, z in offsets)
+
+
+def _groups(definition: BodyDefinition, body: Body) -> tuple[Group, ...]:
+    """Return the groups of mass points, each with the muscles that have an end in it."""
+    shortens = np.abs(body.muscles) > 0
+    groups = []
+    for name, points in group_numbers(definition).items():
+        has_end_here = np.isin(body.springs, points).any(axis=1)
+        muscles = np.flatnonzero(shortens[has_end_here].any(axis=0))
+        groups.append(Group(name, points, tuple(muscles.tolist())))
+    return tuple(groups)
+
+
+def _external_forces(body: Body) -> tuple[tuple[float, ...], ...]:
+    """Return the force per control, axis by axis; nothing where no control is such a force."""
+    if not body.external_forces.any():
+        return ()
+    return tuple(tuple(row) for row in body.external_forces.tolist())
