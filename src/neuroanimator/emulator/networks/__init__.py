@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from jaxtyping import PRNGKeyArray
 
+from neuroanimator.emulator.networks.classic import Classic
+from neuroanimator.emulator.networks.gated import Gated
+from neuroanimator.emulator.networks.glu import Glu, LinearGlu
 from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
-from neuroanimator.emulator.networks.network import (
-    Classic,
-    Gated,
-    Glu,
-    LinearGlu,
-    Mirrored,
-    Network,
-)
+from neuroanimator.emulator.networks.mirrored import Mirrored
+from neuroanimator.emulator.networks.network import Network
 from neuroanimator.errors import ArgumentError
 
 NETWORKS: dict[str, type[Network]] = {

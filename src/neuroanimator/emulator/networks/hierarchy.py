@@ -17,7 +17,9 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.features import reordered
-from neuroanimator.emulator.networks.network import LinearGlu, Mirrored, Network
+from neuroanimator.emulator.networks.glu import LinearGlu
+from neuroanimator.emulator.networks.mirrored import Mirrored
+from neuroanimator.emulator.networks.network import Network, prefixed
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import check_label
 from neuroanimator.parsing.numbers import entries, whole
@@ -108,6 +110,11 @@ class Hierarchy(Network):
         return [i for i in part.answers if i not in self.even], [
             i for i in part.answers if i in self.even
         ]
+
+    def tensors(self) -> dict[str, Array]:
+        upper = prefixed("upper", self.upper.tensors())
+        children = prefixed("children", self.children.tensors())
+        return {**upper, **children}
 
     @property
     def widths(self) -> tuple[int, ...]:

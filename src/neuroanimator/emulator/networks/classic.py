@@ -1,0 +1,54 @@
+"""The network of 1998: one hidden layer of logistic units."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from neuroanimator.emulator.networks.network import Network, random_weights
+from neuroanimator.errors import ArgumentError
+
+
+class Classic(Network):
+    """One hidden layer of logistic units with biases, as in 1998.
+
+    σ(e + o) - σ(e - o) is odd in o; it is the network of 1998 minus its mirror image.
+    """
+
+    odd_in: Float[Array, "O H"]
+    even_in: Float[Array, "E H"]
+    bias: Float[Array, " H"]
+    out: Float[Array, "H S"]
+
+    def __init__(
+        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray
+    ):
+        if len(widths) != 1:
+            raise ArgumentError(
+                f"widths: the classic network has one hidden layer, came {list(widths)}."
+            )
+        keys = jax.random.split(key, 3)
+        self.odd_in = random_weights(keys[0], odd, widths[0])
+        self.even_in = random_weights(keys[1], even, widths[0])
+        self.bias = jnp.zeros(widths[0])
+        self.out = random_weights(keys[2], widths[0], out)
+
+    def tensors(self) -> dict[str, Array]:
+        return {
+            "layer0.odd_weight": self.odd_in,
+            "layer0.even_weight": self.even_in,
+            "layer0.bias": self.bias,
+            "out.weight": self.out,
+        }
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        return (self.bias.shape[0],)
+
+    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+        pushed = odd @ self.odd_in
+        if not even.shape[0]:  # no mirror: the network of 1998 itself
+            return jax.nn.sigmoid(pushed + self.bias) @ self.out
+        level = even @ self.even_in + self.bias
+        return (jax.nn.sigmoid(level + pushed) - jax.nn.sigmoid(level - pushed)) @ self.out

@@ -1,0 +1,80 @@
+"""Layers of gated units for systems whose motion is odd: negating everything negates the motion."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from neuroanimator.emulator.networks.network import Network, check_halves, prefixed, random_weights
+
+
+class GatedLayer(eqx.Module):
+    """Products of a saturating and a linear part.
+
+    tanh(odd) · linear(even) is odd again; tanh(odd) · linear(odd) and tanh(even) are even. Torque
+    times inverse inertia and speed times speed, which mechanics is made of, are such products.
+    """
+
+    odd_in: Float[Array, "O H3"]
+    """Side by side, because one product is faster than three: tanh of the odd units, tanh and factor of pairs."""
+    even_in: Float[Array, "E H2"]
+    """Side by side: factor of the odd units, tanh of the even units."""
+    bias: Float[Array, " H2"]
+
+    def __init__(self, odd: int, even: int, half: int, *, key: PRNGKeyArray):
+        keys = jax.random.split(key)
+        self.odd_in = random_weights(keys[0], odd, 3 * half)
+        self.even_in = random_weights(keys[1], even, 2 * half)
+        self.bias = jnp.concatenate([jnp.ones(half), jnp.zeros(half)])
+
+    def __call__(
+        self, odd: Float[Array, " O"], even: Float[Array, " E"]
+    ) -> tuple[Float[Array, " H"], Float[Array, " H"]]:
+        odd_units, pair, factor = jnp.split(odd @ self.odd_in, 3)
+        gate, level = jnp.split(even @ self.even_in + self.bias, 2)
+        return jnp.tanh(odd_units) * gate, jnp.tanh(pair) * factor + jnp.tanh(level)
+
+    def tensors(self) -> dict[str, Array]:
+        """Return every weight by the name that files give it."""
+        return {"odd_weight": self.odd_in, "even_weight": self.even_in, "bias": self.bias}
+
+
+class Gated(Network):
+    """Layers of gated units, then a linear map. The default."""
+
+    layers: tuple[GatedLayer, ...]
+    out: Float[Array, "H S"]
+
+    def __init__(
+        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray
+    ):
+        check_halves(widths)
+        keys = jax.random.split(key, len(widths) + 1)
+        layers = []
+        for width, layer_key in zip(widths, keys[1:], strict=True):
+            layers.append(GatedLayer(odd, even, width // 2, key=layer_key))
+            odd = even = width // 2
+        self.layers = tuple(layers)
+        self.out = 0.1 * random_weights(keys[0], odd, out)
+
+    def tensors(self) -> dict[str, Array]:
+        return {**layer_tensors(self.layers), "out.weight": self.out}
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        return tuple(layer.bias.shape[0] for layer in self.layers)
+
+    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+        for layer in self.layers:
+            odd, even = layer(odd, even)
+        return odd @ self.out
+
+
+def layer_tensors(layers: tuple[GatedLayer, ...]) -> dict[str, Array]:
+    """Return the weights of `layers` as `layer0.bias` and so on."""
+    tensors = {}
+    for number, layer in enumerate(layers):
+        tensors.update(prefixed(f"layer{number}", layer.tensors()))
+    return tensors

@@ -1,0 +1,86 @@
+"""A network for bodies with a left and a right: some answers are odd in the mirror, others even."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from neuroanimator.emulator.features import reordered
+from neuroanimator.emulator.networks.gated import GatedLayer, layer_tensors
+from neuroanimator.emulator.networks.network import Network, check_halves, random_weights
+
+
+class Mirrored(Network):
+    """A linear map plus layers of gated units as in `Gated`, for bodies with a left and a right.
+
+    Springs are nearly linear: the linear map alone leaves an eighth of the change unexplained. In the mirror the
+    odd answers change sign and the even ones stay, exactly: what is learnt of a turn to the left holds for a turn
+    to the right. At equal width it costs half of `Glu`.
+    """
+
+    layers: tuple[GatedLayer, ...]
+    odd_out: Float[Array, "H O"]
+    even_out: Float[Array, "H E"]
+    odd_linear: Float[Array, "I O"]
+    even_linear: Float[Array, "J E"]
+    even: tuple[int, ...] = eqx.field(static=True)
+    """Which answers are even."""
+
+    def __init__(
+        self,
+        odd: int,
+        even: int,
+        out: int,
+        widths: tuple[int, ...],
+        *,
+        key: PRNGKeyArray,
+        even_out: tuple[int, ...],
+    ):
+        check_halves(widths)
+        keys = jax.random.split(key, len(widths) + 2)
+        self.even = tuple(even_out)
+        even_answers = len(self.even)
+        odd_answers = out - even_answers
+        self.odd_linear = jnp.zeros((odd, odd_answers))
+        self.even_linear = jnp.zeros((even, even_answers))
+        layers = []
+        for width, layer_key in zip(widths, keys[2:], strict=True):
+            layers.append(GatedLayer(odd, even, width // 2, key=layer_key))
+            odd = even = width // 2
+        self.layers = tuple(layers)
+        self.odd_out = 0.1 * random_weights(keys[0], odd, odd_answers)
+        self.even_out = 0.1 * random_weights(keys[1], even, even_answers)
+
+    def tensors(self) -> dict[str, Array]:
+        return {
+            **layer_tensors(self.layers),
+            "out.odd_weight": self.odd_out,
+            "out.even_weight": self.even_out,
+            "linear.odd_weight": self.odd_linear,
+            "linear.even_weight": self.even_linear,
+        }
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        return tuple(layer.bias.shape[0] for layer in self.layers)
+
+    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+        odd_answers = odd @ self.odd_linear
+        even_answers = even @ self.even_linear
+        for layer in self.layers:
+            odd, even = layer(odd, even)
+        odd_answers = odd_answers + odd @ self.odd_out
+        even_answers = even_answers + even @ self.even_out
+        answers = jnp.concatenate([odd_answers, even_answers])
+        return reordered(answers, self._order())
+
+    def _order(self) -> tuple[int, ...]:
+        """Return where each answer lies in (odd answers, even answers)."""
+        first_even = self.odd_out.shape[1]
+        slots = {answer: first_even + i for i, answer in enumerate(self.even)}
+        size = first_even + len(self.even)
+        odd = [answer for answer in range(size) if answer not in slots]
+        slots.update({answer: i for i, answer in enumerate(odd)})
+        return tuple(slots[answer] for answer in range(size))

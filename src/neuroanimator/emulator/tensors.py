@@ -1,0 +1,80 @@
+"""The arrays of an emulator by the names that files give them: one table, whatever the fields are called.
+
+`docs/format.md` has the same table in words. Names in files are for ever; those of fields are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.networks.network import prefixed
+from neuroanimator.text import quoted
+
+
+def emulator_leaves(emulator: Emulator) -> dict[str, Any]:
+    """Return every array of `emulator` by its name in files."""
+    return {
+        "features.angles": emulator.features.angles,
+        "normaliser.feature_mean": emulator.normaliser.plain_mean,
+        "normaliser.feature_scale": emulator.normaliser.plain_scale,
+        "normaliser.change_mean": emulator.normaliser.change_mean,
+        "normaliser.change_scale": emulator.normaliser.change_scale,
+        "normaliser.error_unit": emulator.normaliser.unit,
+        "domain.low": emulator.domain.low,
+        "domain.high": emulator.domain.high,
+        **prefixed("modes", emulator.encoding.tensors()),
+        **prefixed("network", emulator.network.tensors()),
+    }
+
+
+def emulator_tensors(emulator: Emulator) -> dict[str, np.ndarray]:
+    """Return every array of `emulator` by its name in files, for NumPy."""
+    return to_numpy(emulator_leaves(emulator))
+
+
+def to_numpy(leaves: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Return `leaves` as arrays of NumPy."""
+    return {name: np.asarray(leaf) for name, leaf in leaves.items()}
+
+
+def with_tensors(
+    tree: Any, leaves_of: Callable[[Any], dict[str, Any]], tensors: Mapping[str, np.ndarray]
+) -> Any:
+    """Return `tree` with its arrays, which `leaves_of` names, replaced by `tensors`.
+
+    Raises ValueError unless names, shapes and kinds of number are exactly the same.
+    """
+    leaves = leaves_of(tree)
+    if len(leaves) != len(jax.tree.leaves(tree)):
+        raise ValueError("not every array has a name in files")
+    arrays = checked_arrays(leaves, tensors)
+    return eqx.tree_at(lambda tree: list(leaves_of(tree).values()), tree, arrays)
+
+
+def checked_arrays(leaves: Mapping[str, Any], tensors: Mapping[str, np.ndarray]) -> list[jax.Array]:
+    """Return `tensors` as arrays of JAX in the order of `leaves`.
+
+    Raises ValueError unless names, shapes and kinds of number are exactly those of `leaves`.
+    """
+    if set(leaves) != set(tensors):
+        wrong = sorted(set(leaves) ^ set(tensors))[0]
+        raise ValueError(f"tensor {quoted(wrong)} is missing or not expected")
+    for name, leaf in leaves.items():
+        _check_tensor(name, tensors[name], leaf)
+    return [jax.device_put(tensors[name]) for name in leaves]
+
+
+def _check_tensor(name: str, tensor: np.ndarray, leaf: Any) -> None:
+    """Refuse a tensor of another shape or kind of number than `leaf`, or too large for float32."""
+    if tensor.shape != leaf.shape:
+        raise ValueError(f"tensor '{name}' has shape {tensor.shape}; wanted {leaf.shape}")
+    if tensor.dtype.kind != leaf.dtype.kind:
+        raise ValueError(f"tensor '{name}' holds {tensor.dtype}; wanted {leaf.dtype}")
+    if leaf.dtype.kind == "f" and (np.abs(tensor) > np.finfo(np.float32).max).any():
+        raise ValueError(f"tensor '{name}' holds a number that float32 has no room for")
