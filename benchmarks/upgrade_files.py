@@ -3,17 +3,23 @@
     python benchmarks/upgrade_files.py FOLDER...
 
 Nothing of an older format was ever released. Each file is read, its names are changed, and it is written again in place;
-`tests/golden` holds what the files predicted before.
+`tests/golden` holds what the files predicted before. Tensors used to be named by the paths of fields; `TENSORS` and
+`FIELDS` say what each field was called, in the words of before and of between.
 """
 
 from __future__ import annotations
 
-import json
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jax
+
+from neuroanimator.control.policies.policy_file import blank_policy, policy_leaves
+from neuroanimator.emulator.description import blank
+from neuroanimator.emulator.tensors import emulator_leaves
 from neuroanimator.storage.files import digest, read_tensors, write_tensors
 
 FORMATS = {"emulator": (4, 5), "policy": (1, 2)}
@@ -60,33 +66,62 @@ def renamed(value: Any) -> Any:
     return value
 
 
+FIELDS = {
+    ".encoding.": ".modes.",
+    ".limits": ".reach",
+}
+"""Fields of today's emulators that had other names when tensors were named by them."""
+
+
+def names_by_path(tree: Any, leaves_of: Callable[[Any], dict[str, Any]]) -> dict[str, str]:
+    """Return today's name of every array of `tree` by the path of its field, as files had it."""
+    paths, structure = jax.tree_util.tree_flatten_with_path(tree)
+    old_names = []
+    for path, _ in paths:
+        old_name = jax.tree_util.keystr(path)
+        for today, before in FIELDS.items():
+            old_name = old_name.replace(today, before)
+        old_names.append(old_name)
+    numbered = jax.tree_util.tree_unflatten(structure, range(len(paths)))
+    return {old_names[number]: name for name, number in leaves_of(numbered).items()}
+
+
+def in_todays_words(name: str) -> str:
+    """Return the path of a field with the words it has today."""
+    words = re.compile("|".join(sorted(TENSORS, key=len, reverse=True)))
+    return words.sub(lambda match: TENSORS[match[0]], name)
+
+
 def upgrade(path: Path) -> None:
     """Rewrite the file at `path`."""
     kind = "policy" if path.name.endswith(".policy.safetensors") else "emulator"
-    old, new = FORMATS[kind]
+    old_format, new_format = FORMATS[kind]
     tensors, metadata = read_tensors(path, kind)
-    if metadata["format"] != old:
-        print(f"{path.name}: format {metadata['format']}, left alone")
-        return
-    metadata = renamed(metadata)
     metadata.pop("sha256", None)
-    words = re.compile("|".join(sorted(TENSORS, key=len, reverse=True)))
-    tensors = {
-        words.sub(lambda match: TENSORS[match[0]], name): tensor for name, tensor in tensors.items()
-    }
-    metadata["format"] = new
+    if metadata["format"] == old_format:
+        metadata = renamed(metadata)
+        tensors = {in_todays_words(name): tensor for name, tensor in tensors.items()}
+    metadata["format"] = new_format
     if kind == "policy":
-        inner = {
-            name.removeprefix(".emulator"): tensors[name]
-            for name in tensors
-            if name.startswith(".emulator.")
-        }
         metadata["emulator"]["format"] = FORMATS["emulator"][1]
-        metadata["emulator_sha256"] = digest(inner)
+        tree = jax.eval_shape(lambda: blank_policy(metadata))
+        names = names_by_path(tree, policy_leaves)
+    else:
+        tree = jax.eval_shape(lambda: blank(metadata))
+        names = names_by_path(tree, emulator_leaves)
+    if set(tensors) == set(names.values()):
+        print(f"{path.name}: in today's words already")
+        return
+    tensors = {names[name]: tensor for name, tensor in tensors.items()}
+    if kind == "policy":
+        carried = {
+            name.removeprefix("emulator."): tensor
+            for name, tensor in tensors.items()
+            if name.startswith("emulator.")
+        }
+        metadata["emulator_sha256"] = digest(carried)
     write_tensors(path, tensors, metadata)
-    print(
-        f"{path.name}: format {old} → {new}, {len(json.dumps(metadata)):,} characters of metadata"
-    )
+    print(f"{path.name}: written in format {new_format}")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,8 @@ from forgery import forged_emulator, forged_policy
 
 from neuroanimator import Emulator, find_emulator
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.emulator.artifact import FAULTS, FORMAT, blank
+from neuroanimator.emulator.artifact import FAULTS
+from neuroanimator.emulator.description import FORMAT, blank
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_tensors, write_tensors
 
@@ -105,7 +106,7 @@ def test_numbers_no_deformable_body_has_are_refused(tmp_path: Path):
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("normaliser.plain_scale", lambda array: array * 0),
+        ("normaliser.feature_scale", lambda array: array * 0),
         ("normaliser.change_scale", lambda array: -array),
         ("domain.low", lambda array: array + 1e9),
         ("network", lambda array: array.astype(np.int32)),

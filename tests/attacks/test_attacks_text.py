@@ -27,7 +27,7 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.codegen.c_emulator import c_program
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.definitions.model import Definition
-from neuroanimator.emulator.artifact import describe
+from neuroanimator.emulator.description import describe
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.evaluate import Evaluation
 from neuroanimator.export.csv_file import read_table, write_table

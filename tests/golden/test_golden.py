@@ -13,7 +13,8 @@ from neuroanimator import Emulator
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import FORMAT as POLICY_FORMAT
 from neuroanimator.control.policies.policy_file import save_policy
-from neuroanimator.emulator.artifact import FORMAT, read_metadata, save
+from neuroanimator.emulator.artifact import read_metadata, save
+from neuroanimator.emulator.description import FORMAT
 from neuroanimator.storage.files import read_tensors
 
 from golden.make_golden import EMULATOR, POLICY, PREDICTIONS, controls_of  # isort: skip

@@ -49,7 +49,8 @@ def _read(file: str) -> tuple[dict[str, Any], Rows]:
 
 
 def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
-    from neuroanimator.emulator.artifact import load, read_metadata, tensors_of
+    from neuroanimator.emulator.artifact import load, read_metadata
+    from neuroanimator.emulator.tensors import emulator_tensors
     from neuroanimator.zoo import find_emulator
 
     path = find_emulator(file)
@@ -63,7 +64,7 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("control", summary_of(model.control)),
         ("control bounds", bounds_of(*metadata["bounds"])),
         ("network", f"{network['kind']} {'x'.join(map(str, network['widths']))}"),
-        ("numbers stored", f"{sum(array.size for array in tensors_of(model).values()):,}"),
+        ("numbers stored", f"{sum(array.size for array in emulator_tensors(model).values()):,}"),
         ("sha256", metadata["sha256"]),
     ]
     return metadata, rows

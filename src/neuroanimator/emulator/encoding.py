@@ -97,6 +97,10 @@ class Encoding(eqx.Module):
         """Refuse arrays that make every prediction NaN; ValueError says which."""
 
     @abc.abstractmethod
+    def tensors(self) -> dict[str, Array]:
+        """Return every array by the name that files give it: see docs/format.md."""
+
+    @abc.abstractmethod
     def to_json(self) -> dict[str, Any] | None:
         """Return what, with the arrays, makes up the encoding; None for the identity."""
 
@@ -162,6 +166,9 @@ class IdentityEncoding(Encoding):
 
     def check(self) -> None:
         return None
+
+    def tensors(self) -> dict[str, Array]:
+        return {}
 
     def to_json(self) -> None:
         return None

@@ -302,6 +302,16 @@ class ShapeModes(Encoding):
         if (np.asarray(self.spread) <= 0).any():
             raise ValueError("normaliser or modes: wanted scales above 0")
 
+    def tensors(self) -> dict[str, Array]:
+        return {
+            "positions": self.positions,
+            "velocities": self.velocities,
+            "mean_position": self.mean_position,
+            "mean_velocity": self.mean_velocity,
+            "spread": self.spread,
+            "limits": self.limits,
+        }
+
     def to_json(self) -> dict[str, Any]:
         mirror = None
         if self.mirror is not None:

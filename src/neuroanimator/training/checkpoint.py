@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import jax
 import optax
 
-from neuroanimator.emulator.artifact import tensors_of, with_tensors
 from neuroanimator.emulator.networks.network import Network
+from neuroanimator.emulator.tensors import checked_arrays, to_numpy
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_tensors, write_tensors
 
@@ -46,7 +46,8 @@ class Progress(NamedTuple):
 
 def write_checkpoint(folder: Path, identity: str, progress: Progress) -> None:
     """Replace the checkpoint in `folder` as a whole."""
-    tensors = tensors_of((progress.network, progress.optimizer_state, progress.best))
+    tree = (progress.network, progress.optimizer_state, progress.best)
+    tensors = to_numpy(_leaves_by_path(tree))
     numbers = {"best_error": progress.best_error, "chunk": progress.chunk, "stale": progress.stale}
     write_tensors(folder / NAME, tensors, {"kind": "checkpoint", "identity": identity, **numbers})
 
@@ -64,13 +65,20 @@ def read_checkpoint(folder: Path, identity: str, fresh: Progress) -> Progress:
         raise BadFileError(
             f"{folder} holds a run with other data or settings. Choose another --out, or remove that folder."
         )
+    tree = (fresh.network, fresh.optimizer_state, fresh.best)
     try:
-        arrays = with_tensors((fresh.network, fresh.optimizer_state, fresh.best), tensors)
+        arrays = checked_arrays(_leaves_by_path(tree), tensors)
         best_error, chunk, stale = _numbers(metadata)
     except ValueError as error:
         raise BadFileError(f"{path} is damaged: {error}. Remove {folder} to train anew.") from error
-    network, optimizer_state, best = jax.tree.map(jax.numpy.asarray, arrays)
+    network, optimizer_state, best = jax.tree.unflatten(jax.tree.structure(tree), arrays)
     return Progress(network, optimizer_state, best, best_error, chunk, stale)
+
+
+def _leaves_by_path(tree: Any) -> dict[str, Any]:
+    """Return every array of `tree` by its path. Checkpoints are read by the program that wrote them."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(tree)
+    return {jax.tree_util.keystr(path): leaf for path, leaf in leaves}
 
 
 def _numbers(metadata: dict[str, Any]) -> tuple[float, int, int]:

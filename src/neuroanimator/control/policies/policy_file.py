@@ -10,15 +10,19 @@ import jax
 from neuroanimator.control.policies.policy import COMMAND, Policy, fresh_policy
 from neuroanimator.emulator.artifact import (
     FAULTS,
-    blank,
     check_format,
-    describe,
     first_line,
-    tensors_of,
+)
+from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
+from neuroanimator.emulator.description import blank, describe
+from neuroanimator.emulator.networks import MAX_LAYER
+from neuroanimator.emulator.networks.network import prefixed
+from neuroanimator.emulator.tensors import (
+    emulator_leaves,
+    emulator_tensors,
+    to_numpy,
     with_tensors,
 )
-from neuroanimator.emulator.artifact import FORMAT as EMULATOR_FORMAT
-from neuroanimator.emulator.networks import MAX_LAYER
 from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.numbers import listed, whole
 from neuroanimator.state.layout import Bounds
@@ -32,7 +36,13 @@ FORMAT = 2
 def save_policy(policy: Policy, path: Path, provenance: dict[str, Any] | None = None) -> None:
     """Write `policy` to `path`; `provenance` says how it was trained (any JSON)."""
     metadata = describe_policy(policy) | {"provenance": provenance or {}}
-    write_tensors(path, tensors_of(policy), metadata)
+    write_tensors(path, to_numpy(policy_leaves(policy)), metadata)
+
+
+def policy_leaves(policy: Policy) -> dict[str, Any]:
+    """Return every array of `policy` by its name in files."""
+    emulator = prefixed("emulator", emulator_leaves(policy.emulator))
+    return emulator | prefixed("network", policy.network.tensors())
 
 
 def describe_policy(policy: Policy) -> dict[str, Any]:
@@ -41,7 +51,7 @@ def describe_policy(policy: Policy) -> dict[str, Any]:
         "kind": "policy",
         "format": FORMAT,
         "emulator": describe(policy.emulator),
-        "emulator_sha256": digest(tensors_of(policy.emulator)),
+        "emulator_sha256": digest(emulator_tensors(policy.emulator)),
         "command": COMMAND.to_json(),
         "ranges": [list(policy.ranges.low), list(policy.ranges.high)],
         "widths": list(policy.network.widths),
@@ -61,8 +71,9 @@ def load_policy(name: str | Path) -> Policy:
     emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
     check_format(path, emulator_format, EMULATOR_FORMAT)
     try:
-        policy = with_tensors(jax.eval_shape(lambda: _blank(metadata)), tensors)
-        if digest(tensors_of(policy.emulator)) != metadata["emulator_sha256"]:
+        shapes = jax.eval_shape(lambda: blank_policy(metadata))
+        policy = with_tensors(shapes, policy_leaves, tensors)
+        if digest(emulator_tensors(policy.emulator)) != metadata["emulator_sha256"]:
             raise ValueError("its emulator is another than it was trained through")
         return policy
     except FAULTS as error:
@@ -71,7 +82,7 @@ def load_policy(name: str | Path) -> Policy:
         ) from error
 
 
-def _blank(metadata: dict[str, Any]) -> Policy:
+def blank_policy(metadata: dict[str, Any]) -> Policy:
     """Return a policy of the described structure with zeros or random numbers for weights."""
     if metadata["command"] != COMMAND.to_json():
         raise ValueError("commands of another meaning")

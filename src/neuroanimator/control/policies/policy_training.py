@@ -32,9 +32,9 @@ from neuroanimator.control.policies.policy_loss import (
 )
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.data.sampling import sample_starts
-from neuroanimator.emulator.artifact import tensors_of
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
+from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import read_pose
@@ -171,7 +171,7 @@ class _Run:
         key = jax.random.key(training.seed + 1)
         validation = start_swimmers(base, jnp.asarray(set_aside), key)
         fresh = _fresh_progress(base, training, pool)
-        contents = {"starts": starts, **tensors_of(emulator)}
+        contents = {"starts": starts, **emulator_tensors(emulator)}
         identity = f"{digest(contents)[:16]}-{canonical_json(asdict(training))}"
         progress = read_checkpoint(folder, identity, fresh)
         return cls(training, folder, base, progress, pool, validation, identity)

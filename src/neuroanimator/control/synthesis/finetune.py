@@ -11,7 +11,7 @@ import numpy as np
 from neuroanimator.data.config import MAX_UNROLL, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
-from neuroanimator.emulator.artifact import describe
+from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System

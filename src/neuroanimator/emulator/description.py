@@ -1,0 +1,276 @@
+"""An emulator written down: all that is not an array, as JSON, and the blank emulator it stands for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
+from neuroanimator.definitions.carried import check_carried
+from neuroanimator.emulator.domain import Domain
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
+from neuroanimator.emulator.features import Features
+from neuroanimator.emulator.networks import MAX_LAYER, NETWORKS, make_network
+from neuroanimator.emulator.networks.hierarchy import parts_from_json, parts_to_json
+from neuroanimator.emulator.networks.network import Network
+from neuroanimator.emulator.normaliser import Normaliser
+from neuroanimator.emulator.shape_modes import ShapeModes
+from neuroanimator.emulator.spec import EmulatorSpec
+from neuroanimator.parsing.names import check_system_name
+from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers, whole
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.gait import Gait
+from neuroanimator.state.layout import Bounds, Layout
+from neuroanimator.state.segments import (
+    Points,
+    PointVelocities,
+    moves_freely,
+    segments_from_json,
+    segments_to_json,
+)
+from neuroanimator.state.structure import Probe
+from neuroanimator.text import quoted
+
+FORMAT = 5
+"""The version of the file format, raised whenever an older reader would misunderstand a file."""
+
+MAX_SUBSTEPS = 1000
+"""Most physics steps in a super step: as many as a definition or a dataset may ask for."""
+
+MIN_STEP = 1e-9
+"""Shortest physics step, or interval of recordings [s]; times closer than this are the same time."""
+
+MAX_STEP = 3600.0
+"""Longest physics step, or interval of recordings [s]."""
+
+MAX_PROBES = 256
+"""Most round parts whose height an emulator is shown: each is a feature."""
+
+MAX_DISTANCE = 1e6
+"""Largest coordinate of a probe [m]."""
+
+
+def describe(emulator: Emulator) -> dict[str, Any]:
+    """Return the metadata that, with the tensors, makes up the emulator."""
+    return {
+        "kind": "emulator",
+        "format": FORMAT,
+        **_describe_spec(emulator.spec),
+        "modes": emulator.encoding.to_json(),
+        "frame": _describe_frame(emulator.frame),
+        "features": _describe_features(emulator.features),
+        "network": _describe_network(emulator.network),
+    }
+
+
+def _describe_spec(spec: EmulatorSpec) -> dict[str, Any]:
+    gait = None
+    if spec.gait is not None:
+        gait = spec.gait.to_json()
+    return {
+        "system": spec.system,
+        "state": spec.state.to_json(),
+        "control": spec.control.to_json(),
+        "bounds": [list(spec.bounds.low), list(spec.bounds.high)],
+        "definition": spec.definition,
+        "rest": list(spec.rest),
+        "gait": gait,
+        "substeps": spec.substeps,
+        "dt": spec.dt,
+        "skeleton": spec.skeleton.to_json(),
+        "rates": [list(pair) for pair in spec.rates],
+    }
+
+
+def _describe_frame(frame: Frame) -> dict[str, Any]:
+    return {
+        "segments": segments_to_json(frame.segments),
+        "probes": [list(probe) for probe in frame.probes],
+        "has_gravity": frame.has_gravity,
+        "is_immersed": frame.is_immersed,
+        "external_forces": [list(row) for row in frame.external_forces],
+    }
+
+
+def _describe_features(features: Features) -> dict[str, Any]:
+    return {
+        "rows": features.angles.shape[0],
+        "plain": list(features.plain),
+        "is_odd": features.is_odd,
+        "even": list(features.even),
+    }
+
+
+def _describe_network(network: Network) -> dict[str, Any]:
+    name = next(name for name, maker in NETWORKS.items() if type(network) is maker)
+    return {
+        "kind": name,
+        "widths": list(network.widths),
+        "even": list(getattr(network, "even", ())),
+        "parts": parts_to_json(getattr(network, "parts", ())),
+    }
+
+
+def blank(metadata: dict[str, Any]) -> Emulator:
+    """Return an emulator of the described structure with zeros or random numbers for weights.
+
+    Raises one of `artifact.FAULTS` for whatever no emulator has.
+    """
+    spec = _spec(metadata)
+    controls = spec.control.size
+    encoding = _encoding(metadata["modes"], spec)
+    latent_size = encoding.layout.size
+    frame = _frame(metadata["frame"], latent_size, controls, spec.dt)
+    others = frame.local_size + frame.control_size(controls)
+    changes = frame.change_size(latent_size)
+    features = _features(metadata["features"], latent_size, others)
+    feature_count = len(features.plain) + others
+    normaliser = Normaliser(
+        plain_mean=jnp.zeros(feature_count),
+        plain_scale=jnp.zeros(feature_count),
+        change_mean=jnp.zeros(changes),
+        change_scale=jnp.zeros(changes),
+        unit=jnp.zeros(changes),
+    )
+    return Emulator(
+        frame=frame,
+        features=features,
+        normaliser=normaliser,
+        network=_network(metadata["network"], features.sizes(others), changes),
+        domain=Domain(jnp.zeros(feature_count), jnp.zeros(feature_count)),
+        spec=spec,
+        encoding=encoding,
+    )
+
+
+def _encoding(described: Any, spec: EmulatorSpec) -> Encoding:
+    """Return the encoding `Encoding.to_json` wrote."""
+    if described is None:
+        return IdentityEncoding(spec.state)
+    return ShapeModes.from_json(described, spec.state.size, spec.control.size)
+
+
+def _features(described: dict[str, Any], latent_size: int, others: int) -> Features:
+    """Return the features of a latent state, which `others` further raw ones join."""
+    plain = entries(described["plain"], "features: plain", latent_size)
+    rows = whole(described["rows"], "features: rows", 0, MAX_LAYER)
+    even = _rising(described["even"], len(plain) + others)
+    is_odd = flag(described["is_odd"], "features: is_odd")
+    return Features(jnp.zeros((rows, latent_size)), plain, is_odd, even)
+
+
+def _network(described: dict[str, Any], sizes: tuple[int, int], changes: int) -> Network:
+    """Return a network for odd and even streams of these `sizes` that answers so many numbers of a change."""
+    kind = described["kind"]
+    odd_size, even_size = sizes
+    widths = listed(described["widths"], "widths", _layer_width)
+    even = _rising(described["even"], changes)
+    parts = parts_from_json(described["parts"])
+    network = make_network(
+        kind, odd_size, even_size, changes, widths, jax.random.key(0), even, parts
+    )
+    if (getattr(network, "even", ()), getattr(network, "parts", ())) != (even, parts):
+        raise ValueError(f"network: {quoted(kind)} has no even answers or no parts")
+    return network
+
+
+def _layer_width(value: Any, what: str) -> int:
+    return whole(value, what, 0, MAX_LAYER)
+
+
+def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
+    """Return what the emulator stands for: its text held to the rules of definitions, its numbers finite."""
+    state = Layout.from_json(metadata["state"], "state")
+    control = Layout.from_json(metadata["control"], "control")
+    substeps = whole(metadata["substeps"], "substeps", 1, MAX_SUBSTEPS)
+    dt = number(metadata["dt"], "dt", MIN_STEP * substeps, MAX_STEP * substeps)
+    system = check_system_name(metadata["system"])
+    definition = metadata["definition"]
+    if not isinstance(definition, str):
+        raise ValueError("definition: wanted a text")
+    if definition:
+        check_carried(system, definition, substeps, dt)
+
+    def index(entry: Any, what: str) -> int:
+        return whole(entry, what, 0, state.size - 1)
+
+    rates = listed(metadata["rates"], "rates", lambda pair, what: listed(pair, what, index, 2))
+    if len({position for position, _ in rates}) < len(rates):
+        raise ValueError("rates: an entry has two")
+    gait = None
+    if metadata["gait"] is not None:
+        gait = Gait.from_json(metadata["gait"], control.size)
+    return EmulatorSpec(
+        system=system,
+        state=state,
+        control=control,
+        bounds=Bounds.from_json(metadata["bounds"], control.size, "bounds"),
+        rest=_rest(metadata["rest"], state),
+        definition=definition,
+        gait=gait,
+        substeps=substeps,
+        dt=dt,
+        skeleton=Skeleton.from_json(metadata["skeleton"], state.size),
+        rates=tuple((position, rate) for position, rate in rates),
+    )
+
+
+def _rest(values: Any, state: Layout) -> tuple[float, ...]:
+    """Return the state of rest, whose quaternions have a length: an orientation of zeros makes poses NaN."""
+    rest = numbers(values, "rest", state.size)
+    for part in state.slices:
+        if part.unit == "quaternion":
+            norm = np.linalg.norm(rest[state.index(part.name)])
+            if abs(norm - 1) > UNIT_TOLERANCE:
+                raise ValueError(
+                    f"rest: '{part.name}' is a quaternion of length {norm:g}; wanted 1"
+                )
+    return rest
+
+
+def _rising(values: Any, size: int) -> tuple[int, ...]:
+    """Return `values` if they rise and are below `size`."""
+    rising = entries(values, "features: even", size)
+    if list(rising) != sorted({*rising}):
+        raise ValueError("features: even entries out of order")
+    return rising
+
+
+def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float) -> Frame:
+    """Return the frame of latent states with `state_size` entries."""
+    segments = segments_from_json(described["segments"])
+    if segments and sum(segment.size for segment in segments) != state_size:
+        raise ValueError("frame: its segments do not fill the state")
+    if any(isinstance(segment, Points | PointVelocities) for segment in segments):
+        raise ValueError("frame: mass points are decoded by modes")
+    if any(segment.rate >= state_size - 1 for segment in segments):
+        raise ValueError("frame: a rate lies outside the state")
+    probes = listed(described["probes"], "frame: probes", _probe)
+    if len(probes) > MAX_PROBES:
+        raise ValueError(f"frame: {len(probes)} probes; wanted at most {MAX_PROBES}")
+    if probes and not moves_freely(segments):
+        raise ValueError("frame: probes need a root that moves freely")
+
+    def force(row: Any, what: str) -> tuple[float, ...]:
+        return numbers(row, what, controls)
+
+    external_forces = listed(described["external_forces"], "frame: pushes", force)
+    if len(external_forces) not in (0, 3):
+        raise ValueError("frame: wanted pushes along three axes, or none")
+    return Frame(
+        segments=segments,
+        probes=probes,
+        dt=dt,
+        has_gravity=flag(described["has_gravity"], "frame: weighs"),
+        is_immersed=flag(described["is_immersed"], "frame: is_immersed"),
+        external_forces=external_forces,
+    )
+
+
+def _probe(row: Any, what: str) -> Probe:
+    x, y, z, radius = numbers(row, what, 4, MAX_DISTANCE)
+    return x, y, z, radius
