@@ -23,7 +23,7 @@ docs: $(DOCS_STAMP)
 endurance: setup
 	$(BIN)/pytest -m "endurance or fault or attack"
 
-# Ten minutes of random input for every parser of strangers' files; `make test` has half a minute of it.
+# Ten minutes of random input for every parser of strangers' files; `make test` has ten seconds of it.
 fuzz: setup
 	cd tests && ../$(BIN)/python -m fuzz --seconds 600
 

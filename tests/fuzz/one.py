@@ -67,7 +67,7 @@ def by_coverage(name: str, seconds: int, crashes: Path, found: Path) -> None:
     atheris.Fuzz()
 
 
-def by_chance(name: str, seconds: int, crashes: Path) -> None:
+def by_chance(name: str, seconds: float, crashes: Path) -> None:
     """Fuzz with random changes of the corpus; the input of a crash is written and its error raised."""
     from fuzz.targets import try_parser
 
