@@ -1,7 +1,7 @@
 """The JSON text a user's own system travels as, with its datasets and emulators: read and checked, nothing made of it.
 
 It comes out of files that strangers may have written, so it is held to the rules of a TOML file, and it can only
-*name* a step function or recordings. What it names is opened where the user allows it, see `given.py`.
+*name* a step function or recordings. What it names is opened where the user allows it, see `systems/trusted_files.py`.
 """
 
 from __future__ import annotations

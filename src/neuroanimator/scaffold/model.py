@@ -17,7 +17,7 @@ from neuroanimator.scaffold.defaults import GOOD_ENOUGH, WHOLE_TURN, proposed_su
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.rigid.actuators import actuator_name, control_range
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
-from neuroanimator.systems.rigid.joints import LOOKS, joint_name, sensor_name
+from neuroanimator.systems.rigid.joints import FEATURES, joint_name, sensor_name
 from neuroanimator.systems.rigid.model_files import compile_model, read_model_files
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
@@ -149,7 +149,7 @@ def look(model: mujoco.MjModel, joint: int, planar: tuple[str, ...]) -> str:
         and not model.jnt_stiffness[joint]
     ):
         return "cyclic"
-    return LOOKS[kind][0]
+    return FEATURES[kind][0]
 
 
 def _width(model: mujoco.MjModel, joint: int) -> float:

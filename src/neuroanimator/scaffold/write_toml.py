@@ -13,14 +13,14 @@ from neuroanimator.scaffold.model import Proposal, propose
 from neuroanimator.scaffold.recording import propose_recording
 from neuroanimator.storage.files import write_whole
 from neuroanimator.systems import SYSTEMS
-from neuroanimator.systems.rigid.joints import LOOKS
+from neuroanimator.systems.rigid.joints import FEATURES
 from neuroanimator.systems.trusted_files import trust_file
 
 TITLES = {
     "physics": "How the physics is stepped. Speed-ups are measured against step and integrator.\n"
     "# truth teaches; fine is the reference of every error, at most a tenth of the step.",
     "state": "How the network sees each joint.\n"
-    f"# hinge: {', '.join(LOOKS['hinge'][:3])}; slide: {', '.join(LOOKS['slide'][:2])}; ball: ball; free: free.\n"
+    f"# hinge: {', '.join(FEATURES['hinge'][:3])}; slide: {', '.join(FEATURES['slide'][:2])}; ball: ball; free: free.\n"
     "# cyclic: where it stands does not matter, how fast it moves does.",
     "frame": "What of the root's position matters. ground: its height; probes: x, y, z, radius of feet [m];\n"
     "# planar: joints x, y, heading of a root that moves in a plane, where position and heading do not matter.",

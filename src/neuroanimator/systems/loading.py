@@ -40,7 +40,7 @@ def packaged(name: str) -> System:
 
 
 class Kind(NamedTuple):
-    """One way to bring a system."""
+    """How systems of one kind are read, written down, and made again."""
 
     source: str
     """Key that names the file beside the TOML; empty if there is none."""
@@ -85,10 +85,11 @@ KINDS = {
     "python": Kind("file", True, _pack_function, PythonSystem),
     "recorded": Kind("file", True, _pack_recording, RecordedSystem),
 }
-"""By the names in `definition_text.TABLES`."""
+"""By the names in `definitions.carried.TABLES`."""
 
 
 USUAL_SUBSTEPS = 50
+"""Physics steps in a super step of a system of the package, if nothing else is said."""
 
 
 def trust_files(toml: str | Path) -> None:

@@ -2,8 +2,8 @@
 
 A definition that travels with a dataset or an emulator may name a file, never hold one to run or to
 open: what was not allowed here stays closed, so that a stranger's emulator cannot make us run anything.
-Nothing else in the package allows a file than `own.trust_files`, for a TOML file the user names, and
-`new.write_definition`, for the file it is asked to write one for.
+Nothing else in the package allows a file than `loading.trust_files`, for a TOML file the user names, and
+`scaffold.write_toml.write_definition`, for the file it is asked to write one for.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_bounded
 
 MAX_FILE = 512 * 2**20
-"""Largest file taken [bytes]: recordings are read whole."""
+"""The largest file taken [bytes]: recordings are read whole."""
 
 _TRUSTED: dict[str, Path] = {}
 

@@ -40,7 +40,7 @@ StepFunction = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 def run_file(digest: str, name: str) -> ModuleType:
     """Return the module in the given file with this sha256: this runs it.
 
-    Only a file the user allowed is ever run; see `own.trust_files`.
+    Only a file the user allowed is ever run; see `loading.trust_files`.
     """
     source = trusted_file(
         digest,

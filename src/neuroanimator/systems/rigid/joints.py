@@ -25,18 +25,18 @@ from neuroanimator.state.structure import Structure
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.text import quoted
 
-LOOKS = {
+FEATURES = {
     "hinge": ("sine", "plain", "cyclic", "planar"),
     "slide": ("plain", "cyclic", "planar"),
     "ball": ("ball",),
     "free": ("free",),
 }
-"""Ways each kind of joint may be seen, the proposed one first."""
+"""The features each kind of joint may be represented by, the proposed one first."""
 
 
 @dataclass(frozen=True)
 class JointView:
-    """One joint and how it is seen."""
+    """One joint, where it is in the state, and by what it is represented."""
 
     index: int
     """Its number in the model."""
@@ -46,7 +46,7 @@ class JointView:
     position_entry: int
     """State entry where its position begins."""
     rate: int
-    """State entry where its speed begins."""
+    """State entry where its velocity begins."""
 
 
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
@@ -70,26 +70,34 @@ def sensor_numbers(model: mujoco.MjModel, names: tuple[str, ...]) -> list[int]:
 
 
 def joint_views(
-    model: mujoco.MjModel, looks: dict[str, str], planar: tuple[str, ...] = ()
+    model: mujoco.MjModel, features: dict[str, str], planar: tuple[str, ...] = ()
 ) -> list[JointView]:
-    """Return the joints in the model's order; `looks` names how each is seen, its kind's first way if not there."""
+    """Return the joints in the model's order.
+
+    `features` names what represents each, the first of its kind's `FEATURES` if it is not there.
+    """
     views = []
     for joint in range(model.njnt):
         kind = JOINT_NAMES[int(model.jnt_type[joint])]
         name = joint_name(model, joint)
-        look = "planar" if name in planar else looks.get(name) or LOOKS[kind][0]
-        if look not in LOOKS[kind] or (look == "planar") != (name in planar):
-            valid = ", ".join(way for way in LOOKS[kind] if way != "planar")
-            raise ArgumentError(f"state.{name}: a {kind} joint cannot be '{look}'. Ways: {valid}.")
+        is_planar = name in planar
+        feature = features.get(name) or FEATURES[kind][0]
+        if is_planar:
+            feature = "planar"
+        if feature not in FEATURES[kind] or (feature == "planar") != is_planar:
+            valid = ", ".join(way for way in FEATURES[kind] if way != "planar")
+            raise ArgumentError(
+                f"state.{name}: a {kind} joint cannot be '{feature}'. Ways: {valid}."
+            )
         rate = model.nq + int(model.jnt_dofadr[joint])
-        views.append(JointView(joint, name, kind, look, int(model.jnt_qposadr[joint]), rate))
-    _check(views, looks, planar)
+        views.append(JointView(joint, name, kind, feature, int(model.jnt_qposadr[joint]), rate))
+    _check(views, features, planar)
     return views
 
 
-def _check(views: list[JointView], looks: dict[str, str], planar: tuple[str, ...]) -> None:
+def _check(views: list[JointView], features: dict[str, str], planar: tuple[str, ...]) -> None:
     names = [view.name for view in views]
-    for name in [*looks, *planar]:
+    for name in [*features, *planar]:
         if name not in names:
             raise ArgumentError(f"No joint called '{name}'. Joints: {', '.join(names)}.")
     if any(view.kind == "free" for view in views[1:]):
@@ -113,9 +121,9 @@ def state_layout(
     positions = [part for view in views for part in _position_slices(view)]
     rates = [part for view in views for part in _rate_slices(view)]
     activation = [Slice("activation", model.na, "1")] if model.na else []
-    places_of = zip(sensors, sensor_numbers(model, sensors), strict=True)
+    numbered = zip(sensors, sensor_numbers(model, sensors), strict=True)
     sensed = [
-        Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1") for name, number in places_of
+        Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1") for name, number in numbered
     ]
     parts = [*positions, *rates, *activation, *sensed]
     names = [part.name for part in parts]

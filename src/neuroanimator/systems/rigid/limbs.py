@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from jaxtyping import Bool
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.structure import Group
@@ -11,11 +12,14 @@ from neuroanimator.systems.groups import check_groups
 from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.text import listed
 
-POSE_SEED, POSE_SPREAD = 0, 0.1
-"""Muscles are looked at a little away from the reference pose [rad or m], where none pulls through a joint's axis."""
+POSE_SEED = 0
+"""The pose in which muscles are examined is drawn from this seed."""
+
+POSE_SPREAD = 0.1
+"""Muscles are examined so far away from the reference pose [rad or m], where none pulls through a joint's axis."""
 
 ENTRIES = {"free": (7, 6), "ball": (4, 3)}
-"""State entries of a joint's place and of its rate; of any other kind one and one."""
+"""How many state entries the position of a joint takes, and its velocity; of any other kind one and one."""
 
 
 def groups_of(
@@ -28,30 +32,31 @@ def groups_of(
     if not groups:
         return ()
     _check(views, groups)
-    acting = _acting(model)
-    return tuple(
-        _group(model, name, [v for v in views if v.name in joints], acting)
-        for name, joints in groups.items()
-    )
+    acts_on = _acts_on(model)
+    found = []
+    for name, joints in groups.items():
+        members = [view for view in views if view.name in joints]
+        found.append(_group(model, name, members, acts_on))
+    return tuple(found)
 
 
 def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
-    kept = [view.name for view in views if view.kind == "free" or view.feature == "planar"]
-    names = [view.name for view in views if view.name not in kept]
+    of_root = [view.name for view in views if view.kind == "free" or view.feature == "planar"]
+    names = [view.name for view in views if view.name not in of_root]
     for group, joints in groups.items():
         if not joints:
             raise ArgumentError(
                 f"groups.{group}: wanted one or more joints, came none. Joints: {listed(names)}."
             )
         for joint in joints:
-            if joint in kept:
+            if joint in of_root:
                 raise ArgumentError(
                     f"groups.{group}: '{joint}' is the root's; it belongs to no group. Leave it out."
                 )
     check_groups(groups, names, "joint")
 
 
-def _group(model: mujoco.MjModel, name: str, views: list[JointView], acting: np.ndarray) -> Group:
+def _group(model: mujoco.MjModel, name: str, views: list[JointView], acts_on: np.ndarray) -> Group:
     entries: list[int] = []
     dofs: list[int] = []
     for view in views:
@@ -61,13 +66,14 @@ def _group(model: mujoco.MjModel, name: str, views: list[JointView], acting: np.
             *range(view.rate, view.rate + rate_count),
         ]
         dofs += range(view.rate - model.nq, view.rate - model.nq + rate_count)
-    controls = [int(actuator) for actuator in np.flatnonzero(acting[:, dofs].any(axis=1))]
+    controls = [int(actuator) for actuator in np.flatnonzero(acts_on[:, dofs].any(axis=1))]
     return Group(name, tuple(sorted(entries)), tuple(controls))
 
 
-def _acting(model: mujoco.MjModel) -> np.ndarray:
-    """Return (actuators, degrees of freedom) which drives which, directly or through a tendon or a site."""
-    data, rng = mujoco.MjData(model), np.random.default_rng(POSE_SEED)
+def _acts_on(model: mujoco.MjModel) -> Bool[np.ndarray, "A V"]:
+    """Return which actuator drives which degree of freedom, directly or through a tendon or a site."""
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(POSE_SEED)
     mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), POSE_SPREAD)
     mujoco.mj_forward(model, data)
     moments = np.zeros((model.nu, model.nv))

@@ -19,10 +19,10 @@ INTEGRATORS = {
 }
 
 DIVERGED_VELOCITY = 1e3
-"""A joint faster than this has left physics [rad/s or m/s]: a hundred times what starts and motors give."""
+"""A motion with a joint faster than this has diverged [rad/s or m/s]: it is a hundred times what starts and motors give."""
 
 STEPS_IN_MEMORY = 2_000_000
-"""Physics steps kept at once while simulating; bounds memory to about 150 MB."""
+"""So many physics steps are kept at once while simulating; that bounds memory to about 150 MB."""
 
 
 def load_model(file_name: str) -> mujoco.MjModel:
@@ -84,22 +84,26 @@ class MujocoSystem(System):
     def put(self, data: mujoco.MjData, state: np.ndarray) -> None:
         """Make `state` (S,) the state of `data`."""
         mujoco.mj_resetData(self.model, data)
-        parts = np.split(
-            state[: self.physical_size], [self.model.nq, self.model.nq + self.model.nv]
-        )
-        data.qpos[:], data.qvel[:], data.act[:] = parts
+        velocities = self.model.nq
+        activations = self.model.nq + self.model.nv
+        data.qpos[:] = state[:velocities]
+        data.qvel[:] = state[velocities:activations]
+        data.act[:] = state[activations : self.physical_size]
 
     def _rollout(self, model, workers, starts, controls, substeps) -> np.ndarray:
         physics_states = starts[:, : self.physical_size]
-        initial = np.concatenate(
-            [np.zeros((len(starts), 1)), physics_states], axis=1
-        )  # MuJoCo's state leads with time
+        time = np.zeros((len(starts), 1))  # MuJoCo's state leads with time
+        initial = np.concatenate([time, physics_states], axis=1)
         kind, signal = self.drive(controls)
         signal = np.repeat(signal, substeps, axis=1)
         with warnings_counted:
-            found = rollout.rollout(model, workers, initial, signal, control_spec=int(kind))
-        states, sensed = (np.asarray(part)[:, substeps - 1 :: substeps] for part in found)
-        return np.concatenate([states[..., 1:], sensed[..., list(self.sensors)]], axis=-1)
+            physics, readings = rollout.rollout(
+                model, workers, initial, signal, control_spec=int(kind)
+            )
+        ends = slice(substeps - 1, None, substeps)
+        states = np.asarray(physics)[:, ends, 1:]
+        sensed = np.asarray(readings)[:, ends]
+        return np.concatenate([states, sensed[..., list(self.sensors)]], axis=-1)
 
     def drive(self, controls: np.ndarray) -> tuple[mujoco.mjtState, np.ndarray]:
         """Return which part of MuJoCo's input the controls are, and their values there."""

@@ -13,28 +13,29 @@ from neuroanimator.systems.system import Scheme
 STATE = Layout((Slice("angle", 3, "rad"), Slice("velocity", 3, "rad/s")))
 
 MOTOR_TORQUE = (30.0, 14.0, 4.0)
-"""[N·m] About 1.4 times what holding the arm out level needs (22.1, 9.8, 2.5): it can lift itself, slowly."""
+"""The torques of the motors [N·m]: about 1.4 times what holding the arm out level needs (22.1, 9.8, 2.5):
+it can lift itself, slowly."""
 
 WEAK_MOTOR_TORQUE = (10.0, 5.0, 1.5)
-"""[N·m] About half of what holding the arm level needs: these must pump like a child on a swing."""
+"""The torques of weak motors [N·m]: about half of what holding the arm level needs: these must pump like a child on a swing."""
 
 MOTOR_DAMPING = (1.5, 0.75, 0.2)
-"""[N·m·s/rad] Friction and back-EMF: the torque limit over it is a motor's no-load speed, 20 rad/s."""
+"""The damping by motors [N·m·s/rad], friction and back-EMF: the torque limit over it is a motor's no-load speed, 20 rad/s."""
 
 BEARING_DAMPING = (0.15, 0.075, 0.02)
-"""[N·m·s/rad] Bearings alone, a tenth of the above: the passive arm swings for many seconds."""
+"""The damping by bearings alone [N·m·s/rad], a tenth of the above: the passive arm swings for many seconds."""
 
 PUSH_FORCE = (10.0, 10.0, 10.0)
-"""[N] Horizontal, at the middle of each link: each about a link's own weight, a firm shove."""
+"""The largest outside forces [N], horizontal and at the middle of each link: each about a link's own weight, a firm shove."""
 
-START_SPEED = (2.0, 3.0, 4.0)
-"""[rad/s] Standard deviation of the joints' speeds at random starts; free fall reaches two to three times it."""
+START_VELOCITY = (2.0, 3.0, 4.0)
+"""Standard deviation of the joints' velocities at random starts [rad/s]; free fall reaches two to three times it."""
 
 REST_SHARE = 0.3
 """Share of random starts that are near hanging and nearly at rest, where most motions begin."""
 
 REST_SPREAD = 0.15
-"""Angles [rad] and speeds of such a start, as a share of the random ones."""
+"""Angles and velocities of such a start are this share of the random ones."""
 
 # Angles of the links against gravity and against each other: gravity sees the first, inertia the second.
 ANGLES = (
@@ -71,7 +72,7 @@ class Pendulum(MujocoSystem):
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         angles = rng.uniform(-np.pi, np.pi, (count, 3))
-        velocities = rng.normal(size=(count, 3)) * START_SPEED
+        velocities = rng.normal(size=(count, 3)) * START_VELOCITY
         spread = np.where(rng.random(count) < REST_SHARE, REST_SPREAD, 1.0)
         return np.concatenate([angles, velocities], axis=1) * spread[:, None]
 
