@@ -32,7 +32,7 @@ STEPS = """
 import sys, time
 import numpy as np
 import neuroanimator as na
-emulator = na.Emulator.load(na.find_emulator("fish-50"))
+emulator = na.load_emulator("fish-50")
 state = np.array(emulator.rest)
 control = np.zeros(emulator.control.size)
 for call in range(int(sys.argv[1])):

@@ -75,7 +75,7 @@ def clip_of(name: str) -> na.Clip:
         with tempfile.TemporaryDirectory() as folder, chdir(folder):
             found = runpy.run_path(str(LEAP))
         return na.make_clip(found["emulator"], found["found"].outcome.physics_states)
-    emulator = na.Emulator.load(na.find_emulator(name))
+    emulator = na.load_emulator(name)
     return na.make_clip(emulator, random_motion(emulator, SECONDS, seed=0))
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator import Emulator, descend, find_emulator, load_system
+from neuroanimator import DescentOptions, descend, load_emulator, load_system
 from neuroanimator.bench.csv_table import describe_machine, quartiles, write_csv
 from neuroanimator.bench.run_control import DIGITS, QUICK, TASKS, THOROUGH, run_control_bench
 from neuroanimator.control.descent.methods import METHODS
@@ -42,7 +42,7 @@ def descent_rows(is_quick: bool) -> Rows:
     """Return a row per task, method and number of iterations: J on the emulator and at the first replay."""
     rows = []
     for task in TASKS.values():
-        emulator = Emulator.load(find_emulator(f"{task.system}-{task.substeps}"))
+        emulator = load_emulator(f"{task.system}-{task.substeps}")
         solver = Solver.of(task, load_system(task.system), emulator)
         for method in METHODS:
             rows += [
@@ -58,12 +58,16 @@ def descent_row(solver: Solver, method: str, iterations: int, trials: int) -> di
     costs_on_physics = []
     for number in range(trials):
         trial = solver.draw(number)
-        descents.append(
-            descend(
-                solver.emulator, trial.objective, trial.start, steps=solver.steps, method=method,
-                iterations=iterations, first=trial.first, parametrisation=solver.parametrisation,
-            )
-        )  # fmt: skip
+        options = DescentOptions(
+            method=method,
+            iterations=iterations,
+            first=trial.first,
+            parametrisation=solver.parametrisation,
+        )
+        descent = descend(
+            solver.emulator, trial.objective, trial.start, steps=solver.steps, options=options
+        )
+        descents.append(descent)
         outcome = replay(
             solver.emulator, solver.system, trial.objective, trial.start, descents[-1].controls
         )

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from neuroanimator import Emulator, find_emulator, load_system
+from neuroanimator import Emulator, load_emulator, load_system
 from neuroanimator.bench.csv_table import quartiles
 from neuroanimator.bench.long_run import measure_long_run
 from neuroanimator.bench.spring_relaxation import relaxed
@@ -60,7 +60,7 @@ def deformable(name: str) -> DeformableSystem:
 def accuracy_rows(repeats: int) -> Rows:
     """Return a row per shipped emulator: one step, a hundred steps, and what its modes cannot show."""
     names = [f"{name}-{n}" for name in ("fish", "dolphin", "cube") for n in COUNTS]
-    return [accuracy_row(Emulator.load(find_emulator(name)), quick=repeats < 5) for name in names]
+    return [accuracy_row(load_emulator(name), quick=repeats < 5) for name in names]
 
 
 def accuracy_row(emulator: Emulator, *, quick: bool) -> dict[str, Any]:
@@ -101,7 +101,7 @@ def long_rows(repeats: int) -> Rows:
     quick = repeats < 5
     rows = []
     for name in ("fish", "dolphin"):
-        emulator = Emulator.load(find_emulator(f"{name}-50"))
+        emulator = load_emulator(f"{name}-50")
         system = deformable(name)
         known = simulate_transitions(
             DatasetConfig(system=name, count=KNOWN_RUNS // (20 if quick else 1), samples_per_run=36)

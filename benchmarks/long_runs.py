@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator import Emulator, find_emulator, load_system
+from neuroanimator import Emulator, load_emulator, load_system
 from neuroanimator.bench.csv_table import describe_machine, write_csv
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.emulator import rollout_latent
@@ -92,7 +92,7 @@ def driven(emulator: Emulator, system: System, steps: int) -> dict[str, float]:
 
 def row(name: str, steps: int) -> dict[str, Any]:
     """Return one system's row."""
-    emulator = Emulator.load(find_emulator(f"{name}-50"))
+    emulator = load_emulator(f"{name}-50")
     system = load_system(name)
     short, long = emulator_at_rest(emulator, steps)
     return {

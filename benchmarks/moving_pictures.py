@@ -18,12 +18,7 @@ import numpy as np
 from contact_sheets import ROOT, clip_of
 
 import neuroanimator as na
-from neuroanimator.control.synthesis.receding_horizon import (
-    PhysicsPlant,
-    Planner,
-    all_along,
-    drive,
-)
+from neuroanimator.control import PhysicsPlant, Planner, all_along, control_plant
 
 RATE = 15
 """[1/s] Pictures a second: half of what is drawn, and smooth enough for a loop."""
@@ -80,13 +75,20 @@ def swing_up() -> na.Clip:
     """Return the arm hanging, swinging itself up by one plan of 1.5 s, and held upright by planning again and again."""
     emulator = na.Emulator.load("pendulum-50")
     system = na.load_system("pendulum")
-    found = na.synthesise(emulator, system, na.stand_upright(), system.rest, steps=30)
+    found = na.synthesise(
+        emulator,
+        system,
+        na.Objective.of(na.effort(), na.goal(system, "upright")),
+        system.rest,
+        steps=30,
+    )
     swinging = found.outcome.physics_states
 
-    goal = na.stand_upright(times=all_along(HORIZON, emulator.dt))
+    times = all_along(HORIZON, emulator.dt)
+    goal = na.Objective.of(na.effort(), na.goal(system, "upright", at=times))
     planner = Planner.of(emulator, goal, HORIZON)
     plant = PhysicsPlant(system, emulator.dt)
-    standing = drive(planner, plant, swinging[-1], round(STANDING / emulator.dt)).states
+    standing = control_plant(planner, plant, swinging[-1], round(STANDING / emulator.dt)).states
 
     hanging = np.tile(system.rest, (round(HANGING / emulator.dt), 1))
     return na.make_clip(emulator, np.concatenate([hanging, swinging, standing[1:]]))

@@ -11,13 +11,16 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import (
+    DescentOptions,
     Emulator,
+    Objective,
     descend,
-    find_emulator,
-    is_upright,
+    effort,
+    goal,
+    is_reached,
+    load_emulator,
     load_system,
     replay,
-    stand_upright,
 )
 from neuroanimator.bench.csv_table import describe_machine, write_csv
 from neuroanimator.state.layout import Bounds
@@ -41,39 +44,31 @@ def trial(
     emulator: Emulator, motors: str, seconds: float, method: str, iterations: int
 ) -> dict[str, Any]:
     """Return one row: how descents from `SEEDS` first controls fared, on emulator and physics."""
-    system, objective, start = load_system("pendulum"), stand_upright(), np.zeros(6)
-    bounds, steps = Bounds.symmetric(LIMITS[motors]), round(seconds / emulator.dt)
-    found, outcomes = [], []
+    system = load_system("pendulum")
+    objective = Objective.of(effort(), goal(system, "upright"))
+    start = np.zeros(6)
+    bounds = Bounds.symmetric(LIMITS[motors])
+    steps = round(seconds / emulator.dt)
+    descents = []
+    outcomes = []
     for seed in range(SEEDS):
-        first = (
-            smooth(np.random.default_rng(seed), steps, emulator.dt)
-            * bounds.half
-            * FIRST_SHARE
-            * (seed > 0)
-        )
-        result = descend(
-            emulator,
-            objective,
-            start,
-            steps=steps,
-            method=method,
-            iterations=iterations,
-            first=first,
-            bounds=bounds,
-        )
-        found.append(result)
-        outcomes.append(replay(emulator, system, objective, start, result.controls))
+        waves = smooth(np.random.default_rng(seed), steps, emulator.dt)
+        first = waves * bounds.half * FIRST_SHARE * (seed > 0)
+        options = DescentOptions(method=method, iterations=iterations, first=first, bounds=bounds)
+        descent = descend(emulator, objective, start, steps=steps, options=options)
+        descents.append(descent)
+        outcomes.append(replay(emulator, system, objective, start, descent.controls))
     return {
         "motors": motors,
         "seconds": seconds,
         "method": method,
-        "iterations": int(np.median([each.iterations for each in found])),
-        "search_s": float(np.median([each.seconds for each in found])),
+        "iterations": int(np.median([each.iterations for each in descents])),
+        "search_s": float(np.median([each.seconds for each in descents])),
         "J_emulator": float(np.median([each.cost_emulator for each in outcomes])),
         "J_physics": float(np.median([each.cost_physics for each in outcomes])),
         "J_physics_worst": max(each.cost_physics for each in outcomes),
-        "upright_emulator": f"{sum(is_upright(each.emulator_states[-1]) for each in outcomes)}/{SEEDS}",
-        "upright_physics": f"{sum(is_upright(each.physics_states[-1]) for each in outcomes)}/{SEEDS}",
+        "upright_emulator": f"{sum(is_reached(system, 'upright', each.emulator_states[-1]) for each in outcomes)}/{SEEDS}",
+        "upright_physics": f"{sum(is_reached(system, 'upright', each.physics_states[-1]) for each in outcomes)}/{SEEDS}",
     }
 
 
@@ -84,7 +79,7 @@ def smooth(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    emulator = Emulator.load(find_emulator("pendulum-50"))
+    emulator = load_emulator("pendulum-50")
     rows = [trial(emulator, *settings) for settings in TRIALS]
     write_csv(Path(__file__).parent / "results" / "swing_up.csv", rows)
     print(describe_machine())

@@ -13,7 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator import Emulator, find_emulator, load_system
+from neuroanimator import load_emulator, load_system
 from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.control.policies.behaviours import Tank, shoal
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator, rollout_on_physics
@@ -229,7 +229,7 @@ def spread_out(
 if __name__ == "__main__":
     for name in POLICIES if sys.argv[1:] != ["measure"] else ():
         out = WORKPLACE / shipped_policy(name).name
-        train_policy(Emulator.load(find_emulator(name)), load_system(name), out, on_report=print)
+        train_policy(load_emulator(name), load_system(name), out, on_report=print)
         shipped_policy(name).write_bytes(out.read_bytes())
     rows = [each for name in POLICIES for each in measure(name)]
     straight = [each for name in POLICIES for each in measure_straight(name)]

@@ -10,7 +10,7 @@ na.generate(config, folder)
 data = na.read_transitions(folder)
 
 emulator = na.train(data, na.TrainingConfig(updates=5_000), folder / "passive.emulator.safetensors")
-evaluation = na.evaluate(emulator, data=data, effort=na.Effort(starts=100, steps=200))
+evaluation = na.evaluate(emulator, data=data, budget=na.EvaluationBudget(starts=100, steps=200))
 
 print(f"one-step error {evaluation.one_step_error:.3f}")
 print(

@@ -6,7 +6,7 @@ import numpy as np
 
 import neuroanimator as na
 
-emulator = na.Emulator.load(na.find_emulator("fish-50"))
+emulator = na.load_emulator("fish-50")
 system = na.load_system("fish")
 
 steps = round(6.0 / emulator.dt)

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import neuroanimator as na
-from neuroanimator.control.policies.behaviours import Tank, shoal
-from neuroanimator.control.policies.closed_loop import rollout_on_emulator
+from neuroanimator.control.policies import Tank, rollout_on_emulator, shoal
 
 policy = na.load_policy(
     "fish"

@@ -24,7 +24,7 @@ if os.environ.get("NEUROANIMATOR_CHECK_SHAPES"):
     # Before anything of the package is imported: what is imported already is not checked.
     check_shapes()
 
-from neuroanimator import DatasetConfig, Emulator, find_emulator, generate, read_transitions
+from neuroanimator import DatasetConfig, Emulator, generate, load_emulator, read_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.storage.program_cache import keep_programs
 
@@ -80,7 +80,7 @@ def transitions(dataset: Path) -> Transitions:
 
 @pytest.fixture(scope="session")
 def shipped() -> Emulator:
-    return Emulator.load(find_emulator("pendulum-50"))
+    return load_emulator("pendulum-50")
 
 
 def as_installed() -> dict[str, str]:

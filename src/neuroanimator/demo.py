@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from neuroanimator.animation.clip import make_clip
-from neuroanimator.control.objective.goals import is_upright
+from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise_goal
 from neuroanimator.data.config import DatasetConfig
@@ -67,11 +67,11 @@ def run_demo(out: Path) -> dict[str, Any]:
         "rollout_error_1s": evaluation.rollout_error_at(1.0),
         "nominal_speedup": evaluation.speed.nominal,
         "equal_error_speedup": evaluation.speed.equal_error,
-        "iterations": synthesis.descent.iterations,
-        "synthesis_seconds": synthesis.descent.seconds,
+        "iterations": synthesis.spent.iterations,
+        "synthesis_seconds": synthesis.spent.seconds,
         "cost_emulator": synthesis.outcome.cost_emulator,
         "cost_physics": synthesis.outcome.cost_physics,
-        "upright_on_physics": is_upright(synthesis.outcome.physics_states[-1]),
+        "upright_on_physics": synthesis.is_reached,
         "seconds_total": time.monotonic() - began,
         "files": [str(path) for path in files] + [str(out / "summary.json")],
     }
@@ -107,7 +107,7 @@ def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
         emulator,
         "upright",
         data=data,
-        iterations=SWEEPS,
+        options=DescentOptions(iterations=SWEEPS),
         corrections=CORRECTIONS,
         measures_trust=True,
         on_refine=lambda gap: print(
@@ -127,7 +127,7 @@ def _write(out: Path, evaluation: Evaluation, synthesis: Synthesis) -> list[Path
     report = out / "report.html"
     video = out / "swing-up.mp4"
     write_glb(clip, scene)
-    controls = synthesis.descent.controls
+    controls = synthesis.controls
     times = np.arange(len(controls)) * emulator.dt
     write_table(table, times, controls, emulator.control)
     write_report([evaluation], report, extra=[("Swing-up", _swing_up_html(synthesis))])

@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 from forgery import forged_emulator, forged_policy
 
-from neuroanimator import Emulator, find_emulator
+from neuroanimator import Emulator
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.artifact import FAULTS
 from neuroanimator.emulator.description import FORMAT, blank
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.zoo import find_emulator
 
 HUGE, MANY = 1e300, 10**4000
 

@@ -18,7 +18,7 @@ from forgery import HOSTILE_TEXTS, NO_TEXTS, forged_emulator, forged_policy
 from neuroanimator import (
     Emulator,
     NeuroAnimatorError,
-    find_emulator,
+    load_emulator,
     read_clip,
     write_clip,
     write_report,
@@ -283,4 +283,4 @@ def test_every_shipped_emulator_says_the_same_after_the_checks():
 
 
 def test_shipped_names_keep_the_rules():
-    assert Emulator.load(find_emulator("fish-50")).state.names[0] == "nose[0] m"
+    assert load_emulator("fish-50").state.names[0] == "nose[0] m"

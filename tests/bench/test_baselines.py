@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from swing_up import stand_upright
 
-from neuroanimator import Emulator, load_system, stand_upright
+from neuroanimator import Emulator, load_system
 from neuroanimator.bench.baselines.cost_evaluator import DIVERGED_COST, CostEvaluator
 from neuroanimator.bench.baselines.fast_physics import (
     SINGLE_LANES,
@@ -21,7 +22,7 @@ from neuroanimator.bench.baselines.ilqr import linearised
 from neuroanimator.bench.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
 from neuroanimator.control.descent.parametrisation import EachStep, Spline
 from neuroanimator.control.objective.costs import effort
-from neuroanimator.control.objective.goals import reach_state
+from neuroanimator.control.objective.goals import goal_objective
 from neuroanimator.control.objective.objective import Objective, objective_cost
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.errors import ArgumentError
@@ -101,11 +102,7 @@ def test_the_jacobian_of_ilqr_is_the_finite_difference_of_the_physics(name: str,
     dt, start = 50 * system.physics_dt, np.array(system.rest)
     if name == "lander":
         start[2], start[3:7] = start[2] + 10, np.array([0.5, 0.5, 0.5, 0.5])
-    goal = (
-        UPRIGHT
-        if name == "pendulum"
-        else reach_state(system.structure, system.rest, system.goals["pad"])
-    )
+    goal = UPRIGHT if name == "pendulum" else goal_objective(system, "pad")
     parametrisation = Spline.of(steps, 4, system.bounds)
     physics = fast_physics(system, system.scheme, dt, start, steps)
     evaluator = CostEvaluator(physics, goal, parametrisation, dt, start, system.bounds.magnitude, 1)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neuroanimator import Emulator, NeuroAnimatorError, find_emulator
+from neuroanimator import Emulator, NeuroAnimatorError, load_emulator
 from neuroanimator.codegen import c_emulator as module
 from neuroanimator.codegen.c_emulator import c_emulator, c_program
 from neuroanimator.codegen.c_function import HEAD, c_function
@@ -81,13 +81,13 @@ def test_a_function_is_the_same_in_c(name: str):
 @needs_compiler
 @pytest.mark.parametrize("name", ["truck-50", "lander-50", "dolphin-100", "cube-50"])
 def test_every_kind_of_emulator_can_be_c_and_is_held_against_jax(name: str):
-    assert c_emulator(Emulator.load(find_emulator(name))) is not None
+    assert c_emulator(load_emulator(name)) is not None
 
 
 @needs_compiler
 @pytest.mark.parametrize("name", ["pendulum-50", "fish-50"])
 def test_a_rollout_is_the_same_in_c(name: str):
-    emulator = Emulator.load(find_emulator(name))
+    emulator = load_emulator(name)
     program = c_emulator(emulator)
     assert program is not None
     rng = np.random.default_rng(0)

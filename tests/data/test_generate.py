@@ -10,10 +10,9 @@ import pytest
 
 from neuroanimator import (
     DatasetConfig,
-    Emulator,
     NeuroAnimatorError,
-    find_emulator,
     generate,
+    load_emulator,
     load_system,
     read_transitions,
 )
@@ -60,7 +59,7 @@ def test_controls_are_bounded_and_never_idle():
 
 @pytest.mark.parametrize("name", ["pendulum", "fish"])
 def test_an_emulator_is_driven_by_the_same_random_controls_as_its_system(name: str):
-    system, spec = load_system(name), Emulator.load(find_emulator(f"{name}-50")).spec
+    system, spec = load_system(name), load_emulator(f"{name}-50").spec
     own, emulator_states = (
         sample_control_runs(np.random.default_rng(0), 20, 40, 0.05, driven)
         for driven in (system, spec)

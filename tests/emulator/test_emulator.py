@@ -12,13 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import safetensors.numpy
+from swing_up import stand_upright
 
 from neuroanimator import (
     Emulator,
     NeuroAnimatorError,
     TrainingConfig,
-    find_emulator,
-    stand_upright,
 )
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.parametrisation import EachStep
@@ -29,6 +28,7 @@ from neuroanimator.emulator.features import Features, sine_cosine
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.storage.files import METADATA_KEY, _seal
 from neuroanimator.training.initialise import build_emulator
+from neuroanimator.zoo import find_emulator
 
 
 @pytest.fixture(params=["gated", "classic"])

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neuroanimator import Emulator, find_emulator, load_system
+from neuroanimator import Emulator, load_emulator, load_system
 from neuroanimator.data.sampling import sample_control_runs, with_idle_runs
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Bounds
@@ -29,7 +29,7 @@ RESTING = (
 
 
 def emulator_called(name: str) -> Emulator:
-    return Emulator.load(find_emulator(name))
+    return load_emulator(name)
 
 
 def idle(emulator: Emulator, seconds: float = SECONDS) -> np.ndarray:

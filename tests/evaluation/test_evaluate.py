@@ -13,7 +13,7 @@ from neuroanimator import Emulator, evaluate, write_report
 from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.accuracy import one_step_error, scheme_error
 from neuroanimator.evaluation.baselines import baselines
-from neuroanimator.evaluation.evaluate import Effort
+from neuroanimator.evaluation.evaluate import EvaluationBudget
 from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.evaluation.speed import OPPONENT_INTEGRATORS
 from neuroanimator.evaluation.stability import count_diverged
@@ -55,13 +55,15 @@ def test_a_wild_emulator_is_kept_where_training_was(shipped: Emulator):
 
     wild = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: 500 * out)
     assert count_diverged(wild, starts=20, steps=200) == 0
-    assert evaluate(wild, effort=Effort(runs=8, starts=10, steps=50)).verdict.is_useless
+    assert evaluate(wild, budget=EvaluationBudget(runs=8, starts=10, steps=50)).verdict.is_useless
 
 
 def test_an_evaluation_is_complete_and_its_report_stands_alone(
     shipped: Emulator, transitions: Transitions, tmp_path: Path
 ):
-    found = evaluate(shipped, data=transitions, effort=Effort(runs=8, starts=10, steps=50))
+    found = evaluate(
+        shipped, data=transitions, budget=EvaluationBudget(runs=8, starts=10, steps=50)
+    )
     row = found.row()
     assert row["nominal_speedup"] > 20
     assert found.speed.equal_error_opponent.error <= found.one_step_error

@@ -12,14 +12,14 @@ import pytest
 from neuroanimator import DatasetConfig, Emulator, evaluate, generate, read_transitions, train
 from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.baselines import CONSTANT_VELOCITY, NO_CHANGE
-from neuroanimator.evaluation.evaluate import Effort, judge_training
+from neuroanimator.evaluation.evaluate import EvaluationBudget, judge_training
 from neuroanimator.evaluation.report import write_report
 from neuroanimator.evaluation.verdict import judge
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.training.config import TrainingConfig
 
-FAST = Effort(runs=8, transitions=200, repeats=3, starts=20, steps=50)
+FAST = EvaluationBudget(runs=8, transitions=200, repeats=3, starts=20, steps=50)
 TRAINING = {"updates": 500, "widths": (24, 24), "batch": 128}
 
 REACHER = """\
@@ -67,7 +67,7 @@ def with_target(
 
 def test_what_never_moves_is_left_out_of_errors_and_diverged_rollouts(with_target):
     emulator, data, config = with_target
-    found = evaluate(emulator, data=data, effort=FAST)
+    found = evaluate(emulator, data=data, budget=FAST)
     assert found.one_step_error < 0.2
     assert found.rollout_error_at(1.0) < 0.6
     assert found.diverged == 0
@@ -106,7 +106,7 @@ def test_a_useless_emulator_gets_no_speed_up(with_target, tmp_path: Path):
     emulator, data, config = with_target
     scale = emulator.normaliser.change_scale
     wild = replace(emulator, normaliser=replace(emulator.normaliser, change_scale=20 * scale))
-    found = evaluate(wild, data=data, effort=FAST)
+    found = evaluate(wild, data=data, budget=FAST)
     assert found.verdict.word == "useless"
     assert found.row()["equal_error_speedup"] == "none"
     assert found.equal_error_text == "none: it is worse than predicting no change"

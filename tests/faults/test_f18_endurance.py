@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tally import Tally
 
-from neuroanimator import Emulator, find_emulator
+from neuroanimator import load_emulator
 from neuroanimator.codegen.c_emulator import c_emulator
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.zoo import SHIPPED
@@ -29,7 +29,7 @@ def resident() -> float:
 @pytest.mark.endurance
 @pytest.mark.parametrize("name", ["pendulum-50", "fish-50"])
 def test_f18_a_million_steps_take_no_more_memory_than_ten_thousand(name: str):
-    emulator = Emulator.load(find_emulator(name))
+    emulator = load_emulator(name)
     spec = emulator.spec
     rng = np.random.default_rng(0)
     state = np.asarray(spec.rest, np.float32)
@@ -53,7 +53,7 @@ def test_f18_a_million_steps_take_no_more_memory_than_ten_thousand(name: str):
 @pytest.mark.skipif(find_compiler() is None, reason="no C compiler: there is no C to compare")
 @pytest.mark.parametrize("name", [f"{system}-{substeps}" for system, substeps in sorted(SHIPPED)])
 def test_f19_c_and_jax_say_the_same_of_a_thousand_inputs(name: str, tally: Tally):
-    emulator = Emulator.load(find_emulator(name))
+    emulator = load_emulator(name)
     program, spec = c_emulator(emulator), emulator.spec
     assert program is not None
     rng = np.random.default_rng(0)

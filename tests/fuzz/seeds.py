@@ -54,7 +54,7 @@ FUNCTION = (
     .replace("runs.csv", "step.py")
     .replace("step = 0.02", "step = 0.02\ntruth_step = 0.02\nfine_step = 0.002")
 )
-WISHES = """system = "lander"
+OBJECTIVE = """system = "lander"
 seconds = 2.0
 parametrisation = "spline"
 [[costs]]
@@ -131,7 +131,7 @@ def seeds() -> dict[str, dict[str, bytes]]:
         "model": {"mjcf": MODEL.encode(), "urdf": ROBOT.encode()},
         "npz": {"plain": plain.getvalue(), "packed": packed.getvalue()},
         "numbers": {"good": b"96,64"},
-        "objective": {"good": WISHES.encode()},
+        "objective": {"good": OBJECTIVE.encode()},
         "state": {"good": b"[[0.1, 2, -3e4], [1, 2, 3]]"},
         "tensors": {"good": sealed},
         "toml": {"jelly": JELLY.encode(), "recorded": STEP.encode(), "function": FUNCTION.encode(),

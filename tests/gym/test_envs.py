@@ -12,9 +12,10 @@ import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from swing_up import stand_upright
 
 import neuroanimator.gym
-from neuroanimator import Emulator, NeuroAnimatorError, find_emulator, stand_upright
+from neuroanimator import Emulator, NeuroAnimatorError, load_emulator
 from neuroanimator.gym import EmulatorEnv, EmulatorVectorEnv, RunningCost, mjcf_of
 from neuroanimator.gym.envs import start_near_rest
 
@@ -34,7 +35,7 @@ def random_actions(emulator: Emulator, *shape: int) -> np.ndarray:
 @pytest.fixture(scope="module", params=["pendulum-50", "lander-50", "fish-50", "cube-50"])
 def every_kind(request: pytest.FixtureRequest) -> Emulator:
     """Hinges, a free root, a body with muscles and one that is pushed."""
-    return Emulator.load(find_emulator(request.param))
+    return load_emulator(request.param)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from neuroanimator import NeuroAnimatorError, descend
+from neuroanimator import DescentOptions, NeuroAnimatorError, descend
 from neuroanimator.control.objective.objective import objective_cost
 from neuroanimator.control.policies.pilot import Pilot
 from neuroanimator.export.film.video import graphics_backend
@@ -153,8 +153,7 @@ def test_what_a_descent_finds_earns_nearly_all_there_is_to_earn():
         trial.objective,
         trial.start,
         steps=inside.steps,
-        starts=16,
-        method="gauss-newton",
+        options=DescentOptions(starts=16),
     )
     env.reset(options={"trial": 1})
     total = 0.0

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from swing_up import stand_upright
 
 import neuroanimator as na
 from neuroanimator.animation.clip import make_clip
@@ -41,7 +42,7 @@ def test_everything_a_user_holds_shows_itself_in_one_line(transitions):
         'ModelSystem("lander", 13 states, 4 controls, step 2 ms, goals pad)': na.load_system(
             "lander"
         ),
-        "Objective(Effort, ReachState)": na.stand_upright(),
+        "Objective(Effort, ReachState)": stand_upright(),
         'Clip("pendulum", 4 frames, 0.10 s)': clip,
         'Transitions("pendulum", 6,000 windows, 50 substeps)': transitions,
         'Policy("fish", dt 0.1 s, 12 controls)': load_policy(find_policy("fish")),

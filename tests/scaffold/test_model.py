@@ -18,7 +18,7 @@ from neuroanimator import (
     load_system,
 )
 from neuroanimator.data.store import read_transitions
-from neuroanimator.evaluation.evaluate import Effort
+from neuroanimator.evaluation.evaluate import EvaluationBudget
 from neuroanimator.scaffold.model import propose
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
@@ -122,7 +122,8 @@ def test_the_command_line_goes_all_the_way(cart: Path, cli, tmp_path: Path):
         assert result.returncode == 0, result.stderr
     toml.unlink(), cart.unlink()  # the emulator carries its system along
     found = evaluate(
-        Emulator.load(out), effort=Effort(runs=4, transitions=100, repeats=1, starts=20, steps=100)
+        Emulator.load(out),
+        budget=EvaluationBudget(runs=4, transitions=100, repeats=1, starts=20, steps=100),
     )
     assert found.one_step_error < 0.1
     assert found.diverged == 0

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from conftest import Cli
 
-from neuroanimator import Emulator, find_emulator, load_system, read_pose
+from neuroanimator import Emulator, load_emulator, load_system, read_pose
 from neuroanimator.animation.motion import named_start
-from neuroanimator.control.objective.goals import find_goal, goal_start
+from neuroanimator.control.objective.goals import goal_start, is_reached
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.start import read_starts
@@ -21,14 +21,14 @@ from neuroanimator.state.start import read_starts
 )
 def test_no_goal_is_fulfilled_where_it_starts(system: str, goal: str):
     made = load_system(system)
-    assert not find_goal(made, goal)[1](goal_start(made, goal))
+    assert not is_reached(made, goal, goal_start(made, goal))
 
 
 def test_the_lander_starts_over_its_pad_and_is_there_at_rest():
     lander = load_system("lander")
     start = goal_start(lander, "pad")
     np.testing.assert_array_equal(start[:3], [3, -2, 8])
-    assert find_goal(lander, "pad")[1](lander.rest)
+    assert is_reached(lander, "pad", lander.rest)
 
 
 def test_a_start_is_read_as_it_is_typed():
@@ -67,7 +67,7 @@ def test_field_words_name_the_same_parts():
 
 
 def test_system_and_emulator_give_the_same_start():
-    lander, emulator = load_system("lander"), Emulator.load(find_emulator("lander"))
+    lander, emulator = load_system("lander"), load_emulator("lander")
     parts = {
         "root.position": (1.0, 2.0, 9.0),
         "root.heading": (0.5,),

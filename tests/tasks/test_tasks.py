@@ -10,8 +10,8 @@ from neuroanimator.state.rotation import rotate
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.system import System
 from neuroanimator.tasks.swimmers import (
-    ANIMAL_TASKS,
     LEVEL_WITHIN,
+    SWIMMER_TASKS,
     UPRIGHT_WITHIN,
     ends_upright,
     swimming_start,
@@ -79,7 +79,7 @@ def test_a_motion_that_ends_on_its_side_is_no_success(angle: float, animal: Defo
         assert ends_upright(animal, shaken, DT) == verdict
 
 
-@pytest.mark.parametrize("task", ANIMAL_TASKS, ids=lambda task: task.name)
+@pytest.mark.parametrize("task", SWIMMER_TASKS, ids=lambda task: task.name)
 def test_every_task_of_animals_says_that_it_counts_roll(task):
     assert "rolled by less than 30°" in task.success
 
@@ -96,7 +96,7 @@ def flying(system: System, trial, angle: float) -> np.ndarray:
 
 
 def test_a_leap_counts_back_up_only():
-    task, system = ANIMAL_TASKS[-1], load_system("dolphin")
+    task, system = SWIMMER_TASKS[-1], load_system("dolphin")
     trial = task.draw(system, np.random.default_rng(0), 60, DT)
     verdicts = [
         trial.is_success(flying(system, trial, angle)) for angle in (0.0, 0.4, 0.7, -0.7, np.pi)

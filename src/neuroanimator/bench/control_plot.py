@@ -61,7 +61,7 @@ def _draw_panel(by_time: Axes, by_steps: Axes, panel: Panel) -> None:
         by_steps.step(steps, costs, where="post", color=colour)
     cost = panel.synthesis.outcome.cost_physics
     by_time.plot(panel.seconds, cost, "k*", markersize=11, label="emulator")
-    by_steps.plot(panel.synthesis.physics_steps, cost, "k*", markersize=11)
+    by_steps.plot(panel.synthesis.spent.physics_steps, cost, "k*", markersize=11)
     by_time.set_ylabel(f"{panel.task}\nJ on the physics")
     for axis in (by_time, by_steps):
         axis.set_xscale("log")

@@ -18,7 +18,7 @@ from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator, rollout
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
-from neuroanimator.evaluation.evaluate import THOROUGH, Effort, Evaluation, evaluate
+from neuroanimator.evaluation.evaluate import THOROUGH, Evaluation, EvaluationBudget, evaluate
 from neuroanimator.evaluation.held_out import held_out_runs, system_of
 from neuroanimator.evaluation.speed import (
     IN_C,
@@ -75,18 +75,18 @@ class TableRow:
 
 
 def measure_row(
-    emulators: list[Emulator], chunk_seconds: float, effort: Effort = THOROUGH
+    emulators: list[Emulator], chunk_seconds: float, budget: EvaluationBudget = THOROUGH
 ) -> TableRow:
     """Return the row of emulators that differ in their training seed alone, each tested on runs of its own.
 
-    There are at least `effort.rounds` rounds of unseen runs and timings, so that there are quartiles of both.
+    There are at least `budget.rounds` rounds of unseen runs and timings, so that there are quartiles of both.
     `chunk_seconds` is what a chunk of training takes here, for the break-even.
     """
     shipped = emulators[0]
-    evaluations = _evaluations(emulators, effort)
+    evaluations = _evaluations(emulators, budget)
     first = evaluations[0]
     figures = _medians(evaluations)
-    figures |= _accuracy_figures(shipped, evaluations, effort)
+    figures |= _accuracy_figures(shipped, evaluations, budget)
     figures |= {
         "physics_s_for_20000_steps": first.speed.physics_seconds * PHYSICS_STEPS,
         "emulator_s_for_20000_steps": first.emulator_seconds * PHYSICS_STEPS / first.substeps,
@@ -101,15 +101,15 @@ def measure_row(
     return TableRow(figures, evaluations)
 
 
-def _evaluations(emulators: list[Emulator], effort: Effort) -> list[Evaluation]:
+def _evaluations(emulators: list[Emulator], budget: EvaluationBudget) -> list[Evaluation]:
     """Return an evaluation per round, of the emulators in turn; diverged rollouts are counted in the first alone."""
     examples = few_transitions(emulators[0])
-    without_rollouts = replace(effort, starts=0)
+    without_rollouts = replace(budget, starts=0)
     evaluations = []
-    for seed in range(max(effort.rounds, len(emulators))):
+    for seed in range(max(budget.rounds, len(emulators))):
         emulator = emulators[seed % len(emulators)]
-        chosen = without_rollouts if seed else effort
-        evaluations.append(evaluate(emulator, data=examples, effort=chosen, seed=seed))
+        chosen = without_rollouts if seed else budget
+        evaluations.append(evaluate(emulator, data=examples, budget=chosen, seed=seed))
     return evaluations
 
 
@@ -126,7 +126,7 @@ def _median_or_text(values: list[Any]) -> Any:
 
 
 def _accuracy_figures(
-    shipped: Emulator, evaluations: list[Evaluation], effort: Effort
+    shipped: Emulator, evaluations: list[Evaluation], budget: EvaluationBudget
 ) -> dict[str, Any]:
     """Return quartiles, errors after a while and under shifted controls, and those of cheap predictors."""
     first = evaluations[0]
@@ -138,7 +138,7 @@ def _accuracy_figures(
         "nominal_tuned_c": _nominal_tuned(first),
         "nominal_1998": NOMINAL_1998.get((first.system, first.substeps), ""),
         "one_step_quartiles": quartiles(one_step),
-        "one_step_error_shifted": shifted_error(shipped, effort),
+        "one_step_error_shifted": shifted_error(shipped, budget),
         "rollout_error_5s": float(np.median(after_5s)),
         "self_divergence_1s": divergence_at(first, 1.0),
         "self_divergence_5s": divergence_at(first, 5.0),
@@ -180,10 +180,10 @@ def few_transitions(emulator: Emulator) -> Transitions:
     return simulate_transitions(config)
 
 
-def shifted_error(emulator: Emulator, effort: Effort) -> float:
+def shifted_error(emulator: Emulator, budget: EvaluationBudget) -> float:
     """Return the one-step error under controls training hardly saw: full range, another at every super step."""
     seconds = RUN_STEPS * emulator.dt
-    test = held_out_runs(emulator, count=effort.runs, seconds=seconds, is_shifted=True)
+    test = held_out_runs(emulator, count=budget.runs, seconds=seconds, is_shifted=True)
     return float(root_mean_square(one_step_error(emulator, test)))
 
 

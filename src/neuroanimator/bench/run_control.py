@@ -14,21 +14,26 @@ from neuroanimator.bench.baselines.run_baseline import BASELINES, BaselineRun, r
 from neuroanimator.bench.control_plot import Panel, draw_runs
 from neuroanimator.bench.csv_table import quartiles, write_csv
 from neuroanimator.control.objective.costs import effort
-from neuroanimator.control.objective.goals import reach_goal, stand_upright
+from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.synthesis.receding_horizon import PhysicsPlant, Planner, all_along, drive
+from neuroanimator.control.synthesis.receding_horizon import (
+    PhysicsPlant,
+    Planner,
+    all_along,
+    control_plant,
+)
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems import load_system
 from neuroanimator.tasks.rigid import RIGID_TASKS
 from neuroanimator.tasks.solver import Solver
-from neuroanimator.tasks.swimmers import ANIMAL_TASKS
+from neuroanimator.tasks.swimmers import SWIMMER_TASKS
 from neuroanimator.tasks.task import Task, Trial
 from neuroanimator.terminal import progress_bar
 from neuroanimator.zoo import find_emulator
 
-TASKS = {task.name: task for task in (*RIGID_TASKS, *ANIMAL_TASKS)}
+TASKS = {task.name: task for task in (*RIGID_TASKS, *SWIMMER_TASKS)}
 """Every task by its name."""
 
 DERIVATIVE_FREE = ("annealing", "cma-es", "nelder-mead")
@@ -44,7 +49,10 @@ DRIVEN_STEPS = 120
 """So many super steps are planned and driven."""
 
 EFFORT_WEIGHT = 0.1
-"""Weight of the effort beside a goal that is planned for."""
+"""Weight of the effort beside a goal to come to."""
+
+HELD_EFFORT_WEIGHT = 1.0
+"""Weight of the effort beside a goal to be held: holding a pendulum upright takes little."""
 
 MIN_SECONDS = 0.5
 """A baseline gets at least this time [s]."""
@@ -184,11 +192,11 @@ def row_of_emulator(solver: Solver, solved: list[Solved], cosines: list[float]) 
         "success": task.success,
         "trials": len(solved),
         "success_rate": float(np.mean([one_solved.is_success for one_solved in solved])),
-        "iterations_median": median(synthesis.descent.iterations for synthesis in syntheses),
-        "corrections_median": median(synthesis.corrections for synthesis in syntheses),
+        "iterations_median": median(synthesis.spent.iterations for synthesis in syntheses),
+        "corrections_median": median(synthesis.spent.corrections for synthesis in syntheses),
         "seconds_median": median(seconds),
         "seconds_quartiles": quartiles(seconds, DIGITS),
-        "physics_steps_median": median(synthesis.physics_steps for synthesis in syntheses),
+        "physics_steps_median": median(synthesis.spent.physics_steps for synthesis in syntheses),
         "j_physics_median": median(synthesis.outcome.cost_physics for synthesis in syntheses),
         "gradient_cosine_median": median(cosines),
         "replan_p99_ms": replan_p99_ms(solver),
@@ -249,16 +257,21 @@ def replan_p99_ms(solver: Solver) -> float | str:
         return ""
     planner = Planner.of(solver.emulator, objective, PLANNED_STEPS)
     plant = PhysicsPlant(solver.system, solver.emulator.dt)
-    return drive(planner, plant, solver.draw(0).start, DRIVEN_STEPS).p99_ms
+    return control_plant(planner, plant, solver.draw(0).start, DRIVEN_STEPS).p99_ms
 
 
 def holding(solver: Solver) -> Objective | None:
-    """Return the objective to come to the goal and stay there, wherever within the horizon; None for animals."""
+    """Return the objective to come to the system's goal; None where it names none.
+
+    A goal that must be held is wanted at every super step, any other by the end of the horizon.
+    """
     system = solver.system
-    dt = solver.emulator.dt
-    if system.name == "pendulum":
-        return stand_upright(1.0, dt, all_along(PLANNED_STEPS, dt))
     if not system.goals:
         return None
     goal = next(iter(system.goals.values()))
-    return Objective.of(effort(EFFORT_WEIGHT), reach_goal(system.structure, system.rest, goal))
+    if solver.task.is_held:
+        dt = solver.emulator.dt
+        times = all_along(PLANNED_STEPS, dt)
+        held = reach_goal(system, goal, times=times, weight=dt)
+        return Objective.of(effort(HELD_EFFORT_WEIGHT), held)
+    return Objective.of(effort(EFFORT_WEIGHT), reach_goal(system, goal))

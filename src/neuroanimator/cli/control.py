@@ -43,7 +43,7 @@ def run(
         ),
     ] = None,
     objective: Annotated[
-        Path | None, typer.Option(help="TOML file of wishes, instead of a goal.")
+        Path | None, typer.Option(help="TOML file of costs, instead of a goal.")
     ] = None,
     seconds: Annotated[
         float | None,
@@ -90,6 +90,7 @@ def run(
 
     began = time.perf_counter()
     with phase("loading"):
+        from neuroanimator.control.descent.options import DescentOptions
         from neuroanimator.control.synthesis.progress import watching
         from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
         from neuroanimator.data.store import read_transitions
@@ -98,24 +99,35 @@ def run(
 
         own = load_system(str(system)) if system else None
         model = emulator_for([glb] if glb else [], emulator)
-        search = _search(model, own, goal, objective, seconds, effort_weight, start or [])
-    if isinstance(search, str):
-        return print_line(search)
+        if objective is None:
+            search = _search_goal(model, own, goal, seconds, effort_weight, start or [])
+        else:
+            if (goal, seconds, effort_weight, start or []) != (None, None, None, []):
+                raise ArgumentError(
+                    "objective: its file says all that --goal, --seconds, --start and --effort-weight do. Leave these out."
+                )
+            search = _search_objective(model, own, objective)
+    if search.nothing_to_find:
+        return print_line(search.nothing_to_find)
     with watching(log, iterations) as on_iteration:
-        found = search.find(
+        options = DescentOptions(
             method=method,
             iterations=iterations,
+            starts=search.starts if starts is None else starts,
+            on_iteration=on_iteration,
+        )
+        synthesis = search.find(
+            options=options,
             data=read_transitions(data) if data else None,
             measures_trust=True,
-            on_iteration=on_iteration,
             on_refine=_say_gap,
-            **({} if starts is None else {"starts": starts}),
         )
-    for warning in warnings_of(found):
+    for warning in warnings_of(synthesis):
         print_line(f"neuroanimator: {warning}", to_stderr=True)
-    _write(found, out, glb)
+    _write(synthesis, out, glb)
     files = [("file", path) for path in (out, glb, log) if path]
-    return print_rows([("start", search.start), *outcome_rows(found), *_time_rows(began), *files])
+    rows = [("start", search.start), *outcome_rows(synthesis), *_time_rows(began), *files]
+    return print_rows(rows)
 
 
 def _say_gap(gap: float) -> None:
@@ -123,88 +135,89 @@ def _say_gap(gap: float) -> None:
 
 
 class _Search(NamedTuple):
-    """What finds the controller, and where the motion starts, in words."""
+    """What finds the controller."""
 
     find: Callable[..., Synthesis]
     start: str
+    """Where the motion starts, in words."""
+    starts: int = 1
+    """First guesses to descend from, if nothing else is said."""
+    nothing_to_find: str = ""
+    """What to say where the start fulfils the goal already; empty where it does not."""
 
 
-def _search(
+def _search_objective(emulator: Emulator, own: System | None, path: Path) -> _Search:
+    """Return what finds the controller for an objective file; `own` is the emulator's system, if it was given."""
+    from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_file
+
+    system = _checked_system(emulator, own)
+    file = read_objective(path, system)
+    find = partial(synthesise_file, emulator, file)
+    return _Search(find, start_in_words(system, file.start), file.starts)
+
+
+def _search_goal(
     emulator: Emulator,
     own: System | None,
-    goal: str | None,
-    objective: Path | None,
+    name: str | None,
     seconds: float | None,
     effort_weight: float | None,
     starts: list[str],
-) -> _Search | str:
-    """Return what finds the controller, for an objective file or a goal; or what to say if nothing is to find.
+) -> _Search:
+    """Return what finds the controller for a goal; the goals of `own` may have been written after training."""
+    from neuroanimator.control.objective.goals import (
+        find_goal,
+        goal_start,
+        is_reached,
+        usual_goal,
+    )
+    from neuroanimator.control.synthesis.synthesise import synthesise_goal
+    from neuroanimator.state.start import read_starts
 
-    `own` is the emulator's system, perhaps with goals written after training.
-    """
-    from neuroanimator.control.objective.goals import usual_goal
-    from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_wanted
+    system = _checked_system(emulator, own)
+    name = name or usual_goal(system)
+    goal = find_goal(system, name)
+    if starts:
+        start = system.start_at(read_starts(starts))
+    else:
+        start = goal_start(system, name)
+    find = partial(
+        synthesise_goal,
+        emulator,
+        name,
+        seconds,
+        start=start,
+        effort_weight=1.0 if effort_weight is None else effort_weight,
+        goals_from=system,
+    )
+    words = start_in_words(system, start)
+    if not is_reached(system, goal, start):
+        return _Search(find, words)
+    told = (
+        f"Already there: {system.name} at its start ({words}) fulfils the goal '{name}'. Nothing to find, nothing "
+        "written. Name another start, such as --start root.position=3,-2,8."
+    )
+    return _Search(find, words, nothing_to_find=told)
+
+
+def _checked_system(emulator: Emulator, own: System | None) -> System:
+    """Return `own`, or the system the emulator names; ArgumentError where it has another state or control."""
     from neuroanimator.control.synthesis.synthesise import check_same_system
     from neuroanimator.evaluation.held_out import system_of
 
     system = own or system_of(emulator)
     check_same_system(emulator, system)
-    if objective is None:
-        return _search_goal(
-            emulator, system, goal or usual_goal(system), seconds, effort_weight, starts
-        )
-    if (goal, seconds, effort_weight, starts) != (None, None, None, []):
-        raise ArgumentError(
-            "objective: its file says all that --goal, --seconds, --start and --effort-weight do. Leave these out."
-        )
-    wanted = read_objective(objective, system)
-    return _Search(
-        partial(synthesise_wanted, emulator, wanted), start_in_words(system, wanted.start)
-    )
-
-
-def _search_goal(
-    emulator: Emulator,
-    system: System,
-    goal: str,
-    seconds: float | None,
-    effort_weight: float | None,
-    starts: list[str],
-) -> _Search | str:
-    from neuroanimator.control.objective.goals import find_goal, goal_start
-    from neuroanimator.control.synthesis.synthesise import synthesise_goal
-    from neuroanimator.state.start import read_starts
-
-    verdict = find_goal(system, goal)[1]
-    start = system.start_at(read_starts(starts)) if starts else goal_start(system, goal)
-    words = start_in_words(system, start)
-    if verdict(start):
-        return (
-            f"Already there: {system.name} at its start ({words}) fulfils the goal '{goal}'. Nothing to find, nothing "
-            "written. Name another start, such as --start root.position=3,-2,8."
-        )
-    weight = 1.0 if effort_weight is None else effort_weight
-    find = partial(
-        synthesise_goal,
-        emulator,
-        goal,
-        seconds,
-        start=start,
-        effort_weight=weight,
-        goals_from=system,
-    )
-    return _Search(find, words)
+    return system
 
 
 def start_in_words(system: System, start: np.ndarray) -> str:
     """Return which parts of `start` (S,) differ from rest, with their numbers and units."""
     told = []
     for part in system.state.slices:
-        numbers = start[system.state.index(part.name)]
-        if (numbers != system.rest[system.state.index(part.name)]).any():
-            told.append(
-                f"{part.name} {', '.join(f'{number:.4g}' for number in numbers)} {part.unit}"
-            )
+        entries = system.state.index(part.name)
+        if (start[entries] != system.rest[entries]).any():
+            numbers = ", ".join(f"{number:.4g}" for number in start[entries])
+            told.append(f"{part.name} {numbers} {part.unit}")
     if len(told) > MAX_PARTS_TOLD:
         return f"{len(told)} parts of the state other than at rest"
     return "; ".join(told) or "at rest"
@@ -222,15 +235,16 @@ def _time_rows(began: float) -> list[tuple[str, object]]:
     return [("time in all", f"{total}: {told}" if told else total)]
 
 
-def _write(found: Synthesis, out: Path, glb: Path | None) -> None:
+def _write(synthesis: Synthesis, out: Path, glb: Path | None) -> None:
     import numpy as np
 
     from neuroanimator.export.comparison import write_comparison
     from neuroanimator.export.csv_file import write_table
     from neuroanimator.terminal import phase
 
-    controls, emulator = found.descent.controls, found.emulator
+    controls = synthesis.controls
+    emulator = synthesis.emulator
     write_table(out, np.arange(len(controls)) * emulator.dt, controls, emulator.control)
     if glb:
         with phase("drawing"):
-            write_comparison(emulator, found.outcome, glb)
+            write_comparison(emulator, synthesis.outcome, glb)

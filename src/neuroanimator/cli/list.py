@@ -7,14 +7,17 @@ EXAMPLE = "neuroanimator list"
 
 def run() -> None:
     """List the systems and the ready-made emulators and policies."""
-    from neuroanimator.systems import GOALS, SYSTEMS
+    from neuroanimator.systems import SYSTEMS, load_system
     from neuroanimator.terminal import print_rows
     from neuroanimator.zoo import POLICIES, SHIPPED, shipped_path, shipped_policy
 
     print("Systems")
     print_rows((f"  {name}", text) for name, text in SYSTEMS.items())
     print("\nGoals for 'control'")
-    print_rows((f"  {name}", goals) for name, goals in GOALS.items())
+    for name in SYSTEMS:
+        goals = load_system(name).goals
+        if goals:
+            print_rows([(f"  {name}", ", ".join(goals))])
     print("\nReady-made emulators")
     present = [(system, n) for system, n in sorted(SHIPPED) if shipped_path(system, n).is_file()]
     print_rows((f"  {system}-{n}", f"leaps {n} physics steps at a time") for system, n in present)

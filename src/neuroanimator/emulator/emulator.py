@@ -358,3 +358,11 @@ def _quick_rollouts(
 ) -> Float[Array, "B T+1 S"]:
     """Return `_quick_rollout` from each of `states` (B, S) under `controls` (B, T, C)."""
     return jax.vmap(lambda state, held: _quick_rollout(emulator, state, held))(states, controls)
+
+
+def load_emulator(name: str | Path) -> Emulator:
+    """Return the emulator that ships under `name`, such as "fish-50", or the one in the file of that name.
+
+    BadFileError says what is wrong with a file, and lists the names.
+    """
+    return Emulator.load(name)

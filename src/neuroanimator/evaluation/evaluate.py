@@ -47,7 +47,7 @@ NONE = "none"
 
 
 @dataclass(frozen=True)
-class Effort:
+class EvaluationBudget:
     """How thoroughly to measure."""
 
     runs: int = HELD_OUT_RUNS
@@ -64,10 +64,10 @@ class Effort:
     """Sets of unseen runs, in a table."""
 
 
-THOROUGH = Effort()
+THOROUGH = EvaluationBudget()
 """A minute for each emulator."""
 
-QUICK = Effort(runs=8, transitions=320, repeats=3, starts=200, steps=300, rounds=1)
+QUICK = EvaluationBudget(runs=8, transitions=320, repeats=3, starts=200, steps=300, rounds=1)
 """Seconds for each emulator."""
 
 
@@ -205,21 +205,21 @@ def evaluate(
     emulator: Emulator,
     *,
     data: Transitions | None = None,
-    effort: Effort | None = None,
+    budget: EvaluationBudget | None = None,
     seed: int = 0,
 ) -> Evaluation:
     """Return the evaluation of `emulator` on unseen runs, drawn from `seed`.
 
     The test of an emulator of recordings is what `data` kept apart; there are no speed-ups then.
     """
-    effort = effort or THOROUGH
+    budget = budget or THOROUGH
     is_recorded = system_of(emulator).recordings is not None
     with phase("simulating finely"):
         if is_recorded:
             test = recorded_runs(emulator, data)
         else:
-            test = held_out_runs(emulator, count=effort.runs, seed=seed)
-    test = replace(test, most_transitions=effort.transitions)
+            test = held_out_runs(emulator, count=budget.runs, seed=seed)
+    test = replace(test, most_transitions=budget.transitions)
     with phase("emulating"):
         errors = one_step_error(emulator, test)
         emulated = emulator.rollout(test.states[:, 0], test.controls, may_diverge=True)
@@ -230,13 +230,13 @@ def evaluate(
             emulator_seconds = measure_emulator(emulator)
         else:
             error = float(root_mean_square(errors))
-            speed = measure_speed(emulator, test, error, effort.repeats)
+            speed = measure_speed(emulator, test, error, budget.repeats)
             emulator_seconds = speed.emulator_seconds
     with phase("looking for rollouts that diverge"):
         diverged = 0
-        if effort.starts:
+        if budget.starts:
             among = test.transitions.states if is_recorded else None
-            diverged = count_diverged(emulator, effort.starts, effort.steps, among=among)
+            diverged = count_diverged(emulator, budget.starts, budget.steps, among=among)
     return Evaluation(
         system=emulator.system,
         substeps=emulator.substeps,
@@ -252,7 +252,7 @@ def evaluate(
         emulator_seconds=emulator_seconds,
         baselines=baselines(data, test),
         diverged=diverged,
-        diverged_starts=effort.starts,
+        diverged_starts=budget.starts,
         still=test.still,
     )
 

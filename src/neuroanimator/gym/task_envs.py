@@ -24,11 +24,11 @@ from neuroanimator.gym.single_env import SingleEnv
 from neuroanimator.gym.vector_env import EmulatedVectorEnv, check_reset_options
 from neuroanimator.systems import load_system
 from neuroanimator.tasks.rigid import RIGID_TASKS
-from neuroanimator.tasks.swimmers import ANIMAL_TASKS
+from neuroanimator.tasks.swimmers import SWIMMER_TASKS
 from neuroanimator.tasks.task import Task, Trial
 from neuroanimator.zoo import find_emulator
 
-TASKS = {task.name: task for task in (*RIGID_TASKS, *ANIMAL_TASKS)}
+TASKS = {task.name: task for task in (*RIGID_TASKS, *SWIMMER_TASKS)}
 """The tasks by name."""
 
 TRIALS = 100

@@ -16,13 +16,6 @@ SYSTEMS = {
     "truck": "an off-road truck on a parking lot: rear-wheel drive, steered front wheels",
 }
 
-GOALS = {
-    "lander": "pad (stand on the home pad)",
-    "pendulum": "upright",
-    "truck": "bay_1 to bay_6 (stand in a parking bay)",
-}
-"""Named goals of each system that has some."""
-
 
 def load_system(name: str, definition: str = "") -> System:
     """Return the system called `name`, or the one the TOML file `name` of yours describes.

@@ -28,6 +28,11 @@ class Goal:
     """A sensible length of the motion [s]."""
     start: tuple[float, ...] = ()
     """A state (S,) to reach it from, if nothing else is said; empty for the state of rest."""
+    sums: tuple[tuple[int, ...], ...] = ()
+    """Sums (S,) of differences that are judged instead of single entries, each with its tolerance: a link's angle to the
+    vertical is the sum of those of the joints above it. Where they are angles of the structure, whole turns are none."""
+    scales: tuple[float, ...] = ()
+    """Errors that count as one in a cost; a third of the tolerances if empty."""
 
 
 def goal_in_layout(layout: Layout, name: str, table: GoalTable) -> Goal:

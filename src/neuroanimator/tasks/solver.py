@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuroanimator.control.descent.gradient_check import gradient_trust
+from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
 from neuroanimator.data.sampling import sample_control_runs
@@ -16,9 +17,16 @@ from neuroanimator.systems.system import System
 from neuroanimator.tasks.task import Task, Trial
 
 CORRECTIONS = 16
-"""Replays whose defects may be added to the emulator."""
+"""Replays whose defects may be added to the emulator, at most."""
+
 RESTARTS = 2
-"""Times all may begin again from random controls where the physics has not done it."""
+"""Where the physics has not done it, all may begin again from random controls so many times."""
+
+TRIALS = 5
+"""Joins the number of a trial as the seed it is drawn from."""
+
+RANDOM_CONTROLS = 6
+"""Joins the number of a trial as the seed of the controls at which its gradient is looked at."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +48,8 @@ class Solver:
 
     def draw(self, number: int) -> Trial:
         """Return the trial of that number: always the same one."""
-        return self.task.draw(
-            self.system, np.random.default_rng([number, 5]), self.steps, self.emulator.dt
-        )
+        rng = np.random.default_rng([number, TRIALS])
+        return self.task.draw(self.system, rng, self.steps, self.emulator.dt)
 
     def solve(self, trial: Trial, *, is_warm_up: bool = False) -> tuple[Synthesis, float]:
         """Return what was found for `trial` and how long it took [s], replays included; no training.
@@ -50,19 +57,42 @@ class Solver:
         A warm-up compiles all that may be needed: it corrects once, needed or not.
         """
         began = time.perf_counter()
-        found = synthesise(
-            self.emulator, self.system, trial.objective, trial.start, steps=self.steps, parametrisation=self.parametrisation,
-            first=trial.first, method=self.task.method, starts=self.task.starts, refinements=0,
-            corrections=1 if is_warm_up else CORRECTIONS, restarts=0 if is_warm_up else RESTARTS,
-            is_enough=(lambda states: False) if is_warm_up else trial.is_success,
-        )  # fmt: skip
-        return found, time.perf_counter() - began
+        options = DescentOptions(
+            method=self.task.method,
+            starts=self.task.starts,
+            first=trial.first,
+            parametrisation=self.parametrisation,
+        )
+        synthesis = synthesise(
+            self.emulator,
+            self.system,
+            trial.objective,
+            trial.start,
+            steps=self.steps,
+            options=options,
+            corrections=1 if is_warm_up else CORRECTIONS,
+            restarts=0 if is_warm_up else RESTARTS,
+            refinements=0,
+            is_enough=_is_never_enough if is_warm_up else trial.is_success,
+        )
+        return synthesis, time.perf_counter() - began
 
     def cosine(self, trial: Trial, number: int) -> float:
         """Return the gradient's cosine with the physics' at the first guess; at random controls where there is none."""
-        drawn = sample_control_runs(
-            np.random.default_rng([number, 6]), 1, self.steps, self.emulator.dt, self.system
+        controls = trial.first
+        if controls is None:
+            rng = np.random.default_rng([number, RANDOM_CONTROLS])
+            controls = sample_control_runs(rng, 1, self.steps, self.emulator.dt, self.system)[0]
+        trust = gradient_trust(
+            self.emulator,
+            self.system,
+            trial.objective,
+            self.parametrisation,
+            trial.start,
+            controls,
         )
-        controls = drawn[0] if trial.first is None else trial.first
-        problem = self.emulator, self.system, trial.objective, self.parametrisation
-        return gradient_trust(*problem, trial.start, controls).cosine
+        return trust.cosine
+
+
+def _is_never_enough(states: np.ndarray) -> bool:
+    return False

@@ -205,7 +205,7 @@ def tasks_of(system: str, ways: tuple[dict[str, Any], ...]) -> tuple[Task, ...]:
 SECONDS = 3.0
 """[s] Long enough for the dolphin to rise from the depth it starts at, and for the fish to come its own length."""
 
-ANIMAL_TASKS = (
+SWIMMER_TASKS = (
     *tasks_of("fish", ({"is_periodic": True, "method": "adam"}, {"knots": 16}, {"is_periodic": True})),
     *tasks_of("dolphin", ({"method": "adam"}, {"knots": 30}, {"is_periodic": True})),
     Task(

@@ -18,7 +18,7 @@ from neuroanimator.control.objective.objective import Objective
 from neuroanimator.systems.system import System
 
 FREE = math.nan
-"""Stands in an aim's place for an axis along which anywhere will do."""
+"""Stands in the position of an aim for an axis along which anywhere will do."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,13 @@ class Task:
     """Of splines; 0 for one value per super step."""
     is_periodic: bool = False
     method: str = "gauss-newton"
+    is_held: bool = False
+    """Whether the goal must be held, not only reached."""
 
     def parametrisation(self, system: System, steps: int, dt: float) -> Parametrisation:
         """Return what a descent may vary."""
         if self.is_periodic and system.gait is not None:
             return Periodic.of(steps, dt, system.gait.period, system.bounds)
-        return (
-            Spline.of(steps, self.knots, system.bounds)
-            if self.knots
-            else EachStep.of(steps, system.bounds)
-        )
+        if self.knots:
+            return Spline.of(steps, self.knots, system.bounds)
+        return EachStep.of(steps, system.bounds)

@@ -7,8 +7,9 @@ import logging
 import jax
 import numpy as np
 import pytest
+from swing_up import stand_upright
 
-from neuroanimator import Emulator, descend, stand_upright
+from neuroanimator import DescentOptions, Emulator, descend
 from neuroanimator.emulator.arrays import as_jax
 
 FEW = 5
@@ -25,7 +26,9 @@ def compiled_names(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 def test_a_first_descent_compiles_few_programs(shipped: Emulator, caplog: pytest.LogCaptureFixture):
     with jax.log_compiles(), caplog.at_level(logging.WARNING):
-        descend(shipped, stand_upright(), np.zeros(6), steps=7, iterations=2)
+        descend(
+            shipped, stand_upright(), np.zeros(6), steps=7, options=DescentOptions(iterations=2)
+        )
     assert 1 <= len(compiled_names(caplog)) <= FEW, compiled_names(caplog)
 
 

@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from swing_up import stand_upright
 
-from neuroanimator import Emulator, load_system, stand_upright
+from neuroanimator import Emulator, load_system
 from neuroanimator.control.descent.gradient_check import (
     GradientTrust,
     difference_gradient,

@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from swing_up import stand_upright
 
-from neuroanimator import Emulator, Objective, descend, load_system, read_pose, stand_upright
+from neuroanimator import DescentOptions, Emulator, Objective, descend, load_system, read_pose
 from neuroanimator.control.descent.parametrisation import (
     EachStep,
     Parametrisation,
@@ -37,7 +38,7 @@ from neuroanimator.control.objective.costs import (
     travel,
 )
 from neuroanimator.control.objective.goals import reach_goal
-from neuroanimator.control.objective.objective import Term, check_objective
+from neuroanimator.control.objective.objective import CostTerm, check_objective
 from neuroanimator.control.objective.terms import END, ReachState
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.errors import ArgumentError
@@ -100,7 +101,7 @@ def moved(system: System, states: np.ndarray, orientation: np.ndarray) -> np.nda
 
 
 Wish = Callable[
-    [System, Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]], Term
+    [System, Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]], CostTerm
 ]
 """(system, where a place is in the moved world, where a direction points there) → a wish."""
 
@@ -183,7 +184,7 @@ def test_a_state_is_compared_as_seen_from_the_goal(body: str):
     np.testing.assert_allclose(after, before, atol=2e-5 * float(np.abs(before).max()))
 
 
-EVERY: dict[str, Callable[[System], Term]] = {
+EVERY: dict[str, Callable[[System], CostTerm]] = {
     **{kind: lambda system, make=make: make(system, as_is, as_is) for kind, make in MOVING.items()},
     "effort": lambda system: effort(0.3),
     "smoothness": lambda system: smoothness(0.2),
@@ -391,7 +392,7 @@ def test_costs_are_linear_in_weights_and_add_up(body: str):
 def test_a_goals_tolerance_is_an_error_of_three():
     truck = a_system("truck")
     goal = truck.goals["bay_1"]
-    wish, state = reach_goal(truck.structure, truck.rest, goal), np.array(truck.rest)
+    wish, state = reach_goal(truck, goal), np.array(truck.rest)
     for entry, value in goal.values:
         state[entry] = value
 
@@ -602,4 +603,6 @@ def test_parameters_that_make_no_sense_are_refused_in_one_line(message: str):
 def test_bounds_that_cannot_be_kept_are_refused_before_a_descent(shipped: Emulator):
     bounds = Bounds((0.0, 0.0, 2.0), (1.0, 1.0, 1.0))
     with pytest.raises(ArgumentError, match="control 2 has 2 and 1"):
-        descend(shipped, stand_upright(), np.zeros(6), steps=10, bounds=bounds)
+        descend(
+            shipped, stand_upright(), np.zeros(6), steps=10, options=DescentOptions(bounds=bounds)
+        )

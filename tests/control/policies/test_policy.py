@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from neuroanimator import Emulator, find_emulator, load_system
+from neuroanimator import load_emulator, load_system
 from neuroanimator.control.policies.behaviours import (
     Tank,
     avoid,
@@ -45,7 +45,7 @@ from neuroanimator.state.reference_shape import flat_of, points_of, to_world_axe
 from neuroanimator.state.rotation import facing
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.zoo import POLICIES, find_policy, shipped_policy
+from neuroanimator.zoo import POLICIES, find_emulator, find_policy, shipped_policy
 
 SECONDS = 6.0
 """As long as a fish needs to turn a third of a circle and to be back at its speed."""
@@ -268,11 +268,11 @@ def test_an_emulator_is_no_policy():
 
 def test_a_system_that_cannot_point_anywhere_gets_no_policy(policy: Policy):
     with pytest.raises(ArgumentError, match="free root or mass points"):
-        fresh_policy(Emulator.load(find_emulator("pendulum")), policy.ranges, (8, 8))
+        fresh_policy(load_emulator("pendulum"), policy.ranges, (8, 8))
 
 
 def test_a_body_without_left_and_right_or_gait_gets_a_policy_too():
-    lander = Emulator.load(find_emulator("lander"))
+    lander = load_emulator("lander")
     policy = fresh_policy(lander, Bounds((0.0, -1.5, -1.5, -1.5), (5.0, 1.5, 1.5, 1.5)), (8, 8))
     states = np.tile(lander.rest, (2, 1))
     found = controls_of(policy, states, 0.3, [[1.0, 1.0, 0.0, 0.0], [1.0, -1.0, 0.0, 0.0]])
@@ -282,7 +282,7 @@ def test_a_body_without_left_and_right_or_gait_gets_a_policy_too():
 
 
 def test_training_resumes_to_the_same_bytes_and_learns(fish: DeformableSystem, tmp_path: Path):
-    emulator, reports = Emulator.load(find_emulator("fish")), []
+    emulator, reports = load_emulator("fish"), []
     training = PolicyTraining(widths=(16, 16), updates=200, batch=8, steps=8, starts=64)
     whole, parts = tmp_path / "whole.policy.safetensors", tmp_path / "parts.policy.safetensors"
     train_policy(emulator, fish, whole, training, on_report=reports.append)
@@ -308,7 +308,7 @@ def test_a_senseless_training_is_refused(fault: dict):
 
 
 def test_the_highest_speed_is_that_of_the_gait():
-    ranges = command_ranges(Emulator.load(find_emulator("fish")))
+    ranges = command_ranges(load_emulator("fish"))
     assert 0.12 < ranges.high[0] < 0.18
 
 

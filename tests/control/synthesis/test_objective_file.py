@@ -11,17 +11,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import Cli, read_glb
+from swing_up import stand_upright
 
-from neuroanimator import Emulator, Objective, load_system, stand_upright
+from neuroanimator import DescentOptions, Emulator, Objective, load_system
 from neuroanimator.cli.control import METHOD_HELP, run
-from neuroanimator.control.descent.descend import DEFAULT_ITERATIONS
 from neuroanimator.control.descent.methods import METHODS
+from neuroanimator.control.descent.options import DEFAULT_ITERATIONS
 from neuroanimator.control.descent.parametrisation import EachStep, Periodic, Spline
 from neuroanimator.control.objective import costs
-from neuroanimator.control.objective.goals import reach_goal, usual_goal
+from neuroanimator.control.objective.goals import is_reached, reach_goal, usual_goal
 from neuroanimator.control.objective.obstacles import Zone, avoid
 from neuroanimator.control.objective.trajectory import Trajectory
-from neuroanimator.control.synthesis.objective_file import KINDS, Wanted, read_objective
+from neuroanimator.control.synthesis.objective_file import KINDS, ObjectiveFile, read_objective
 from neuroanimator.control.synthesis.progress import watching
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.errors import ArgumentError, BadFileError
@@ -36,8 +37,8 @@ def a_system(name: str) -> System:
     return load_system(name)
 
 
-def read(folder: Path, text: str, system: str = "truck") -> Wanted:
-    """Return what `text` asks for; a file without another one gets a header and a wish."""
+def read(folder: Path, text: str, system: str = "truck") -> ObjectiveFile:
+    """Return what `text` asks for; a file without another one gets a header and a cost."""
     head = "" if "system =" in text else f'system = "{system}"\n'
     head += "" if "seconds =" in text else "seconds = 2.0\n"
     tail = "" if "costs" in text else '\n[[costs]]\nkind = "effort"\n'
@@ -95,21 +96,16 @@ MEANT = {
         avoid(truck, [Zone((0.2, 0.0), radius=0.5)], margin=1.0)
     ),
     'kind = "reach_state"\nreach = { "steer_fl" = [0.1] }\nwithin = { "steer_fl" = 0.02 }\nweight = 2': lambda truck: (
-        reach_goal(
-            truck.structure,
-            truck.rest,
-            Goal(((truck.state.index("steer_fl").start, 0.1),), (0.02,)),
-            2.0,
-        )
+        reach_goal(truck, Goal(((truck.state.index("steer_fl").start, 0.1),), (0.02,)), weight=2.0)
     ),
     'kind = "goal"\nname = "bay_2"\nweight = 3\nat = 1': lambda truck: reach_goal(
-        truck.structure, truck.rest, truck.goals["bay_2"], 3.0, (1.0,)
+        truck, truck.goals["bay_2"], weight=3.0, times=(1.0,)
     ),
 }
 
 
 @pytest.mark.parametrize("text", sorted(MEANT))
-def test_a_wish_in_a_file_is_the_wish_in_python(text: str, tmp_path: Path):
+def test_a_cost_in_a_file_is_the_cost_in_python(text: str, tmp_path: Path):
     truck = a_system("truck")
     found, meant = read(tmp_path, f"[[costs]]\n{text}").objective, Objective.of(MEANT[text](truck))
     motion = a_motion(truck)
@@ -117,7 +113,7 @@ def test_a_wish_in_a_file_is_the_wish_in_python(text: str, tmp_path: Path):
     np.testing.assert_array_equal(found.residuals(motion), meant.residuals(motion))
 
 
-def test_every_kind_is_tried_and_every_wish_has_a_kind():
+def test_every_kind_is_tried_and_every_cost_has_a_kind():
     assert {text.split('"')[1] for text in MEANT} == {*KINDS}
     makers = {
         name
@@ -130,7 +126,7 @@ def test_every_kind_is_tried_and_every_wish_has_a_kind():
 def test_the_tutorial_says_what_is_true(tmp_path: Path):
     text = TUTORIAL.read_text()
     wanted = read(tmp_path, text.split("```toml\n")[1].split("```")[0], "fish")
-    assert isinstance(wanted.vary(60, 0.05), Periodic)
+    assert isinstance(wanted.make_parametrisation(60, 0.05), Periodic)
     rows = {row.split("`")[1]: row for row in text.splitlines() if row.startswith("| `")}
     assert {*rows} == {*KINDS}
     for kind, row in rows.items():
@@ -140,27 +136,34 @@ def test_the_tutorial_says_what_is_true(tmp_path: Path):
 
 def test_the_pendulums_goal_in_a_file_is_that_of_the_command_line(tmp_path: Path):
     text = '[[costs]]\nkind = "goal"\nname = "upright"\n[[costs]]\nkind = "effort"\n'
-    found, motion = read(tmp_path, text, "pendulum"), a_motion(a_system("pendulum"))
-    assert float(found.objective(motion)) == pytest.approx(float(stand_upright()(motion)), rel=1e-6)
-    assert found.verdicts[0](np.array([np.pi, 0, 0, 0, 0, 0]))
-    assert not found.verdicts[0](np.zeros(6))
+    pendulum = a_system("pendulum")
+    file = read(tmp_path, text, "pendulum")
+    motion = a_motion(pendulum)
+    assert float(file.objective(motion)) == pytest.approx(float(stand_upright()(motion)), rel=1e-6)
+    assert file.goals == (pendulum.goals["upright"],)
 
 
-def test_a_state_wished_for_at_the_end_is_judged_on_the_physics(tmp_path: Path):
+def test_a_state_wanted_at_the_end_is_judged_on_the_physics(tmp_path: Path):
     text = '[[costs]]\nkind = "reach_state"\nreach = { "root.position" = [1, 2, 0.5] }\nwithin = { "root.position" = 0.2 }\n'
-    state = np.array(a_system("truck").rest)
-    (verdict,) = read(tmp_path, text).verdicts
-    assert not verdict(state)
+    truck = a_system("truck")
+    state = np.array(truck.rest)
+    (goal,) = read(tmp_path, text).goals
+    assert not is_reached(truck, goal, state)
     state[:3] = [1.1, 2.1, 0.4]
-    assert verdict(state)
-    assert read(tmp_path, text + "at = 1").verdicts == ()
+    assert is_reached(truck, goal, state)
+    assert read(tmp_path, text + "at = 1").goals == ()
 
 
 def test_a_goal_may_be_written_after_training(shipped: Emulator):
     later = load_system("pendulum")
     later.goals = {"aside": Goal(((0, 0.5),), (0.2,), 0.5)}
     found = synthesise_goal(
-        shipped, "aside", goals_from=later, iterations=6, corrections=1, refinements=0
+        shipped,
+        "aside",
+        goals_from=later,
+        options=DescentOptions(iterations=6),
+        corrections=1,
+        refinements=0,
     )
     assert found.is_reached
     with pytest.raises(
@@ -179,14 +182,15 @@ def test_who_names_no_goal_is_told_how_to_write_one():
 
 
 def test_what_may_vary_is_what_the_file_says(tmp_path: Path):
-    assert isinstance(read(tmp_path, "").vary(20, 0.1), EachStep)
-    spline = read(tmp_path, 'parametrisation = "spline"\nknots = 5').vary(20, 0.1)
+    assert isinstance(read(tmp_path, "").make_parametrisation(20, 0.1), EachStep)
+    spline = read(tmp_path, 'parametrisation = "spline"\nknots = 5').make_parametrisation(20, 0.1)
     assert isinstance(spline, Spline)
     assert spline.size == 5 * a_system("truck").control.size
     assert isinstance(
-        read(tmp_path, 'parametrisation = "periodic"\nperiod = 0.7').vary(20, 0.1), Periodic
+        read(tmp_path, 'parametrisation = "periodic"\nperiod = 0.7').make_parametrisation(20, 0.1),
+        Periodic,
     )
-    swim = read(tmp_path, 'parametrisation = "periodic"', "fish").vary(20, 0.1)
+    swim = read(tmp_path, 'parametrisation = "periodic"', "fish").make_parametrisation(20, 0.1)
     assert isinstance(swim, Periodic)
     assert float(swim.period) == pytest.approx(a_system("fish").gait.period)
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from swing_up import is_upright, stand_upright
 
-from neuroanimator import Emulator, NeuroAnimatorError, is_upright, load_system, stand_upright
+from neuroanimator import Emulator, NeuroAnimatorError, load_system
 from neuroanimator.control.descent.parametrisation import EachStep
-from neuroanimator.control.objective.goals import reach_state
+from neuroanimator.control.objective.costs import effort
+from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.synthesis.receding_horizon import (
     EmulatorPlant,
     PhysicsPlant,
     Planner,
     all_along,
-    drive,
+    control_plant,
     moved_on,
 )
 from neuroanimator.state.layout import Bounds
@@ -59,7 +61,7 @@ def test_a_pushed_pendulum_recovers_on_the_true_physics_only_if_planned(
     seed: int, planner: Planner, physics: PhysicsPlant
 ):
     kick = push(seed)
-    found = drive(
+    found = control_plant(
         planner,
         physics,
         UPRIGHT,
@@ -76,7 +78,7 @@ def test_a_pushed_pendulum_recovers_on_the_true_physics_only_if_planned(
 
 def test_it_swings_up_and_stays_up_under_pushes(planner: Planner, physics: PhysicsPlant):
     kicked = 40
-    found = drive(
+    found = control_plant(
         planner, physics, REST, 80, lambda step, state: state + push(9) if step == kicked else state
     )
     assert is_upright(found.states[kicked - 1])
@@ -89,7 +91,7 @@ def test_a_plan_follows_the_emulator_and_so_does_the_drive(planner: Planner, shi
     np.testing.assert_allclose(plan.states, shipped.rollout(REST, plan.controls), atol=1e-4)
     plant = EmulatorPlant(shipped)
     np.testing.assert_allclose(plant(REST, plan.controls[0]), plan.states[1], atol=1e-5)
-    found = drive(planner, plant, REST, 5)
+    found = control_plant(planner, plant, REST, 5)
     np.testing.assert_allclose(found.states, shipped.rollout(REST, found.controls), atol=1e-4)
 
 
@@ -128,9 +130,9 @@ def test_another_aim_needs_no_new_planner(short: Planner, shipped: Emulator):
     assert np.abs(turned.controls - short.plan(REST).controls).max() > 0.5
 
 
-def test_other_wishes_need_a_new_planner(short: Planner):
+def test_other_costs_need_a_new_planner(short: Planner):
     system, goal = load_system("pendulum"), Goal(((0, 1.0),), (0.1,))
-    for other in (stay_upright(3), reach_state(system.structure, REST, goal)):
+    for other in (stay_upright(3), Objective.of(effort(), reach_goal(system, goal))):
         with pytest.raises(NeuroAnimatorError, match="Make a new planner"):
             short.towards(other)
 
@@ -143,7 +145,9 @@ def test_tighter_bounds_are_kept(short: Planner):
 
 def test_planning_keeps_pace_with_a_display(planner: Planner, shipped: Emulator):
     """The best of three: other programs may hold the machine up."""
-    assert min(drive(planner, EmulatorPlant(shipped), REST, 60).p99_ms for _ in range(3)) <= 16
+    assert (
+        min(control_plant(planner, EmulatorPlant(shipped), REST, 60).p99_ms for _ in range(3)) <= 16
+    )
 
 
 @pytest.mark.parametrize(
@@ -156,7 +160,7 @@ def test_planning_keeps_pace_with_a_display(planner: Planner, shipped: Emulator)
         (5, {"parametrisation": 4}, "wanted those of 5 super steps, came 4"),
     ],
 )
-def test_bad_wishes_are_refused_before_anything_is_compiled(
+def test_bad_arguments_are_refused_before_anything_is_compiled(
     steps: int, options: dict, message: str, shipped: Emulator
 ):
     if "parametrisation" in options:

@@ -7,20 +7,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from swing_up import is_upright, stand_upright
 
 from neuroanimator import (
+    DescentOptions,
     Emulator,
     NeuroAnimatorError,
     Objective,
     descend,
-    find_emulator,
-    is_upright,
+    load_emulator,
     load_system,
     replay,
-    stand_upright,
     synthesise,
 )
-from neuroanimator.control.descent.defects import defects_of
+from neuroanimator.control.descent.defects import find_defects
 from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.descent.parametrisation import EachStep
@@ -33,8 +33,9 @@ from neuroanimator.control.objective.costs import (
 )
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import objective_cost
+from neuroanimator.control.synthesis.attempt import CORRECTING_ITERATIONS
 from neuroanimator.control.synthesis.finetune import transitions_near
-from neuroanimator.control.synthesis.synthesise import CORRECTING_ITERATIONS, synthesise_goal
+from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.data.store import Transitions
 from neuroanimator.demo import CORRECTIONS, SWEEPS
 from neuroanimator.state.layout import Bounds
@@ -46,7 +47,9 @@ REST = np.zeros(6)
 @pytest.mark.parametrize("method", sorted(METHODS))
 def test_every_method_lowers_the_cost_within_bounds(method: str, shipped: Emulator):
     objective = stand_upright()
-    found = descend(shipped, objective, REST, steps=30, method=method, iterations=20)
+    found = descend(
+        shipped, objective, REST, steps=30, options=DescentOptions(method=method, iterations=20)
+    )
     assert found.cost < 0.1 * found.costs[0]
     assert (np.abs(found.controls) <= shipped.bounds.magnitude).all()
     assert found.seconds < 10
@@ -54,40 +57,53 @@ def test_every_method_lowers_the_cost_within_bounds(method: str, shipped: Emulat
 
 def test_the_demos_swing_up_takes_twenty_iterations_at_most_corrections_counted(shipped: Emulator):
     found = synthesise_goal(
-        shipped, "upright", iterations=SWEEPS, corrections=CORRECTIONS, refinements=0
+        shipped,
+        "upright",
+        options=DescentOptions(iterations=SWEEPS),
+        corrections=CORRECTIONS,
+        refinements=0,
     )
     assert SWEEPS + CORRECTING_ITERATIONS * CORRECTIONS == 20
-    assert found.descent.iterations <= 20
+    assert found.spent.iterations <= 20
     assert found.is_reached
 
 
 def test_gauss_newton_swings_up_the_true_pendulum_within_twenty_iterations(shipped: Emulator):
     system, objective = load_system("pendulum"), stand_upright()
     found = synthesise(shipped, system, objective, REST, steps=30)
-    assert found.descent.iterations <= 20 + 2 * found.corrections
-    assert found.descent.seconds < 10
-    assert found.refinements == 0
+    assert found.spent.iterations <= 20 + 2 * found.spent.corrections
+    assert found.spent.seconds < 10
+    assert found.spent.refinements == 0
     assert is_upright(found.outcome.physics_states[-1])
     assert found.outcome.cost_physics == pytest.approx(found.outcome.cost_emulator, abs=5)
 
 
 def test_a_descent_repeats_to_the_same_bytes(shipped: Emulator):
     first, second = (
-        descend(shipped, stand_upright(), REST, steps=20, iterations=5).controls for _ in range(2)
+        descend(
+            shipped, stand_upright(), REST, steps=20, options=DescentOptions(iterations=5)
+        ).controls
+        for _ in range(2)
     )
     assert first.tobytes() == second.tobytes()
 
 
 def test_tighter_limits_are_kept(shipped: Emulator):
     bounds = Bounds((-10.0, 0.0, -1.5), (10.0, 5.0, 1.5))
-    found = descend(shipped, stand_upright(), REST, steps=30, iterations=10, bounds=bounds)
+    found = descend(
+        shipped,
+        stand_upright(),
+        REST,
+        steps=30,
+        options=DescentOptions(iterations=10, bounds=bounds),
+    )
     np.testing.assert_allclose(bounds.clip(found.controls), found.controls, atol=1e-6)
 
 
 def bend_the_arm() -> Objective:
-    """Return a wish for one number alone, with effort and smoothness."""
+    """Return an objective for one number alone, with effort and smoothness."""
     system = load_system("pendulum")
-    bent = reach_goal(system.structure, system.rest, Goal(((1, 0.5),), (0.1,)))
+    bent = reach_goal(system, Goal(((1, 0.5),), (0.1,)))
     return Objective.of(effort(0.1), smoothness(0.1), bent)
 
 
@@ -130,7 +146,9 @@ def test_upright_means_within_ten_degrees_and_one_radian_a_second(state, expecte
 
 def test_refining_adds_physics_near_the_motion(shipped: Emulator, transitions: Transitions):
     system = load_system("pendulum")
-    controls = descend(shipped, stand_upright(), REST, steps=20, iterations=5).controls
+    controls = descend(
+        shipped, stand_upright(), REST, steps=20, options=DescentOptions(iterations=5)
+    ).controls
     motion = replay(shipped, system, stand_upright(), REST, controls).physics_states
     more = transitions_near(transitions, motion, controls, count=200)
     added = slice(len(transitions.states), None)
@@ -147,25 +165,37 @@ def test_refining_adds_physics_near_the_motion(shipped: Emulator, transitions: T
         ({"seconds": 0.0}, "seconds"),
         ({"seconds": float("nan")}, "seconds"),
         ({"effort_weight": -1.0}, "effort_weight"),
-        ({"method": "magic"}, "Methods: adam, gauss-newton, lbfgs, momentum"),
-        ({"iterations": 0}, "at least 1"),
     ],
 )
-def test_bad_wishes_are_refused_by_name(options, message: str, shipped: Emulator):
+def test_bad_arguments_are_refused_by_name(options, message: str, shipped: Emulator):
     goal, seconds = options.pop("goal", "upright"), options.pop("seconds", 1.0)
     with pytest.raises(NeuroAnimatorError, match=message):
         synthesise_goal(shipped, goal, seconds, **options)
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "magic"}, "Methods: adam, gauss-newton, lbfgs, momentum"),
+        ({"iterations": 0}, "iterations and starts: wanted at least 1, came 0 and 1"),
+        ({"starts": 0}, "iterations and starts: wanted at least 1, came 18 and 0"),
+        ({"starts": 3, "first": np.zeros((2, 20, 3))}, "3 starts, came 2"),
+    ],
+)
+def test_bad_options_are_refused_where_they_are_made(options, message: str):
+    with pytest.raises(NeuroAnimatorError, match=message):
+        DescentOptions(**options)
+
+
 def test_what_no_motion_can_reach_is_refused_before_any_descent(shipped: Emulator):
-    fish, system = Emulator.load(find_emulator("fish-50")), load_system("fish")
-    for wish in (
+    fish, system = load_emulator("fish-50"), load_system("fish")
+    for term in (
         reach_position(system, [30.0, 0, 0], within=0.1),
         keep_speed(system, 5.0, within=0.1),
         reach_positions(system, [[1.0, 0, 0]], [0.2], within=0.1),
     ):
         with pytest.raises(NeuroAnimatorError, match="training showed 0.157 m/s at most"):
-            descend(fish, Objective.of(wish), system.rest, steps=10)
+            descend(fish, Objective.of(term), system.rest, steps=10)
     wild = stand_upright()
     goal = wild.terms[1].goal.at[3].set(500.0)
     with pytest.raises(NeuroAnimatorError, match="outside what the emulator was trained on"):
@@ -174,7 +204,7 @@ def test_what_no_motion_can_reach_is_refused_before_any_descent(shipped: Emulato
 
 @pytest.mark.parametrize("name", ["truck-50", "lander-50"])
 def test_velocities_are_found_in_what_the_network_sees(name: str):
-    emulator = Emulator.load(find_emulator(name))
+    emulator = load_emulator(name)
     kinds = [segment.kind for segment in emulator.frame.segments]
     first = sum(segment.size for segment in emulator.frame.segments[: kinds.index("velocity")])
     before, after = emulator.rest, emulator.rest
@@ -192,7 +222,7 @@ def test_corrected_the_emulator_follows_the_physics_exactly(shipped: Emulator):
     states = system.simulate(REST[None], controls[None], shipped.dt).states[0]
     problem = pose_problem(shipped, stand_upright(), EachStep.of(20, system.bounds), REST)
     plain = np.abs(np.asarray(shipped.rollout(REST, controls)) - states).max()
-    defects = defects_of(shipped, states, controls)
+    defects = find_defects(shipped, states, controls)
     held = eqx.tree_at(lambda p: p.defects, problem, defects)
     z = jnp.asarray(held.parametrisation.guess(controls), jnp.float32)
     corrected = np.abs(np.asarray(held.trajectory(z).states) - states).max()
@@ -200,7 +230,10 @@ def test_corrected_the_emulator_follows_the_physics_exactly(shipped: Emulator):
 
 
 def test_several_first_guesses_are_never_worse_than_one(shipped: Emulator):
-    one, several = (descend(shipped, stand_upright(), REST, steps=20, starts=k) for k in (1, 3))
+    one, several = (
+        descend(shipped, stand_upright(), REST, steps=20, options=DescentOptions(starts=k))
+        for k in (1, 3)
+    )
     assert several.cost <= one.cost * (1 + 1e-3)
     assert len(several.candidates) == 3
     assert (np.diff(several.candidate_costs) >= 0).all()
@@ -210,7 +243,11 @@ def test_several_first_guesses_are_never_worse_than_one(shipped: Emulator):
 def test_the_first_cost_is_that_of_the_first_guess(method: str, shipped: Emulator):
     controls = np.full((20, 3), 0.5)
     found = descend(
-        shipped, stand_upright(), REST, steps=20, iterations=2, method=method, first=controls
+        shipped,
+        stand_upright(),
+        REST,
+        steps=20,
+        options=DescentOptions(iterations=2, method=method, first=controls),
     )
     emulator_states = np.asarray(shipped.rollout(REST, controls))
     assert found.costs[0] == pytest.approx(
@@ -221,25 +258,27 @@ def test_the_first_cost_is_that_of_the_first_guess(method: str, shipped: Emulato
 def test_beginning_again_never_ends_worse_and_is_charged(shipped: Emulator):
     system, options = (
         load_system("pendulum"),
-        {"steps": 20, "iterations": 3, "corrections": 0, "refinements": 0},
+        {"steps": 20, "options": DescentOptions(iterations=3), "corrections": 0, "refinements": 0},
     )
     once, again = (
         synthesise(shipped, system, stand_upright(), REST, restarts=k, **options) for k in (0, 2)
     )
     assert again.outcome.cost_physics < once.outcome.cost_physics
-    assert again.physics_steps == 3 * once.physics_steps
-    assert again.descent.iterations > once.descent.iterations
+    assert again.spent.physics_steps == 3 * once.spent.physics_steps
+    assert again.spent.iterations > once.spent.iterations
     stopped = synthesise(
         shipped, system, stand_upright(), REST, restarts=2, is_enough=lambda states: True, **options
     )
-    assert stopped.physics_steps == once.physics_steps
+    assert stopped.spent.physics_steps == once.spent.physics_steps
 
 
 def test_as_many_equal_guesses_come_to_the_same(shipped: Emulator):
     controls = np.full((2, 20, 3), 0.5)
     found = descend(
-        shipped, stand_upright(), REST, steps=20, iterations=2, first=controls, starts=2
+        shipped,
+        stand_upright(),
+        REST,
+        steps=20,
+        options=DescentOptions(iterations=2, first=controls, starts=2),
     )
     np.testing.assert_array_equal(*found.candidates)
-    with pytest.raises(NeuroAnimatorError, match="3 starts, came 2"):
-        descend(shipped, stand_upright(), REST, steps=20, first=controls, starts=3)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import Cli
 
-from neuroanimator import Clip, Emulator, find_emulator, load_system, write_video
+from neuroanimator import Clip, load_emulator, load_system, write_video
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
@@ -164,7 +164,7 @@ def test_the_surface_of_the_sea_casts_no_shadow_on_its_bed(tmp_path: Path):
 
 def test_a_default_swim_stays_level_and_a_cube_is_thrown():
     for name, low, high in (("dolphin", -2.2, -1.0), ("cube", 0.1, 0.9)):
-        emulator, system = Emulator.load(find_emulator(name)), load_system(name)
+        emulator, system = load_emulator(name), load_system(name)
         states = random_motion(emulator, 5.0, seed=0)
         assert system.structure.cloud is not None
         centres = (

@@ -22,14 +22,14 @@ from neuroanimator import (
     train,
     write_report,
 )
-from neuroanimator.evaluation.evaluate import Effort
+from neuroanimator.evaluation.evaluate import EvaluationBudget
 from neuroanimator.evaluation.speed_function import function_schemes
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.loading import resolve, trust_files
 
-FAST = Effort(runs=8, transitions=200, repeats=3, starts=20, steps=50)
+FAST = EvaluationBudget(runs=8, transitions=200, repeats=3, starts=20, steps=50)
 
 SPRING = """\
 import numpy as np
@@ -134,7 +134,7 @@ def test_a_run_that_diverges_is_told_from_one_that_does_not(tmp_path: Path):
 def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_function(folder: Path):
     trust_files(folder / "spring.toml")
     emulator = Emulator.load(folder / "spring.emulator.safetensors")
-    found = evaluate(emulator, data=read_transitions(folder / "data"), effort=FAST)
+    found = evaluate(emulator, data=read_transitions(folder / "data"), budget=FAST)
     assert found.one_step_error < 0.05
     assert found.diverged == 0
     assert found.speed.physics == "Python function"

@@ -24,7 +24,7 @@ from neuroanimator import (
 from neuroanimator.data.config import window_length
 from neuroanimator.data.recorded_segments import limited_to_recordings, split_recordings
 from neuroanimator.errors import BadFileError
-from neuroanimator.evaluation.evaluate import Effort
+from neuroanimator.evaluation.evaluate import EvaluationBudget
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.recorded.recorded_system import RecordedSystem
@@ -162,7 +162,9 @@ def test_an_emulator_of_a_linear_system_is_accurate_on_recordings_it_has_not_see
     data = read_transitions(folder / "data")
     out = tmp_path / "runs.emulator.safetensors"
     train(data, TrainingConfig(updates=750, widths=(24, 24), batch=128), out)
-    found = evaluate(Emulator.load(out), data=data, effort=Effort(repeats=3, starts=20, steps=50))
+    found = evaluate(
+        Emulator.load(out), data=data, budget=EvaluationBudget(repeats=3, starts=20, steps=50)
+    )
     assert found.one_step_error < 0.05
     assert found.one_step_error < 0.2 * found.baselines["persistence"]
     assert found.diverged == 0

@@ -118,7 +118,7 @@ def test_each_goal_is_a_state_that_stays(name: str):
     system = load_system(name)
     assert set(system.goals) >= ({f"bay_{i}" for i in range(1, 7)} if name == "truck" else {"pad"})
     for goal in system.goals.values():
-        state = goal_state(system.rest, goal)
+        state = goal_state(system, goal)
         path = drive(system, [0.0] * system.control.size, 1.0, state)
         assert is_reached(system, goal, path[-1])
         assert not is_reached(system, goal, system.rest + np.eye(system.state.size)[0])

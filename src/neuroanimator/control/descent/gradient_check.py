@@ -25,11 +25,13 @@ from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
 WARN_BELOW = 0.5
-"""Cosine: 60° between the two gradients; a step along one still wins half as much as along the other."""
-DIFFERENCE_STEP = 1e-5
-"""Of z, whose numbers are of order one: a tenth of it changes no gradient by a millionth, even with contacts."""
+"""A cosine below it is warned of: 60° between two gradients; a step along one still wins half as much as along the other."""
 
-Binding = Callable[[np.ndarray, np.ndarray], np.ndarray]
+DIFFERENCE_STEP = 1e-5
+"""Step of central differences in z, whose numbers are of order one: a tenth of it changes no gradient by a millionth,
+even with contacts."""
+
+Simulate = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(starts (B, S), controls (B, T, C)) → states (B, T+1, S) in float64."""
 
 
@@ -38,7 +40,7 @@ class GradientTrust:
     """How far the emulator's dJ/dz can be trusted."""
 
     cosine: float
-    """Of the angle between both: 1 the same way, 0 at right angles or one of them zero."""
+    """Of the angle between both gradients: 1 the same way, 0 at right angles or one of them zero."""
     emulator_gradient: np.ndarray
     """(Z,) by back-propagation through the emulator; or (D,), its slopes along the directions asked for."""
     physics_gradient: np.ndarray
@@ -66,30 +68,45 @@ def gradient_trust(
     system: System,
     objective: Objective,
     parametrisation: Parametrisation,
-    start: np.ndarray,
+    start: ArrayLike,
     controls: np.ndarray | None,
-    defects: Array | None = None,
+    defects: Float[Array, "T V"] | None = None,
     directions: int | None = None,
 ) -> GradientTrust:
     """Return how dJ/dz on the emulator compares with that on `system`, at the z of `controls` (T, C).
 
-    The middle of the bounds for None. `defects` (T, V) are added to the emulator's super steps (see `corrected`).
+    `start` (S,) is where the motion begins; no `controls` stand for the middle of the bounds. `defects` are added to
+    the emulator's super steps (see `find_defects`).
     Ask where a descent begins: at the emulator's own optimum its gradient vanishes, and the angle says nothing.
     Takes 2Z runs of the physics, in one batch; or two for each of so many random `directions`, in which alone both
     gradients are then compared: the cosine is then right to about one over the root of their number.
 
     Raises NeuroAnimatorError where the physics diverges.
     """
-    start, z = emulator.state.check(start, "state"), parametrisation.guess(controls)
-    problem = pose_problem(emulator, objective, parametrisation, start, defects)
-    along = np.eye(len(z)) if directions is None else random_directions(len(z), directions)
+    state = emulator.state.check(start, "state")
+    z = parametrisation.guess(controls)
+    problem = pose_problem(emulator, objective, parametrisation, state, defects)
+    if directions is None:
+        along = np.eye(len(z))
+    else:
+        along = random_directions(len(z), directions)
+
+    def simulate(starts: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        return _simulate(system, starts, controls, emulator.dt)
+
     with phase("checking the gradient"):
-        emulator_states = along @ emulated_gradient(problem, z)
-        physics_states = difference_gradient(
-            lambda starts, held: _played(system, starts, held, emulator.dt),
-            objective, parametrisation, emulator.bounds, emulator.dt, start, z, along=along,
-        )  # fmt: skip
-    return GradientTrust.of(emulator_states, physics_states)
+        on_emulator = along @ emulated_gradient(problem, z)
+        on_physics = difference_gradient(
+            simulate,
+            objective,
+            parametrisation,
+            emulator.bounds,
+            emulator.dt,
+            state,
+            z,
+            along=along,
+        )
+    return GradientTrust.of(on_emulator, on_physics)
 
 
 def random_directions(size: int, count: int) -> Float[np.ndarray, "D Z"]:
@@ -101,7 +118,7 @@ def random_directions(size: int, count: int) -> Float[np.ndarray, "D Z"]:
 
 
 def difference_gradient(
-    follow: Binding,
+    simulate: Simulate,
     objective: Objective,
     parametrisation: Parametrisation,
     bounds: Bounds,
@@ -111,7 +128,7 @@ def difference_gradient(
     step: float = DIFFERENCE_STEP,
     along: Float[np.ndarray, "D Z"] | None = None,
 ) -> Float[np.ndarray, " D"]:
-    """Return dJ/dz (Z,) by central differences of what `follow` does from `start` (S,), J in float64.
+    """Return dJ/dz (Z,) by central differences of what `simulate` does from `start` (S,), J in float64.
 
     With unit vectors `along` (D, Z), the slopes in these directions.
 
@@ -120,16 +137,15 @@ def difference_gradient(
     shifts = step * (np.eye(len(z)) if along is None else along)
     starts = np.broadcast_to(start, (2 * len(shifts), len(start)))
     with jax.enable_x64(True):
-        controls = np.asarray(
-            controls_of(parametrisation, np.concatenate([z + shifts, z - shifts]))
-        )
-        states = follow(starts, controls)
+        points = np.concatenate([z + shifts, z - shifts])
+        controls = np.asarray(controls_of(parametrisation, points))
+        states = simulate(starts, controls)
         costs = np.asarray(_costs(objective, states, controls, bounds.magnitude, dt))
     above, below = np.split(costs, 2)
     return (above - below) / (2 * step)
 
 
-def _played(system: System, starts: np.ndarray, controls: np.ndarray, dt: float) -> np.ndarray:
+def _simulate(system: System, starts: np.ndarray, controls: np.ndarray, dt: float) -> np.ndarray:
     runs = system.simulate_fastest(starts, controls, dt)
     if runs.has_diverged.any():
         raise NeuroAnimatorError(
@@ -141,9 +157,10 @@ def _played(system: System, starts: np.ndarray, controls: np.ndarray, dt: float)
 def emulated_gradient(problem: Problem, z: np.ndarray) -> Float[np.ndarray, " Z"]:
     """Return dJ/dz (Z,) on the emulator.
 
-    In two programs, of which only the objective's own is compiled anew for other wishes.
+    In two programs, of which only the objective's own is compiled anew for other costs.
     """
-    point, motion = as_jax(z), replace(problem, objective=Objective.of())
+    point = as_jax(z)
+    motion = replace(problem, objective=Objective.of())
     _, slopes = cost_and_slopes(problem.objective, _emulated_motion(motion, point))
     return np.asarray(_pulled_back(motion, point, slopes), float)
 
@@ -176,11 +193,14 @@ def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Arr
 @eqx.filter_jit
 def _costs(
     objective: Objective,
-    states: ArrayLike,
-    controls: ArrayLike,
-    control_scale: ArrayLike,
+    states: Array | np.ndarray,
+    controls: Array | np.ndarray,
+    control_scale: Array | np.ndarray,
     dt: float,
 ) -> Array:
-    return jax.vmap(
-        lambda motion, held: objective(Trajectory(motion, held, jnp.asarray(control_scale), dt))
-    )(states, controls)
+    scale = jnp.asarray(control_scale)
+
+    def cost(states: Array, controls: Array) -> Array:
+        return objective(Trajectory(states, controls, scale, dt))
+
+    return jax.vmap(cost)(jnp.asarray(states), jnp.asarray(controls))

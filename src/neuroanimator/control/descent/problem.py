@@ -10,27 +10,36 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from neuroanimator.control.descent.defects import advance_corrected, follow_corrected
+from neuroanimator.control.descent.defects import rollout_with_defects, step_with_defect
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.compiled import call_compiled
 from neuroanimator.emulator.emulator import Emulator
 
-BACKWARD = 3
-"""Forward sweeps that cost as much as one backward."""
+BACKWARD_COST = 3
+"""One backward sweep costs as much as so many forward ones."""
 
 
 class Linearised(NamedTuple):
-    """J near some z: the sum of squares of residuals that change in proportion, over two, and of the rest."""
+    """J near some z: half the sum of squares of residuals that change in proportion, and a rest that does so."""
 
     residuals: Float[Array, " R"]
     jacobian: Float[Array, "R Z"]
-    """How they change with z."""
+    """How the residuals change with z."""
     slope: Float[Array, " Z"]
-    """Of what is no square."""
+    """Of the rest, which is no sum of squares."""
     cost: Float[Array, ""]
     """J at z."""
+
+
+class MotionTangents(NamedTuple):
+    """An emulated motion and how it changes with z."""
+
+    latent: Float[Array, "T+1 I"]
+    controls: Float[Array, "T C"]
+    push: Callable[[Array], tuple[Array, Array]]
+    """Change of z (Z,) → changes of `latent` and of `controls`."""
 
 
 class Problem(eqx.Module):
@@ -41,13 +50,13 @@ class Problem(eqx.Module):
     parametrisation: Parametrisation
     start: Float[Array, " S"]
     defects: Float[Array, "T V"]
-    """Added to the super steps: see `corrected`."""
+    """Added to the super steps: see `find_defects`."""
     control_scale: Float[Array, " C"]
 
     def trajectory(self, z: Float[Array, " Z"]) -> Trajectory:
         """Return the emulated motion under the controls of z."""
         controls = self.parametrisation.controls(z)
-        return self._trajectory(self._follow(controls), controls)
+        return self._trajectory(self._rollout(controls), controls)
 
     def cost(self, z: Float[Array, " Z"]) -> Float[Array, ""]:
         """Return J."""
@@ -56,112 +65,129 @@ class Problem(eqx.Module):
     def linearised(self, z: Float[Array, " Z"]) -> Linearised:
         """Return J and how it changes near `z`."""
         of_states, of_controls = self.objective.apart()
-        look = self._look_back if self._is_seen_in_few(of_states, z) else self._look_ahead
-        rows = [look(of_states, z), self._look_at_controls(of_controls, z)]
-        residuals, jacobian = (jnp.concatenate(parts) for parts in zip(*rows, strict=True))
-        cost, slope = jnp.sum(residuals**2) / 2, jnp.zeros_like(z)
+        if self._has_few_residuals(of_states, z):
+            states_part = self._linearise_backward(of_states, z)
+        else:
+            states_part = self._linearise_forward(of_states, z)
+        controls_part = self._linearise_controls(of_controls, z)
+        residuals = jnp.concatenate([states_part[0], controls_part[0]])
+        jacobian = jnp.concatenate([states_part[1], controls_part[1]])
+        cost = jnp.sum(residuals**2) / 2
+        slope = jnp.zeros_like(z)
         if self.objective.functions:
-            extra, slope = jax.value_and_grad(lambda z: self.objective.extra(self.trajectory(z)))(z)
+            extra, slope = jax.value_and_grad(self._extra)(z)
             cost += extra
         return Linearised(residuals, jacobian, slope, cost)
 
-    def _is_seen_in_few(self, of_states: Objective, z: Float[Array, " Z"]) -> bool:
-        """Return whether states are looked at in so few numbers that pulling these back is the least work."""
-        motion = jax.ShapeDtypeStruct((self.parametrisation.steps + 1, len(self.start)), z.dtype)
-        held = jax.ShapeDtypeStruct((self.parametrisation.steps, len(self.control_scale)), z.dtype)
+    def _extra(self, z: Float[Array, " Z"]) -> Float[Array, ""]:
+        return self.objective.extra(self.trajectory(z))
 
-        def seen(states, controls):
-            return of_states.residuals(
-                Trajectory(states, controls, self.control_scale, self.emulator.dt)
-            )
+    def _has_few_residuals(self, of_states: Objective, z: Float[Array, " Z"]) -> bool:
+        """Return whether states make so few residuals that pulling these back is the least work."""
+        steps = self.parametrisation.steps
+        states = jax.ShapeDtypeStruct((steps + 1, len(self.start)), z.dtype)
+        controls = jax.ShapeDtypeStruct((steps, len(self.control_scale)), z.dtype)
 
-        count = jax.eval_shape(seen, motion, held).shape[0]
-        return BACKWARD * count < min(len(z), self._entries)
+        def residuals(states: Array, controls: Array) -> Array:
+            motion = Trajectory(states, controls, self.control_scale, self.emulator.dt)
+            return of_states.residuals(motion)
 
-    def _look_back(self, of_states: Objective, z: Float[Array, " Z"]) -> tuple[Array, Array]:
-        """Return residuals (R,) and how they change with z (R, Z), by a backward sweep for all of them."""
-        residuals, back = jax.vjp(lambda z: of_states.residuals(self.trajectory(z)), z)
-        return residuals, jax.vmap(back)(jnp.eye(len(residuals), dtype=z.dtype))[0]
+        count = jax.eval_shape(residuals, states, controls).shape[0]
+        return BACKWARD_COST * count < min(len(z), self._inputs_of_step)
 
-    def _look_ahead(self, of_states: Objective, z: Float[Array, " Z"]) -> tuple[Array, Array]:
-        """Return the same by forward sweeps."""
-        change = (
-            self._changes_at_once if len(z) <= 2 * self._entries else self._changes_step_by_step
-        )
-        latent, controls, push = change(z)
+    def _linearise_backward(
+        self, of_states: Objective, z: Float[Array, " Z"]
+    ) -> tuple[Float[Array, " R"], Float[Array, "R Z"]]:
+        """Return residuals and their Jacobian, by a backward sweep for all of them."""
 
-        def looked_at(latent, controls):
+        def residuals_of(z: Array) -> Array:
+            return of_states.residuals(self.trajectory(z))
+
+        residuals, pull_back = jax.vjp(residuals_of, z)
+        units = jnp.eye(len(residuals), dtype=z.dtype)
+        (jacobian,) = jax.vmap(pull_back)(units)
+        return residuals, jacobian
+
+    def _linearise_forward(
+        self, of_states: Objective, z: Float[Array, " Z"]
+    ) -> tuple[Float[Array, " R"], Float[Array, "R Z"]]:
+        """Return residuals and their Jacobian, by forward sweeps."""
+        if len(z) <= 2 * self._inputs_of_step:
+            motion = self._differentiate_at_once(z)
+        else:
+            motion = self._differentiate_step_by_step(z)
+
+        def residuals_of(latent: Array, controls: Array) -> Array:
             return of_states.residuals(self._trajectory(latent, controls))
 
-        residuals, pull = jax.linearize(looked_at, latent, controls)
-        return residuals, jax.vmap(lambda unit: pull(*push(unit)), out_axes=1)(
-            jnp.eye(len(z), dtype=z.dtype)
-        )
+        residuals, tangent = jax.linearize(residuals_of, motion.latent, motion.controls)
 
-    def _look_at_controls(
+        def column(unit: Array) -> Array:
+            return tangent(*motion.push(unit))
+
+        units = jnp.eye(len(z), dtype=z.dtype)
+        return residuals, jax.vmap(column, out_axes=1)(units)
+
+    def _linearise_controls(
         self, of_controls: Objective, z: Float[Array, " Z"]
-    ) -> tuple[Array, Array]:
-        """Return the same for what does not look at states."""
+    ) -> tuple[Float[Array, " R"], Float[Array, "R Z"]]:
+        """Return residuals and their Jacobian of terms that depend on nothing but controls."""
 
-        def look(z: Array) -> Array:
-            return of_controls.residuals(
-                Trajectory(
-                    self.start[None],
-                    self.parametrisation.controls(z),
-                    self.control_scale,
-                    self.emulator.dt,
-                )
-            )
+        def residuals_of(z: Array) -> Array:
+            controls = self.parametrisation.controls(z)
+            motion = Trajectory(self.start[None], controls, self.control_scale, self.emulator.dt)
+            return of_controls.residuals(motion)
 
-        return look(z), jax.jacfwd(look)(z)
+        return residuals_of(z), jax.jacfwd(residuals_of)(z)
 
     @property
-    def _entries(self) -> int:
+    def _inputs_of_step(self) -> int:
         """How many numbers a super step depends on: single ones are cheaper to differentiate where z has far more."""
         return self.emulator.normaliser.change_scale.shape[0] + len(self.control_scale)
 
-    def _changes_at_once(self, z: Array) -> tuple[Array, Array, Callable]:
-        """Return the inner trajectory, the controls, and how both change with z."""
+    def _differentiate_at_once(self, z: Float[Array, " Z"]) -> MotionTangents:
+        """Return the motion and how it changes with z, by pushing z through the whole rollout."""
 
-        def path(z: Array) -> tuple[Array, Array]:
+        def motion_of(z: Array) -> tuple[Array, Array]:
             controls = self.parametrisation.controls(z)
-            return self._follow(controls), controls
+            return self._rollout(controls), controls
 
-        (latent, controls), push = jax.linearize(path, z)
-        return latent, controls, push
+        (latent, controls), push = jax.linearize(motion_of, z)
+        return MotionTangents(latent, controls, push)
 
-    def _changes_step_by_step(self, z: Array) -> tuple[Array, Array, Callable]:
+    def _differentiate_step_by_step(self, z: Float[Array, " Z"]) -> MotionTangents:
         """Return the same by the chain rule: the Jacobians of all super steps side by side, then their products."""
-        controls, pushed = jax.linearize(self.parametrisation.controls, z)
-        latent = self._follow(controls)
-        mixed = self.emulator.encode_control(controls)
-        by_state, by_control = jax.vmap(
-            jax.jacfwd(lambda s, u, d: advance_corrected(self.emulator, s, u, d), (0, 1))
-        )(latent[:-1], mixed, self.defects)
+        controls, push_controls = jax.linearize(self.parametrisation.controls, z)
+        latent = self._rollout(controls)
+        latent_controls = self.emulator.encode_control(controls)
+
+        def advance(latent: Array, control: Array, defect: Array) -> Array:
+            return step_with_defect(self.emulator, latent, control, defect)
+
+        jacobians = jax.vmap(jax.jacfwd(advance, (0, 1)))
+        by_state, by_control = jacobians(latent[:-1], latent_controls, self.defects)
 
         def push(unit: Array) -> tuple[Array, Array]:
-            change = pushed(unit)
+            control_change = push_controls(unit)
 
-            def one(before: Array, given: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-                along, by, moved = given
-                after = along @ before + by @ moved
-                return after, after
+            def advance_change(
+                change: Array, inputs: tuple[Array, Array, Array]
+            ) -> tuple[Array, Array]:
+                of_state, of_control, control_change = inputs
+                following = of_state @ change + of_control @ control_change
+                return following, following
 
-            inputs = by_state, by_control, self.emulator.encode_control(change)
-            first = jnp.zeros_like(latent[0])
-            return jnp.concatenate([first[None], jax.lax.scan(one, first, inputs)[1]]), change
+            no_change = jnp.zeros_like(latent[0])
+            inputs = (by_state, by_control, self.emulator.encode_control(control_change))
+            _, changes = jax.lax.scan(advance_change, no_change, inputs)
+            return jnp.concatenate([no_change[None], changes]), control_change
 
-        return latent, controls, push
+        return MotionTangents(latent, controls, push)
 
-    def _follow(self, controls: Float[Array, "T C"]) -> Float[Array, "T+1 I"]:
+    def _rollout(self, controls: Float[Array, "T C"]) -> Float[Array, "T+1 I"]:
         # Traced once, however often a program follows the emulator.
-        return call_compiled(
-            follow_corrected,
-            self.emulator,
-            self.emulator.encode(self.start),
-            controls,
-            self.defects,
-        )
+        latent = self.emulator.encode(self.start)
+        return call_compiled(rollout_with_defects, self.emulator, latent, controls, self.defects)
 
     def _trajectory(
         self, latent: Float[Array, "T+1 I"], controls: Float[Array, "T C"]

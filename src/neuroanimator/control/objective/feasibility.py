@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from neuroanimator.control.objective.objective import Objective, Term
+from neuroanimator.control.objective.objective import CostTerm, Objective
 from neuroanimator.control.objective.terms import (
     KeepSpeed,
     KeepVelocity,
@@ -61,7 +61,7 @@ def _check_state(term: ReachState, emulator: Emulator) -> None:
         )
 
 
-def _check_speed(term: Term, fastest: float, start: np.ndarray, seconds: float) -> None:
+def _check_speed(term: CostTerm, fastest: float, start: np.ndarray, seconds: float) -> None:
     wanted = 0.0
     if isinstance(term, KeepSpeed | KeepVelocity):
         wanted = float(np.linalg.norm(term.speed if isinstance(term, KeepSpeed) else term.velocity))

@@ -1,11 +1,9 @@
-"""Goals a system itself names, as objectives and as verdicts."""
+"""Goals a system names, as cost terms and as verdicts, and states said in the words of a system."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.objective import Objective
@@ -13,144 +11,152 @@ from neuroanimator.control.objective.terms import END, ReachState
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.segments import Plain, place_segments
-from neuroanimator.state.structure import Structure
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
 
-Verdict = Callable[[np.ndarray], bool]
-"""Whether a state (S,) fulfils a goal."""
-
-UPRIGHT_ANGLE = 0.1
-"""[rad] An angle error that counts as one: a third of the 10° that still count as upright."""
-UPRIGHT_SPEED = 0.5
-"""[rad/s] A speed error that counts as one: half of what still counts as at rest."""
-UPRIGHT_WITHIN = np.deg2rad(10.0)
-"""[rad] Each link may lean this much and still count as upright."""
-STILL_WITHIN = 1.0
-"""[rad/s] Each link may turn this fast and still count as still."""
-SWING_SECONDS = 1.5
-"""As long as a quick human arm takes; the motors could do it in one."""
+ERRORS_PER_TOLERANCE = 3
+"""A third of a goal's tolerance counts as an error of one in a cost, so that a descent ends well within it."""
 
 
-def stand_upright(
-    effort_weight: float = 1.0, state_weight: float = 1.0, times: tuple[float, ...] = END
-) -> Objective:
-    """Return the objective 'all three links of the pendulum point up and stand still' at the end or at `times` [s].
+def goal(
+    system: System,
+    name: str,
+    *,
+    at: float | tuple[float, ...] | None = None,
+    weight: float = 1.0,
+) -> ReachState:
+    """Return the cost of not being in the state the system calls `name` at the end, or `at` a time or several [s].
 
-    J = μ_u/2 ∫|u|² dt + μ_s/2 |s_{M+1} - s_d|², the seminar paper's eq. 11.
+    Raises ArgumentError with the names of the system's goals.
     """
-    sums = np.tril(np.ones((3, 3)))
-    zeros = np.zeros((3, 3))
-    compare = np.block([[sums / UPRIGHT_ANGLE, zeros], [zeros, sums / UPRIGHT_SPEED]])
-    goal = np.array([math.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
-    return Objective.of(
-        effort(effort_weight), ReachState.of(Frame((), (), 0.0), goal, compare, state_weight, times)
-    )
+    return reach_goal(system, find_goal(system, name), times=_times(at), weight=weight)
 
 
 def reach_state(
-    structure: Structure,
-    rest: np.ndarray,
-    goal: Goal,
-    effort_weight: float = 1.0,
-    state_weight: float = 1.0,
-) -> Objective:
-    """Return the objective 'be in the state `goal` names at the end'; entries it does not name are free."""
-    return Objective.of(effort(effort_weight), reach_goal(structure, rest, goal, state_weight))
+    system: System,
+    reach: dict[str, tuple[float, ...]],
+    *,
+    within: dict[str, float] | None = None,
+    at: float | None = None,
+    weight: float = 1.0,
+) -> ReachState:
+    """Return the cost of parts of the state not having the values `reach` at the end, or `at` [s].
+
+    `within` says how far off each of them may be, in its unit; 0.1 if not said.
+    """
+    wanted = state_goal(system, reach, within or {})
+    return reach_goal(system, wanted, times=_times(at), weight=weight)
 
 
 def reach_goal(
-    structure: Structure,
-    rest: np.ndarray,
-    goal: Goal,
-    weight: float = 1.0,
-    times: tuple[float, ...] = END,
+    system: System, goal: Goal, *, times: tuple[float, ...] = END, weight: float = 1.0
 ) -> ReachState:
-    """Return the wish of `reach_state` alone. A third of a goal's tolerance counts as an error of one."""
-    frame = Frame.of(structure, 0.0)
-    weights = 3 * tangent_weights(frame, len(rest), goal)
-    return ReachState.of(
-        frame, goal_state(rest, goal), np.diag(weights)[weights > 0], weight, times
-    )
+    """Return the cost of not being at a `goal` of `system`, at the end or at `times` [s]; what it does not name is free."""
+    frame = Frame.of(system.structure, 0.0)
+    rows, tolerances = judged_numbers(system, goal)
+    if goal.scales:
+        weights = 1 / np.array(goal.scales)
+    else:
+        weights = ERRORS_PER_TOLERANCE * (1 / tolerances)
+    compare = weights[:, None] * rows
+    return ReachState.of(frame, goal_state(system, goal), compare, weight, times)
 
 
-def goal_state(rest: np.ndarray, goal: Goal) -> np.ndarray:
-    """Return `rest` (S,) with the goal's entries in their places."""
-    target = np.array(rest, dtype=float)
+def _times(at: float | tuple[float, ...] | None) -> tuple[float, ...]:
+    if at is None:
+        return END
+    if isinstance(at, tuple):
+        return at
+    return (at,)
+
+
+def state_goal(
+    system: System, reach: dict[str, tuple[float, ...]], within: dict[str, float]
+) -> Goal:
+    """Return the goal that parts of the state have the values `reach`, `within` some tolerances."""
+    from neuroanimator.definitions.goal import GoalTable  # takes time, and most do without
+
+    if not reach:
+        raise ArgumentError("reach: wanted at least one part of the state and its values.")
+    table = GoalTable(reach=reach, within=within)
+    return system.goal("reach_state", table)
+
+
+def goal_objective(system: System, name: str, effort_weight: float = 1.0) -> Objective:
+    """Return the objective 'be at the goal called `name` at the end, with little effort'.
+
+    J = μ_u/2 ∫|u|² dt + μ_s/2 |s_{M+1} - s_d|², the seminar paper's eq. 11.
+    """
+    return Objective.of(effort(effort_weight), goal(system, name))
+
+
+def goal_state(system: System, goal: Goal) -> Float[np.ndarray, " S"]:
+    """Return the state of rest with the goal's entries in their places."""
+    target = np.array(system.rest, dtype=float)
     for entry, value in goal.values:
         target[entry] = value
     return target
 
 
-def tangent_weights(frame: Frame, size: int, goal: Goal) -> np.ndarray:
-    """Return (V,) one over the goal's tolerance for each number of a change; zero where anything will do."""
-    wanted = {
-        entry: tolerance for (entry, _), tolerance in zip(goal.values, goal.tolerances, strict=True)
-    }
-    weights = []
-    for placed in place_segments(frame.segments or (Plain(size=size),)):
-        first = placed.entries.start
-        entries = range(first, first + placed.segment.change_size)
-        weights += [1 / wanted[entry] if entry in wanted else 0.0 for entry in entries]
-    return np.array(weights)
-
-
-def is_reached(system: System, goal: Goal, state: np.ndarray) -> bool:
-    """Return whether `state` (S,) is within the tolerances of `goal`."""
-    frame = Frame.of(system.structure, 0.0)
-    off = frame.difference(goal_state(system.rest, goal), state) * tangent_weights(
-        frame, len(state), goal
-    )
-    return bool((np.abs(off) <= 1).all())
-
-
-def is_upright(state: np.ndarray) -> bool:
-    """Return whether all three links of the pendulum in `state` (6,) point up and are nearly still."""
-    lean = np.cumsum(state[:3]) - np.pi
-    lean = (lean + np.pi) % (2 * np.pi) - np.pi
-    return bool(
-        (np.abs(lean) < UPRIGHT_WITHIN).all()
-        and (np.abs(np.cumsum(state[3:])) < STILL_WITHIN).all()
-    )
-
-
-def goal_start(system: System, name: str) -> np.ndarray:
-    """Return the state (S,) the goal called `name` is to be reached from, if nothing else is said."""
+def goal_start(system: System, name: str) -> Float[np.ndarray, " S"]:
+    """Return the state the goal called `name` is to be reached from, if nothing else is said."""
     goal = system.goals.get(name)
-    return np.array(goal.start if goal and goal.start else system.rest, float)
+    if goal is None or not goal.start:
+        return np.array(system.rest, float)
+    return np.array(goal.start, float)
 
 
-GOALS = {"upright": stand_upright}
+def is_reached(system: System, goal: Goal | str, state: np.ndarray) -> bool:
+    """Return whether `state` (S,) is within the tolerances of `goal`, one of the system's by name or any other."""
+    if isinstance(goal, str):
+        goal = find_goal(system, goal)
+    frame = Frame.of(system.structure, 0.0)
+    rows, tolerances = judged_numbers(system, goal)
+    off = rows @ frame.difference(goal_state(system, goal), state)
+    if goal.sums:
+        is_angle = [row in system.structure.angles for row in goal.sums]
+        nearest = (off + np.pi) % (2 * np.pi) - np.pi
+        off = np.where(is_angle, nearest, off)
+    return bool((np.abs(off) * (1 / tolerances) <= 1).all())
 
 
-def find_goal(
-    system: System, name: str, effort_weight: float = 1.0
-) -> tuple[Objective, Verdict, float]:
-    """Return (objective, verdict, usual length [s]) of the system's goal called `name`."""
-    if system.name == "pendulum" and name in GOALS:
-        return GOALS[name](effort_weight=effort_weight), is_upright, SWING_SECONDS
+def judged_numbers(
+    system: System, goal: Goal
+) -> tuple[Float[np.ndarray, "R V"], Float[np.ndarray, " R"]]:
+    """Return (rows that pick or sum what of a difference of states is judged, the tolerance of each)."""
+    if goal.sums:
+        return np.array(goal.sums, float), np.array(goal.tolerances, float)
+    frame = Frame.of(system.structure, 0.0)
+    size = system.state.size
+    wanted = {}
+    for (entry, _), tolerance in zip(goal.values, goal.tolerances, strict=True):
+        wanted[entry] = tolerance
+    numbers = []
+    tolerances = []
+    for placed in place_segments(frame.segments or (Plain(size=size),)):
+        for number in range(placed.segment.change_size):
+            entry = placed.entries.start + number
+            if entry in wanted:
+                numbers.append(placed.changes.start + number)
+                tolerances.append(wanted[entry])
+    return np.eye(frame.change_size(size))[numbers], np.array(tolerances)
+
+
+def find_goal(system: System, name: str) -> Goal:
+    """Return the goal the system calls `name`; ArgumentError lists the names it knows."""
     if name in system.goals:
-        goal = system.goals[name]
-        objective = reach_state(system.structure, system.rest, goal, effort_weight)
-        return objective, lambda state: is_reached(system, goal, state), goal.seconds
-    names = goal_names(system)
-    if not names:
-        raise ArgumentError(how_to_wish(system))
-    raise ArgumentError(
-        f"No goal called '{name}' for the system {system.name}. Goals: {', '.join(names)}."
-    )
-
-
-def goal_names(system: System) -> list[str]:
-    """Return the names of the goals `find_goal` knows for `system`."""
-    return sorted([*system.goals, *(GOALS if system.name == "pendulum" else ())])
+        return system.goals[name]
+    if not system.goals:
+        raise ArgumentError(explain_costs(system))
+    names = ", ".join(sorted(system.goals))
+    raise ArgumentError(f"No goal called '{name}' for the system {system.name}. Goals: {names}.")
 
 
 def usual_goal(system: System) -> str:
-    """Return the one goal of `system`; ArgumentError where there is none, or a choice."""
-    names = goal_names(system)
+    """Return the name of the one goal of `system`; ArgumentError where there is none, or a choice."""
+    names = sorted(system.goals)
     if not names:
-        raise ArgumentError(how_to_wish(system))
+        raise ArgumentError(explain_costs(system))
     if len(names) > 1:
         raise ArgumentError(
             f"{system.name} has several goals. Say which: --goal {', --goal '.join(names)}."
@@ -158,12 +164,12 @@ def usual_goal(system: System) -> str:
     return names[0]
 
 
-def how_to_wish(system: System) -> str:
+def explain_costs(system: System) -> str:
     """Return one line on how to ask something of a system that names no goals."""
     part = system.state.slices[0]
     values = ", ".join(["1.0"] * part.size)
-    wish = f'[[costs]], kind = "reach_state", reach = {{ "{part.name}" = [{values}] }}'
-    lines = f'system = "{system.name}", seconds = 2.0, {wish}'
+    cost = f'[[costs]], kind = "reach_state", reach = {{ "{part.name}" = [{values}] }}'
+    lines = f'system = "{system.name}", seconds = 2.0, {cost}'
     later = ""
     if system.definition_text:
         later = " Or add [goals.NAME] with such a reach to your TOML file, and pass --system FILE.toml --goal NAME."

@@ -1,4 +1,4 @@
-"""What a motion should achieve: J, a sum of weighted terms (the seminar paper's eqs. 9 to 11)."""
+"""What a motion should achieve: an objective J, the sum of weighted cost terms (the seminar paper's eqs. 9 to 11)."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 
 
-class Term(eqx.Module):
-    """One wish. It counts as half the sum of squares of its residuals, times its weight."""
+class CostTerm(eqx.Module):
+    """One thing a motion should do. It costs half the sum of squares of its residuals, times its weight."""
 
     weight: eqx.AbstractVar[Float[Array, ""]]
     of_controls: ClassVar[bool] = False
@@ -28,38 +28,42 @@ class Term(eqx.Module):
 
     @abc.abstractmethod
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        """Return numbers that are zero where the wish is fulfilled, and one where it is missed by a sizeable error."""
+        """Return numbers that are zero where the motion does it, and one where it is off by a sizeable error."""
 
 
-Function = Callable[[Trajectory], Float[Array, ""]]
-"""A term of one's own: any differentiable JAX function that makes one number of a trajectory, weight included."""
+CostFunction = Callable[[Trajectory], Float[Array, ""]]
+"""A cost of one's own: any differentiable JAX function that makes one number of a trajectory, weight included."""
 
 
 class Objective(eqx.Module):
     """J(trajectory) = Σ weight/2 |residuals|² + Σ functions."""
 
-    terms: tuple[Term, ...]
-    functions: tuple[Function, ...] = ()
+    terms: tuple[CostTerm, ...]
+    functions: tuple[CostFunction, ...] = ()
 
     @classmethod
-    def of(cls, *costs: Term | Function) -> Objective:
-        """Return the objective that sums `costs`."""
-        terms = tuple(wish for wish in costs if isinstance(wish, Term))
-        return cls(terms, tuple(wish for wish in costs if not isinstance(wish, Term)))
+    def of(cls, *costs: CostTerm | CostFunction) -> Objective:
+        """Return the objective that sums `costs`; ArgumentError for an objective among them."""
+        for cost in costs:
+            if isinstance(cost, Objective):
+                raise ArgumentError(
+                    f"objective: wanted cost terms and functions, came {cost!r} within another objective. "
+                    "Give what it is made of: *objective.terms, *objective.functions."
+                )
+        terms = tuple(cost for cost in costs if isinstance(cost, CostTerm))
+        functions = tuple(cost for cost in costs if not isinstance(cost, CostTerm))
+        return cls(terms, functions)
 
     def __repr__(self) -> str:
-        named = [type(term).__name__ for term in self.terms]
-        named += [
-            getattr(function, "__name__", type(function).__name__) for function in self.functions
-        ]
-        return f"Objective({', '.join(named)})"
+        names = [type(term).__name__ for term in self.terms]
+        names += [_name_of(function) for function in self.functions]
+        return f"Objective({', '.join(names)})"
 
     def apart(self) -> tuple[Objective, Objective]:
         """Return the terms that look at states, and those of controls alone; without functions."""
         of_states = tuple(term for term in self.terms if not term.of_controls)
-        return Objective(of_states), Objective(
-            tuple(term for term in self.terms if term.of_controls)
-        )
+        of_controls = tuple(term for term in self.terms if term.of_controls)
+        return Objective(of_states), Objective(of_controls)
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         """Return the numbers whose squares sum to 2J, but for the functions."""
@@ -134,7 +138,7 @@ def _rank(weight: float) -> float:
     return -math.inf if math.isnan(weight) else weight
 
 
-def check_times(term: Term, steps: int, dt: float) -> None:
+def check_times(term: CostTerm, steps: int, dt: float) -> None:
     """Raise ArgumentError if `term` wants something at a time [s] beyond the horizon of `steps` super steps."""
     latest = max(getattr(term, "times", ()) or (0.0,))
     if latest > (steps + 0.5) * dt:
@@ -143,8 +147,12 @@ def check_times(term: Term, steps: int, dt: float) -> None:
         )
 
 
-def _check_function(function: Function, trajectory: Trajectory) -> None:
-    name = getattr(function, "__name__", type(function).__name__)
+def _name_of(function: CostFunction) -> str:
+    return getattr(function, "__name__", type(function).__name__)
+
+
+def _check_function(function: CostFunction, trajectory: Trajectory) -> None:
+    name = _name_of(function)
     try:
         shape = jax.eval_shape(function, trajectory)
     except Exception as error:  # whatever a user's function may raise

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.objective import Term
+from neuroanimator.control.objective.objective import CostTerm
 from neuroanimator.control.objective.terms import as_weight
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
@@ -56,7 +56,7 @@ def footprint(structure: Structure, states: Numbers, probes: Numbers) -> Numbers
     return pose.position[..., None, :2] + shift
 
 
-class Avoid(Term):
+class Avoid(CostTerm):
     """Keep discs about a body's probes out of zones: ∫ of how far they are in, over the margin."""
 
     weight: Float[Array, ""]

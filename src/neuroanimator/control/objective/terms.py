@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.objective import Term
+from neuroanimator.control.objective.objective import CostTerm
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.state.body_frame import Frame
@@ -27,7 +27,7 @@ def rows_at(times: tuple[float, ...], trajectory: Trajectory) -> list[int]:
     return [round(time / trajectory.dt) for time in times] or [len(trajectory.states) - 1]
 
 
-class Effort(Term):
+class Effort(CostTerm):
     """μ_u: ∫ |u / limit|² dt, so that J does not depend on the super step (eq. 11)."""
 
     weight: Float[Array, ""]
@@ -37,7 +37,7 @@ class Effort(Term):
         return math.sqrt(trajectory.dt) * (trajectory.controls / trajectory.control_scale).ravel()
 
 
-class Smoothness(Term):
+class Smoothness(CostTerm):
     """∫ |du/dt / limit|² dt in [s²]: controls that do not jump."""
 
     weight: Float[Array, ""]
@@ -49,7 +49,7 @@ class Smoothness(Term):
         ).ravel() / math.sqrt(trajectory.dt)
 
 
-class ReachState(Term):
+class ReachState(CostTerm):
     """Be in a state, or in part of one, seen from the goal: in a parking bay, lengthwise and sideways."""
 
     weight: Float[Array, ""]
@@ -79,7 +79,7 @@ class ReachState(Term):
         ).ravel()
 
 
-class ReachPositions(Term):
+class ReachPositions(CostTerm):
     """Be at places at given times: keyframes, or one place at the end."""
 
     weight: Float[Array, ""]
@@ -98,7 +98,7 @@ class ReachPositions(Term):
         ).ravel()
 
 
-class ReachHeight(Term):
+class ReachHeight(CostTerm):
     """Be up with all of the body at given times: the rms of how far mass points are below a height."""
 
     weight: Float[Array, ""]
@@ -116,7 +116,7 @@ class ReachHeight(Term):
         return (below / math.sqrt(heights.shape[-1])).ravel()
 
 
-class FollowPath(Term):
+class FollowPath(CostTerm):
     """Be where a path says all along, passed at a steady pace."""
 
     weight: Float[Array, ""]
@@ -136,7 +136,7 @@ class FollowPath(Term):
         return math.sqrt(trajectory.dt) * ((position - wanted) / self.within).ravel()
 
 
-class Travel(Term):
+class Travel(CostTerm):
     """Come `distance` [m] forward along `direction` by the end; further than possible means as far as possible."""
 
     weight: Float[Array, ""]
@@ -150,7 +150,7 @@ class Travel(Term):
         return ((self.distance - (position[1] - position[0]) @ self.direction) / self.within)[None]
 
 
-class KeepVelocity(Term):
+class KeepVelocity(CostTerm):
     """Move with a velocity, from a given time on."""
 
     weight: Float[Array, ""]
@@ -168,7 +168,7 @@ class KeepVelocity(Term):
         return math.sqrt(trajectory.dt) * off.ravel()
 
 
-class KeepSpeed(Term):
+class KeepSpeed(CostTerm):
     """Move forward, where the body points, at a speed, from a given time on."""
 
     weight: Float[Array, ""]
@@ -186,7 +186,7 @@ class KeepSpeed(Term):
         )
 
 
-class Point(Term):
+class Point(CostTerm):
     """Point forward, or stand upright, along `direction`: at given times, or from the only one on if `lasts`."""
 
     weight: Float[Array, ""]
@@ -207,7 +207,7 @@ class Point(Term):
         return share * ((axis - self.direction) / self.within).ravel()
 
 
-class StayUpright(Term):
+class StayUpright(CostTerm):
     """Keep the body's up near the world's, from a given time on: ∫ of the angle beyond a tolerance."""
 
     weight: Float[Array, ""]
@@ -243,7 +243,7 @@ NEARLY_UPRIGHT = 1e-3
 """[rad] Less counts as this much, so that an upright body has a finite slope."""
 
 
-class StayWithin(Term):
+class StayWithin(CostTerm):
     """Keep state entries between bounds, such as joints: ∫ of what is beyond."""
 
     weight: Float[Array, ""]

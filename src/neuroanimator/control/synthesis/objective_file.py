@@ -10,7 +10,7 @@
     distance = 2.0
     within = 0.26
 
-Each wish is a function of `costs`, `obstacles` or this file; its other keys are that function's arguments.
+Each cost is a function of `costs`, `goals` or `obstacles`; its other keys are that function's arguments.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import inspect
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,19 +27,18 @@ from numpy.typing import ArrayLike
 from pydantic import ConfigDict, Field, PlainValidator, ValidationError, create_model
 from pydantic_core import PydanticCustomError
 
+from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.parametrisation import (
     EachStep,
     Parametrisation,
     Periodic,
     Spline,
 )
-from neuroanimator.control.objective import costs
-from neuroanimator.control.objective.goals import Verdict, find_goal, is_reached, reach_goal
-from neuroanimator.control.objective.objective import Objective, Term
+from neuroanimator.control.objective import costs, goals
+from neuroanimator.control.objective.objective import CostTerm, Objective
 from neuroanimator.control.objective.obstacles import avoid
-from neuroanimator.control.objective.terms import END, as_weight
-from neuroanimator.control.synthesis.synthesise import LONGEST, Synthesis, synthesise
-from neuroanimator.definitions.goal import GoalTable
+from neuroanimator.control.synthesis.synthesise import MAX_SECONDS, Synthesis, synthesise
+from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.names import SystemName
@@ -48,19 +46,26 @@ from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
 from neuroanimator.tables import Finite, Positive, Table, first_fault, read_toml
 
-USUAL_KNOTS = 12
-"""Of a spline: enough for a few swings to and fro."""
+DEFAULT_KNOTS = 12
+"""A spline has so many if nothing else is said: enough for a few swings to and fro."""
+
+MIN_KNOTS = 4
+"""A cubic spline has at least so many."""
+
 MAX_STARTS = 64
-"""First guesses descended from side by side; memory grows with them."""
+"""First guesses descended from side by side, at most; memory grows with them."""
+
+MAX_KIND_SHOWN = 40
+"""Characters of a kind or of a key that nothing is called, shown in an error."""
 
 
 class ObjectiveTable(Table):
-    """What the file may hold; the wishes are checked one by one."""
+    """What the file may hold; the costs are checked one by one."""
 
     system: SystemName
-    seconds: Annotated[float, Field(gt=0, le=LONGEST)]
+    seconds: Annotated[float, Field(gt=0, le=MAX_SECONDS)]
     parametrisation: Literal["each step", "spline", "periodic"] = "each step"
-    knots: Annotated[int, Field(ge=4)] | None = None
+    knots: Annotated[int, Field(ge=MIN_KNOTS)] | None = None
     """Of splines only."""
     period: Positive | None = None
     """[s] Of periodic controls only; the first guess."""
@@ -71,7 +76,7 @@ class ObjectiveTable(Table):
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ObjectiveFile:
     """What an objective file asks for."""
 
     system: System
@@ -81,131 +86,131 @@ class Wanted:
     seconds: float
     starts: int
     """First guesses to descend from."""
-    vary: Callable[[int, float], Parametrisation]
+    make_parametrisation: Callable[[int, float], Parametrisation]
     """(super steps, super step [s]) → what a descent may vary."""
-    verdicts: tuple[Verdict, ...]
-    """Of the goals and states wanted at the end."""
+    goals: tuple[Goal, ...]
+    """Goals and states to be reached at the end."""
 
 
-def read_objective(path: Path, system: System) -> Wanted:
-    """Return what the file at `path` asks of `system`; BadFileError names the key or the wish that is wrong."""
+def read_objective(path: Path, system: System) -> ObjectiveFile:
+    """Return what the file at `path` asks of `system`; BadFileError names the key or the cost that is wrong."""
     values = read_toml(path)
     try:
-        return _wanted(ObjectiveTable.model_validate(values), system)
+        return _objective_of(ObjectiveTable.model_validate(values), system)
     except ValidationError as error:
         raise BadFileError(f"{path.name}: {first_fault(error)}.") from error
     except ArgumentError as error:
         raise BadFileError(f"{path.name}: {error}") from error
 
 
-def synthesise_wanted(
-    emulator: Emulator, wanted: Wanted, *, starts: int | None = None, **options: Any
+def synthesise_file(
+    emulator: Emulator,
+    file: ObjectiveFile,
+    *,
+    options: DescentOptions | None = None,
+    corrections: int = 5,
+    refinements: int = 2,
+    data: Transitions | None = None,
+    measures_trust: bool = False,
+    on_refine: Callable[[float], None] = lambda gap: None,
 ) -> Synthesis:
-    """Return the controller for what a file asks for; `starts` overrides the file's, options are `synthesise`'s.
+    """Return the controller for what a file asks for; the file's `starts` hold where no `options` are given.
 
-    What has a gait is first moved by it: an animal at rest has no slope that says left or right.
+    What has a gait is first moved by it: an animal at rest has no slope that says left or right. What is varied is
+    what the file says. The other arguments are those of `synthesise`.
     """
-    steps = round(wanted.seconds / emulator.dt)
+    steps = round(file.seconds / emulator.dt)
     if steps < 1:
         raise ArgumentError(
-            f"seconds: wanted at least one super step of {emulator.dt:g} s, came {wanted.seconds:g}."
+            f"seconds: wanted at least one super step of {emulator.dt:g} s, came {file.seconds:g}."
         )
-    system, dt = wanted.system, emulator.dt
-    options |= {
-        "starts": wanted.starts if starts is None else starts,
-        "parametrisation": wanted.vary(steps, dt),
-    }
-    options |= {"first": system.gait.controls(steps, dt, system.bounds)} if system.gait else {}
-    found = synthesise(emulator, system, wanted.objective, wanted.start, steps=steps, **options)
-    end = found.outcome.physics_states[-1]
-    return replace(
-        found,
-        is_reached=all(verdict(end) for verdict in wanted.verdicts) if wanted.verdicts else None,
+    system = file.system
+    if options is None:
+        options = DescentOptions(starts=file.starts)
+    parametrisation = file.make_parametrisation(steps, emulator.dt)
+    options = replace(options, parametrisation=parametrisation)
+    if system.gait is not None:
+        first = system.gait.controls(steps, emulator.dt, system.bounds)
+        options = replace(options, first=first)
+    synthesis = synthesise(
+        emulator,
+        system,
+        file.objective,
+        file.start,
+        steps=steps,
+        options=options,
+        corrections=corrections,
+        refinements=refinements,
+        data=data,
+        measures_trust=measures_trust,
+        on_refine=on_refine,
     )
+    if not file.goals:
+        return synthesis
+    end = synthesis.outcome.physics_states[-1]
+    is_reached = all(goals.is_reached(system, goal, end) for goal in file.goals)
+    return replace(synthesis, is_reached=is_reached)
 
 
-def _wanted(table: ObjectiveTable, system: System) -> Wanted:
+def _objective_of(table: ObjectiveTable, system: System) -> ObjectiveFile:
     if table.system != system.name:
         raise ArgumentError(
             f"system: this objective is for {table.system}, the emulator of {system.name}."
         )
-    terms = [_wish(number, values, system) for number, values in enumerate(table.costs, start=1)]
-    named = [wish["name"] for wish in table.costs if wish["kind"] == "goal" and "at" not in wish]
-    return Wanted(
+    terms = [_cost(number, values, system) for number, values in enumerate(table.costs, start=1)]
+    return ObjectiveFile(
         system=system,
         objective=Objective.of(*terms),
         start=system.start_at(table.start),
         seconds=table.seconds,
         starts=table.starts,
-        vary=_vary(table, system),
-        verdicts=(*(find_goal(system, name)[1] for name in named), *_states_reached(table, system)),
+        make_parametrisation=_parametrisation_maker(table, system),
+        goals=tuple(_goals_at_the_end(table, system)),
     )
 
 
-def _states_reached(table: ObjectiveTable, system: System) -> list[Verdict]:
-    """Return a verdict for each state that is to be reached at the end."""
-    wanted = [wish for wish in table.costs if wish["kind"] == "reach_state" and "at" not in wish]
-    goals = [goal_to_reach(system, wish["reach"], wish.get("within", {})) for wish in wanted]
-    return [partial(is_reached, system, goal) for goal in goals]
+def _goals_at_the_end(table: ObjectiveTable, system: System) -> list[Goal]:
+    """Return the goals and the states that are to be reached at the end, goals first."""
+    at_end = [cost for cost in table.costs if "at" not in cost]
+    reached = [goals.find_goal(system, cost["name"]) for cost in at_end if cost["kind"] == "goal"]
+    for cost in at_end:
+        if cost["kind"] == "reach_state":
+            reached.append(goals.state_goal(system, cost["reach"], cost.get("within", {})))
+    return reached
 
 
-def _vary(table: ObjectiveTable, system: System) -> Callable[[int, float], Parametrisation]:
+def _parametrisation_maker(
+    table: ObjectiveTable, system: System
+) -> Callable[[int, float], Parametrisation]:
     for key, owner in (("knots", "spline"), ("period", "periodic")):
         if getattr(table, key) is not None and table.parametrisation != owner:
             raise ArgumentError(
                 f'{key}: goes with parametrisation = "{owner}" only, came "{table.parametrisation}".'
             )
-    period = table.period or (system.gait.period if system.gait else None)
-    if table.parametrisation == "spline":
-        return lambda steps, dt: Spline.of(
-            steps, table.knots or min(USUAL_KNOTS, max(steps, 4)), system.bounds
-        )
-    if table.parametrisation == "each step":
-        return lambda steps, dt: EachStep.of(steps, system.bounds)
-    if period is None:
+    period = table.period
+    if period is None and system.gait is not None:
+        period = system.gait.period
+    if table.parametrisation == "periodic" and period is None:
         raise ArgumentError(
             f"period: wanted one [s], for {system.name} has no gait to take it from."
         )
-    return lambda steps, dt: Periodic.of(steps, dt, period, system.bounds)
+
+    def make(steps: int, dt: float) -> Parametrisation:
+        if table.parametrisation == "spline":
+            knots = table.knots or min(DEFAULT_KNOTS, max(steps, MIN_KNOTS))
+            return Spline.of(steps, knots, system.bounds)
+        if table.parametrisation == "periodic" and period is not None:
+            return Periodic.of(steps, dt, period, system.bounds)
+        return EachStep.of(steps, system.bounds)
+
+    return make
 
 
-def goal(system: System, name: str, *, at: float | None = None, weight: float = 1.0) -> Term:
-    """Return the wish to be in the state the system calls `name` at the end, or `at` [s]."""
-    reach = find_goal(system, name)[0].terms[-1]
-    return replace(reach, weight=as_weight(weight), times=END if at is None else (at,))
-
-
-def reach_state(
-    system: System,
-    reach: dict[str, tuple[float, ...]],
-    *,
-    within: dict[str, float] | None = None,
-    at: float | None = None,
-    weight: float = 1.0,
-) -> Term:
-    """Return the wish that parts of the state have the values `reach` at the end, or `at` [s].
-
-    `within` says how far off each of them may be, in its unit; 0.1 if not said.
-    """
-    wanted = goal_to_reach(system, reach, within or {})
-    return reach_goal(system.structure, system.rest, wanted, weight, END if at is None else (at,))
-
-
-def goal_to_reach(
-    system: System, reach: dict[str, tuple[float, ...]], within: dict[str, float]
-) -> Goal:
-    """Return the goal that parts of the state have the values `reach`, `within` some tolerances."""
-    if not reach:
-        raise ArgumentError("reach: wanted at least one part of the state and its values.")
-    table = GoalTable(reach=reach, within=within)
-    return system.goal("reach_state", table)
-
-
-KINDS: dict[str, Callable[..., Term]] = {
+KINDS: dict[str, Callable[..., CostTerm]] = {
     "avoid": avoid,
     "effort": costs.effort,
     "follow_path": costs.follow_path,
-    "goal": goal,
+    "goal": goals.goal,
     "keep_heading": costs.keep_heading,
     "keep_speed": costs.keep_speed,
     "keep_velocity": costs.keep_velocity,
@@ -213,71 +218,87 @@ KINDS: dict[str, Callable[..., Term]] = {
     "reach_heading": costs.reach_heading,
     "reach_height": costs.reach_height,
     "reach_position": costs.reach_position,
-    "reach_state": reach_state,
+    "reach_state": goals.reach_state,
     "smoothness": costs.smoothness,
     "stand_up": costs.stand_up,
     "stay_upright": costs.stay_upright,
     "stay_within": costs.stay_within,
     "travel": costs.travel,
 }
+"""Every kind of cost by its name in a file: the function that makes it."""
 
 
-def _wish(number: int, values: dict[str, Any], system: System) -> Term:
+def _cost(number: int, values: dict[str, Any], system: System) -> CostTerm:
     kind = values.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         raise ArgumentError(
-            f"cost {number}: no kind {str(kind)[:40]!r}. Kinds: {', '.join(KINDS)}."
+            f"cost {number}: no kind {str(kind)[:MAX_KIND_SHOWN]!r}. Kinds: {', '.join(KINDS)}."
         )
+    make = KINDS[kind]
     given = {key: value for key, value in values.items() if key != "kind"}
     try:
-        arguments = _arguments(KINDS[kind], given)
-        takes_system = "system" in inspect.signature(KINDS[kind]).parameters
-        return KINDS[kind](*[system] * takes_system, **arguments)
+        arguments = _checked_arguments(make, given)
+        if "system" in inspect.signature(make).parameters:
+            return make(system, **arguments)
+        return make(**arguments)
     except ValidationError as error:
         raise ArgumentError(f"cost {number} ({kind}): {first_fault(error)}.") from error
     except ArgumentError as error:
         raise ArgumentError(f"cost {number} ({kind}): {error}") from error
 
 
-def _arguments(function: Callable[..., Term], given: dict[str, Any]) -> dict[str, Any]:
-    """Return `given` as the arguments of `function`; ArgumentError or ValidationError says what is wrong."""
-    taken = [
-        p
-        for p in inspect.signature(function, eval_str=True).parameters.values()
-        if p.name != "system"
-    ]
-    names, needed = [p.name for p in taken], [p.name for p in taken if p.default is p.empty]
-    wrong = {
-        "no argument": [key for key in given if key not in names],
-        "wanted": [*needed - given.keys()],
-    }
-    for said, keys in wrong.items():
-        if keys:
-            needs = f"; needed: {', '.join(needed)}" if needed else ""
-            raise ArgumentError(f"{said} '{min(keys)[:40]}'. Arguments: {', '.join(names)}{needs}.")
-    types: dict[str, Any] = {
-        p.name: (_checked(p.annotation), ... if p.name in needed else p.default) for p in taken
-    }
+def _checked_arguments(make: Callable[..., CostTerm], given: dict[str, Any]) -> dict[str, Any]:
+    """Return `given` as the arguments of `make`; ArgumentError or ValidationError says what is wrong."""
+    parameters = dict(inspect.signature(make, eval_str=True).parameters)
+    parameters.pop("system", None)
+    needed = [name for name, taken in parameters.items() if taken.default is taken.empty]
+    _refuse_keys("no argument", given.keys() - parameters.keys(), list(parameters), needed)
+    _refuse_keys("wanted", needed - given.keys(), list(parameters), needed)
+    fields: dict[str, Any] = {}
+    for name, taken in parameters.items():
+        default = ... if name in needed else taken.default
+        fields[name] = (_checked_type(taken.annotation), default)
     strict = ConfigDict(strict=True, allow_inf_nan=False)
-    model = create_model("Arguments", __config__=strict, **types)
+    model = create_model("Arguments", __config__=strict, **fields)
     # As JSON a list may stand for a tuple and a table for a dataclass, and still a text for no number.
     checked = model.model_validate_json(json.dumps(given, default=str))
     return {name: getattr(checked, name) for name in checked.model_fields_set}
 
 
-def _checked(annotation: Any) -> Any:
-    return Annotated[Any, PlainValidator(_rows)] if annotation == ArrayLike else annotation
-
-
-def _rows(value: Any) -> Any:
-    """Return `value` if it is a number, a list of numbers or a list of equally long ones, all finite."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    rows = [value] if is_number else value if isinstance(value, list) else None
-    flat = [number for row in rows or [] for number in (row if isinstance(row, list) else [row])]
-    are_numbers = all(
-        isinstance(n, int | float) and not isinstance(n, bool) and np.isfinite(n) for n in flat
+def _refuse_keys(fault: str, keys: set[str], arguments: list[str], needed: list[str]) -> None:
+    """Raise ArgumentError for the first of `keys`, if there are any."""
+    if not keys:
+        return
+    needs = f"; needed: {', '.join(needed)}" if needed else ""
+    raise ArgumentError(
+        f"{fault} '{min(keys)[:MAX_KIND_SHOWN]}'. Arguments: {', '.join(arguments)}{needs}."
     )
-    lengths = {len(row) if isinstance(row, list) else 0 for row in rows or []}
-    if not flat or not are_numbers or len(lengths) > 1:
+
+
+def _checked_type(annotation: Any) -> Any:
+    if annotation == ArrayLike:
+        return Annotated[Any, PlainValidator(_checked_rows)]
+    return annotation
+
+
+def _checked_rows(value: Any) -> Any:
+    """Return `value` if it is a number, a list of numbers or a list of equally long ones, all finite."""
+    rows = value if isinstance(value, list) else [value]
+    numbers = []
+    lengths = set()
+    for row in rows:
+        if isinstance(row, list):
+            numbers += row
+            lengths.add(len(row))
+        else:
+            numbers.append(row)
+            lengths.add(0)
+    if not numbers or len(lengths) > 1 or not all(_is_finite_number(n) for n in numbers):
         raise PydanticCustomError("rows", "wanted finite numbers, or rows of them equally long")
     return value
+
+
+def _is_finite_number(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return bool(np.isfinite(value))

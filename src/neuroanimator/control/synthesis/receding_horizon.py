@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.control.descent.defects import no_defects
-from neuroanimator.control.descent.descend import DEFAULT_METHOD, advance, begin
+from neuroanimator.control.descent.descend import advance, begin
 from neuroanimator.control.descent.methods import METHODS
+from neuroanimator.control.descent.options import DEFAULT_METHOD, check_method
 from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.objective import Objective, check_objective
@@ -24,7 +25,7 @@ from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.system import System
 
 ITERATIONS = 2
-"""Per plan: the last plan, moved on, is nearly optimal already. They swing the pendulum up and hold it."""
+"""Backward sweeps a plan: the last plan, moved on, is nearly optimal already. They swing the pendulum up and hold it."""
 
 Plant = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """What is controlled: (state (S,), control (C,)) → the state one super step later."""
@@ -77,18 +78,16 @@ class Planner:
 
         Raises ArgumentError for an unknown method, numbers below 1, and an objective that cannot be descended.
         """
-        if method not in METHODS:
-            raise ArgumentError(
-                f"No method called '{method}'. Methods: {', '.join(sorted(METHODS))}."
-            )
+        check_method(method)
         if min(steps, iterations) < 1:
             raise ArgumentError(
                 f"steps and iterations: wanted at least 1, came {steps} and {iterations}."
             )
-        parametrisation = parametrisation or EachStep.of(steps, bounds or emulator.bounds)
+        if parametrisation is None:
+            parametrisation = EachStep.of(steps, bounds or emulator.bounds)
         if parametrisation.steps != steps:
             raise ArgumentError(
-                f"parameters: wanted those of {steps} super steps, came {parametrisation.steps}."
+                f"parametrisation: wanted one of {steps} super steps, came {parametrisation.steps}."
             )
         check_objective(objective, emulator, emulator.rest, steps)
         search = _compile(emulator, objective, parametrisation, method, iterations)
@@ -104,12 +103,18 @@ class Planner:
         began = time.perf_counter()
         state = self.emulator.state.check(state, "state")
         guess = self.parametrisation.guess(first)
-        found = self._search(state.astype(np.float32), guess.astype(np.float32), self._numbers)
-        controls, states, cost = (np.asarray(each, float) for each in found)
-        return Plan(controls, states, float(cost), time.perf_counter() - began)
+        controls, states, cost = self._search(
+            state.astype(np.float32), guess.astype(np.float32), self._numbers
+        )
+        return Plan(
+            np.asarray(controls, float),
+            np.asarray(states, float),
+            float(cost),
+            time.perf_counter() - began,
+        )
 
     def towards(self, objective: Objective) -> Planner:
-        """Return this planner for an objective of the same wishes with other numbers: nothing is compiled anew."""
+        """Return this planner for an objective of the same costs with other numbers: nothing is compiled anew."""
         if not bool(eqx.tree_equal(_without_numbers(objective), _without_numbers(self.objective))):
             raise ArgumentError(
                 "objective: wanted the planner's costs with other numbers. Make a new planner."
@@ -127,19 +132,16 @@ def _compile(
     """Return the search, with all but the state, the guess and the objective's numbers bound as constants."""
     costs, form = eqx.partition(objective, eqx.is_array)
     shape = jax.tree.structure(costs)
-    control_scale, defects = (
-        as_jax(emulator.bounds.magnitude),
-        no_defects(emulator, parametrisation.steps),
-    )
+    control_scale = as_jax(emulator.bounds.magnitude)
+    defects = no_defects(emulator, parametrisation.steps)
+    descent = METHODS[method]
 
     def search(state: Array, z: Array, numbers: tuple[Array, ...]) -> tuple[Array, Array, Array]:
-        wanted = eqx.combine(jax.tree.unflatten(shape, numbers), form)
-        problem = Problem(emulator, wanted, parametrisation, state, defects, control_scale)
-        found = advance(
-            METHODS[method], problem, begin(METHODS[method], z[None]), np.int32(iterations)
-        )
-        motion = problem.trajectory(found.best[0])
-        return motion.controls, motion.states, found.least[0]
+        objective = eqx.combine(jax.tree.unflatten(shape, numbers), form)
+        problem = Problem(emulator, objective, parametrisation, state, defects, control_scale)
+        progress = advance(descent, problem, begin(descent, z[None]), np.int32(iterations))
+        motion = problem.trajectory(progress.best[0])
+        return motion.controls, motion.states, progress.least[0]
 
     return jax.jit(search)
 
@@ -193,7 +195,7 @@ class PhysicsPlant:
 
 
 @dataclass(frozen=True)
-class Drive:
+class ControlledMotion:
     """What a planner and a plant did together."""
 
     states: np.ndarray
@@ -209,26 +211,30 @@ class Drive:
         return float(np.percentile(self.plan_seconds, 99) * 1e3)
 
 
-def drive(
+def control_plant(
     planner: Planner,
     plant: Plant,
     start: np.ndarray,
     steps: int,
     disturb: Disturbance | None = None,
-) -> Drive:
+) -> ControlledMotion:
     """Return the motion of `plant` from `start` (S,), planned again at each of `steps` super steps.
 
     A control acts from the state it was planned from: the time of planning is taken to be short against a super step.
     """
-    state, first = planner.emulator.state.check(start, "state"), None
-    states, plans = [], []
+    state = planner.emulator.state.check(start, "state")
+    first = None
+    states = []
+    plans = []
     for step in range(steps):
-        state = state if disturb is None else disturb(step, state)
+        if disturb is not None:
+            state = disturb(step, state)
         plan = planner.plan(state, first)
         states.append(state)
         plans.append(plan)
-        state, first = plant(state, plan.controls[0]), moved_on(plan.controls)
-    return Drive(
+        state = plant(state, plan.controls[0])
+        first = moved_on(plan.controls)
+    return ControlledMotion(
         np.stack([*states, state]),
         np.stack([plan.controls[0] for plan in plans]),
         np.array([plan.seconds for plan in plans]),

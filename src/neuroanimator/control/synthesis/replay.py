@@ -1,4 +1,4 @@
-"""Play controllers on the true physics."""
+"""Replay controls on the true physics, beside what the emulator makes of them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.objective import Objective, objective_cost
 from neuroanimator.emulator.emulator import Emulator
@@ -35,15 +37,15 @@ def replay(
     emulator: Emulator,
     system: System,
     objective: Objective,
-    start: np.ndarray,
-    controls: np.ndarray,
+    start: ArrayLike,
+    controls: Float[np.ndarray, "T C"],
 ) -> Replay:
-    """Return what `controls` (T, C) do from `start` (S,) on both."""
-    return beside_emulated(
-        emulator,
-        objective,
-        ranked_on_physics(emulator, system, objective, start, controls[None])[0],
-    )
+    """Return what `controls` (T, C) do from `start` (S,) on emulator and physics.
+
+    Raises NeuroAnimatorError where the physics blows up.
+    """
+    motion = ranked_on_physics(emulator, system, objective, start, controls[None])[0]
+    return beside_emulated(emulator, objective, motion)
 
 
 class Motion(NamedTuple):
@@ -69,19 +71,21 @@ def ranked_on_physics(
     emulator: Emulator,
     system: System,
     objective: Objective,
-    start: np.ndarray,
-    candidates: np.ndarray,
+    start: ArrayLike,
+    candidates: Float[np.ndarray, "K T C"],
 ) -> list[Motion]:
-    """Return what the controls (K, T, C) do on the true physics, the least J first; those that diverge are left out."""
-    starts = np.broadcast_to(start, (len(candidates), len(start)))
+    """Return what `candidates` do from `start` (S,) on the true physics, the least J first; those that diverge are left out."""
+    starts = np.broadcast_to(np.asarray(start, float), (len(candidates), system.state.size))
     with phase("replaying"):
         runs = system.simulate_fastest(starts, candidates, emulator.dt)
     if runs.has_diverged.all():
         raise NeuroAnimatorError(
             "The physics diverged under these controls. Raise effort_weight, or shorten the motion."
         )
-    whole = [(candidates[k], runs.states[k]) for k in np.flatnonzero(~runs.has_diverged)]
-    motions = [
-        Motion(*each, objective_cost(objective, emulator, each[1], each[0])) for each in whole
-    ]
+    motions = []
+    for number in np.flatnonzero(~runs.has_diverged):
+        controls = candidates[number]
+        states = runs.states[number]
+        cost = objective_cost(objective, emulator, states, controls)
+        motions.append(Motion(controls, states, cost))
     return sorted(motions, key=lambda motion: motion.cost)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.structure import Structure
+from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.bones import skeleton_of
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem, load_model
 from neuroanimator.systems.system import Scheme
@@ -48,6 +51,38 @@ ANGLES = (
 )
 
 
+UPRIGHT_ANGLE_ERROR = 0.1
+"""[rad] An angle error that counts as one in a cost: about half of the 10° that still count as upright."""
+
+UPRIGHT_VELOCITY_ERROR = 0.5
+"""[rad/s] A velocity error that counts as one in a cost: half of what still counts as at rest."""
+
+UPRIGHT_WITHIN = math.radians(10.0)
+"""[rad] Each link may lean this much and still count as upright."""
+
+STILL_WITHIN = 1.0
+"""[rad/s] Each link may turn this fast and still count as still."""
+
+SWING_UP_SECONDS = 1.5
+"""[s] A swing-up takes as long as a quick human arm does; the motors could do it in one."""
+
+UPRIGHT = Goal(
+    values=((0, math.pi), (1, 0.0), (2, 0.0), (3, 0.0), (4, 0.0), (5, 0.0)),
+    tolerances=(UPRIGHT_WITHIN,) * 3 + (STILL_WITHIN,) * 3,
+    seconds=SWING_UP_SECONDS,
+    sums=(
+        (1, 0, 0, 0, 0, 0),
+        (1, 1, 0, 0, 0, 0),
+        (1, 1, 1, 0, 0, 0),
+        (0, 0, 0, 1, 0, 0),
+        (0, 0, 0, 1, 1, 0),
+        (0, 0, 0, 1, 1, 1),
+    ),
+    scales=(UPRIGHT_ANGLE_ERROR,) * 3 + (UPRIGHT_VELOCITY_ERROR,) * 3,
+)
+"""All three links point up and stand still: angles and velocities against the vertical, not against the link above."""
+
+
 class Pendulum(MujocoSystem):
     """Three hinges: angles [rad] relative to the link above, zero when hanging, and their speeds."""
 
@@ -79,7 +114,10 @@ class Pendulum(MujocoSystem):
 
 def active_pendulum() -> Pendulum:
     """Return the arm with a torque motor at each joint."""
-    return Pendulum("pendulum", Layout((Slice("torque", 3, "N·m"),)), MOTOR_TORQUE, MOTOR_DAMPING)
+    control = Layout((Slice("torque", 3, "N·m"),))
+    pendulum = Pendulum("pendulum", control, MOTOR_TORQUE, MOTOR_DAMPING)
+    pendulum.goals = {"upright": UPRIGHT}
+    return pendulum
 
 
 def passive_pendulum() -> Pendulum:

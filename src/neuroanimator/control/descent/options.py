@@ -1,0 +1,68 @@
+"""How to descend: method, iterations, first guesses and what is varied, checked where they are made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.control.descent.methods import METHODS
+from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.state.layout import Bounds
+
+DEFAULT_METHOD = "gauss-newton"
+"""The method that measures best: `benchmarks/control.py descents`."""
+
+DEFAULT_ITERATIONS = 18
+"""Backward sweeps of a descent: with the two of a correction they are the 20 of 1998."""
+
+
+@dataclass(frozen=True)
+class DescentOptions:
+    """How to descend. Raises ArgumentError for an unknown method, numbers below 1 and first guesses that do not fit."""
+
+    method: str = DEFAULT_METHOD
+    """One of `adam`, `gauss-newton`, `lbfgs`, `momentum`."""
+    iterations: int = DEFAULT_ITERATIONS
+    """Backward sweeps through the emulators, at most."""
+    starts: int = 1
+    """First guesses descended from side by side; memory grows with them."""
+    first: np.ndarray | None = None
+    """(T, C) the first guess, the middle of the bounds if None, after which the others are random; or (starts, T, C) all."""
+    seed: int = 0
+    """Of the random first guesses."""
+    bounds: Bounds | None = None
+    """May be tighter than the emulator's own, which they are if None; a `parametrisation` brings its own."""
+    parametrisation: Parametrisation | None = None
+    """What is varied; one value per super step and control if None."""
+    defects: Float[Array, "T V"] | None = None
+    """Added to the emulator's super steps, see `find_defects`; none if None."""
+    on_iteration: Callable[[int, float], None] | None = None
+    """Told the iteration and the least J so far, as the descent goes."""
+
+    def __post_init__(self) -> None:
+        check_method(self.method)
+        if min(self.iterations, self.starts) < 1:
+            raise ArgumentError(
+                f"iterations and starts: wanted at least 1, came {self.iterations} and {self.starts}."
+            )
+        if self.first is not None and self.first.ndim == 3 and len(self.first) != self.starts:
+            raise ArgumentError(
+                f"first: wanted one guess, or one for each of {self.starts} starts, came {len(self.first)}."
+            )
+
+    def parametrisation_of(self, emulator: Emulator, steps: int) -> Parametrisation:
+        """Return what is varied in a motion of so many super steps."""
+        if self.parametrisation is not None:
+            return self.parametrisation
+        return EachStep.of(steps, self.bounds or emulator.bounds)
+
+
+def check_method(name: str) -> None:
+    """Raise ArgumentError where there is no method of this name; it lists them."""
+    if name not in METHODS:
+        raise ArgumentError(f"No method called '{name}'. Methods: {', '.join(sorted(METHODS))}.")

@@ -1,0 +1,75 @@
+"""The public names: what examples and tutorials use, each importable and documented, none from inside."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+import neuroanimator as na
+
+ROOT = Path(__file__).parent.parent
+PUBLIC = (
+    "neuroanimator",
+    "neuroanimator.control",
+    "neuroanimator.control.policies",
+    "neuroanimator.tasks",
+)
+"""Packages with names for users, besides `neuroanimator.gym`, which needs an extra."""
+
+IMPORT = re.compile(r"^\s*(?:from|import) +(neuroanimator[\w.]*)", re.MULTILINE)
+BLOCK = re.compile(r"```python\n(.*?)```", re.DOTALL)
+
+
+def code_of(path: Path) -> str:
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".py":
+        return text
+    return "\n".join(BLOCK.findall(text))
+
+
+SHOWN = [
+    *ROOT.glob("examples/*.py"),
+    *ROOT.glob("docs/*.md"),
+    *ROOT.glob("docs/tutorials/*.md"),
+    ROOT / "README.md",
+]
+
+
+@pytest.mark.parametrize("path", sorted(SHOWN), ids=lambda path: path.name)
+def test_nobody_needs_an_inner_module(path: Path):
+    modules = set(IMPORT.findall(code_of(path)))
+    assert modules <= {*PUBLIC, "neuroanimator.gym"}
+
+
+@pytest.mark.parametrize("package", PUBLIC)
+def test_every_public_name_is_there_and_documented(package: str):
+    module = importlib.import_module(package)
+    assert module.__doc__
+    assert len(set(module.__all__)) == len(module.__all__)
+    for name in module.__all__:
+        thing = getattr(module, name)
+        assert name in dir(module)
+        if callable(thing):
+            assert thing.__doc__, name
+
+
+def test_an_objective_within_an_objective_is_refused():
+    inner = na.Objective.of(na.effort(0.1))
+    with pytest.raises(na.NeuroAnimatorError, match=r"came Objective\(Effort\) within another"):
+        na.Objective.of(na.smoothness(), inner)  # pyright: ignore[reportArgumentType]
+    outer = na.Objective.of(na.smoothness(), *inner.terms, *inner.functions)
+    assert len(outer.terms) == 2
+
+
+def test_a_name_loads_what_ships():
+    assert na.load_emulator("pendulum-50").spec.substeps == 50
+    assert na.load_policy("fish").emulator.spec.system == "fish"
+
+
+def test_the_pendulums_goal_is_one_of_its_own():
+    system = na.load_system("pendulum")
+    assert list(system.goals) == ["upright"]
+    assert type(na.goal(system, "upright")).__name__ == "ReachState"
