@@ -9,7 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
 STAGES = [
-    "errors", "text", "parsing", "terminal", "zoo", "storage", "compiler", "tables",
+    "lazy", "errors", "text", "parsing", "terminal", "zoo", "storage", "compiler", "tables",
     "state", "appearance", "definitions", "emulator", "systems", "data", "codegen", "training", "evaluation",
     "animation", "control", "tasks", "export", "gym", "scaffold", "bench", "demo", "cli",
 ]  # fmt: skip
