@@ -1,13 +1,14 @@
 # make demo: the main job on real physics, results in out/    make test: every test but the long ones
 # make docs: the documentation, readable offline, into site/
 # make endurance: every fault and attack, the long ones too; its last line counts them    make fuzz: random input
+# make wheel: what is installed elsewhere, in dist/
 # All set up .venv by themselves. PYTHON chooses the interpreter (3.11 or newer).
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
 DOCS_STAMP := .venv/.ready-docs
 
-.PHONY: setup demo test docs endurance fuzz lint check bench lock clean
+.PHONY: setup demo test docs wheel endurance fuzz lint check bench lock clean
 
 demo: setup
 	$(BIN)/neuroanimator demo --out out
@@ -19,6 +20,11 @@ test: setup
 docs: $(DOCS_STAMP)
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "The documentation is in site/index.html."
+
+# Built anew each time, from the package alone; tests/test_wheel.py installs it outside the checkout.
+wheel: setup
+	rm -rf dist
+	$(BIN)/python -m hatchling build -t wheel -d dist
 
 endurance: setup
 	$(BIN)/pytest -m "endurance or fault or attack"
@@ -70,4 +76,4 @@ lock:
 	  --no-emit-index-url --no-annotate --quiet --output-file constraints-docs.txt
 
 clean:
-	rm -rf .venv out site
+	rm -rf .venv out dist site

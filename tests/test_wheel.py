@@ -1,0 +1,120 @@
+"""The wheel is all that is needed: installed outside the checkout it works, without a compiler and without a display."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from neuroanimator.zoo import SHIPPED, shipped_path
+
+CHECKOUT = Path(__file__).parents[1]
+PACKAGE = CHECKOUT / "src" / "neuroanimator"
+
+MAX_WHEEL = 15_000_000
+"""[bytes]"""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel as `make wheel` builds it."""
+    folder = tmp_path_factory.mktemp("wheel")
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
+        cwd=CHECKOUT,
+        check=True,
+        capture_output=True,
+    )
+    (file,) = folder.iterdir()
+    return file
+
+
+def empty_environment(folder: Path) -> Path:
+    """Make an environment without packages in `folder`, and return where its programs are."""
+    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
+    return folder / "bin"
+
+
+def run_installed(programs: Path, cwd: Path, *arguments: str) -> str:
+    """Run the installed command line where nothing else can be found: no compiler, no display, no home."""
+    home = cwd / "home"
+    home.mkdir(exist_ok=True)
+    kept = {key: os.environ[key] for key in ("XLA_FLAGS", "LD_LIBRARY_PATH") if key in os.environ}
+    result = subprocess.run(
+        [str(programs / "neuroanimator"), *arguments],
+        cwd=cwd,
+        env=kept | {"PATH": str(programs), "HOME": str(home)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def check_installed(programs: Path, cwd: Path) -> None:
+    """Fail unless what is installed comes from the wheel and can list, look around and animate."""
+    where = "import neuroanimator; print(neuroanimator.__file__)"
+    imported = subprocess.run(
+        [str(programs / "python"), "-c", where], cwd=cwd, env={}, capture_output=True, text=True
+    )
+    assert Path(imported.stdout.strip()).is_relative_to(programs.parent), imported.stderr
+    assert "dolphin" in run_installed(programs, cwd, "list")
+    assert "neuroanimator" in run_installed(programs, cwd, "doctor")
+    run_installed(programs, cwd, "animate", "fish", "--seconds", "0.2", "--out", "fish.glb")
+    assert (cwd / "fish.glb").read_bytes()[:4] == b"glTF"
+
+
+def test_the_wheel_holds_the_package_and_nothing_else(wheel: Path):
+    assert wheel.stat().st_size <= MAX_WHEEL
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    expected = {
+        f"neuroanimator/{path.relative_to(PACKAGE).as_posix()}"
+        for pattern in ("*.py", "*.c", "*.toml", "*.xml", "*.safetensors")
+        for path in PACKAGE.rglob(pattern)
+    }
+    assert {f"neuroanimator/emulators/{shipped_path(*row).name}" for row in SHIPPED} <= expected
+    assert expected <= set(names)
+    others = [name for name in names if not name.startswith(("neuroanimator/", "neuroanimator-"))]
+    assert not others
+    assert not [name for name in names if "test_" in name]
+
+
+def test_the_installed_wheel_needs_no_checkout_no_compiler_and_no_display(
+    wheel: Path, tmp_path: Path
+):
+    programs = empty_environment(tmp_path / "environment")
+    install = [
+        str(programs / "python"),
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-index",
+        "--no-deps",
+    ]
+    subprocess.run([*install, str(wheel)], check=True, env={})
+    # The dependencies are those of this environment; its own link to the checkout is not followed from there.
+    paths = sysconfig.get_paths(
+        vars={"base": str(programs.parent), "platbase": str(programs.parent)}
+    )
+    dependencies = Path(paths["purelib"]) / "dependencies.pth"
+    dependencies.write_text(sysconfig.get_paths()["purelib"] + "\n")
+    check_installed(programs, tmp_path)
+
+
+@pytest.mark.endurance
+def test_the_wheel_with_all_it_depends_on_installs_into_an_empty_environment(
+    wheel: Path, tmp_path: Path
+):
+    programs = empty_environment(tmp_path / "environment")
+    subprocess.run(
+        [str(programs / "python"), "-m", "pip", "install", "--quiet", str(wheel)], check=True
+    )
+    check_installed(programs, tmp_path)
