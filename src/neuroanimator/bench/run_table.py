@@ -7,13 +7,13 @@ from typing import Any
 
 from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.bench.paper_table import measure_row
+from neuroanimator.bench.training_time import time_chunk
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.evaluate import QUICK, THOROUGH
 from neuroanimator.evaluation.work_precision import draw_work_precision
 from neuroanimator.terminal import progress_bar
 from neuroanimator.training.recipes import RECIPES, cook
-from neuroanimator.training.train import time_chunk
 from neuroanimator.zoo import SHIPPED, find_emulator
 
 Choice = list[tuple[str, int]]

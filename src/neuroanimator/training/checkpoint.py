@@ -19,6 +19,10 @@ MAX_CHUNKS = 2**31
 """JAX counts them in 32 bits."""
 
 
+WORST_ERROR = 1e30
+"""Validation error before the first validation; any real one is lower, and JSON has no infinity."""
+
+
 class Progress(NamedTuple):
     """Everything the rest of a run depends on."""
 
@@ -35,7 +39,14 @@ class Progress(NamedTuple):
     @classmethod
     def fresh(cls, network: Network, optimizer: optax.GradientTransformation) -> Progress:
         """Return the progress of a run that has not begun."""
-        return cls(network, optimizer.init(network), network, 1e30, 0, 0)  # pyright: ignore[reportArgumentType]
+        return cls(
+            network=network,
+            optimizer_state=optimizer.init(network),  # pyright: ignore[reportArgumentType]
+            best=network,
+            best_error=WORST_ERROR,
+            chunk=0,
+            stale=0,
+        )
 
     def judged(self, error: float) -> Progress:
         """Return the progress after a validation that found `error`."""

@@ -7,37 +7,37 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
+from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.json_text import parse_json_object
-from neuroanimator.state.structure import Structure
 from neuroanimator.storage.files import append_line, digest, locked, write_whole
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems.system import System
-from neuroanimator.training.batches import draw_batches, folded, rare_rows
+from neuroanimator.training.batches import rare_rows
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
+from neuroanimator.training.chunk import TrainingProblem, train_chunk, with_network
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.initialise import build_emulator
-from neuroanimator.training.loss import squared_error, unrolled_loss
+from neuroanimator.training.loss import squared_error
 from neuroanimator.training.optimizer import make_optimizer
 
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""
 
 MAX_LINE = 10_000
-"""Of `metrics.jsonl` [characters]; ours have a hundred."""
+"""Longest line of `metrics.jsonl` that is read [characters]; ours have a hundred."""
 
 MAX_VALIDATION = 8192
 """Windows used for validation, at most: more would slow training and change no digit that matters."""
@@ -81,7 +81,7 @@ def train(
             "dataset": data.config.model_dump(),
             "training": config.model_dump(mode="json"),
         }
-        check_readable(run.base, folder, provenance)
+        check_readable(run.problem.base, folder, provenance)
         while not run.is_over:
             on_report(run.advance())
         emulator = run.best
@@ -98,106 +98,115 @@ def run_folder(out: Path) -> Path:
 class _Run:
     """A training run between two reports."""
 
-    config: TrainingConfig
+    problem: TrainingProblem
+    validation_states: Float[Array, "N T I"]
+    validation_controls: Float[Array, "N H C"]
     folder: Path
-    base: Emulator
-    progress: Progress
-    training: tuple[Array, Array]
-    structure: Structure
-    rare: Array
-    """Rows of `training` with the most unusual changes."""
-    rest: RestStreams | None
-    """What the network sees at rest; None where the system does not keep still there."""
-    validation: tuple[Array, Array]
     fingerprint: str
+    """Names the data, the settings and the emulator the run began with."""
+    progress: Progress
     began: float = field(default_factory=time.monotonic)
+    """When this process began to train [s]."""
 
     @classmethod
     def prepare(
         cls, data: Transitions, config: TrainingConfig, folder: Path, start_from: Emulator | None
     ) -> _Run:
-        held_out = validation_mask(data.run, config)
-        if not held_out.any() or held_out.all():
-            lost = (
-                f" {data.diverged} runs diverged and were dropped: use a smaller step."
-                if data.diverged
-                else ""
-            )
-            raise ArgumentError(
-                f"count: {len(data.run)} transitions are too few to train on; wanted some hundred.{lost}"
-            )
-        learn, check = data.where(~held_out), data.where(held_out)
-        base = start_from or build_emulator(learn, config)
-        learn, check = base_windows(base, learn), base_windows(base, check)
-        contents = {"states": data.states, "controls": data.controls, "network": _first_leaf(base)}
-        fingerprint = f"{digest(contents)[:16]}-{config.hash}"
+        """Return the run in `folder`, where it stopped if it was begun."""
+        is_held_out = validation_mask(data.run, config)
+        if not is_held_out.any() or is_held_out.all():
+            raise ArgumentError(_too_few(data))
+        base = start_from or build_emulator(data.where(~is_held_out), config)
+        training = base_windows(base, data.where(~is_held_out))
+        validation = base_windows(base, data.where(is_held_out))
+        rest = None
+        if keeps_still(data.system, base):
+            rest = base.rest_streams()
+        problem = TrainingProblem(
+            config=config,
+            structure=data.system.structure,
+            base=base,
+            states=jnp.asarray(training.states),
+            controls=jnp.asarray(training.controls),
+            rare=jnp.asarray(rare_rows(base, training)),
+            rest=rest,
+        )
+        fingerprint = f"{_content_hash(data, base)}-{config.hash}"
         fresh = Progress.fresh(base.network, make_optimizer(config))
         progress = read_checkpoint(folder, fingerprint, fresh)
         _trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
-        few = slice(MAX_VALIDATION)
-        training = jnp.asarray(learn.states), jnp.asarray(learn.controls)
-        validation = jnp.asarray(check.states[few]), jnp.asarray(check.controls[few])
-        rare = jnp.asarray(rare_rows(base, learn))
-        rest = base.rest_streams() if keeps_still(data.system, base) else None
         return cls(
-            config,
-            folder,
-            base,
-            progress,
-            training,
-            data.system.structure,
-            rare,
-            rest,
-            validation,
-            fingerprint,
+            problem=problem,
+            validation_states=jnp.asarray(validation.states[:MAX_VALIDATION]),
+            validation_controls=jnp.asarray(validation.controls[:MAX_VALIDATION]),
+            folder=folder,
+            fingerprint=fingerprint,
+            progress=progress,
         )
 
     @property
     def is_over(self) -> bool:
-        return (
-            self.progress.chunk >= self.config.chunks or self.progress.stale >= self.config.patience
-        )
+        """Whether every update is done, or too many reports went by without a better network."""
+        config = self.problem.config
+        return self.progress.chunk >= config.chunks or self.progress.stale >= config.patience
 
     @property
     def best(self) -> Emulator:
-        return with_network(self.base, self.progress.best, self.rest)
+        """The emulator with the lowest validation error so far."""
+        return with_network(self.problem.base, self.progress.best, self.problem.rest)
 
     def advance(self) -> Report:
         """Train until the next report, then validate, log and checkpoint."""
-        progress, losses = self.progress, []
+        config = self.problem.config
+        progress = self.progress
+        losses = []
         while True:
-            network, state, loss = _train_chunk(
-                self.config, self.structure, self.base, progress.network, progress.optimizer_state, *self.training,
-                self.rare, self.rest, jnp.asarray(progress.chunk), self.config.unroll_at(progress.chunk),
-            )  # fmt: skip
+            network, optimizer_state, loss = train_chunk(
+                self.problem,
+                progress.network,
+                progress.optimizer_state,
+                jnp.asarray(progress.chunk),
+                config.unroll_at(progress.chunk),
+            )
             losses.append(float(loss))
             progress = progress._replace(
-                network=network, optimizer_state=state, chunk=progress.chunk + 1
+                network=network, optimizer_state=optimizer_state, chunk=progress.chunk + 1
             )
-            if progress.chunk % CHUNKS_PER_REPORT == 0 or progress.chunk >= self.config.chunks:
+            if progress.chunk % CHUNKS_PER_REPORT == 0 or progress.chunk >= config.chunks:
                 break
-        moves = np.asarray(self.base.normaliser.unit) > 0
-        emulator = with_network(self.base, progress.network, self.rest)
-        by_step = np.sqrt(_validate(emulator, *self.validation)[:, moves].mean(axis=1))
-        self.progress = progress.judged(float(by_step[-1]))
-        seconds = time.monotonic() - self.began
-        update = progress.chunk * UPDATES_PER_CHUNK
+        errors = self._validation_errors(progress.network)
+        self.progress = progress.judged(float(errors[-1]))
         report = Report(
-            update, float(np.mean(losses)), float(by_step[0]), float(by_step[-1]), seconds
+            update=progress.chunk * UPDATES_PER_CHUNK,
+            loss=float(np.mean(losses)),
+            error=float(errors[0]),
+            unrolled_error=float(errors[-1]),
+            seconds=time.monotonic() - self.began,
         )
         append_line(self.folder / "metrics.jsonl", json.dumps(report._asdict()))
         write_checkpoint(self.folder, self.fingerprint, self.progress)
         return report
 
+    def _validation_errors(self, network: Network) -> Float[np.ndarray, " H"]:
+        """Return the root mean square error after 1..H super steps, of all numbers that move."""
+        emulator = with_network(self.problem.base, network, self.problem.rest)
+        squares = _validate(emulator, self.validation_states, self.validation_controls)
+        moves = np.asarray(self.problem.base.normaliser.unit) > 0
+        return np.sqrt(np.asarray(squares)[:, moves].mean(axis=1))
 
-RestStreams = tuple[Array, Array]
-"""See `Emulator.rest_streams`."""
+
+def _too_few(data: Transitions) -> str:
+    """Return what is said of data that cannot be parted into some to learn from and some to validate by."""
+    lost = ""
+    if data.diverged:
+        lost = f" {data.diverged} runs diverged and were dropped: use a smaller step."
+    return f"count: {len(data.run)} transitions are too few to train on; wanted some hundred.{lost}"
 
 
-def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> Emulator:
-    """Return `base` with another network, and, given what that sees at rest, at rest there."""
-    emulator = eqx.tree_at(lambda emulator: emulator.network, base, network)
-    return emulator if rest is None else emulator.at_rest(rest)
+def _content_hash(data: Transitions, base: Emulator) -> str:
+    """Return sixteen hex digits that name the windows and every number of the emulator training starts from."""
+    contents = {"states": data.states, "controls": data.controls, **emulator_tensors(base)}
+    return digest(contents)[:16]
 
 
 def keeps_still(system: System, emulator: Emulator) -> bool:
@@ -211,8 +220,9 @@ def keeps_still(system: System, emulator: Emulator) -> bool:
     rest = system.rest[None]
     idle = np.tile(system.bounds.idle, (1, 1, 1))
     after = system.simulate(rest, idle, emulator.dt).states[:, -1]
-    latent = [emulator.encode(np.asarray(states, float)) for states in (rest, after)]
-    moved = np.abs(emulator.frame.difference(*latent)[0])
+    before_latent = emulator.encode(np.asarray(rest, float))
+    after_latent = emulator.encode(np.asarray(after, float))
+    moved = np.abs(emulator.frame.difference(before_latent, after_latent)[0])
     return bool((moved <= STILL * np.asarray(emulator.normaliser.unit)).all())
 
 
@@ -223,105 +233,33 @@ def base_windows(base: Emulator, data: Transitions) -> Transitions:
     return replace(data, states=states, controls=controls)
 
 
-def validation_mask(run: np.ndarray, config: TrainingConfig) -> np.ndarray:
+def validation_mask(run: Int[np.ndarray, " N"], config: TrainingConfig) -> Bool[np.ndarray, " N"]:
     """Return (N,) True for windows whose whole run is kept for validation."""
     runs = np.unique(run)
-    chosen = np.random.default_rng([config.seed, 1]).permutation(runs)[
-        : max(1, round(len(runs) * config.validation_share))
-    ]
+    count = max(1, round(len(runs) * config.validation_share))
+    chosen = np.random.default_rng([config.seed, 1]).permutation(runs)[:count]
     return np.isin(run, chosen)
 
 
 @eqx.filter_jit
-def _train_chunk(
-    config: TrainingConfig,
-    structure: Structure,
-    base: Emulator,
-    network: Network,
-    optimizer_state: Any,
-    states: Float[Array, "N H+1 S"],
-    controls: Float[Array, "N H C"],
-    rare: Array,
-    rest: RestStreams | None,
-    chunk: Array,  # an array: a plain int would be compiled in, and every chunk compiled anew
-    unroll: int,
-) -> tuple[Network, Any, Float[Array, ""]]:
-    """Return (network, optimiser state, mean loss) after one chunk of updates.
-
-    Batches follow from the seed and the chunk's number alone, so that a resumed run sees the same.
-    """
-    optimizer = make_optimizer(config)
-    size = max(1, config.batch // unroll)
-    key = jax.random.fold_in(jax.random.key(config.seed), chunk)
-    batches, weights = draw_batches(key, size, states.shape[0], rare, config.rare_share)
-
-    def loss_of(network: Network, rows: Array) -> Array:
-        emulator = with_network(base, network, rest)
-        of_rows = None if weights is None else weights[rows]
-        windows = states[rows, : unroll + 1], controls[rows, :unroll]
-        if structure.symmetry_order > 1:
-            windows = folded(structure, base.frame, jax.random.fold_in(key, rows[0]), *windows)
-        return unrolled_loss(emulator, *windows, of_rows)
-
-    def update(carry, rows):
-        network, optimizer_state = carry
-        loss, gradient = jax.value_and_grad(loss_of)(network, rows)
-        step, optimizer_state = optimizer.update(gradient, optimizer_state, network)
-        return (eqx.apply_updates(network, step), optimizer_state), loss
-
-    (network, optimizer_state), losses = jax.lax.scan(update, (network, optimizer_state), batches)
-    return network, optimizer_state, losses.mean()
-
-
-def time_chunk(emulator: Emulator, config: TrainingConfig) -> float:
-    """Return how long one chunk of single-step updates takes here [s], compilation excluded."""
-    rng, spec = np.random.default_rng(0), emulator.spec
-    rest = jnp.asarray(spec.rest, jnp.float32)
-    states = emulator.encode(
-        rest + 1e-3 * rng.normal(size=(1024, 2, spec.state.size)).astype(np.float32)
-    )
-    controls = jnp.tile(jnp.asarray(spec.bounds.middle, jnp.float32), (1024, 1, 1))
-    fresh = Progress.fresh(emulator.network, make_optimizer(config))
-    spans = []
-    for chunk in range(3):
-        began = time.perf_counter()
-        inputs = (
-            fresh.network,
-            fresh.optimizer_state,
-            states,
-            controls,
-            jnp.arange(64),
-            None,
-            jnp.asarray(chunk),
-            1,
-        )
-        jax.block_until_ready(_train_chunk(config, Structure((), (), ()), emulator, *inputs))
-        spans.append(time.perf_counter() - began)
-    return min(spans[1:])
-
-
-@eqx.filter_jit
-def _validate(emulator: Emulator, states: Array, controls: Array) -> Array:
+def _validate(
+    emulator: Emulator, states: Float[Array, "N T I"], controls: Float[Array, "N H C"]
+) -> Float[Array, "H V"]:
     return squared_error(emulator, states, controls)
-
-
-def _first_leaf(base: Emulator) -> np.ndarray:
-    return np.asarray(jax.tree.leaves(base.network)[0])
 
 
 def _trim_metrics(folder: Path, update: int) -> None:
     """Drop lines a killed run logged after its last checkpoint."""
     path = folder / "metrics.jsonl"
-    if path.exists():
-        lines = [
-            line
-            for line in path.read_text(encoding="utf-8", errors="replace").splitlines()
-            if _logged_by(line, update)
-        ]
-        write_whole(path, "".join(line + "\n" for line in lines).encode())
+    if not path.exists():
+        return
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    logged = [line + "\n" for line in lines if _logged_by(line, update)]
+    write_whole(path, "".join(logged).encode())
 
 
 def _logged_by(line: str, update: int) -> bool:
+    """Return whether a line of the metrics was written by update number `update`; false for torn lines."""
     try:
         return parse_json_object(line, MAX_LINE)["update"] <= update
     except (ValueError, KeyError, TypeError):

@@ -1,0 +1,93 @@
+"""One chunk of updates, compiled: what a training run repeats."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float, Int
+
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.networks.network import Network
+from neuroanimator.state.structure import Structure
+from neuroanimator.training.batches import draw_batches, folded
+from neuroanimator.training.config import TrainingConfig
+from neuroanimator.training.loss import unrolled_loss
+from neuroanimator.training.optimizer import make_optimizer
+
+RestStreams = tuple[Float[Array, " O"], Float[Array, " E"]]
+"""What a network sees at rest: see `Emulator.rest_streams`."""
+
+
+class TrainingProblem(eqx.Module):
+    """What every update of a run learns from."""
+
+    config: TrainingConfig = eqx.field(static=True)
+    structure: Structure = eqx.field(static=True)
+    """Of the system's states."""
+    base: Emulator
+    """The emulator whose network is trained."""
+    states: Float[Array, "N T I"]
+    """Windows of T = H + 1 latent states."""
+    controls: Float[Array, "N H C"]
+    """The latent controls between them."""
+    rare: Int[Array, " M"]
+    """Rows of the windows with the most unusual changes."""
+    rest: RestStreams | None
+    """What the network sees at rest; None where the system does not keep still there."""
+
+
+def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> Emulator:
+    """Return `base` with another network, and, given what that sees at rest, at rest there."""
+    emulator = eqx.tree_at(lambda emulator: emulator.network, base, network)
+    if rest is None:
+        return emulator
+    return emulator.at_rest(rest)
+
+
+@eqx.filter_jit
+def train_chunk(
+    problem: TrainingProblem,
+    network: Network,
+    optimizer_state: Any,
+    chunk: Int[Array, ""],
+    unroll: int,
+) -> tuple[Network, Any, Float[Array, ""]]:
+    """Return (network, optimiser state, mean loss) after chunk number `chunk`, whose loss spans `unroll` super steps.
+
+    Batches follow from the seed and the chunk's number alone, so that a resumed run sees the same. The number
+    is an array: a plain one would be compiled in, and every chunk compiled anew.
+    """
+    config = problem.config
+    structure = problem.structure
+    optimizer = make_optimizer(config)
+    size = max(1, config.batch // unroll)
+    key = jax.random.fold_in(jax.random.key(config.seed), chunk)
+    rows_of_updates, weights = draw_batches(
+        key, size, problem.states.shape[0], problem.rare, config.rare_share
+    )
+
+    def loss_of(network: Network, rows: Int[Array, " B"]) -> Float[Array, ""]:
+        emulator = with_network(problem.base, network, problem.rest)
+        row_weights = None
+        if weights is not None:
+            row_weights = weights[rows]
+        states = problem.states[rows, : unroll + 1]
+        controls = problem.controls[rows, :unroll]
+        if structure.symmetry_order > 1:
+            fold_key = jax.random.fold_in(key, rows[0])
+            states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
+        return unrolled_loss(emulator, states, controls, row_weights)
+
+    def update(
+        carry: tuple[Any, Any], rows: Int[Array, " B"]
+    ) -> tuple[tuple[Any, Any], Float[Array, ""]]:
+        network, optimizer_state = carry
+        loss, gradient = jax.value_and_grad(loss_of)(network, rows)
+        step, optimizer_state = optimizer.update(gradient, optimizer_state, network)
+        return (eqx.apply_updates(network, step), optimizer_state), loss
+
+    start = (network, optimizer_state)
+    (network, optimizer_state), losses = jax.lax.scan(update, start, rows_of_updates)
+    return network, optimizer_state, losses.mean()
