@@ -1,4 +1,4 @@
-"""Wishes for a motion: each function checks what it is given and returns a term for `Objective.of`."""
+"""Cost terms as users make them: each function checks what it is given and returns a term for `Objective.of`."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from neuroanimator.systems.system import System
 
 
 def effort(weight: float = 1.0) -> Effort:
-    """Return the wish for little effort."""
+    """Return the cost of effort: large controls."""
     return Effort(as_weight(weight))
 
 
 def smoothness(weight: float = 0.01) -> Smoothness:
-    """Return the wish for controls that do not jump."""
+    """Return the cost of controls that jump."""
     return Smoothness(as_weight(weight))
 
 
@@ -52,7 +52,7 @@ def reach_position(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> ReachPositions:
-    """Return the wish to be at `position` [m] at the end, or `at` [s]; `axes` says which of x, y, z it gives."""
+    """Return the cost of not being at `position` [m] at the end, or `at` [s]; `axes` says which of x, y, z it gives."""
     return reach_positions(
         system,
         as_numbers(position, "position")[None],
@@ -66,10 +66,10 @@ def reach_position(
 def reach_height(
     system: System, height: float, *, within: float, at: float | None = None, weight: float = 1.0
 ) -> ReachHeight:
-    """Return the wish that all of the body is at least `height` [m] up at the end, or `at` [s].
+    """Return the cost of any of the body being less than `height` [m] up at the end, or `at` [s].
 
     All of a deformable body are its mass points: a leap takes its tail out of the water too. Of a rigid body it is
-    the root's place.
+    the root's position.
     """
     wanted = _numbers("height", [height], 1)[0]
     when = END if at is None else (_time("at", at),)
@@ -85,7 +85,7 @@ def reach_positions(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> ReachPositions:
-    """Return the wish to be at `positions` (K, A) [m] at `times` (K,) [s]."""
+    """Return the cost of not being at `positions` (K, A) [m] at `times` (K,) [s]."""
     which = _axes(axes)
     positions = _numbers("places", positions, len(which), rows=True)
     if times is not None and (len(times) != len(positions) or not min(times) >= 0):
@@ -101,7 +101,7 @@ def reach_positions(
 def follow_path(
     system: System, points: ArrayLike, *, within: float, axes: str = "xyz", weight: float = 1.0
 ) -> FollowPath:
-    """Return the wish to pass `points` (K, A) [m] at a steady pace, the last one at the end."""
+    """Return the cost of straying from a path through `points` (K, A) [m], passed at a steady pace, the last one at the end."""
     which = _axes(axes)
     points = _numbers("points", points, len(which), rows=True)
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -118,7 +118,7 @@ def follow_path(
 def travel(
     system: System, direction: ArrayLike, distance: float, *, within: float, weight: float = 1.0
 ) -> Travel:
-    """Return the wish to come `distance` [m] forward along `direction` by the end."""
+    """Return the cost of not coming `distance` [m] forward along `direction` (3,) by the end."""
     return Travel(
         as_weight(weight), _posed(system), _unit("direction", direction), _positive("distance", distance),
         _positive("within", within),
@@ -134,7 +134,7 @@ def keep_velocity(
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> KeepVelocity:
-    """Return the wish to move with `velocity` [m/s] in the world `since` a time [s]."""
+    """Return the cost of not moving with `velocity` (A,) [m/s] in the world `since` a time [s]."""
     which = _axes(axes)
     wanted = _numbers("velocity", velocity, len(which))
     return KeepVelocity(
@@ -145,7 +145,7 @@ def keep_velocity(
 def keep_speed(
     system: System, speed: float, *, within: float, since: float = 0.0, weight: float = 1.0
 ) -> KeepSpeed:
-    """Return the wish to go forward at `speed` [m/s] `since` a time [s]."""
+    """Return the cost of not going forward at `speed` [m/s] `since` a time [s]."""
     wanted = _numbers("speed", [speed], 1)[0]
     return KeepSpeed(
         as_weight(weight), _posed(system), wanted, _positive("within", within), _since(since)
@@ -155,7 +155,7 @@ def keep_speed(
 def keep_heading(
     system: System, direction: ArrayLike, *, within: float, since: float = 0.0, weight: float = 1.0
 ) -> Point:
-    """Return the wish to point along `direction` in the world, `within` [rad], `since` a time [s]."""
+    """Return the cost of not pointing along `direction` (3,) in the world, `within` [rad], `since` a time [s]."""
     target = _unit("direction", direction)
     return Point(
         as_weight(weight),
@@ -176,7 +176,7 @@ def reach_heading(
     at: float | None = None,
     weight: float = 1.0,
 ) -> Point:
-    """Return the wish to point along `direction`, `within` [rad], at the end or `at` [s]."""
+    """Return the cost of not pointing along `direction` (3,), `within` [rad], at the end or `at` [s]."""
     target, when = _unit("direction", direction), END if at is None else (_time("at", at),)
     return Point(
         as_weight(weight),
@@ -192,7 +192,7 @@ def reach_heading(
 def stand_up(
     system: System, *, within: float, at: float | None = None, weight: float = 1.0
 ) -> Point:
-    """Return the wish that the body's Z points up, `within` [rad], at the end or `at` [s]."""
+    """Return the cost of the body's Z not pointing up, `within` [rad], at the end or `at` [s]."""
     when = END if at is None else (_time("at", at),)
     up = jnp.array([0.0, 0.0, 1.0])
     return Point(
@@ -209,7 +209,7 @@ def stay_upright(
     since: float = 0.0,
     weight: float = 1.0,
 ) -> StayUpright:
-    """Return the wish that the body's Z leans no more than `tolerance` [rad] from the vertical, `since` a time [s].
+    """Return the cost of the body's Z leaning more than `tolerance` [rad] from the vertical, `since` a time [s].
 
     `within` [rad] beyond it, kept up for a second, count as an error of one. A body that `may_pitch`, to dive or to
     leap, is kept from rolling over only.
@@ -229,7 +229,7 @@ def stay_within(
     within: float,
     weight: float = 1.0,
 ) -> StayWithin:
-    """Return the wish that the state's `part`, such as a joint, stays between `low` and `high`, in its unit."""
+    """Return the cost of the state's `part`, such as a joint, leaving what is between `low` and `high`, in its unit."""
     where = system.state.index(part)
     entries = tuple(range(where.start, where.stop))
     ends = _numbers("low", np.atleast_1d(low), None), _numbers("high", np.atleast_1d(high), None)

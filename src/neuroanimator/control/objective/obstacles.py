@@ -80,15 +80,20 @@ def avoid(
     margin: float,
     weight: float = 1.0,
 ) -> Avoid:
-    """Return the wish to stay `margin` [m] out of `zones` with each of the `probes` (P, 2) [m] of the body."""
+    """Return the cost of coming nearer than `margin` [m] to `zones` with any of the `probes` (P, 2) [m] of the body."""
     points = as_numbers(probes, "probes")
     if not zones or points.ndim != 2 or points.shape[1] != 2 or not 0 < margin < math.inf:
         raise ArgumentError(
             f"avoid: wanted zones, probes (P, 2) and margin above 0, came {len(zones)}, {points.shape}, {margin:g}."
         )
     read_pose(system.structure, system.rest)
-    numbers = (as_jax(each) for each in (zone_rows(zones), points, margin))
-    return Avoid(as_weight(weight), system.structure, *numbers)
+    return Avoid(
+        as_weight(weight),
+        system.structure,
+        as_jax(zone_rows(zones)),
+        as_jax(points),
+        as_jax(margin),
+    )
 
 
 def zone_rows(zones: list[Zone]) -> np.ndarray:

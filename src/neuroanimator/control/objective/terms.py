@@ -1,4 +1,4 @@
-"""The wishes objectives are made of, as JAX sees them; `costs` makes them from what users say."""
+"""Cost terms as JAX sees them: residuals of a trajectory; `costs` makes them from what users say."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def rows_at(times: tuple[float, ...], trajectory: Trajectory) -> list[int]:
 
 
 class Effort(CostTerm):
-    """μ_u: ∫ |u / limit|² dt, so that J does not depend on the super step (eq. 11)."""
+    """μ_u: ∫ |u / scale|² dt, so that J does not depend on the super step (eq. 11)."""
 
     weight: Float[Array, ""]
     of_controls: ClassVar[bool] = True
@@ -38,15 +38,14 @@ class Effort(CostTerm):
 
 
 class Smoothness(CostTerm):
-    """∫ |du/dt / limit|² dt in [s²]: controls that do not jump."""
+    """∫ |du/dt / scale|² dt in [s²]: controls that do not jump."""
 
     weight: Float[Array, ""]
     of_controls: ClassVar[bool] = True
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        return (
-            jnp.diff(trajectory.controls, axis=0) / trajectory.control_scale
-        ).ravel() / math.sqrt(trajectory.dt)
+        jumps = jnp.diff(trajectory.controls, axis=0) / trajectory.control_scale
+        return jumps.ravel() / math.sqrt(trajectory.dt)
 
 
 class ReachState(CostTerm):
@@ -68,19 +67,20 @@ class ReachState(CostTerm):
         weight: float,
         times: tuple[float, ...],
     ) -> ReachState:
-        """Return the wish to be at `goal` (S,); `compare` (R, V) makes residuals of the difference."""
-        target, matrix = (as_jax(each) for each in (goal, compare))
-        return cls(as_weight(weight), frame, target, matrix, times)
+        """Return the cost of not being at `goal` (S,); `compare` (R, V) makes residuals of the difference."""
+        return cls(as_weight(weight), frame, as_jax(goal), as_jax(compare), times)
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
-        return jax.vmap(lambda state: self.compare @ self.frame.difference(self.goal, state))(
-            states
-        ).ravel()
+
+        def residuals_of(state: Array) -> Array:
+            return self.compare @ self.frame.difference(self.goal, state)
+
+        return jax.vmap(residuals_of)(states).ravel()
 
 
 class ReachPositions(CostTerm):
-    """Be at places at given times: keyframes, or one place at the end."""
+    """Be at positions at given times: keyframes, or one position at the end."""
 
     weight: Float[Array, ""]
     structure: Structure = eqx.field(static=True)
@@ -92,10 +92,8 @@ class ReachPositions(CostTerm):
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
-        return (
-            (read_pose(self.structure, states).position[:, self.axes] - self.positions)
-            / self.within
-        ).ravel()
+        position = read_pose(self.structure, states).position[:, self.axes]
+        return ((position - self.positions) / self.within).ravel()
 
 
 class ReachHeight(CostTerm):
@@ -109,9 +107,8 @@ class ReachHeight(CostTerm):
     times: tuple[float, ...] = eqx.field(static=True)
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        heights = read_heights(
-            self.structure, trajectory.states[jnp.array(rows_at(self.times, trajectory))]
-        )
+        states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
+        heights = read_heights(self.structure, states)
         below = jnp.maximum(self.height - heights, 0) / self.within
         return (below / math.sqrt(heights.shape[-1])).ravel()
 
@@ -130,9 +127,8 @@ class FollowPath(CostTerm):
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         position = read_pose(self.structure, trajectory.states[1:]).position[:, self.axes]
         share = jnp.arange(1, len(position) + 1) / len(position)
-        wanted = jnp.stack(
-            [jnp.interp(share, self.shares, column) for column in self.points.T], axis=-1
-        )
+        columns = [jnp.interp(share, self.shares, column) for column in self.points.T]
+        wanted = jnp.stack(columns, axis=-1)
         return math.sqrt(trajectory.dt) * ((position - wanted) / self.within).ravel()
 
 
@@ -147,7 +143,8 @@ class Travel(CostTerm):
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         position = read_pose(self.structure, trajectory.states[jnp.array([0, -1])]).position
-        return ((self.distance - (position[1] - position[0]) @ self.direction) / self.within)[None]
+        travelled = (position[1] - position[0]) @ self.direction
+        return ((self.distance - travelled) / self.within)[None]
 
 
 class KeepVelocity(CostTerm):
@@ -162,9 +159,8 @@ class KeepVelocity(CostTerm):
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         states = _from(self.times, trajectory)
-        off = (
-            read_pose(self.structure, states).velocity[:, self.axes] - self.velocity
-        ) / self.within
+        velocity = read_pose(self.structure, states).velocity[:, self.axes]
+        off = (velocity - self.velocity) / self.within
         return math.sqrt(trajectory.dt) * off.ravel()
 
 
@@ -179,11 +175,8 @@ class KeepSpeed(CostTerm):
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         pose = read_pose(self.structure, _from(self.times, trajectory))
-        return (
-            math.sqrt(trajectory.dt)
-            * (jnp.sum(pose.velocity * pose.forward, axis=-1) - self.speed)
-            / self.within
-        )
+        speed = jnp.sum(pose.velocity * pose.forward, axis=-1)
+        return math.sqrt(trajectory.dt) * (speed - self.speed) / self.within
 
 
 class Point(CostTerm):
@@ -200,10 +193,13 @@ class Point(CostTerm):
     times: tuple[float, ...] = eqx.field(static=True)
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        chosen = jnp.array(rows_at(self.times, trajectory))
-        rows = _from(self.times, trajectory) if self.lasts else trajectory.states[chosen]
-        share = math.sqrt(trajectory.dt) if self.lasts else 1.0
-        axis = getattr(read_pose(self.structure, rows), self.axis)
+        if self.lasts:
+            states = _from(self.times, trajectory)
+            share = math.sqrt(trajectory.dt)
+        else:
+            states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
+            share = 1.0
+        axis = getattr(read_pose(self.structure, states), self.axis)
         return share * ((axis - self.direction) / self.within).ravel()
 
 
