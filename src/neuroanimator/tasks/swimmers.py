@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.control.objective.costs import (
     effort,
@@ -23,104 +24,155 @@ from neuroanimator.systems.system import System
 from neuroanimator.tasks.task import FREE, Aim, Task, Trial
 
 FASTER_THAN_GAIT = 1.2
-"""Times the way its gait makes from the same start that a found motion must make."""
+"""A motion succeeds that comes so many times as far as the gait does from the same start."""
+
+MIN_LENGTHS = 0.1
+"""A gait that comes less far than so many body lengths counts as coming so far."""
+
 HEADING_WITHIN = math.radians(10.0)
-"""[rad] Off that still counts as the wanted heading."""
+"""[rad] So far off still counts as the wanted heading."""
+
+TURNS = (30.0, 90.0)
+"""[degrees] Least and greatest turn that is wanted, to the left or right."""
+
 TARGET_WITHIN = 0.5
 """Body lengths off that still count as at the target."""
+
+TARGET_SHARES = (0.7, 1.0)
+"""A target is so far away as a share of what the gait comes in the time."""
+
+TARGET_ASIDE = 60.0
+"""[degrees] A target lies at most so far to the left or right."""
+
+ERRORS_PER_TOLERANCE = 3
+"""A third of a tolerance counts as an error of one in a cost."""
+
 LEAP_HEIGHT = 0.15
 """Body lengths the dolphin's centroid must rise over the surface."""
+
+LEAP_MARGIN = 1.5
+"""A leap aims so many times as high as it must rise."""
+
+LEAP_TIME = 0.8
+"""A leap is highest after this share of the motion."""
+
 FIRST_STRENGTH = 0.7
-"""Of the gait, as a first guess: at full strength its muscles are at their bounds."""
+"""First guesses are the gait at this strength: at full strength its muscles are at their bounds."""
+
 DEPTHS = (-3.0, -1.5)
-"""[m] Where bodies start that live under a surface."""
+"""[m] Bodies that live under a surface start between these heights."""
+
 ROLL_WITHIN = math.radians(30.0)
 """[rad] Rolled over further, no motion counts as a success."""
+
 SWIMMING_UPRIGHT = 0.3
 """Weight of staying upright where one pattern must do all the way: with 1, few fish come farther than by their gait."""
-LEVEL_WITHIN, UPRIGHT_WITHIN = 0.3, 0.9
-"""How much starts may point up or down, and how far their backs must point up: heights of unit vectors."""
+
+LEVEL_WITHIN = 0.3
+"""Starts may point up or down by so much: the height of a unit vector."""
+
+UPRIGHT_WITHIN = 0.9
+"""The backs of starts must point up by so much: the height of a unit vector."""
 
 
 def swim(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
     """Draw a swimmer; it shall come as far ahead as it can."""
-    start, length = swimming_start(system, rng), body_length(system)
+    start = swimming_start(system, rng)
+    length = body_length(system)
     pose = read_pose(system.structure, start)
     gait = gait_controls(system, steps, dt)
-    usual = way(system, pose, system.simulate_fastest(start[None], gait[None], dt).states[0])
-    far = travel(system, pose.forward, 2 * max(usual, length), within=0.2 * length)
-    costs = effort(0.1), smoothness(0.001), stay_upright(system, weight=SWIMMING_UPRIGHT), far
+    usual = distance_ahead(system, pose, simulate_one(system, start, gait, dt))
+    objective = Objective.of(
+        effort(0.1),
+        smoothness(0.001),
+        stay_upright(system, weight=SWIMMING_UPRIGHT),
+        travel(system, pose.forward, 2 * max(usual, length), within=0.2 * length),
+    )
+    wanted = FASTER_THAN_GAIT * max(usual, MIN_LENGTHS * length)
 
     def is_far(states: np.ndarray) -> bool:
-        return way(system, pose, states) > FASTER_THAN_GAIT * max(
-            usual, 0.1 * length
-        ) and ends_upright(system, states, dt)
+        distance = distance_ahead(system, pose, states)
+        return distance > wanted and ends_upright(system, states, dt)
 
-    return Trial(
-        start,
-        Objective.of(*costs),
-        is_far,
-        FIRST_STRENGTH * gait,
-        Aim(direction=three(pose.forward)),
-    )
+    aim = Aim(direction=three(pose.forward))
+    return Trial(start, objective, is_far, FIRST_STRENGTH * gait, aim)
 
 
 def turn(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
     """Draw a swimmer and a heading 30° to 90° to its left or right."""
     start = swimming_start(system, rng)
-    pose, angle = read_pose(system.structure, start), rng.uniform(30, 90) * rng.choice([-1, 1])
+    pose = read_pose(system.structure, start)
+    angle = rng.uniform(*TURNS) * rng.choice([-1, 1])
     heading = ahead(pose, math.radians(angle))
-    aim = reach_heading(system, heading, within=HEADING_WITHIN / 3)
-    costs = effort(0.1), smoothness(0.001), stay_upright(system), aim
+    objective = Objective.of(
+        effort(0.1),
+        smoothness(0.001),
+        stay_upright(system),
+        reach_heading(system, heading, within=HEADING_WITHIN / ERRORS_PER_TOLERANCE),
+    )
 
     def is_turned(states: np.ndarray) -> bool:
         forward = read_pose(system.structure, states[-1]).forward
-        return bool(forward @ heading > math.cos(HEADING_WITHIN)) and ends_upright(
-            system, states, dt
-        )
+        points_there = bool(forward @ heading > math.cos(HEADING_WITHIN))
+        return points_there and ends_upright(system, states, dt)
 
     first = FIRST_STRENGTH * gait_controls(system, steps, dt)
-    return Trial(start, Objective.of(*costs), is_turned, first, Aim(direction=three(heading)))
+    return Trial(start, objective, is_turned, first, Aim(direction=three(heading)))
 
 
 def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
     """Draw a swimmer and a target as far away as it comes in the time, up to 60° to its left or right."""
-    start, length = swimming_start(system, rng), body_length(system)
+    start = swimming_start(system, rng)
+    length = body_length(system)
     pose = read_pose(system.structure, start)
     gait = gait_controls(system, steps, dt)
-    far = rng.uniform(0.7, 1.0) * max(
-        way(system, pose, system.simulate_fastest(start[None], gait[None], dt).states[0]), length
+    share = rng.uniform(*TARGET_SHARES)
+    usual = distance_ahead(system, pose, simulate_one(system, start, gait, dt))
+    far = share * max(usual, length)
+    angle = rng.uniform(-TARGET_ASIDE, TARGET_ASIDE)
+    target = pose.position + far * ahead(pose, math.radians(angle))
+    within = TARGET_WITHIN * length
+    objective = Objective.of(
+        effort(0.1),
+        smoothness(0.001),
+        stay_upright(system),
+        reach_position(system, target, within=within / ERRORS_PER_TOLERANCE),
     )
-    target = pose.position + far * ahead(pose, math.radians(rng.uniform(-60, 60)))
-    aim = reach_position(system, target, within=TARGET_WITHIN * length / 3)
-    costs = effort(0.1), smoothness(0.001), stay_upright(system), aim
 
     def is_there(states: np.ndarray) -> bool:
         off = np.linalg.norm(read_pose(system.structure, states[-1]).position - target)
-        return bool(off < TARGET_WITHIN * length) and ends_upright(system, states, dt)
+        return bool(off < within) and ends_upright(system, states, dt)
 
-    return Trial(start, Objective.of(*costs), is_there, FIRST_STRENGTH * gait, Aim(three(target)))
+    return Trial(start, objective, is_there, FIRST_STRENGTH * gait, Aim(three(target)))
 
 
 def leap(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
     """Draw a dolphin under the surface; it shall fly near the end, back up. It may pitch as it likes."""
-    start, length = swimming_start(system, rng), body_length(system)
-    high = reach_position(
-        system, [LEAP_HEIGHT * length * 1.5], within=0.1 * length, axes="z", at=0.8 * steps * dt
+    start = swimming_start(system, rng)
+    length = body_length(system)
+    height = LEAP_HEIGHT * length
+    aimed = height * LEAP_MARGIN
+    objective = Objective.of(
+        effort(0.1),
+        smoothness(0.001),
+        stay_upright(system, may_pitch=True),
+        reach_position(system, [aimed], within=0.1 * length, axes="z", at=LEAP_TIME * steps * dt),
     )
-    costs = effort(0.1), smoothness(0.001), stay_upright(system, may_pitch=True), high
 
     def is_flying(states: np.ndarray) -> bool:
         pose = read_pose(system.structure, states)
         top = int(np.argmax(pose.position[:, 2]))
-        return bool(
-            pose.position[top, 2] > LEAP_HEIGHT * length and abs(pose.roll[top]) < ROLL_WITHIN
-        )
+        return bool(pose.position[top, 2] > height and abs(pose.roll[top]) < ROLL_WITHIN)
 
     first = FIRST_STRENGTH * gait_controls(system, steps, dt)
-    return Trial(
-        start, Objective.of(*costs), is_flying, first, Aim((FREE, FREE, LEAP_HEIGHT * length * 1.5))
-    )
+    return Trial(start, objective, is_flying, first, Aim((FREE, FREE, aimed)))
+
+
+def simulate_one(
+    system: System, start: np.ndarray, controls: np.ndarray, dt: float
+) -> Float[np.ndarray, "T+1 S"]:
+    """Return the states from `start` (S,) under `controls` (T, C), each held for `dt` [s]."""
+    return system.simulate_fastest(start[None], controls[None], dt).states[0]
 
 
 def swimming_start(system: System, rng: np.random.Generator) -> np.ndarray:
@@ -176,7 +228,7 @@ def gait_controls(system: System, steps: int, dt: float) -> np.ndarray:
     return system.gait.controls(steps, dt, system.bounds)
 
 
-def way(system: System, pose: Pose, states: np.ndarray) -> float:
+def distance_ahead(system: System, pose: Pose, states: np.ndarray) -> float:
     """Return how far [m] `states` (T+1, S) lead to where `pose` points."""
     return float((read_pose(system.structure, states[-1]).position - pose.position) @ pose.forward)
 
@@ -187,8 +239,10 @@ def ahead(pose: Pose, angle: float) -> np.ndarray:
     return math.cos(angle) * pose.forward + math.sin(angle) * left / np.linalg.norm(left)
 
 
-def tasks_of(system: str, ways: tuple[dict[str, Any], ...]) -> tuple[Task, ...]:
-    """Return the tasks fish and dolphin share; `ways` say what is varied and how for each."""
+def upright_tasks(
+    system: str, swim_by: dict[str, Any], turn_by: dict[str, Any], reach_by: dict[str, Any]
+) -> tuple[Task, ...]:
+    """Return the tasks fish and dolphin share; of each the fields of `Task` that say what is varied and how."""
     upright = f"rolled by less than {math.degrees(ROLL_WITHIN):.0f}° over the last period"
     turned = (
         f"points within {math.degrees(HEADING_WITHIN):.0f}° of the heading at the end, {upright}"
@@ -196,9 +250,9 @@ def tasks_of(system: str, ways: tuple[dict[str, Any], ...]) -> tuple[Task, ...]:
     farther = f"comes {FASTER_THAN_GAIT} times as far as by its gait, {upright}"
     near = f"ends within {TARGET_WITHIN} body lengths of the target, {upright}"
     return (
-        Task(f"{system}-swim", system, 50, SECONDS, farther, swim, **ways[0]),
-        Task(f"{system}-turn", system, 50, SECONDS, turned, turn, **ways[1]),
-        Task(f"{system}-reach", system, 50, SECONDS, near, reach, **ways[2]),
+        Task(f"{system}-swim", system, 50, SECONDS, farther, swim, **swim_by),
+        Task(f"{system}-turn", system, 50, SECONDS, turned, turn, **turn_by),
+        Task(f"{system}-reach", system, 50, SECONDS, near, reach, **reach_by),
     )
 
 
@@ -206,11 +260,25 @@ SECONDS = 3.0
 """[s] Long enough for the dolphin to rise from the depth it starts at, and for the fish to come its own length."""
 
 SWIMMER_TASKS = (
-    *tasks_of("fish", ({"is_periodic": True, "method": "adam"}, {"knots": 16}, {"is_periodic": True})),
-    *tasks_of("dolphin", ({"method": "adam"}, {"knots": 30}, {"is_periodic": True})),
-    Task(
-        "dolphin-leap", "dolphin", 50, SECONDS,
-        f"its centroid rises {LEAP_HEIGHT} body lengths out of the water, there rolled by less than 30°",
-        leap, method="adam",
+    *upright_tasks(
+        "fish",
+        swim_by={"is_periodic": True, "method": "adam"},
+        turn_by={"knots": 16},
+        reach_by={"is_periodic": True},
     ),
-)  # fmt: skip
+    *upright_tasks(
+        "dolphin",
+        swim_by={"method": "adam"},
+        turn_by={"knots": 30},
+        reach_by={"is_periodic": True},
+    ),
+    Task(
+        "dolphin-leap",
+        "dolphin",
+        50,
+        SECONDS,
+        f"its centroid rises {LEAP_HEIGHT} body lengths out of the water, there rolled by less than 30°",
+        leap,
+        method="adam",
+    ),
+)

@@ -1,4 +1,4 @@
-"""Ways of descending: what one iteration of each does. All run compiled, and for many starts at once.
+"""Methods of descent: what one iteration of each does. All run compiled, and for many starts at once.
 
 optax is imported where it is needed: Gauss-Newton does without, and starts sooner.
 """
@@ -20,21 +20,37 @@ if TYPE_CHECKING:
     import optax
 
 CONVERGED = 1e-2
-"""Relative fall of J below which a descent ends."""
+"""Relative fall of J below which Gauss-Newton ends."""
 
-MOMENTUM, MOMENTUM_STEP = 0.9, 0.1
-"""Of the 1998 method; the step is along the gradient's direction, since J's gradient spans four decades."""
+SETTLED = CONVERGED * 1e-1
+"""Relative fall of J below which L-BFGS ends: its falls are smaller and more than those of Gauss-Newton."""
+
+MOMENTUM = 0.9
+"""Share of the last step that the method of 1998 goes on with."""
+
+MOMENTUM_STEP = 0.1
+"""Step of the method of 1998 in z, along the gradient's direction, since J's gradient spans four decades."""
+
 ADAM_STEP = 0.1
+"""Step of Adam in z, whose numbers are of order one."""
+
 MEMORY = 10
-"""Gradients L-BFGS remembers."""
+"""L-BFGS remembers so many gradients."""
+
 LINE_SEARCH = 8
-"""Gradients an iteration of L-BFGS may take to find its step."""
+"""An iteration of L-BFGS may take so many gradients to find its step."""
 
 FIRST_DAMPING = 1e-2
-"""Of Gauss-Newton, as a share of the mean curvature."""
+"""Gauss-Newton begins with this damping, a share of the mean curvature."""
+
 DAMPINGS = (0.01, 0.1, 1.0, 10.0, 100.0)
-"""Times the last good damping, tried side by side: a batch of rollouts costs little more than one."""
-MIN_DAMPING, MAX_DAMPING = 1e-6, 1e6
+"""Gauss-Newton tries these times the last good damping, side by side: a batch of rollouts costs little more than one."""
+
+MIN_DAMPING = 1e-6
+"""Damping below it makes no difference to a step in float32."""
+
+MAX_DAMPING = 1e6
+"""Damping above it leaves no step: a descent that finds nothing better with it is stuck."""
 
 
 class Progress(NamedTuple):
@@ -55,7 +71,7 @@ class Progress(NamedTuple):
 
 
 class Method(eqx.Module):
-    """A way of descending."""
+    """A method of descent."""
 
     @abc.abstractmethod
     def memory(self, z: Float[Array, " Z"]) -> Any:
@@ -63,8 +79,16 @@ class Method(eqx.Module):
 
     def begin(self, z: Float[Array, " Z"]) -> Progress:
         """Return the progress before any iteration."""
-        never, unknown = jnp.zeros((), bool), jnp.asarray(jnp.inf, z.dtype)
-        return Progress(z, z, unknown, unknown, jnp.zeros((), int), never, never, self.memory(z))
+        return Progress(
+            z=z,
+            best=z,
+            least=jnp.asarray(jnp.inf, z.dtype),
+            first=jnp.asarray(jnp.inf, z.dtype),
+            sweeps=jnp.zeros((), int),
+            is_done=jnp.zeros((), bool),
+            is_diverged=jnp.zeros((), bool),
+            memory=self.memory(z),
+        )
 
     @abc.abstractmethod
     def iterate(self, problem: Problem, progress: Progress) -> Progress:
@@ -81,20 +105,24 @@ class GaussNewton(Method):
         return jnp.asarray(FIRST_DAMPING, z.dtype)
 
     def iterate(self, problem: Problem, progress: Progress) -> Progress:
-        z, damping = progress.z, progress.memory
+        z = progress.z
         residuals, jacobian, slope_of_rest, cost = problem.linearised(z)
-        curvature, slope = jacobian.T @ jacobian, jacobian.T @ residuals + slope_of_rest
-        size = jnp.trace(curvature) / len(z) + jnp.finfo(z.dtype).tiny
-        dampings = jnp.clip(damping * jnp.array(DAMPINGS), MIN_DAMPING, MAX_DAMPING)
-        trials = z - jax.vmap(lambda d: _solve(curvature + d * size * jnp.eye(len(z)), slope))(
-            dampings
-        )
+        curvature = jacobian.T @ jacobian
+        slope = jacobian.T @ residuals + slope_of_rest
+        mean_curvature = jnp.trace(curvature) / len(z) + jnp.finfo(z.dtype).tiny
+
+        def step(damping: Array) -> Array:
+            return _solve(curvature + damping * mean_curvature * jnp.eye(len(z)), slope)
+
+        dampings = jnp.clip(progress.memory * jnp.array(DAMPINGS), MIN_DAMPING, MAX_DAMPING)
+        trials = z - jax.vmap(step)(dampings)
         costs = jax.vmap(problem.cost)(trials)
         costs = jnp.where(jnp.isfinite(costs), costs, jnp.inf)
         k = jnp.argmin(costs)
         is_first = progress.sweeps == 0
         least = jnp.where(is_first, cost, progress.least)
-        is_better, fall = costs[k] < least, least - costs[k]
+        is_better = costs[k] < least
+        fall = least - costs[k]
         following = jnp.where(is_better, trials[k], z)
         is_finite = jnp.isfinite(slope).all()
         # The first step finds the damping's scale; small falls after it, or none at any damping, are the end.
@@ -141,20 +169,27 @@ class FirstOrder(Method):
         )
         following = optax.apply_updates(progress.z, update)
         assert isinstance(following, jax.Array)
-        reached = optax.tree.get(memory, "value") if self.settles else cost
-        seen = following if self.settles else progress.z
+        # A line search knows J of where it goes; the others know that of where they were.
+        if self.settles:
+            reached = optax.tree.get(memory, "value")
+            reached_z = following
+            sweeps = _line_search_steps(memory)
+        else:
+            reached = cost
+            reached_z = progress.z
+            sweeps = 1
         is_first = progress.sweeps == 0
         least = jnp.where(is_first, cost, progress.least)
-        is_better, fall = reached < least, least - reached
+        is_better = reached < least
+        fall = least - reached
         is_finite = jnp.isfinite(cost) & jnp.isfinite(following).all()
-        took = _line_search_steps(memory) if self.settles else 1
         return Progress(
             z=following,
-            best=jnp.where(is_better, seen, progress.best),
+            best=jnp.where(is_better, reached_z, progress.best),
             least=jnp.where(is_better, reached, least),
             first=jnp.where(is_first, cost, progress.first),
-            sweeps=progress.sweeps + took + (is_first if self.settles else 0),
-            is_done=~is_finite | (self.settles & ~is_first & (fall < CONVERGED * 1e-1 * least)),
+            sweeps=progress.sweeps + sweeps + (is_first if self.settles else 0),
+            is_done=~is_finite | (self.settles & ~is_first & (fall < SETTLED * least)),
             is_diverged=~is_finite,
             memory=memory,
         )

@@ -15,9 +15,16 @@ from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds
 
 NEARLY_ALL = 0.999
-"""Share of the bounds a first guess is brought within: z is infinite at the bounds."""
-FASTEST, SLOWEST = 2.0, 0.5
-"""Times the first frequency a pattern may come to."""
+"""A first guess is brought within this share of the bounds: z is infinite at the bounds."""
+
+FASTEST = 2.0
+"""A pattern may come to at most so many times its first frequency."""
+
+SLOWEST = 0.5
+"""A pattern may come to no less than so many times its first frequency."""
+
+CUBIC = 3
+"""Degree of the splines."""
 
 
 class Parametrisation(eqx.Module):
@@ -61,7 +68,9 @@ class EachStep(Parametrisation):
         return self.middle + jnp.tanh(z.reshape(self.steps, -1)) * self.half
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
-        return np.zeros(self.size) if controls is None else _raw(self, controls).ravel()
+        if controls is None:
+            return np.zeros(self.size)
+        return _raw(self, controls).ravel()
 
 
 class Spline(Parametrisation):
@@ -75,17 +84,17 @@ class Spline(Parametrisation):
     @classmethod
     def of(cls, steps: int, knots: int, bounds: Bounds) -> Spline:
         """Return the parameters of splines with so many knots over so many super steps."""
-        from scipy.interpolate import (
-            BSpline,
-        )  # a quarter of a second that most descents need not wait for
+        # A quarter of a second that most descents need not wait for.
+        from scipy.interpolate import BSpline
 
         if not 4 <= knots <= steps:
             raise ArgumentError(
                 f"knots: wanted between 4 and the {steps} super steps, came {knots}."
             )
-        knot_times = np.concatenate([[0.0] * 3, np.linspace(0, 1, knots - 2), [1.0] * 3])
+        inner = np.linspace(0, 1, knots - 2)
+        knot_times = np.concatenate([[0.0] * CUBIC, inner, [1.0] * CUBIC])
         times = (np.arange(steps) + 0.5) / steps
-        basis = BSpline.design_matrix(times, knot_times, 3).toarray()
+        basis = BSpline.design_matrix(times, knot_times, CUBIC).toarray()
         return cls(*_bounds(bounds), steps, as_jax(basis))
 
     @property
@@ -98,9 +107,8 @@ class Spline(Parametrisation):
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
         if controls is None:
             return np.zeros(self.size)
-        return np.linalg.lstsq(np.asarray(self.basis, float), _raw(self, controls), rcond=None)[
-            0
-        ].ravel()
+        basis = np.asarray(self.basis, float)
+        return _least_squares(basis, _raw(self, controls)).ravel()
 
 
 class Periodic(Parametrisation):
@@ -132,21 +140,13 @@ class Periodic(Parametrisation):
     def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
         offset, sine, cosine = z[1:].reshape(3, -1)
         phases = self.phases(z[0])[:, None]
-        return (
-            self.middle
-            + jnp.tanh(offset + sine * jnp.sin(phases) + cosine * jnp.cos(phases)) * self.half
-        )
+        raw = offset + sine * jnp.sin(phases) + cosine * jnp.cos(phases)
+        return self.middle + jnp.tanh(raw) * self.half
 
     def phases(self, number: Float[Array, ""]) -> Float[Array, " T"]:
         """Return where in its pattern each super step's middle is [rad], for the `number` its frequency comes from."""
-        return (
-            2
-            * jnp.pi
-            * self._tempo(number)
-            / self.period
-            * (jnp.arange(self.steps) + 0.5)
-            * self.dt
-        )
+        rate = 2 * jnp.pi * self._tempo(number) / self.period
+        return rate * (jnp.arange(self.steps) + 0.5) * self.dt
 
     def _tempo(self, number: Float[Array, ""]) -> Float[Array, ""]:
         """Return times the first frequency: 1 for a number of zero."""
@@ -159,18 +159,16 @@ class Periodic(Parametrisation):
             return np.zeros(self.size)
         phases = 2 * np.pi / float(self.period) * (np.arange(self.steps) + 0.5) * self.dt
         waves = np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=1)
-        return np.concatenate(
-            [[0.0], np.linalg.lstsq(waves, _raw(self, controls), rcond=None)[0].ravel()]
-        )
+        weights = _least_squares(waves, _raw(self, controls))
+        return np.concatenate([[0.0], weights.ravel()])
 
     def gait(self, z: np.ndarray) -> Gait:
         """Return the pattern of z as a gait; offsets and the rounding of strong waves are left out."""
         sine, cosine = np.asarray(z[1:], float).reshape(3, -1)[1:]
         heights = np.tanh(np.hypot(sine, cosine))
         period = float(self.period / self._tempo(jnp.asarray(z[0])))
-        return Gait(
-            period, tuple(map(float, heights)), tuple(map(float, -np.arctan2(cosine, sine)))
-        )
+        phases = -np.arctan2(cosine, sine)
+        return Gait(period, tuple(map(float, heights)), tuple(map(float, phases)))
 
 
 class Steered(Parametrisation):
@@ -200,10 +198,8 @@ class Steered(Parametrisation):
         phases = self.wave.phases(z[0])[:, None]
         knots = z[1 + 2 * len(self.middle) :].reshape(self.offsets.basis.shape[1], -1)
         offset = self.offsets.basis @ knots
-        return (
-            self.middle
-            + jnp.tanh(offset + sine * jnp.sin(phases) + cosine * jnp.cos(phases)) * self.half
-        )
+        raw = offset + sine * jnp.sin(phases) + cosine * jnp.cos(phases)
+        return self.middle + jnp.tanh(raw) * self.half
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
         if controls is None:
@@ -214,16 +210,16 @@ class Steered(Parametrisation):
             np.cos(phases)[:, None],
             np.asarray(self.offsets.basis, float),
         ]
-        found = np.linalg.lstsq(np.concatenate(columns, axis=1), _raw(self, controls), rcond=None)[
-            0
-        ]
-        return np.concatenate([[0.0], found.ravel()])
+        weights = _least_squares(np.concatenate(columns, axis=1), _raw(self, controls))
+        return np.concatenate([[0.0], weights.ravel()])
 
 
 def _bounds(bounds: Bounds) -> tuple[Array, Array]:
-    low, high = np.array(bounds.low), np.array(bounds.high)
-    if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
-        entry = int(np.argmin((low < high) & np.isfinite(low) & np.isfinite(high)))
+    low = np.array(bounds.low)
+    high = np.array(bounds.high)
+    is_sound = (low < high) & np.isfinite(low) & np.isfinite(high)
+    if not is_sound.all():
+        entry = int(np.argmin(is_sound))
         raise ArgumentError(
             f"bounds: wanted finite ones with low below high, control {entry} has {low[entry]:g} and {high[entry]:g}."
         )
@@ -232,7 +228,14 @@ def _bounds(bounds: Bounds) -> tuple[Array, Array]:
 
 def _raw(parametrisation: Parametrisation, controls: np.ndarray) -> np.ndarray:
     """Return (T, C) the numbers of which tanh makes `controls`."""
-    share = (np.asarray(controls) - np.asarray(parametrisation.middle)) / np.asarray(
-        parametrisation.half
-    )
+    middle = np.asarray(parametrisation.middle)
+    share = (np.asarray(controls) - middle) / np.asarray(parametrisation.half)
     return np.arctanh(np.clip(share, -NEARLY_ALL, NEARLY_ALL))
+
+
+def _least_squares(
+    columns: Float[np.ndarray, "T K"], values: Float[np.ndarray, "T C"]
+) -> Float[np.ndarray, "K C"]:
+    """Return the weights with which `columns` come nearest to `values`."""
+    weights, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    return weights

@@ -17,14 +17,17 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.pose import read_pose
 
-ROOM = 1.2
-"""Times the fastest speed in training that a goal may ask for: starts may be faster, and domains have soft ends."""
+MARGIN = 1.2
+"""A goal may ask for so many times the fastest speed in training: starts may be faster, and domains have soft ends."""
+
+MIN_TIME = 1e-9
+"""[s] Stands for a time of zero, by which nothing can be divided."""
 
 
 def check_reachable(
     objective: Objective, emulator: Emulator, start: np.ndarray, steps: int
 ) -> None:
-    """Raise ArgumentError where a term wants a place too far off, or a speed training never came near."""
+    """Raise ArgumentError where a term wants a position too far off, or a speed training never came near."""
     fastest = fastest_speed(emulator)
     for term in objective.terms:
         if isinstance(term, ReachState):
@@ -42,19 +45,18 @@ def fastest_speed(emulator: Emulator) -> float | None:
     if not entries:
         return None
     first = len(emulator.features.plain)
-    low, high = (
-        np.asarray(end)[[first + i for i in entries]]
-        for end in (emulator.domain.low, emulator.domain.high)
-    )
+    features = [first + entry for entry in entries]
+    low = np.asarray(emulator.domain.low)[features]
+    high = np.asarray(emulator.domain.high)[features]
     return float(np.linalg.norm(np.maximum(-low, high)))
 
 
 def _check_state(term: ReachState, emulator: Emulator) -> None:
     control = np.asarray(emulator.bounds.middle, np.float32)
-    plain = np.asarray(emulator.raw_features_of(np.asarray(term.goal), control))
-    room = ROOM * np.maximum(np.abs(emulator.domain.low), np.abs(emulator.domain.high))
-    states = len(plain) - emulator.frame.control_size(len(control))
-    if (np.abs(plain) > room)[:states].any():
+    features = np.asarray(emulator.raw_features_of(np.asarray(term.goal), control))
+    limit = MARGIN * np.maximum(np.abs(emulator.domain.low), np.abs(emulator.domain.high))
+    of_state = len(features) - emulator.frame.control_size(len(control))
+    if (np.abs(features) > limit)[:of_state].any():
         raise ArgumentError(
             "objective: the wanted state lies outside what the emulator was trained on. "
             "Choose one nearer to rest, or train with wilder starts."
@@ -62,20 +64,23 @@ def _check_state(term: ReachState, emulator: Emulator) -> None:
 
 
 def _check_speed(term: CostTerm, fastest: float, start: np.ndarray, seconds: float) -> None:
-    wanted = 0.0
-    if isinstance(term, KeepSpeed | KeepVelocity):
-        wanted = float(np.linalg.norm(term.speed if isinstance(term, KeepSpeed) else term.velocity))
-    if isinstance(term, ReachPositions):
-        position = read_pose(term.structure, start).position[list(term.axes)]
-        times = np.array(term.times or (seconds,))
-        wanted = float(
-            np.max(
-                np.linalg.norm(np.asarray(term.positions) - position, axis=-1)
-                / np.maximum(times, 1e-9)
-            )
-        )
-    if wanted > ROOM * fastest:
+    wanted = _wanted_speed(term, start, seconds)
+    if wanted > MARGIN * fastest:
         raise ArgumentError(
             f"objective: wanted {wanted:.3g} m/s, or as far away as that takes; training showed {fastest:.3g} m/s "
             "at most. Choose a nearer goal, or more time."
         )
+
+
+def _wanted_speed(term: CostTerm, start: np.ndarray, seconds: float) -> float:
+    """Return the speed [m/s] it takes to do what `term` wants from `start` (S,) in so many seconds; 0 for any other."""
+    if isinstance(term, KeepSpeed):
+        return abs(float(term.speed))
+    if isinstance(term, KeepVelocity):
+        return float(np.linalg.norm(term.velocity))
+    if isinstance(term, ReachPositions):
+        position = read_pose(term.structure, start).position[list(term.axes)]
+        distances = np.linalg.norm(np.asarray(term.positions) - position, axis=-1)
+        times = np.array(term.times or (seconds,))
+        return float(np.max(distances / np.maximum(times, MIN_TIME)))
+    return 0.0

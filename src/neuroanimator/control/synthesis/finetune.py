@@ -19,15 +19,28 @@ from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import train
 
 STATE_SPREAD = 0.15
-"""How far around the motion to sample, as a share of each state entry's spread along it."""
+"""States are sampled so far around the motion, as a share of each entry's spread along it."""
+
 CONTROL_SPREAD = 0.15
-"""The same for controls, as a share of their limits."""
-NEARBY = 4_000
+"""Controls are sampled so far around the motion, as a share of their bounds."""
+
+NEARBY_WINDOWS = 4_000
 """Physics windows added per refinement: 0.8 s of data in about two seconds."""
-FRESH = 24_000
+
+FRESH_TRANSITIONS = 24_000
 """Transitions simulated to keep the rest of the emulator in shape while it learns the motion."""
+
 REFINING_UPDATES = 5_000
+"""Weight updates of a refinement: seconds, and enough for what is near one motion."""
+
 REFINING_RATE = 1e-3
+"""Highest learning rate of a refinement: a fifth of training's, since the weights are nearly right."""
+
+UNROLLED_SHARE = 0.5
+"""Share of a refinement's updates that are unrolled over several super steps."""
+
+NEARBY_SEED = 7
+"""Joins the number of a refinement as the seed of what is sampled near the motion."""
 
 
 def refined(
@@ -42,16 +55,22 @@ def refined(
 
     The data are `data`, simulated anew if not given, and windows near the motion (T+1, S) under controls (T, C).
     """
-    spec, before = emulator.spec, data
-    data = data or simulate_transitions(
-        DatasetConfig(
-            system=spec.system, definition=spec.definition, substeps=spec.substeps, count=FRESH
+    known = 0
+    if data is None:
+        data = simulate_transitions(
+            DatasetConfig(
+                system=emulator.system,
+                definition=emulator.definition,
+                substeps=emulator.substeps,
+                count=FRESH_TRANSITIONS,
+            )
         )
-    )
-    known = 0 if before is None else len(before.states)
-    data = transitions_near(data, states, controls, count=NEARBY, seed=seed)
-    windows = (len(data.states) - known) * (data.states.shape[1] - 1)
-    return _train_on(emulator, data), data, windows * system.truth.steps(emulator.dt)
+    else:
+        known = len(data.states)
+    data = transitions_near(data, states, controls, count=NEARBY_WINDOWS, seed=seed)
+    super_steps = (len(data.states) - known) * (data.states.shape[1] - 1)
+    physics_steps = super_steps * system.truth.steps(emulator.dt)
+    return _train_on(emulator, data), data, physics_steps
 
 
 def _train_on(emulator: Emulator, data: Transitions) -> Emulator:
@@ -60,12 +79,11 @@ def _train_on(emulator: Emulator, data: Transitions) -> Emulator:
         network=describe(emulator)["network"]["kind"],
         updates=REFINING_UPDATES,
         learning_rate=REFINING_RATE,
-        unroll_share=0.5,
+        unroll_share=UNROLLED_SHARE,
     )
     with TemporaryDirectory() as folder:  # seconds of training: not worth resuming
-        return train(
-            data, config, Path(folder) / "refined.emulator.safetensors", start_from=emulator
-        )
+        path = Path(folder) / "refined.emulator.safetensors"
+        return train(data, config, path, start_from=emulator)
 
 
 def transitions_near(
@@ -78,16 +96,14 @@ def transitions_near(
     threads: int = 1,
 ) -> Transitions:
     """Return `data` plus about `count` physics windows near the motion (T+1, S) under controls (T, C)."""
-    system, rng = data.system, np.random.default_rng([seed, 7])
+    system = data.system
+    rng = np.random.default_rng([seed, NEARBY_SEED])
     steps = rng.integers(0, max(1, len(controls) - MAX_UNROLL + 1), count)
     bounds = system.bounds
     starts = scattered(Frame.of(system.structure, 0.0), states, steps, rng)
     windows = np.minimum(steps[:, None] + np.arange(MAX_UNROLL), len(controls) - 1)
-    held = (
-        controls[windows]
-        + rng.normal(size=(count, MAX_UNROLL, len(bounds.half))) * CONTROL_SPREAD * bounds.half
-    )
-    held = bounds.clip(held)
+    noise = rng.normal(size=(count, MAX_UNROLL, len(bounds.half)))
+    held = bounds.clip(controls[windows] + noise * CONTROL_SPREAD * bounds.half)
     runs = system.simulate(starts, held, data.config.substeps * system.physics_dt, threads=threads)
     whole = ~runs.has_diverged
     return replace(
@@ -103,6 +119,5 @@ def scattered(
 ) -> np.ndarray:
     """Return states (N, S) around those of the motion (T+1, S) at `steps` (N,), spread as the motion itself is."""
     spread = frame.difference(states[:1], states).std(axis=0)
-    return frame.apply(
-        states[steps], rng.normal(size=(len(steps), len(spread))) * STATE_SPREAD * spread
-    )
+    noise = rng.normal(size=(len(steps), len(spread)))
+    return frame.apply(states[steps], noise * STATE_SPREAD * spread)
