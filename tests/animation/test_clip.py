@@ -75,7 +75,7 @@ def test_links_stay_joined_and_of_their_length(shipped: Emulator):
     np.testing.assert_allclose(np.linalg.norm(np.diff(positions, axis=1), axis=-1), 0.5, atol=1e-9)
 
 
-def test_bad_wishes_are_refused_by_name(shipped: Emulator):
+def test_bad_arguments_are_refused_by_name(shipped: Emulator):
     motion = random_motion(shipped, 1.0, seed=0)
     with pytest.raises(NeuroAnimatorError, match="Interpolations: hermite, linear"):
         make_clip(shipped, motion, interpolation="spline")

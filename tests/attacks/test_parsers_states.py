@@ -90,7 +90,7 @@ def test_a_system_refuses_text_as_starts():
         load_system("pendulum").simulate(np.array([["0"] * 6]), np.zeros((1, 1, 3)), 0.05)
 
 
-def test_a_wish_refuses_text_as_a_place():
+def test_a_cost_refuses_text_as_a_place():
     with pytest.raises(ArgumentError, match="position: wanted real numbers"):
         reach_position(load_system("lander"), ["a", "b", "c"], within=0.1)
 

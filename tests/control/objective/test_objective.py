@@ -1,4 +1,4 @@
-"""Wishes and parameters keep their laws: symmetry, slopes, sums over time, bounds."""
+"""Cost terms and parameters keep their laws: symmetry, slopes, sums over time, bounds."""
 
 from __future__ import annotations
 
@@ -100,12 +100,12 @@ def moved(system: System, states: np.ndarray, orientation: np.ndarray) -> np.nda
     return there
 
 
-Wish = Callable[
+MovedCost = Callable[
     [System, Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]], CostTerm
 ]
-"""(system, where a place is in the moved world, where a direction points there) → a wish."""
+"""(system, where a place is in the moved world, where a direction points there) → a cost term."""
 
-MOVING: dict[str, Wish] = {
+MOVING: dict[str, MovedCost] = {
     "reach_position": lambda system, position, way: reach_position(
         system, position(PLACES[0]), within=0.1
     ),
@@ -132,7 +132,7 @@ MOVING: dict[str, Wish] = {
     ),
 }
 ONLY_UP = ("stand_up", "stay_upright", "stay_unrolled")
-"""Wishes that look at the vertical alone."""
+"""Cost terms that look at the vertical alone."""
 
 
 def as_is(vector: np.ndarray) -> np.ndarray:
@@ -140,7 +140,7 @@ def as_is(vector: np.ndarray) -> np.ndarray:
 
 
 def reach_other(system: System, orientation: np.ndarray | None) -> ReachState:
-    """Return the wish to be in the motion's third state of another seed, moved with the world if `orientation` is given."""
+    """Return the cost of not being in the motion's third state of another seed, moved with the world if `orientation` is given."""
     state = np.asarray(a_motion(system, seed=1).states[2], float)
     frame = Frame.of(system.structure, 0.0)
     goal = state if orientation is None else moved(system, state, orientation)
@@ -149,7 +149,7 @@ def reach_other(system: System, orientation: np.ndarray | None) -> ReachState:
 
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("kind", sorted(MOVING))
-def test_moving_and_turning_world_and_wish_together_changes_nothing(kind: str, body: str):
+def test_moving_and_turning_world_and_goal_together_changes_nothing(kind: str, body: str):
     system, orientation = (
         a_system(body),
         UPRIGHT_TURN if kind in (*ONLY_UP, "reach_height") else TURN,
@@ -283,13 +283,13 @@ def test_sums_over_time_do_not_depend_on_the_super_step(body: str):
         follow_path(system, [[0, 1, 0], [1, 1, 0]], within=0.1),
         stay_within(system, part, -0.3, 0.1, within=0.1),
     )
-    for wish in costs:
+    for term in costs:
         coarse, fine = (
-            float(Objective.of(wish)(steady(system, 0.6, 2.0, dt))) for dt in (DT, DT / 2)
+            float(Objective.of(term)(steady(system, 0.6, 2.0, dt))) for dt in (DT, DT / 2)
         )
         assert coarse > 0.1
         assert fine == pytest.approx(coarse, rel=0.08), type(
-            wish
+            term
         ).__name__  # a sum is an integral but for its ends
 
 
@@ -317,8 +317,8 @@ def test_leaning_beyond_the_tolerance_costs_as_long_as_it_lasts(body: str):
     system, upright = a_system(body), np.array([1.0, 0, 0, 0])
 
     def cost(orientation: np.ndarray, **choices: Any) -> float:
-        wish = stay_upright(system, tolerance=0.3, within=0.1, **choices)
-        return float(Objective.of(wish)(leaning(system, orientation)))
+        term = stay_upright(system, tolerance=0.3, within=0.1, **choices)
+        return float(Objective.of(term)(leaning(system, orientation)))
 
     assert cost(upright) == 0
     assert cost(ROLLED) == pytest.approx(5**2 / 2 * 2.0, rel=1e-3)
@@ -383,27 +383,27 @@ def test_costs_are_linear_in_weights_and_add_up(body: str):
         return jnp.mean(trajectory.states**2)
 
     costs = [make(system) for make in EVERY.values()]
-    apart = sum(float(Objective.of(wish)(motion)) for wish in (*costs, own))
+    apart = sum(float(Objective.of(term)(motion)) for term in (*costs, own))
     assert float(Objective.of(*costs, own)(motion)) == pytest.approx(apart, rel=1e-5)
     residuals = Objective.of(*costs, own).residuals(motion)
-    assert len(residuals) == sum(len(wish.residuals(motion)) for wish in costs)
+    assert len(residuals) == sum(len(term.residuals(motion)) for term in costs)
 
 
 def test_a_goals_tolerance_is_an_error_of_three():
     truck = a_system("truck")
     goal = truck.goals["bay_1"]
-    wish, state = reach_goal(truck, goal), np.array(truck.rest)
+    term, state = reach_goal(truck, goal), np.array(truck.rest)
     for entry, value in goal.values:
         state[entry] = value
 
     def at(state):
         return Trajectory(jnp.asarray(state)[None], jnp.zeros((0, 2)), jnp.ones(2), DT)
 
-    np.testing.assert_allclose(wish.residuals(at(state)), 0, atol=1e-6)
+    np.testing.assert_allclose(term.residuals(at(state)), 0, atol=1e-6)
     speed = truck.state.index("root.velocity").start
     tolerance = dict(zip([entry for entry, _ in goal.values], goal.tolerances, strict=True))[speed]
     state[speed : speed + 3] += turned(np.array([tolerance, 0, 0]), state[3:7])
-    assert float(jnp.abs(wish.residuals(at(state))).max()) == pytest.approx(3, rel=1e-4)
+    assert float(jnp.abs(term.residuals(at(state))).max()) == pytest.approx(3, rel=1e-4)
 
 
 PARAMETERS: dict[str, Callable[[int], Parametrisation]] = {
@@ -506,7 +506,7 @@ def failing(trajectory: Trajectory) -> jax.Array:
     raise KeyError("speed")
 
 
-REFUSED_WISHES = {
+REFUSED_COSTS = {
     "wanted at 9 s, but the motion lasts 1 s": lambda: stand_upright(times=(0.5, 9.0)),
     "every weight is zero": lambda: stand_upright(0.0, 0.0),
     "weights of at least 0, came -1": lambda: Objective.of(effort(-1.0), effort(1.0)),
@@ -519,12 +519,12 @@ REFUSED_WISHES = {
 }
 
 
-@pytest.mark.parametrize("message", sorted(REFUSED_WISHES))
+@pytest.mark.parametrize("message", sorted(REFUSED_COSTS))
 def test_an_objective_that_cannot_be_descended_is_refused_in_one_line(
     message: str, shipped: Emulator
 ):
     with pytest.raises(ArgumentError) as caught:
-        check_objective(REFUSED_WISHES[message](), shipped, np.zeros(6), 20)
+        check_objective(REFUSED_COSTS[message](), shipped, np.zeros(6), 20)
     assert message in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
 
@@ -572,7 +572,7 @@ REFUSED_ARGUMENTS = {
 
 
 @pytest.mark.parametrize("message", sorted(REFUSED_ARGUMENTS))
-def test_a_wish_that_makes_no_sense_is_refused_in_one_line(message: str):
+def test_a_cost_that_makes_no_sense_is_refused_in_one_line(message: str):
     with pytest.raises(ArgumentError) as caught:
         REFUSED_ARGUMENTS[message](a_system("truck"))
     assert message in str(caught.value)

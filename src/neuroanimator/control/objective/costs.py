@@ -53,14 +53,9 @@ def reach_position(
     weight: float = 1.0,
 ) -> ReachPositions:
     """Return the cost of not being at `position` [m] at the end, or `at` [s]; `axes` says which of x, y, z it gives."""
-    return reach_positions(
-        system,
-        as_numbers(position, "position")[None],
-        None if at is None else [at],
-        within=within,
-        axes=axes,
-        weight=weight,
-    )
+    positions = as_numbers(position, "position")[None]
+    times = None if at is None else [at]
+    return reach_positions(system, positions, times, within=within, axes=axes, weight=weight)
 
 
 def reach_height(
@@ -72,8 +67,9 @@ def reach_height(
     the root's position.
     """
     wanted = _numbers("height", [height], 1)[0]
-    when = END if at is None else (_time("at", at),)
-    return ReachHeight(as_weight(weight), _posed(system), wanted, _positive("within", within), when)
+    return ReachHeight(
+        as_weight(weight), _posed(system), wanted, _positive("within", within), _at(at)
+    )
 
 
 def reach_positions(
@@ -177,15 +173,14 @@ def reach_heading(
     weight: float = 1.0,
 ) -> Point:
     """Return the cost of not pointing along `direction` (3,), `within` [rad], at the end or `at` [s]."""
-    target, when = _unit("direction", direction), END if at is None else (_time("at", at),)
     return Point(
         as_weight(weight),
         _posed(system),
-        target,
+        _unit("direction", direction),
         _positive("within", within),
         "forward",
         False,
-        when,
+        _at(at),
     )
 
 
@@ -193,10 +188,15 @@ def stand_up(
     system: System, *, within: float, at: float | None = None, weight: float = 1.0
 ) -> Point:
     """Return the cost of the body's Z not pointing up, `within` [rad], at the end or `at` [s]."""
-    when = END if at is None else (_time("at", at),)
     up = jnp.array([0.0, 0.0, 1.0])
     return Point(
-        as_weight(weight), _posed(system), up, _positive("within", within), "upward", False, when
+        as_weight(weight),
+        _posed(system),
+        up,
+        _positive("within", within),
+        "upward",
+        False,
+        _at(at),
     )
 
 
@@ -232,17 +232,20 @@ def stay_within(
     """Return the cost of the state's `part`, such as a joint, leaving what is between `low` and `high`, in its unit."""
     where = system.state.index(part)
     entries = tuple(range(where.start, where.stop))
-    ends = _numbers("low", np.atleast_1d(low), None), _numbers("high", np.atleast_1d(high), None)
-    if any(len(end) not in (1, len(entries)) for end in ends):
+    lows = _numbers("low", np.atleast_1d(low), None)
+    highs = _numbers("high", np.atleast_1d(high), None)
+    sizes = (1, len(entries))
+    if len(lows) not in sizes or len(highs) not in sizes:
         raise ArgumentError(
             f"stay_within: wanted one bound or {len(entries)} for '{part}', came {low} and {high}."
         )
-    bounds = [jnp.broadcast_to(end, len(entries)) for end in ends]
-    if not bool(jnp.all(bounds[0] < bounds[1])):
+    lows = jnp.broadcast_to(lows, len(entries))
+    highs = jnp.broadcast_to(highs, len(entries))
+    if not bool(jnp.all(lows < highs)):
         raise ArgumentError(
             f"stay_within: wanted low below high for '{part}', came {low} and {high}."
         )
-    return StayWithin(as_weight(weight), bounds[0], bounds[1], _positive("within", within), entries)
+    return StayWithin(as_weight(weight), lows, highs, _positive("within", within), entries)
 
 
 def _posed(system: System) -> Structure:
@@ -258,15 +261,13 @@ def _axes(names: str) -> tuple[int, ...]:
 
 def _numbers(label: str, values: ArrayLike, size: int | None, *, rows: bool = False) -> Array:
     array = as_numbers(values, label)
-    fits = (
-        array.ndim == (2 if rows else 1)
-        and array.size
-        and (size is None or array.shape[-1] == size)
-    )
+    axes = 2 if rows else 1
+    fits = array.ndim == axes and array.size and (size is None or array.shape[-1] == size)
     if not fits or not np.isfinite(array).all():
-        wanted = (
-            f"{'rows of ' if rows else ''}{size or 'some'} finite number{'s' if size != 1 else ''}"
-        )
+        numbers = "number" if size == 1 else "numbers"
+        wanted = f"{size or 'some'} finite {numbers}"
+        if rows:
+            wanted = f"rows of {wanted}"
         raise ArgumentError(f"{label}: wanted {wanted}, came {array.tolist()}.")
     return as_jax(array)
 
@@ -281,6 +282,12 @@ def _time(label: str, seconds: float) -> float:
     if not 0 <= seconds < math.inf:
         raise ArgumentError(f"{label}: wanted a time of at least 0 s, came {seconds:g}.")
     return float(seconds)
+
+
+def _at(seconds: float | None) -> tuple[float, ...]:
+    if seconds is None:
+        return END
+    return (_time("at", seconds),)
 
 
 def _since(seconds: float) -> tuple[float, ...]:
