@@ -140,7 +140,7 @@ def as_is(vector: np.ndarray) -> np.ndarray:
 
 
 def reach_other(system: System, orientation: np.ndarray | None) -> ReachState:
-    """Return the cost of not being in the third state of a motion of another seed; it moves with the world for an `orientation`."""
+    """Return the cost of not being in the third state of another motion, which moves with the world for an `orientation`."""
     state = np.asarray(a_motion(system, seed=1).states[2], float)
     frame = Frame.of(system.structure, 0.0)
     goal = state if orientation is None else moved(system, state, orientation)
