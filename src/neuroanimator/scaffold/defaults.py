@@ -1,15 +1,15 @@
-"""What every proposed definition aims for, whoever steps the system."""
+"""Defaults of every definition that `neuroanimator new` proposes: super step, error of a teacher, spread of angles."""
 
 from __future__ import annotations
 
 WANTED_SUPER_STEP = 0.1
-"""[s] A super step proposed is at most about this long, and never less than one step: three pictures of a film."""
+"""A proposed super step lasts at most about this long [s], and never less than one step: three pictures of a film."""
 
-GOOD_ENOUGH = 0.002
-"""One-step error at which a scheme may teach, over the change's standard deviation."""
+MAX_TEACHER_ERROR = 0.002
+"""A scheme may teach if its one-step error is at most this share of the change's standard deviation."""
 
-WHOLE_TURN = 3.1416
-"""[rad] Half the width of a spread over all angles."""
+ANGLE_SPREAD = 3.1416
+"""This half width [rad] spreads random starts over all angles; it is pi, rounded for people to read."""
 
 
 def proposed_substeps(step: float) -> int:

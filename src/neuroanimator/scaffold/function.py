@@ -1,4 +1,4 @@
-"""A first definition for somebody's step function: what it declares, and what a few trial runs show."""
+"""Propose a definition for a step function: what its file declares, and what a few trial runs show."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from neuroanimator.definitions.function import PythonDefinition
+from neuroanimator.definitions.function import PythonDefinition, StartSampling
 from neuroanimator.errors import BadFileError
-from neuroanimator.scaffold.defaults import GOOD_ENOUGH, WHOLE_TURN, proposed_substeps
+from neuroanimator.scaffold.defaults import ANGLE_SPREAD, MAX_TEACHER_ERROR, proposed_substeps
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.functions.step_file import call_step, run_file
 from neuroanimator.systems.system import Scheme
@@ -18,15 +19,37 @@ from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.tables import check_table
 
 FINE_PARTS = 10
-TEACHER_PARTS = (1, 2, 5, 10)
-"""Parts of the user's step tried for the teacher."""
+"""The fine step, which every error is measured against, is the user's step cut into this many."""
 
-TRIAL_RUNS, TRIAL_STEPS = 8, 25
+TEACHER_PARTS = (1, 2, 5, 10)
+"""The teacher's step is the user's, cut into the first of these numbers of parts whose error is small enough."""
+
+TRIAL_RUNS = 8
+"""This many trial runs show how far the state goes; each starts elsewhere."""
+
+TRIAL_STEPS = 25
+"""A trial run has this many super steps, each under another random control."""
+
+TRIAL_SEED = 0
+"""Trial runs are drawn with this seed, so that a proposal is the same every time."""
+
+MIN_CHANGE = 1e-9
+"""An entry that changes less than this in a step does not count by more than its difference over this."""
+
+BATCH_TOLERANCE_RELATIVE = 1e-9
+"""Share by which an answer to a batch may differ: the same sums, perhaps in another order."""
+
+BATCH_TOLERANCE_ABSOLUTE = 1e-12
+"""Amount by which an answer to a batch may differ, where the number itself is about zero."""
+
+MAX_SHOWN = 60
+"""An error shows at most this many characters of a wrong declaration."""
 
 AT_ITS_OWN_STEP = (
     "the function at its own step is the truth. Where it integrates an equation and is the better the smaller dt is, "
     "say ODE = True in {file}"
 )
+"""This note stands at the teacher's step if the file does not say that it integrates an equation."""
 
 EXAMPLES = {
     "STEP": "STEP = 0.01",
@@ -38,19 +61,24 @@ EXAMPLES = {
     "SPREAD": 'SPREAD = {"angle": 3.14, "speed": 4.0}',
     "ODE": "ODE = True",
 }
-"""How each declaration is written."""
+"""Each declaration is shown by its example in the error about it."""
 
 
 def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str]]:
-    """Return a definition of the step file at `path`, which the user allowed, and notes on its keys; this runs it."""
+    """Return a definition of the step file at `path` and notes on its keys; this runs the file.
+
+    The user must have allowed that, see `trust_file`. Raises BadFileError for a missing or wrong
+    declaration, a function that diverges, one that answers batches otherwise, and one that says ODE
+    and ignores dt.
+    """
     digest = digest_of(path)
     module = run_file(digest, path.name)
     files = {"name": path.name, "sha256": digest}
-    values, notes = _declared(path, module), {}
+    values = _declared(path, module)
+    notes: dict[str, str] = {}
     if not getattr(module, "SPREAD", None):
-        for part, width in zip(
-            values["state"], _reached(PythonSystem(_check(values, path), files)), strict=True
-        ):
+        widths = _spread_of_trials(PythonSystem(_check(values, path), files))
+        for part, width in zip(values["state"], widths, strict=True):
             part["spread"] = width
         notes["state.spread"] = "as far as trial runs went; SPREAD in the file says it better"
     system = PythonSystem(_check(values, path), files)
@@ -59,7 +87,8 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str]]:
     if _is_ode(path, module):
         parts, error = _teacher(system)
         step = values["physics"]["step"]
-        values["physics"] |= {"truth_step": step / parts, "fine_step": step / FINE_PARTS}
+        values["physics"]["truth_step"] = step / parts
+        values["physics"]["fine_step"] = step / FINE_PARTS
         notes["physics.truth_step"] = (
             f"{path.name} says ODE; teaches with an error of {error:.2g} of a step's change"
         )
@@ -71,32 +100,46 @@ def _check(values: dict[str, Any], path: Path) -> PythonDefinition:
 
 
 def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
-    """Return what the file itself says."""
+    """Return the definition's table as far as the file itself says it."""
     step = _declaration(path, module, "STEP", (int, float))
-    state, control = (_declaration(path, module, name, dict) for name in ("STATE", "CONTROL"))
-    named = {
-        name: _declaration(path, module, name, dict, {}) for name in ("RATES", "REST", "SPREAD")
-    }
+    state = _declaration(path, module, "STATE", dict)
+    control = _declaration(path, module, "CONTROL", dict)
+    by_part = {}
+    for name in ("RATES", "REST", "SPREAD"):
+        by_part[name] = _declaration(path, module, name, dict, {})
     angles = _declaration(path, module, "ANGLES", (list, tuple), ())
-    for name, parts in {**named, "ANGLES": angles}.items():
-        for part in parts:
-            if part not in state:
-                raise BadFileError(
-                    f"{path.name}: {name}: no part '{part}' in STATE. Parts: {', '.join(state)}."
-                )
+    for name, parts in by_part.items():
+        _refuse_unknown_parts(path, name, parts, state)
+    _refuse_unknown_parts(path, "ANGLES", angles, state)
+    substeps = 1
+    if step > 0:
+        substeps = proposed_substeps(step)
+    state_parts = []
+    for name, value in state.items():
+        state_parts.append(_state_part(path, name, value, name in angles, by_part))
+    control_parts = []
+    for name, value in control.items():
+        control_parts.append(_control_part(path, name, value))
     return {
         "name": path.stem.lower().replace(" ", "-"),
         "kind": "python",
         "file": path.name,
         "batched": bool(getattr(module, "BATCHED", False)),
-        "substeps": proposed_substeps(step) if step > 0 else 1,
+        "substeps": substeps,
         "physics": {"step": step, "truth_step": step, "fine_step": step},
-        "state": [
-            _state_part(path, name, value, name in angles, named) for name, value in state.items()
-        ],
-        "control": [_control_part(path, name, value) for name, value in control.items()],
-        "sampling": {"rest_share": 0.3, "rest_spread": 0.15},
+        "state": state_parts,
+        "control": control_parts,
+        "sampling": StartSampling().model_dump(),
     }
+
+
+def _refuse_unknown_parts(path: Path, name: str, parts: Any, state: dict[str, Any]) -> None:
+    """Raise BadFileError if the declaration `name` is about a part that STATE does not have."""
+    for part in parts:
+        if part not in state:
+            raise BadFileError(
+                f"{path.name}: {name}: no part '{part}' in STATE. Parts: {', '.join(state)}."
+            )
 
 
 def _is_ode(path: Path, module: ModuleType) -> bool:
@@ -104,15 +147,19 @@ def _is_ode(path: Path, module: ModuleType) -> bool:
     value = getattr(module, "ODE", False)
     if not isinstance(value, bool):
         raise BadFileError(
-            f"{path.name}: ODE: wanted a line like `{EXAMPLES['ODE']}`, came {repr(value)[:60]}."
+            f"{path.name}: ODE: wanted a line like `{EXAMPLES['ODE']}`, came {repr(value)[:MAX_SHOWN]}."
         )
     return value
 
 
 def _declaration(path: Path, module: ModuleType, name: str, kind: Any, default: Any = None) -> Any:
+    """Return what the file declares under `name`, of the type `kind`; without a default it must say something."""
     value = getattr(module, name, default)
-    if isinstance(value, bool) or not isinstance(value, kind) or (default is None and not value):
-        came = "nothing" if value is None else repr(value)[:60]
+    is_missing = default is None and not value
+    if isinstance(value, bool) or not isinstance(value, kind) or is_missing:
+        came = "nothing"
+        if value is not None:
+            came = repr(value)[:MAX_SHOWN]
         raise BadFileError(
             f"{path.name}: {name}: wanted a line like `{EXAMPLES[name]}`, came {came}."
         )
@@ -120,31 +167,42 @@ def _declaration(path: Path, module: ModuleType, name: str, kind: Any, default: 
 
 
 def _state_part(
-    path: Path, name: str, value: Any, is_angle: bool, named: dict[str, Any]
+    path: Path, name: str, value: Any, is_angle: bool, by_part: dict[str, Any]
 ) -> dict[str, Any]:
-    unit, size = (value, 1) if isinstance(value, str) else _unpacked(path, "STATE", value, 2)
+    """Return the TOML table of the part `name`; STATE gives its unit, or (unit, size)."""
+    if isinstance(value, str):
+        unit = value
+        size = 1
+    else:
+        unit, size = _unpacked(path, "STATE", value, 2)
     if type(size) is not int:
         raise BadFileError(
             f"{path.name}: STATE: {name}: wanted a unit, or (unit, size), came {value!r}."
         )
-    spread = named["SPREAD"].get(name, WHOLE_TURN if is_angle else 0.0)
+    feature = "plain"
+    usual_spread = 0.0
+    if is_angle:
+        feature = "sine"
+        usual_spread = ANGLE_SPREAD
     return {
         "name": name,
         "unit": unit,
         "size": size,
-        "feature": "sine" if is_angle else "plain",
-        "rate": named["RATES"].get(name, ""),
-        "rest": _several(named["REST"].get(name, 0.0), size),
-        "spread": _several(spread, size),
+        "feature": feature,
+        "rate": by_part["RATES"].get(name, ""),
+        "rest": _several(by_part["REST"].get(name, 0.0), size),
+        "spread": _several(by_part["SPREAD"].get(name, usual_spread), size),
     }
 
 
 def _control_part(path: Path, name: str, value: Any) -> dict[str, Any]:
+    """Return the TOML table of the control `name`; CONTROL gives (unit, low, high)."""
     unit, low, high = _unpacked(path, "CONTROL", value, 3)
     return {"name": name, "unit": unit, "low": _several(low, 1), "high": _several(high, 1)}
 
 
 def _unpacked(path: Path, name: str, value: Any, count: int) -> Any:
+    """Return `value` if it is a tuple or list of `count`; BadFileError shows how `name` is declared."""
     if not isinstance(value, (tuple, list)) or len(value) != count:
         raise BadFileError(
             f"{path.name}: {name}: wanted a line like `{EXAMPLES[name]}`, came {value!r}."
@@ -154,35 +212,41 @@ def _unpacked(path: Path, name: str, value: Any, count: int) -> Any:
 
 def _several(value: Any, size: int) -> list[Any]:
     """Return a list: the numbers given, or one number `size` times."""
-    return list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] * size
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return list(value)
+    return [value] * size
 
 
-def _trial(system: PythonSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Return (states (N, S), controls (N, C)) of trial runs under random controls."""
-    rng = np.random.default_rng(0)
+def _trial(
+    system: PythonSystem,
+) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N C"]]:
+    """Return the states and controls of all steps of trial runs under random controls."""
+    rng = np.random.default_rng(TRIAL_SEED)
     starts = system.sample_starts(rng, TRIAL_RUNS)
     shape = (TRIAL_RUNS, TRIAL_STEPS, system.control.size)
     controls = system.bounds.middle + rng.uniform(-1, 1, shape) * system.bounds.half
     dt = proposed_substeps(system.physics_dt) * system.physics_dt
     runs = system.simulate(starts, controls, dt, scheme=system.scheme)
-    if (~runs.has_diverged).sum() < TRIAL_RUNS / 2:
+    is_whole = ~runs.has_diverged
+    if is_whole.sum() < TRIAL_RUNS / 2:
         raise BadFileError(
             f"{system.file}: {runs.has_diverged.sum()} of {TRIAL_RUNS} trial runs under random controls diverged. "
             "Use a smaller STEP, a smaller SPREAD or weaker CONTROL."
         )
-    whole = ~runs.has_diverged
-    return runs.states[whole, :-1].reshape(-1, system.state.size), controls[whole].reshape(
-        -1, system.control.size
-    )
+    states = runs.states[is_whole, :-1].reshape(-1, system.state.size)
+    return states, controls[is_whole].reshape(-1, system.control.size)
 
 
-def _reached(system: PythonSystem) -> list[list[float]]:
+def _spread_of_trials(system: PythonSystem) -> list[list[float]]:
     """Return per part how far trial runs went from rest: twice the rms, two digits."""
     states, _ = _trial(system)
-    far = 2 * np.sqrt(np.mean((states - system.rest) ** 2, axis=0))
-    widths = np.where(system.spread > 0, system.spread, far)
-    parts = [widths[system.state.index(part.name)] for part in system.state.slices]
-    return [[float(f"{width:.2g}") for width in part] for part in parts]
+    reach = 2 * np.sqrt(np.mean((states - system.rest) ** 2, axis=0))
+    widths = np.where(system.spread > 0, system.spread, reach)
+    spreads = []
+    for part in system.state.slices:
+        part_widths = widths[system.state.index(part.name)]
+        spreads.append([float(f"{width:.2g}") for width in part_widths])
+    return spreads
 
 
 def _check_batches(system: PythonSystem) -> None:
@@ -190,10 +254,14 @@ def _check_batches(system: PythonSystem) -> None:
     if not system.batched:
         return
     states, controls = _trial(system)
-    whole = call_step(system.function, system.file, states.T, controls.T, system.physics_dt).T
-    for state, control, found in zip(states, controls, whole, strict=True):
-        alone = call_step(system.function, system.file, state, control, system.physics_dt)
-        if not np.allclose(alone, found, rtol=1e-9, atol=1e-12):
+    dt = system.physics_dt
+    together = call_step(system.function, system.file, states.T, controls.T, dt).T
+    for state, control, expected in zip(states, controls, together, strict=True):
+        alone = call_step(system.function, system.file, state, control, dt)
+        is_same = np.allclose(
+            alone, expected, rtol=BATCH_TOLERANCE_RELATIVE, atol=BATCH_TOLERANCE_ABSOLUTE
+        )
+        if not is_same:
             raise BadFileError(
                 f"{system.file}: BATCHED: step answers (S, B) arrays otherwise than (S,). Leave it out."
             )
@@ -204,19 +272,20 @@ def _teacher(system: PythonSystem) -> tuple[int, float]:
     states, controls = _trial(system)
     step = system.physics_dt
 
-    def after(parts: int, duration: float = step) -> np.ndarray:
-        return system.simulate(
-            states, controls[:, None], duration, scheme=Scheme("function", duration / parts)
-        ).states[:, 1]
+    def states_after(parts: int, duration: float = step) -> Float[np.ndarray, "N S"]:
+        scheme = Scheme("function", duration / parts)
+        runs = system.simulate(states, controls[:, None], duration, scheme=scheme)
+        return runs.states[:, 1]
 
-    if np.array_equal(after(1), after(1, step / 2)):
+    if np.array_equal(states_after(1), states_after(1, step / 2)):
         raise BadFileError(
             f"{system.file}: ODE: step does the same for every dt. Leave ODE out, or use dt in step."
         )
-    exact = after(FINE_PARTS)
-    unit = np.maximum((exact - states).std(axis=0), 1e-9)
+    exact = states_after(FINE_PARTS)
+    unit = np.maximum((exact - states).std(axis=0), MIN_CHANGE)
     for parts in TEACHER_PARTS:
-        error = float(np.sqrt(np.mean(((after(parts) - exact) / unit) ** 2)))
-        if error <= GOOD_ENOUGH:
-            return parts, error
+        errors = (states_after(parts) - exact) / unit
+        rms_error = float(np.sqrt(np.mean(errors**2)))
+        if rms_error <= MAX_TEACHER_ERROR:
+            return parts, rms_error
     return FINE_PARTS, 0.0

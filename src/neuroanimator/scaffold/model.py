@@ -1,19 +1,20 @@
-"""A first definition for somebody's MuJoCo model: what can be read off it, and what a few trial runs show."""
+"""Propose a definition for a MuJoCo model: what can be read off it, and what a few trial runs show."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.scaffold.defaults import GOOD_ENOUGH, WHOLE_TURN, proposed_substeps
+from neuroanimator.scaffold.defaults import ANGLE_SPREAD, MAX_TEACHER_ERROR, proposed_substeps
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.rigid.actuators import actuator_name, control_range
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
@@ -25,10 +26,38 @@ from neuroanimator.systems.system import Scheme
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import phase, progress_bar
 
-TRIAL_RUNS, TRIAL_SECONDS = 16, 2.0
+TRIAL_RUNS = 16
+"""This many trial runs show how fast the joints move; each starts elsewhere."""
+
+TRIAL_SECONDS = 2.0
+"""A trial run is about this long [s]: long enough for random controls to set a model moving."""
+
 TRIAL_SEED = 0
+"""Trial runs are drawn with this seed, so that a proposal is the same every time."""
 
 UNLIMITED_CONTROL = (-1.0, 1.0)
+"""An actuator without a range is proposed this one (least, largest), with a note to correct it."""
+
+FINE_PARTS = 10
+"""The fine step, which every error is measured against, is the model's step cut into this many."""
+
+MIN_CHANGE = 1e-9
+"""An entry that changes less than this in a super step does not count by more than its difference over this."""
+
+LEVEL_TOLERANCE = 1e-9
+"""An axis is level if its product with gravity is below this, and at right angles to another likewise: rounding only."""
+
+WARM_UP = 1.0
+"""A model with contacts is driven for this long [s] before a run is recorded, so that contacts have settled."""
+
+ROOT_TILT = 0.1
+"""A free root is proposed to start tilted with this standard deviation [rad]."""
+
+BALL_SPREAD = 0.3
+"""A ball joint is proposed to start turned with this standard deviation [rad]."""
+
+VELOCITY_SIZES = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
+"""A joint of each kind has this many velocities."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +71,34 @@ class Proposal:
     """Names of the parts of the state."""
 
 
+class Trial(NamedTuple):
+    """Trial runs under random controls that jump at every super step; diverged ones are left out."""
+
+    states: Float[np.ndarray, "B T+1 S"]
+    """The start, and the state after each control."""
+    controls: Float[np.ndarray, "B T C"]
+    """Row k is held from state k to state k+1."""
+    dt: float
+    """Time one super step covers [s]."""
+
+
+class Teacher(NamedTuple):
+    """The scheme that shall teach, and what it costs in accuracy."""
+
+    scheme: Scheme
+    """The first of those tried that is good enough, else the best of them."""
+    error: float
+    """Its one-step error, as a share of the standard deviation of a super step's change."""
+    own_error: float
+    """The same of the scheme the model asks for."""
+
+
 def propose(path: Path) -> Proposal:
-    """Return a definition of the MJCF or URDF model at `path`; refuse what cannot be emulated, by name."""
+    """Return a definition of the MJCF or URDF model at `path`.
+
+    Raises BadFileError for a model that cannot be emulated, saying why; ArgumentError if no scheme
+    steps it without diverging.
+    """
     model = compile_model(read_model_files(path))
     if not model.nu:
         how = "Add an <actuator> section: something must drive the model."
@@ -51,39 +106,63 @@ def propose(path: Path) -> Proposal:
             how = "A URDF cannot have any: let MuJoCo save it as MJCF (mujoco.mj_saveLastXML), add an <actuator> section."
         raise BadFileError(f"{path.name} has no actuators. {how}")
     values = _read_off(path, model)
-    notes = {"physics.step": "the model's own [s]", "physics.integrator": "the model's own"}
-    sensors = [name for i in range(model.nsensor) if (name := sensor_name(model, i))]
-    notes["sensors"] = f"those to be emulated too, of: {', '.join(sensors) or 'none'}"
-    notes |= {
-        f"control.{name}": "the model gives no range: say what your motor can do"
-        for name, unlimited in zip(values["control"], _unlimited(model), strict=True)
-        if unlimited
-    }
+    notes = _notes(model)
     system = ModelSystem(check_table(values, path.name, Definition), model)
     with phase("simulating"):
-        values["sampling"]["velocity"] = _usual_speeds(system, path)
+        values["sampling"]["velocity"] = _usual_velocities(system, path)
     system = ModelSystem(check_table(values, path.name, Definition), model)
-    scheme, error, own = _teacher(system)
-    values["physics"] |= {"truth_step": scheme.dt, "truth_integrator": scheme.integrator}
+    teacher = _teacher(system)
+    values["physics"]["truth_step"] = teacher.scheme.dt
+    values["physics"]["truth_integrator"] = teacher.scheme.integrator
     notes["physics.truth_step"] = (
-        f"teaches with an error of {error:.2g} of a super step's change; the model's own: {own:.2g}"
+        f"teaches with an error of {teacher.error:.2g} of a super step's change; the model's own: {teacher.own_error:.2g}"
     )
-    return Proposal(
-        check_table(values, path.name, Definition),
-        notes,
-        [part.name for part in system.state.slices],
-    )
+    definition = check_table(values, path.name, Definition)
+    parts = [part.name for part in system.state.slices]
+    return Proposal(definition, notes, parts)
+
+
+def _notes(model: mujoco.MjModel) -> dict[str, str]:
+    """Return the notes that need no trial, by key of the TOML file."""
+    names = [sensor_name(model, sensor) for sensor in range(model.nsensor)]
+    sensors = ", ".join(name for name in names if name)
+    notes = {
+        "physics.step": "the model's own [s]",
+        "physics.integrator": "the model's own",
+        "sensors": f"those to be emulated too, of: {sensors or 'none'}",
+    }
+    for actuator in range(model.nu):
+        if control_range(model, actuator) is None:
+            key = f"control.{actuator_name(model, actuator)}"
+            notes[key] = "the model gives no range: say what your motor can do"
+    return notes
 
 
 def _read_off(path: Path, model: mujoco.MjModel) -> dict[str, Any]:
-    """Return what the model itself says."""
+    """Return the definition's table as far as the model itself says it."""
     step = float(model.opt.timestep)
-    integrator = next(
-        name for name, value in INTEGRATORS.items() if int(value) == int(model.opt.integrator)
-    )
-    planar, has_free = planar_root(model), model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
-    ground = bool(has_free and np.any(model.opt.gravity) and _can_touch_ground(model))
-    names = [actuator_name(model, i) for i in range(model.nu)]
+    integrator = _own_integrator(model)
+    planar = planar_root(model)
+    has_free_root = bool(model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE)
+    has_weight = bool(np.any(model.opt.gravity))
+    features = {}
+    widths = {}
+    for joint in range(model.njnt):
+        name = joint_name(model, joint)
+        features[name] = proposed_feature(model, joint, planar)
+        width = _start_width(model, joint)
+        if width:
+            widths[name] = width
+    controls = {}
+    for actuator in range(model.nu):
+        bounds = control_range(model, actuator) or UNLIMITED_CONTROL
+        controls[actuator_name(model, actuator)] = bounds
+    warm_up = 0.0
+    if has_contacts(model):
+        warm_up = WARM_UP
+    tilt = 0.0
+    if has_free_root:
+        tilt = ROOT_TILT
     return {
         "name": path.stem.lower().replace(" ", "-"),
         "model": path.name,
@@ -93,108 +172,110 @@ def _read_off(path: Path, model: mujoco.MjModel) -> dict[str, Any]:
             "integrator": integrator,
             "truth_step": step / 2,
             "truth_integrator": integrator,
-            "fine_step": step / 10,
+            "fine_step": step / FINE_PARTS,
             "fine_integrator": "rk4",
         },
-        "state": {joint_name(model, j): look(model, j, planar) for j in range(model.njnt)},
-        "frame": {"ground": ground, "planar": planar},
-        "control": {
-            name: control_range(model, i) or UNLIMITED_CONTROL for i, name in enumerate(names)
+        "state": features,
+        "frame": {
+            "ground": has_free_root and has_weight and _can_touch_ground(model),
+            "planar": planar,
         },
-        "sampling": {
-            "warm_up": 1.0 if has_contacts(model) else 0.0,
-            "tilt": 0.1 if has_free else 0.0,
-            "position": {
-                joint_name(model, j): width
-                for j in range(model.njnt)
-                if (width := _width(model, j))
-            },
-        },
+        "control": controls,
+        "sampling": {"warm_up": warm_up, "tilt": tilt, "position": widths},
     }
+
+
+def _own_integrator(model: mujoco.MjModel) -> str:
+    """Return our name of the integrator the model asks for."""
+    names = {int(value): name for name, value in INTEGRATORS.items()}
+    return names[int(model.opt.integrator)]
 
 
 def planar_root(model: mujoco.MjModel) -> tuple[str, ...]:
     """Return the joints x, y, heading of a root that moves freely in a level plane, or nothing."""
-    joints = [j for j in range(model.njnt) if model.jnt_bodyid[j] == model.jnt_bodyid[0]][:3]
-    kinds = [JOINT_NAMES[int(model.jnt_type[j])] for j in joints]
-    if kinds != ["slide", "slide", "hinge"] or any(model.jnt_limited[j] for j in joints):
+    root = model.jnt_bodyid[0]
+    joints = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] == root][:3]
+    kinds = [JOINT_NAMES[int(model.jnt_type[joint])] for joint in joints]
+    if kinds != ["slide", "slide", "hinge"]:
         return ()
-    x, y, axis = (model.jnt_axis[j] for j in joints)
-    is_level = np.linalg.norm(np.cross(model.opt.gravity, axis)) < 1e-9
-    is_plane = np.allclose(np.cross(x, y), axis) and abs(x @ y) < 1e-9
-    hangs_free = not has_contacts(model) and model.body_parentid[model.jnt_bodyid[0]] == 0
-    return (
-        tuple(joint_name(model, j) for j in joints) if is_level and is_plane and hangs_free else ()
-    )
+    if any(model.jnt_limited[joint] for joint in joints):
+        return ()
+    x, y, axis = model.jnt_axis[joints]
+    is_level = np.linalg.norm(np.cross(model.opt.gravity, axis)) < LEVEL_TOLERANCE
+    is_plane = np.allclose(np.cross(x, y), axis) and abs(x @ y) < LEVEL_TOLERANCE
+    hangs_free = not has_contacts(model) and model.body_parentid[root] == 0
+    if not (is_level and is_plane and hangs_free):
+        return ()
+    return tuple(joint_name(model, joint) for joint in joints)
 
 
-def look(model: mujoco.MjModel, joint: int, planar: tuple[str, ...]) -> str:
-    """Return how the network should see a joint."""
-    kind, name = JOINT_NAMES[int(model.jnt_type[joint])], joint_name(model, joint)
-    if name in planar:
+def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...]) -> str:
+    """Return how a joint should be represented to the network; `planar` are the joints of a planar root."""
+    kind = JOINT_NAMES[int(model.jnt_type[joint])]
+    is_limited = model.jnt_limited[joint]
+    if joint_name(model, joint) in planar:
         return "planar"
     if kind == "hinge":
-        return (
-            "plain"
-            if model.jnt_limited[joint] and np.ptp(model.jnt_range[joint]) < np.pi
-            else "sine"
-        )
-    is_level = abs(model.jnt_axis[joint] @ model.opt.gravity) < 1e-9
+        is_less_than_half_turn = is_limited and np.ptp(model.jnt_range[joint]) < np.pi
+        return "plain" if is_less_than_half_turn else "sine"
+    is_level = abs(model.jnt_axis[joint] @ model.opt.gravity) < LEVEL_TOLERANCE
     is_root = model.body_parentid[model.jnt_bodyid[joint]] == 0
-    if (
-        kind == "slide"
-        and is_root
-        and is_level
-        and not model.jnt_limited[joint]
-        and not model.jnt_stiffness[joint]
-    ):
+    is_unbound = not is_limited and not model.jnt_stiffness[joint]
+    if kind == "slide" and is_root and is_level and is_unbound:
         return "cyclic"
     return FEATURES[kind][0]
 
 
-def _width(model: mujoco.MjModel, joint: int) -> float:
-    """Return half the width of a joint's random starts: its range, a whole turn, or none if place does not matter."""
+def _start_width(model: mujoco.MjModel, joint: int) -> float:
+    """Return the spread of a joint's random starts, as `Sampling.position` says [rad or m].
+
+    It is the joint's range, a whole turn, or zero where the position does not matter.
+    """
     kind = JOINT_NAMES[int(model.jnt_type[joint])]
-    if kind in ("free", "ball"):
-        return 0.3 if kind == "ball" else 0.0
+    if kind == "free":
+        return 0.0
+    if kind == "ball":
+        return BALL_SPREAD
     if model.jnt_limited[joint]:
         low, high = model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]
         return round(float(max(0.0, min(-low, high))), 4)
-    return WHOLE_TURN if kind == "hinge" else 0.0
+    if kind == "hinge":
+        return ANGLE_SPREAD
+    return 0.0
 
 
 def has_contacts(model: mujoco.MjModel) -> bool:
     """Return whether anything can touch anything."""
-    masks = (model.geom_contype[:, None] & model.geom_conaffinity[None]) | (
-        model.geom_contype[None] & model.geom_conaffinity[:, None]
-    )
-    apart = model.geom_bodyid[:, None] != model.geom_bodyid[None]
-    is_off = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
-    return bool(not is_off and (model.npair or (masks * apart).any()))
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+        return False
+    if model.npair:
+        return True
+    # Two geoms collide if the type of one matches the affinity of the other (MuJoCo, "Collision detection").
+    matches = model.geom_contype[:, None] & model.geom_conaffinity[None]
+    can_collide = matches | matches.T
+    is_other_body = model.geom_bodyid[:, None] != model.geom_bodyid[None]
+    return bool((can_collide * is_other_body).any())
 
 
 def _can_touch_ground(model: mujoco.MjModel) -> bool:
     return has_contacts(model) and bool((model.geom_bodyid == 0).any())
 
 
-def _unlimited(model: mujoco.MjModel) -> list[bool]:
-    return [control_range(model, actuator) is None for actuator in range(model.nu)]
-
-
-def _trial(system: ModelSystem) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return (states (B, T+1, S), controls, super step) of trial runs under random controls that jump at every step."""
+def _trial(system: ModelSystem) -> Trial:
+    """Return trial runs by the model's own scheme."""
     rng = np.random.default_rng(TRIAL_SEED)
     dt = proposed_substeps(system.physics_dt) * system.physics_dt
     starts = system.sample_starts(rng, TRIAL_RUNS)
     shape = (TRIAL_RUNS, round(TRIAL_SECONDS / dt), system.control.size)
     controls = system.bounds.middle + rng.uniform(-1, 1, shape) * system.bounds.half
     runs = system.simulate(starts, controls, dt, scheme=system.scheme)
-    return runs.states[~runs.has_diverged], controls[~runs.has_diverged], dt
+    is_whole = ~runs.has_diverged
+    return Trial(runs.states[is_whole], controls[is_whole], dt)
 
 
-def _usual_speeds(system: ModelSystem, path: Path) -> dict[str, tuple[float, ...]]:
-    """Return per joint the rms of its speeds in trial runs: random starts should be as fast as use is."""
-    states, _, _ = _trial(system)
+def _usual_velocities(system: ModelSystem, path: Path) -> dict[str, tuple[float, ...]]:
+    """Return per joint the rms of its velocities in trial runs: random starts should be as fast as use is."""
+    states = _trial(system).states
     if len(states) < TRIAL_RUNS / 2:
         raise BadFileError(
             f"{path.name}: {TRIAL_RUNS - len(states)} of {TRIAL_RUNS} trial runs under random controls diverged at the "
@@ -202,46 +283,60 @@ def _usual_speeds(system: ModelSystem, path: Path) -> dict[str, tuple[float, ...
         )
     velocities = {}
     for view in system.views:
-        size = {"free": 6, "ball": 3}.get(view.kind, 1)
-        rms = np.sqrt(np.mean(states[..., view.rate : view.rate + size] ** 2, axis=(0, 1)))
+        size = VELOCITY_SIZES[view.kind]
+        joint_velocities = states[..., view.rate : view.rate + size]
+        rms = np.sqrt(np.mean(joint_velocities**2, axis=(0, 1)))
         velocities[view.name] = tuple(float(f"{value:.2g}") for value in rms)
     return velocities
 
 
-def _teacher(system: ModelSystem) -> tuple[Scheme, float, float]:
-    """Return (the cheapest scheme good enough to teach, its error, the model's own error) by trial."""
-    states, controls, dt = _trial(system)
-    starts, held = (
-        states[:, :-1].reshape(-1, system.state.size),
-        controls.reshape(-1, 1, system.control.size),
-    )
-    with phase("simulating finely"):
-        exact = system.simulate(starts, held, dt, scheme=system.fine)
-    frame = Frame.of(system.structure, dt)
-    unit = np.maximum(frame.difference(starts, exact.states[:, 1]).std(axis=0), 1e-9)
+def _teacher(system: ModelSystem) -> Teacher:
+    """Return the cheapest scheme that is good enough to teach, by trial.
 
-    def error(scheme: Scheme) -> float:
-        runs = system.simulate(starts, held, dt, scheme=scheme)
+    Raises ArgumentError if every scheme diverges.
+    """
+    trial = _trial(system)
+    starts = trial.states[:, :-1].reshape(-1, system.state.size)
+    controls = trial.controls.reshape(-1, 1, system.control.size)
+    with phase("simulating finely"):
+        exact = system.simulate(starts, controls, trial.dt, scheme=system.fine).states[:, 1]
+    frame = Frame.of(system.structure, trial.dt)
+    unit = np.maximum(frame.difference(starts, exact).std(axis=0), MIN_CHANGE)
+
+    def error_of(scheme: Scheme) -> float:
+        runs = system.simulate(starts, controls, trial.dt, scheme=scheme)
         if runs.has_diverged.any():
             return float("inf")
-        return float(
-            np.sqrt(np.mean((frame.difference(exact.states[:, 1], runs.states[:, 1]) / unit) ** 2))
-        )
+        differences = frame.difference(exact, runs.states[:, 1]) / unit
+        return float(np.sqrt(np.mean(differences**2)))
 
-    step, own = system.physics_dt, error(system.scheme)
-    ways = [Scheme("rk4", step), system.scheme, Scheme("rk4", step / 2), Scheme("rk4", step / 5)]
-    ways += [Scheme(system.scheme.integrator, step / parts) for parts in (2, 5)]
+    own_error = error_of(system.scheme)
+    schemes = _schemes_to_try(system)
     errors = []
-    with progress_bar("physics steps tried", len(ways)) as bar:
-        for way in ways:
-            errors.append(error(way))
-            bar.advance_to(len(errors), f"{way.integrator} {way.dt * 1e3:.3g} ms")
-    for way, found in zip(ways, errors, strict=True):
-        if found <= GOOD_ENOUGH:
-            return way, found, own
+    with progress_bar("physics steps tried", len(schemes)) as bar:
+        for scheme in schemes:
+            errors.append(error_of(scheme))
+            bar.advance_to(len(errors), f"{scheme.integrator} {scheme.dt * 1e3:.3g} ms")
+    for scheme, error in zip(schemes, errors, strict=True):
+        if error <= MAX_TEACHER_ERROR:
+            return Teacher(scheme, error, own_error)
     best = int(np.argmin(errors))
     if not np.isfinite(errors[best]):
         raise ArgumentError(
             "No scheme steps this model without diverging. Use a smaller timestep in the model."
         )
-    return ways[best], errors[best], own
+    return Teacher(schemes[best], errors[best], own_error)
+
+
+def _schemes_to_try(system: ModelSystem) -> list[Scheme]:
+    """Return the schemes that may teach, about the cheapest first."""
+    step = system.physics_dt
+    own = system.scheme
+    return [
+        Scheme("rk4", step),
+        own,
+        Scheme("rk4", step / 2),
+        Scheme("rk4", step / 5),
+        Scheme(own.integrator, step / 2),
+        Scheme(own.integrator, step / 5),
+    ]

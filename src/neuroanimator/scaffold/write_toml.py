@@ -1,4 +1,4 @@
-"""Somebody's model becomes a TOML file to edit."""
+"""Write the TOML file that `neuroanimator new` proposes for a model, a step function or recordings."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TITLES = {
     "sampling.position": "Half the width of the spread [rad or m].",
     "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs.",
 }
-"""What stands above each table of the TOML file."""
+"""Each table of a model's TOML file stands under its title."""
 
 PART_TITLES = {
     "physics": "The step the function is called with, or the sampling interval [s].\n"
@@ -40,16 +40,20 @@ PART_TITLES = {
     "control": "The control, part by part, with its least (low) and greatest (high) values.",
     "sampling": "Random starts: a share of them near rest, spread by a share of the others' spread.",
 }
-"""The same for systems without a model file."""
+"""Each table of the TOML file of a step function or recordings stands under its title."""
 
-OTHER_DOORS = {".py": propose_function, ".csv": propose_recording, ".npz": propose_recording}
-"""What is not a model: a step function, recordings."""
+PROPOSERS = {".py": propose_function, ".csv": propose_recording, ".npz": propose_recording}
+"""A file with one of these endings is no model: its definition is proposed by this function."""
+
+TOP_KEYS = ("name", "kind", "model", "file", "batched", "substeps", "sensors")
+"""These keys belong to no table; TOML wants them before the first one."""
 
 GROUP_HINT = """
 # Limbs, or other parts of the body, and their joints: with them 'train --network hierarchy' works.
 # [groups]
 # limb = ["JOINT"]
 """
+"""This comment stands at the end of a model's TOML file."""
 
 GOAL_HINT = """
 # A goal for 'neuroanimator control': a state, or part of one, to be in at the end.
@@ -58,6 +62,7 @@ GOAL_HINT = """
 # reach = { "PART" = [1.0] }
 # within = { "PART" = 0.1 }
 # PARTs: """
+"""This comment ends a TOML file that may name goals; the names of the parts follow it."""
 
 
 def write_definition(
@@ -66,7 +71,8 @@ def write_definition(
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
-    run to see what it does.
+    run to see what it does. Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside
+    the model, or if the name is taken; BadFileError for what cannot be emulated.
     """
     source = Path(model)
     if not source.suffix:
@@ -81,23 +87,26 @@ def write_definition(
             f"{path}: the TOML file must lie beside the model, in {source.parent or '.'}."
         )
     proposal = _propose(source)
-    if proposal.definition.name in SYSTEMS:
-        raise ArgumentError(
-            f"'{proposal.definition.name}' is a system of the package. Rename {source.name}."
-        )
+    name = proposal.definition.name
+    if name in SYSTEMS:
+        raise ArgumentError(f"'{name}' is a system of the package. Rename {source.name}.")
     write_whole(path, as_toml(proposal).encode())
     return path, proposal
 
 
 def _propose(source: Path) -> Proposal:
-    if source.suffix not in OTHER_DOORS:
+    """Return the proposal for the file `source`, by its ending."""
+    if source.suffix not in PROPOSERS:
         return propose(source)
-    trust_file(source)  # whoever asks for a definition of a step function asks for it to be run
-    definition, notes = OTHER_DOORS[source.suffix](source)
-    return Proposal(definition, notes, [part.name for part in definition.state])
+    # Whoever asks for a definition of a step function asks for it to be run.
+    trust_file(source)
+    definition, notes = PROPOSERS[source.suffix](source)
+    parts = [part.name for part in definition.state]
+    return Proposal(definition, notes, parts)
 
 
 def _copy_from_gymnasium(name: str, folder: Path) -> Path:
+    """Copy the MJCF of the environment `name` into `folder` and return its path there."""
     from neuroanimator.gym import mjcf_of
 
     original = mjcf_of(name)
@@ -113,60 +122,72 @@ def as_toml(proposal: Proposal) -> str:
     definition = proposal.definition
     is_model = isinstance(definition, Definition)
     values = definition.model_dump(mode="json", exclude_unset=not is_model)
-    top = {
-        key: values.pop(key)
-        for key in ("name", "kind", "model", "file", "batched", "substeps", "sensors")
-        if key in values
-    }
+    top = {key: values.pop(key) for key in TOP_KEYS if key in values}
     values.pop("goals", None)
     values.pop("groups", None)
-    source, titles = (top["model"], TITLES) if is_model else (top["file"], PART_TITLES)
+    titles = PART_TITLES
+    source = top.get("file")
+    if is_model:
+        titles = TITLES
+        source = top["model"]
     lines = [
         f"# How NeuroAnimator sees {source}. Edit what you know better; every line is checked when used."
     ]
-    lines += [_line(key, value, proposal.notes.get(key, "")) for key, value in top.items()]
+    for key, value in top.items():
+        lines.append(_line(key, value, proposal.notes.get(key, "")))
     for name, table in values.items():
-        write: Any = _parts if isinstance(table, list) else _table
-        lines += write(name, table, proposal.notes, titles)
-    lines += GROUP_HINT.splitlines() if is_model else []
-    hint = GOAL_HINT + ", ".join(proposal.parts) + "\n"
-    return "\n".join(lines) + "\n" + (hint if "goals" in type(definition).model_fields else "")
+        if isinstance(table, list):
+            lines += _array_of_tables(name, table, proposal.notes, titles)
+        else:
+            lines += _table(name, table, proposal.notes, titles)
+    if is_model:
+        lines += GROUP_HINT.splitlines()
+    text = "\n".join(lines) + "\n"
+    if "goals" in type(definition).model_fields:
+        text += GOAL_HINT + ", ".join(proposal.parts) + "\n"
+    return text
 
 
-def _parts(
-    name: str, parts: list[dict[str, Any]], notes: dict[str, str], titles: dict[str, str]
+def _array_of_tables(
+    name: str, tables: list[dict[str, Any]], notes: dict[str, str], titles: dict[str, str]
 ) -> list[str]:
-    lines = [
-        "",
-        f"# {titles[name]}",
-        *(f"# {key}: {note}" for key, note in notes.items() if key.startswith(f"{name}.")),
-    ]
-    for part in parts:
-        lines += [f"[[{name}]]", *(_line(key, value, "") for key, value in part.items()), ""]
+    """Return the lines of the tables `[[name]]`, under one title and all notes on them."""
+    lines = ["", f"# {titles[name]}"]
+    for key, note in notes.items():
+        if key.startswith(f"{name}."):
+            lines.append(f"# {key}: {note}")
+    for table in tables:
+        lines.append(f"[[{name}]]")
+        for key, value in table.items():
+            lines.append(_line(key, value, ""))
+        lines.append("")
+    # No empty line after the last.
     return lines[:-1]
 
 
 def _table(
     name: str, table: dict[str, Any], notes: dict[str, str], titles: dict[str, str]
 ) -> list[str]:
+    """Return the lines of the table `[name]` and of those inside it; none if it is empty."""
     if not table:
         return []
     lines = ["", f"# {titles[name]}", f"[{name}]"]
-    lines += [
-        _line(key, value, notes.get(f"{name}.{key}", ""))
-        for key, value in table.items()
-        if not isinstance(value, dict)
-    ]
+    inner_lines = []
     for key, value in table.items():
         if isinstance(value, dict):
-            lines += _table(f"{name}.{key}", value, notes, titles)
-    return lines
+            inner_lines += _table(f"{name}.{key}", value, notes, titles)
+        else:
+            lines.append(_line(key, value, notes.get(f"{name}.{key}", "")))
+    return lines + inner_lines
 
 
 def _line(key: str, value: Any, note: str) -> str:
-    name = (
-        key
-        if key.replace("_", "").replace("-", "").isalnum() and key.isascii()
-        else json.dumps(key)
-    )
-    return f"{name} = {json.dumps(value, ensure_ascii=False)}" + (f"  # {note}" if note else "")
+    """Return `key = value`, with the note as a comment if there is one."""
+    name = key
+    is_bare_key = key.replace("_", "").replace("-", "").isalnum() and key.isascii()
+    if not is_bare_key:
+        name = json.dumps(key)
+    line = f"{name} = {json.dumps(value, ensure_ascii=False)}"
+    if note:
+        line += f"  # {note}"
+    return line
