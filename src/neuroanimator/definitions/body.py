@@ -4,7 +4,7 @@
     kind = "mass-spring"
 
     [nodes]
-    a = [0.0, 0.0, 0.1, 0.02]            # place [m] and mass [kg]
+    a = [0.0, 0.0, 0.1, 0.02]            # position [m] and mass [kg]
 
     [springs.edges]
     stiffness = 50.0                     # [N/m]
@@ -26,16 +26,19 @@ from neuroanimator.parsing.names import PartName, SystemName
 from neuroanimator.tables import Finite, Positive, Share, Step, Table
 
 Integrator = Literal["symplectic", "semi-implicit", "rk4"]
-
+"""These are the names of the integrators of deformable systems."""
 
 NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
-
+"""Such a number may be zero, for a thing without the effect it measures."""
 
 Pair = tuple[PartName, PartName]
+"""A spring joins the two nodes of a pair."""
 
+MAX_NODES = 300
+"""A body may have this many mass points: its definition may come from a stranger, and costs grow with them."""
 
-MAX_NODES, MAX_SPRINGS = 300, 3000
-"""A definition may come from a stranger, and costs grow with these."""
+MAX_SPRINGS = 3000
+"""A body may have this many springs, for the same reason."""
 
 
 class BodyPhysics(Table):
@@ -61,7 +64,7 @@ class MuscleTable(Table):
     """Springs that shorten when told to; every control is one muscle from -1, longest, to 1, shortest."""
 
     shorten: Annotated[float, Field(gt=0, lt=0.9)]
-    """Share of its length by which a muscle shortens or lengthens."""
+    """Share of its length by which a muscle shortens or lengthens at full control."""
     time_constant: Annotated[float, Field(ge=0, le=10)] = 0.0
     """[s] Time constant with which it follows its control."""
     springs: dict[PartName, tuple[Pair, ...]] = Field(min_length=1, max_length=100)
@@ -69,7 +72,7 @@ class MuscleTable(Table):
 
 
 class WaterTable(Table):
-    """See `body.Water`."""
+    """Water around the body; `systems.deformable.body.Water` explains the keys."""
 
     face_drag: NotNegative
     drag: NotNegative = 0.0
@@ -80,7 +83,7 @@ class WaterTable(Table):
 
 
 class GroundTable(Table):
-    """See `body.Ground`."""
+    """Ground under the body; `systems.deformable.body.Ground` explains the keys."""
 
     stiffness: Positive
     damping: NotNegative = 0.0
@@ -89,11 +92,11 @@ class GroundTable(Table):
 
 
 class GaitTable(Table):
-    """See `gait.Gait`."""
+    """The controls of a usual motion; `state.gait.Gait` explains the keys."""
 
     period: Positive
     controls: dict[PartName, tuple[Finite, Finite]]
-    """Per control, amplitude and lag [rad]; others rest."""
+    """Per control, amplitude and lag [rad]; controls not named stay at rest."""
 
 
 class BodySampling(Table):
@@ -104,13 +107,13 @@ class BodySampling(Table):
     warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
     """Starts are taken from this first stretch of random driving [s]."""
     velocity: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
-    """Standard deviation of the speeds along the body's own axes [m/s]."""
+    """Standard deviation of the velocity along each of the body's own axes [m/s]."""
     angular_velocity: NotNegative = 0.0
     """Standard deviation of each angular velocity [rad/s]."""
     tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
     """Standard deviation of the tilt [rad], where weight is felt; without weight a body starts turned anyhow."""
     height: tuple[Finite, Finite] = (0.0, 0.0)
-    """Least and largest height over its place at rest [m]."""
+    """Lowest and highest start over the height at rest [m]."""
     strain: Annotated[float, Field(ge=0, le=0.5)] = 0.0
     """Standard deviation of a random stretch of the whole body along each of its axes."""
 
@@ -123,7 +126,7 @@ class BodyDefinition(Table):
     substeps: int = Field(50, ge=1, le=1000)
     physics: BodyPhysics
     nodes: dict[PartName, tuple[Finite, Finite, Finite, Finite]] = Field(min_length=2)
-    """Place at rest [m] and mass [kg]; X forward, Z up."""
+    """Position at rest [m] and mass [kg] of each mass point; X forward, Z up."""
     rest_height: Finite = 0.0
     """[m] Added to the height of every node where the body is put at rest: a swimmer rests under the surface."""
     springs: dict[PartName, SpringTable] = Field(min_length=1, max_length=50)
@@ -139,14 +142,16 @@ class BodyDefinition(Table):
     water: WaterTable | None = None
     ground: GroundTable | None = None
     probes: Annotated[tuple[tuple[Finite, Finite, Finite], ...], Field(max_length=32)] = ()
-    """Places [m] as in `nodes` whose height over ground or water's surface an emulator is shown."""
+    """Positions [m] as in `nodes` whose height over ground or water's surface is a feature of an emulator."""
     gait: GaitTable | None = None
     skin: SkinTable | None = None
-    """What is drawn; without it, a ball at every mass point."""
+    """The surface that is drawn; without it, a ball at every mass point."""
     sampling: BodySampling = BodySampling()
     goals: dict[SystemName, GoalTable] = Field(default={})
 
 
 def control_names(definition: BodyDefinition) -> list[str]:
     """Return the names of the controls in order."""
-    return list(definition.muscles.springs if definition.muscles else definition.external_forces)
+    if definition.muscles:
+        return list(definition.muscles.springs)
+    return list(definition.external_forces)

@@ -1,4 +1,6 @@
-"""The JSON text a user's own system travels as, with its datasets and emulators: read and checked, nothing made of it.
+"""Read and check the JSON text that holds a user's own system inside its datasets and emulators.
+
+No system is made of it here.
 
 It comes out of files that strangers may have written, so it is held to the rules of a TOML file, and it can only
 *name* a step function or recordings. What it names is opened where the user allows it, see `systems/trusted_files.py`.
@@ -21,7 +23,7 @@ from neuroanimator.tables import check_table
 from neuroanimator.text import quoted
 
 MAX_TEXT = 512 * 1024
-"""Largest JSON text of a system [bytes]: an emulator file carries it in its header."""
+"""The JSON text of a system may have this many bytes: an emulator file carries it in its header."""
 
 TABLES: dict[str, type[Any]] = {
     "mujoco": Definition,
@@ -29,17 +31,22 @@ TABLES: dict[str, type[Any]] = {
     "python": PythonDefinition,
     "recorded": RecordedDefinition,
 }
-"""What a definition of each kind may hold."""
+"""A definition of each kind is checked against this table."""
 
 SHA256 = r"[0-9a-f]{64}"
+"""A sha256 is written like this."""
 
 MAX_ROWS = 10**9
-"""Of one recorded run."""
+"""A recorded run may have this many rows."""
 
 MAX_ORIGIN = 40
-"""Characters that say where in its file a recorded run begins."""
+"""This many characters may say where in its file a recorded run begins."""
 
 DAMAGED = "The system's definition is damaged"
+"""Errors about a definition that travelled begin like this."""
+
+DT_TOLERANCE = 1e-6
+"""A super step may be off the whole number of physics steps it is by this share of it: floating-point rounding."""
 
 
 class Written(NamedTuple):
@@ -47,14 +54,16 @@ class Written(NamedTuple):
 
     kind: str
     definition: Any
-    """The checked table, one of `TABLES`."""
+    """The checked table, one of `TABLES`, by `kind`."""
     files: Any
-    """As JSON: a model's files; of a step function or recordings their name and sha256."""
+    """JSON values: a model's files; of a step function or recordings their name and sha256."""
 
 
 def kind_of(values: Any) -> str:
     """Return the kind of system a table defines; ArgumentError lists the kinds."""
-    name = values.get("kind", "mujoco") if isinstance(values, dict) else values
+    name = values
+    if isinstance(values, dict):
+        name = values.get("kind", "mujoco")
     if not isinstance(name, str) or name not in TABLES:
         raise ArgumentError(
             f"kind: no kind of system called {quoted(name)}. Kinds: {', '.join(TABLES)}."
@@ -63,12 +72,13 @@ def kind_of(values: Any) -> str:
 
 
 def read_definition_text(text: str) -> Written:
-    """Return what `text` says; ArgumentError or BadFileError names what is wrong with it."""
+    """Return the definition in the JSON `text`; ArgumentError or BadFileError names what is wrong with it."""
     if len(text) > MAX_TEXT:
         raise BadFileError(f"{DAMAGED}: {len(text):,} characters; wanted at most {MAX_TEXT:,}.")
     try:
         values = parse_json_object(text, MAX_TEXT)
-        definition, files = values["definition"], values["files"]
+        definition = values["definition"]
+        files = values["files"]
     except (ValueError, KeyError, TypeError) as error:
         raise BadFileError(f"{DAMAGED}. Make the dataset or emulator again.") from error
     kind = kind_of(definition)
@@ -81,6 +91,7 @@ def read_definition_text(text: str) -> Written:
 
 
 def _check_files(kind: str, files: Any) -> None:
+    """Raise ValueError, KeyError or TypeError unless `files` names a file as a definition of this kind does."""
     if kind not in ("python", "recorded"):
         return
     check_file_name(files["name"])
@@ -107,11 +118,8 @@ def check_carried(system: str, text: str, substeps: int, dt: float) -> None:
     definition = read_definition_text(text).definition
     if definition.name != system:
         raise ValueError(f"definition: of the system '{definition.name}', not '{system}'")
-    if abs(substeps * definition.physics.step - dt) > DT_OFF * dt:
+    whole_dt = substeps * definition.physics.step
+    if abs(whole_dt - dt) > DT_TOLERANCE * dt:
         raise ValueError(
             f"dt: {substeps} physics steps of {definition.physics.step:g} s make no super step of {dt:g} s"
         )
-
-
-DT_OFF = 1e-6
-"""Share by which a super step may be off the whole number of physics steps it is."""

@@ -1,4 +1,4 @@
-"""A system whose physics is a Python function, written down."""
+"""The tables of a TOML file about a system whose physics is a Python function."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from neuroanimator.tables import MIN_STEP, Share, Table
 
 
 class FunctionPhysics(Table):
-    """The steps a Python function is called with [s]; see `System.scheme`, `truth` and `fine`."""
+    """The values of dt [s] that a Python function is called with; see `System.scheme`, `truth` and `fine`."""
 
     step: Annotated[float, Field(ge=MIN_STEP, le=10)]
     truth_step: Annotated[float, Field(ge=MIN_STEP, le=10)]
@@ -24,7 +24,9 @@ class StartSampling(Table):
     """Random starts of training runs, around the state of rest."""
 
     rest_share: Share = 0.3
+    """Share of starts that are near rest, where most motions begin."""
     rest_spread: Share = 0.15
+    """Spread of such a start, as a share of the others'."""
 
 
 class PythonDefinition(Table):
@@ -36,6 +38,7 @@ class PythonDefinition(Table):
     batched: bool = False
     """Whether the function also takes (S, B) states and (C, B) controls at once."""
     substeps: int = Field(50, ge=1, le=1000)
+    """Calls of the function in a super step, if nothing else is asked for."""
     physics: FunctionPhysics
     state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
     control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)

@@ -1,4 +1,4 @@
-"""Goals a definition names."""
+"""The table of a TOML file that names a goal of control."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ class GoalTable(Table):
     """A state, or part of one, worth reaching."""
 
     seconds: Annotated[float, Field(gt=0, le=60)] = 2.0
+    """Time in which to get there [s]."""
     site: str = ""
     """A site of the model where a free root should be, at rest and turned as the site is."""
     reach: dict[str, tuple[Finite, ...]] = Field(default={})
-    """Parts of the state and their wanted values."""
+    """Parts of the state and the values they should have at the end."""
     start: dict[str, tuple[Finite, ...]] = Field(default={})
     """Parts of the state a motion to this goal starts with, if nothing else is said; others are as at rest."""
     within: dict[str, Positive] = Field(default={})
-    """How far off each of these parts may be; 0.1 of its unit if not said."""
+    """Largest error of each of these parts, in its unit; 0.1 if not said."""

@@ -1,4 +1,6 @@
-"""A system written down: a TOML file beside its model, checked key by key.
+"""The tables of a TOML file about a system whose physics is a MuJoCo model.
+
+The file lies beside its model and is checked key by key:
 
     name = "hopper"
     model = "hopper.xml"
@@ -20,7 +22,10 @@ from neuroanimator.parsing.names import FileName, PartName, SystemName
 from neuroanimator.tables import Finite, Share, Step, Table
 
 Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
+"""These are our names of MuJoCo's integrators."""
+
 Feature = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
+"""A joint is represented to the network by one of these; `systems.rigid.joints.FEATURES` says which suit it."""
 
 
 class Physics(Table):
@@ -35,14 +40,14 @@ class Physics(Table):
 
 
 class FrameTable(Table):
-    """What of the root's position matters."""
+    """How much of the root's position and orientation matters to the motion."""
 
     ground: bool = False
     """Whether its height matters."""
     probes: tuple[tuple[Finite, Finite, Finite, Finite], ...] = ()
     """Round parts of its body whose height over the ground matters: x, y, z, radius [m]."""
     symmetry_order: Annotated[int, Field(ge=1, le=64)] = 1
-    """How many turns about its own Z axis make a whole one, each of which leaves the body as it was."""
+    """Order of the body's symmetry about its own Z axis: turned by a whole turn over this, it is as it was."""
     symmetry_controls: tuple[tuple[str, str], ...] = ()
     """Pairs of controls that turn with it, as X and Y do: torques about X and Y."""
     planar: Annotated[tuple[str, ...], Field(max_length=3)] = ()
@@ -59,13 +64,13 @@ class Sampling(Table):
     warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
     """Starts are taken from this first stretch of random driving [s], so that contacts have settled in most."""
     height: tuple[Finite, Finite] = (0.0, 0.0)
-    """Least and largest height of a free root over its place at rest [m]."""
+    """Lowest and highest start of a free root over its height at rest [m]."""
     tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
     """Standard deviation of a free root's tilt [rad]."""
     position: dict[str, Annotated[float, Field(ge=0, le=1e4)]] = Field(default={})
     """Per hinge or slide: half the width of the uniform spread [rad or m]; a ball's standard deviation [rad]."""
     velocity: dict[str, tuple[Annotated[float, Field(ge=0, le=1e4)], ...]] = Field(default={})
-    """Per joint: standard deviation of each of its speeds [rad/s or m/s]; a root's along its own axes."""
+    """Per joint: standard deviation of each of its velocities [rad/s or m/s]; a root's along its own axes."""
 
 
 class Definition(Table):
@@ -78,7 +83,7 @@ class Definition(Table):
     model: FileName
     physics: Physics
     state: dict[str, Feature] = Field(default={})
-    """Per joint, how the network sees it."""
+    """Per joint, the feature that represents it to the network."""
     control: dict[str, tuple[Finite, Finite]] = Field(default={})
     """Per actuator, its least and largest value."""
     sensors: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""Named parts of a state or control, of systems without a model file."""
+"""The tables of a TOML file about the parts of state and control, for systems without a model file."""
 
 from __future__ import annotations
 
@@ -16,8 +16,12 @@ class StatePart(Table):
     name: PartName
     unit: str
     size: int = Field(1, ge=1, le=256)
+    """Length of the part, a vector in one unit."""
     feature: Literal["plain", "sine", "cyclic"] = "plain"
-    """How the network sees it: as it is; by sine and cosine; or not at all, for it does not matter where it is."""
+    """How it is represented to the network: as it is, by sine and cosine, or not at all.
+
+    A cyclic part is left out: where it is does not matter, only how fast it moves.
+    """
     rate: str = ""
     """The part that is its rate of change; empty if none is."""
     rest: tuple[Finite, ...] = ()
@@ -32,4 +36,6 @@ class ControlPart(Table):
     name: PartName
     unit: str
     low: tuple[Finite, ...] = Field(min_length=1, max_length=256)
+    """Least value of each of its numbers."""
     high: tuple[Finite, ...] = Field(min_length=1, max_length=256)
+    """Largest value of each of its numbers."""

@@ -1,4 +1,4 @@
-"""A system known from recordings alone, written down."""
+"""The tables of a TOML file about a system known from recordings alone."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ class RecordedPhysics(Table):
     """How often recordings were sampled."""
 
     step: Annotated[float, Field(ge=MIN_STEP, le=3600)]
+    """Interval between two samples [s]."""
 
 
 class RecordedDefinition(Table):

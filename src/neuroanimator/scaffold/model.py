@@ -45,7 +45,7 @@ MIN_CHANGE = 1e-9
 """An entry that changes less than this in a super step does not count by more than its difference over this."""
 
 LEVEL_TOLERANCE = 1e-9
-"""An axis is level if its product with gravity is below this, and at right angles to another likewise: rounding only."""
+"""An axis is level, or at right angles to another, if their product is below this: rounding only."""
 
 WARM_UP = 1.0
 """A model with contacts is driven for this long [s] before a run is recorded, so that contacts have settled."""

@@ -1,4 +1,4 @@
-"""Systems from definitions: the packaged ones, and anybody's own by their TOML file.
+"""Make systems from definitions: the packaged ones, and a user's own by their TOML file.
 
 What makes up a user's system travels as one JSON text with its datasets and emulators, so that
 they can be measured, refined and replayed. A model travels whole. A step function and recordings
@@ -39,17 +39,17 @@ def packaged(name: str) -> System:
     return ModelSystem(definition, load_model(definition.model))
 
 
-class Kind(NamedTuple):
-    """How systems of one kind are read, written down, and made again."""
+class Loader(NamedTuple):
+    """The functions that write down systems of one kind and make them again."""
 
-    source: str
-    """Key that names the file beside the TOML; empty if there is none."""
+    file_key: str
+    """Key of the TOML that names the file beside it; empty if there is none."""
     needs_trust: bool
     """Whether that file is run or opened again later, where the user must have allowed it."""
     pack: Callable[[Path], Any]
-    """What of that file travels along, as JSON."""
+    """Returns what of that file travels along, as JSON values."""
     make: Callable[[Any, Any, str], System]
-    """From (definition, what travelled along, text) to the system."""
+    """Returns the system made of (definition, what travelled along, definition text)."""
 
 
 def _pack_model(path: Path) -> Any:
@@ -79,17 +79,16 @@ def _make_body(definition: BodyDefinition, files: None, text: str) -> System:
     return DeformableSystem(definition, text)
 
 
-KINDS = {
-    "mujoco": Kind("model", False, _pack_model, _make_model),
-    "mass-spring": Kind("", False, _pack_nothing, _make_body),
-    "python": Kind("file", True, _pack_function, PythonSystem),
-    "recorded": Kind("file", True, _pack_recording, RecordedSystem),
+LOADERS = {
+    "mujoco": Loader("model", False, _pack_model, _make_model),
+    "mass-spring": Loader("", False, _pack_nothing, _make_body),
+    "python": Loader("file", True, _pack_function, PythonSystem),
+    "recorded": Loader("file", True, _pack_recording, RecordedSystem),
 }
-"""By the names in `definitions.carried.TABLES`."""
-
+"""Each kind of system has its loader; the kinds are those of `definitions.carried.TABLES`."""
 
 USUAL_SUBSTEPS = 50
-"""Physics steps in a super step of a system of the package, if nothing else is said."""
+"""A super step of a system of the package has this many physics steps, if nothing else is said."""
 
 
 def trust_files(toml: str | Path) -> None:
@@ -100,21 +99,22 @@ def trust_files(toml: str | Path) -> None:
     emulator or policy can. A TOML file of another kind allows nothing.
     """
     path = Path(toml)
-    kind, definition = _read_definition(path)
-    if kind.needs_trust:
-        trust_file(_source(path, kind, definition))
+    loader, definition = _read_definition(path)
+    if loader.needs_trust:
+        trust_file(_source(path, loader, definition))
 
 
 def resolve(reference: str) -> tuple[str, str, int]:
     """Return (name, definition text, usual substeps) of what a user calls a system: its name, or its TOML file.
 
-    Runs nothing and allows nothing: see `trust_files`, which recordings need before.
+    Runs nothing and allows nothing: see `trust_files`, which recordings need before. The text is empty for a system
+    of the package. Raises ArgumentError or BadFileError for a wrong definition or one that is too long.
     """
     if not reference.endswith(".toml"):
         return reference, "", USUAL_SUBSTEPS
     path = Path(reference)
-    kind, definition = _read_definition(path)
-    files = kind.pack(_source(path, kind, definition))
+    loader, definition = _read_definition(path)
+    files = loader.pack(_source(path, loader, definition))
     text = canonical_json({"definition": definition.model_dump(mode="json"), "files": files})
     if len(text) > MAX_TEXT:
         raise BadFileError(
@@ -125,19 +125,22 @@ def resolve(reference: str) -> tuple[str, str, int]:
     return definition.name, text, definition.substeps
 
 
-def _read_definition(path: Path) -> tuple[Kind, Any]:
-    """Return the kind of system a TOML file defines, and its checked definition."""
+def _read_definition(path: Path) -> tuple[Loader, Any]:
+    """Return the loader for the kind of system a TOML file defines, and the checked definition."""
     values = read_toml(path)
-    name = kind_of(values)
-    return KINDS[name], check_table(values, path.name, TABLES[name])
+    kind = kind_of(values)
+    return LOADERS[kind], check_table(values, path.name, TABLES[kind])
 
 
-def _source(path: Path, kind: Kind, definition: Any) -> Path:
+def _source(path: Path, loader: Loader, definition: Any) -> Path:
     """Return the file beside a TOML file that it names, or its folder if it names none."""
-    return path.parent / (getattr(definition, kind.source) if kind.source else "")
+    if not loader.file_key:
+        return path.parent
+    return path.parent / getattr(definition, loader.file_key)
 
 
 def from_text(text: str) -> System:
     """Return the system `resolve` wrote down. It is checked like any stranger's, and no code of its runs."""
     written = read_definition_text(text)
-    return KINDS[written.kind].make(written.definition, written.files, text)
+    loader = LOADERS[written.kind]
+    return loader.make(written.definition, written.files, text)

@@ -1,10 +1,12 @@
-"""From the parts of a state and a control a definition lists to layouts, bounds and structure."""
+"""Make layouts, bounds and structure of the parts of state and control that a definition lists."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.definitions.parts import ControlPart, StatePart
 from neuroanimator.errors import ArgumentError
@@ -13,79 +15,116 @@ from neuroanimator.state.structure import Structure
 from neuroanimator.state.units import known_unit
 
 MAX_STATE = 1000
-"""Most numbers in a state: a definition may come from a stranger, and memory grows with their square."""
+"""A state may have this many numbers: a definition may come from a stranger, and memory grows with their square."""
 
 
 def layout_of_state(parts: Sequence[StatePart]) -> Layout:
-    """Return the parts as a vector; refuse names that clash and unknown units."""
+    """Return the parts as a vector.
+
+    Raises ArgumentError for two parts of one name, for too many numbers and for an unknown unit.
+    """
     _refuse_clash("state", [part.name for part in parts])
     if sum(part.size for part in parts) > MAX_STATE:
         raise ArgumentError(
             f"state: wanted at most {MAX_STATE} numbers. Leave out what does not matter."
         )
-    return Layout(
-        tuple(
-            Slice(part.name, part.size, known_unit(part.unit, f"state.{part.name}"))
-            for part in parts
-        )
-    )
+    slices = []
+    for part in parts:
+        unit = known_unit(part.unit, f"state.{part.name}")
+        slices.append(Slice(part.name, part.size, unit))
+    return Layout(tuple(slices))
 
 
 def layout_of_control(parts: Sequence[ControlPart]) -> tuple[Layout, Bounds]:
-    """Return the parts as a vector with its bounds."""
+    """Return the parts as a vector with its bounds.
+
+    Raises ArgumentError for two parts of one name, for bounds that are empty and for an unknown unit.
+    """
     _refuse_clash("control", [part.name for part in parts])
     for part in parts:
-        pairs = zip(part.low, part.high, strict=False)
-        if len(part.low) != len(part.high) or not all(low < high for low, high in pairs):
-            raise ArgumentError(
-                f"control.{part.name}: wanted as many numbers in low as in high, each below its partner, "
-                f"came {list(part.low)} and {list(part.high)}."
-            )
-    slices = tuple(
-        Slice(p.name, len(p.low), known_unit(p.unit, f"control.{p.name}")) for p in parts
-    )
-    low, high = (sum((getattr(part, side) for part in parts), ()) for side in ("low", "high"))
-    return Layout(slices), Bounds(low, high)
+        _refuse_empty_bounds(part)
+    slices = []
+    low: list[float] = []
+    high: list[float] = []
+    for part in parts:
+        unit = known_unit(part.unit, f"control.{part.name}")
+        slices.append(Slice(part.name, len(part.low), unit))
+        low += part.low
+        high += part.high
+    return Layout(tuple(slices)), Bounds(tuple(low), tuple(high))
 
 
-def numbers_of(parts: Sequence[StatePart], key: str) -> np.ndarray:
-    """Return (S,) every part's `rest` or `spread`, zeros where it is left out."""
-    rows = []
+def _refuse_empty_bounds(part: ControlPart) -> None:
+    """Raise ArgumentError unless each number in `low` is below its partner in `high`."""
+    has_partners = len(part.low) == len(part.high)
+    pairs = zip(part.low, part.high, strict=False)
+    if not has_partners or not all(low < high for low, high in pairs):
+        raise ArgumentError(
+            f"control.{part.name}: wanted as many numbers in low as in high, each below its partner, "
+            f"came {list(part.low)} and {list(part.high)}."
+        )
+
+
+def numbers_of(
+    parts: Sequence[StatePart], key: Literal["rest", "spread"]
+) -> Float[np.ndarray, " S"]:
+    """Return every part's numbers under `key` as one vector, zeros where they are left out.
+
+    Raises ArgumentError for a part with another count of numbers than its size.
+    """
+    vector: list[float] = []
     for part in parts:
         numbers = getattr(part, key) or (0.0,) * part.size
         if len(numbers) != part.size:
             raise ArgumentError(
                 f"state.{part.name}.{key}: wanted {part.size} numbers, came {len(numbers)}."
             )
-        rows += numbers
-    return np.array(rows, float)
+        vector += numbers
+    return np.array(vector, float)
 
 
 def structure_of_parts(parts: Sequence[StatePart]) -> Structure:
-    """Return what an emulator may exploit: which entries are angles, and which the rates of which."""
+    """Return what an emulator may exploit: which entries are angles, and which are the rates of which.
+
+    Raises ArgumentError for a rate that is no part, or a part of another size.
+    """
     layout = layout_of_state(parts)
-    entries = {part.name: range(*layout.index(part.name).indices(layout.size)) for part in parts}
+    entries = {}
+    for part in parts:
+        place = layout.index(part.name)
+        entries[part.name] = range(place.start, place.stop)
+    angles = []
+    plain = []
     rates = []
     for part in parts:
+        if part.feature == "sine":
+            angles += [_unit_vector(entry, layout.size) for entry in entries[part.name]]
+        elif part.feature == "plain":
+            plain += entries[part.name]
         if part.rate:
-            if part.rate not in entries or len(entries[part.rate]) != part.size:
-                valid = ", ".join(
-                    name for name, numbers in entries.items() if len(numbers) == part.size
-                )
-                raise ArgumentError(
-                    f"state.{part.name}.rate: no part '{part.rate}' of its size. Parts: {valid}."
-                )
-            rates += list(zip(entries[part.name], entries[part.rate], strict=True))
-    looks = {
-        look: [i for part in parts if part.feature == look for i in entries[part.name]]
-        for look in ("sine", "plain")
-    }
-    unit = np.eye(layout.size, dtype=int)
-    angles = tuple(tuple(int(x) for x in unit[i]) for i in looks["sine"])
-    return Structure(angles=angles, rates=tuple(rates), plain=tuple(looks["plain"]))
+            _refuse_unknown_rate(part, entries)
+            rates += zip(entries[part.name], entries[part.rate], strict=True)
+    return Structure(angles=tuple(angles), rates=tuple(rates), plain=tuple(plain))
 
 
-def _refuse_clash(kind: str, names: list[str]) -> None:
+def _unit_vector(entry: int, size: int) -> tuple[int, ...]:
+    """Return `size` numbers, all zero but for a one at `entry`: an angle is that combination of the state."""
+    vector = [0] * size
+    vector[entry] = 1
+    return tuple(vector)
+
+
+def _refuse_unknown_rate(part: StatePart, entries: dict[str, range]) -> None:
+    """Raise ArgumentError unless the rate of `part` is a part of its size; `entries` are those of each part."""
+    valid = [name for name, numbers in entries.items() if len(numbers) == part.size]
+    if part.rate not in valid:
+        raise ArgumentError(
+            f"state.{part.name}.rate: no part '{part.rate}' of its size. Parts: {', '.join(valid)}."
+        )
+
+
+def _refuse_clash(vector: str, names: list[str]) -> None:
+    """Raise ArgumentError if two parts of the vector, state or control, have one name."""
     for name in names:
         if names.count(name) > 1:
-            raise ArgumentError(f"{kind}: two parts are called '{name}'. Rename one of them.")
+            raise ArgumentError(f"{vector}: two parts are called '{name}'. Rename one of them.")
