@@ -14,10 +14,8 @@ def run() -> None:
     print("Systems")
     print_rows((f"  {name}", text) for name, text in SYSTEMS.items())
     print("\nGoals for 'control'")
-    for name in SYSTEMS:
-        goals = load_system(name).goals
-        if goals:
-            print_rows([(f"  {name}", ", ".join(goals))])
+    goals = {name: load_system(name).goals for name in SYSTEMS}
+    print_rows((f"  {name}", ", ".join(named)) for name, named in goals.items() if named)
     print("\nReady-made emulators")
     present = [(system, n) for system, n in sorted(SHIPPED) if shipped_path(system, n).is_file()]
     print_rows((f"  {system}-{n}", f"leaps {n} physics steps at a time") for system, n in present)
