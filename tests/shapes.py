@@ -6,7 +6,7 @@ anything of the package is imported.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, get_args, get_origin
 
 from beartype import BeartypeConf, FrozenDict, beartype
@@ -14,13 +14,14 @@ from jaxtyping import install_import_hook
 from numpy.typing import ArrayLike
 
 NESTED = [part for part in get_args(ArrayLike) if "NestedSequence" in str(get_origin(part))]
-"""What NumPy calls a list of lists in `ArrayLike`; it is a protocol that a tuple does not fulfil at run time."""
+"""What NumPy calls a list of lists in `ArrayLike`, a protocol that a tuple does not fulfil at run time."""
 
 RULES = BeartypeConf(
     is_pep484_tower=True,
-    hint_overrides=FrozenDict(dict.fromkeys(NESTED, Sequence[Any])),
+    hint_overrides=FrozenDict(dict.fromkeys(NESTED, object)),
 )
-"""A whole number may stand where a `float` is asked for, and a tuple of numbers where an `ArrayLike` is."""
+"""A whole number may stand where a `float` is asked for, and anything where an `ArrayLike` is: what users give
+is checked by the function itself, whose message they read."""
 
 
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:

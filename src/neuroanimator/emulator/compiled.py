@@ -93,9 +93,7 @@ class Step:
             f"step(state {self._state_shape}, control {self._control_shape}) of {self._emulator!r}"
         )
 
-    def __call__(
-        self, state: Float[ArrayLike, " S"], control: Float[ArrayLike, " C"]
-    ) -> Float[Array, " S"]:
+    def __call__(self, state: ArrayLike, control: ArrayLike) -> Float[Array, " S"]:
         """Return the state (S,) one super step after `state` (S,) under `control` (C,). Differentiable.
 
         Raises ArgumentError for wrong shapes, and for numbers that are not finite where they do not come from JAX.

@@ -169,7 +169,7 @@ def leap(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
 
 
 def simulate_one(
-    system: System, start: np.ndarray, controls: np.ndarray, dt: float
+    system: System, start: Float[np.ndarray, " S"], controls: Float[np.ndarray, "T C"], dt: float
 ) -> Float[np.ndarray, "T+1 S"]:
     """Return the states from `start` (S,) under `controls` (T, C), each held for `dt` [s]."""
     return system.simulate_fastest(start[None], controls[None], dt).states[0]

@@ -13,14 +13,15 @@ from neuroanimator.emulator.emulator import Emulator, rollout_latent
 
 def squared_error(
     emulator: Emulator,
-    states: Float[Array, "N H+1 S"],
+    states: Float[Array, "N H1 S"],
     controls: Float[Array, "N H C"],
     weights: Float[Array, " N"] | None = None,
 ) -> Float[Array, " H V"]:
     """Return the mean squared error after 1..H super steps, in units of the change's standard deviation.
 
-    States and controls are those of `Emulator.encode`. `weights` make rows count more or less; their mean
-    should be one. What never moves makes no error.
+    There is one state more than there are controls: H1 = H + 1. States and controls are those of
+    `Emulator.encode`. `weights` make rows count more or less; their mean should be one. What never moves
+    makes no error.
     """
     unit = emulator.normaliser.unit
     found = jax.vmap(partial(rollout_latent, emulator, is_bounded=False))(states[:, 0], controls)
@@ -30,7 +31,7 @@ def squared_error(
 
 def unrolled_loss(
     emulator: Emulator,
-    states: Float[Array, "N H+1 S"],
+    states: Float[Array, "N H1 S"],
     controls: Float[Array, "N H C"],
     weights: Float[Array, " N"] | None = None,
 ) -> Float[Array, ""]:

@@ -41,7 +41,7 @@ def find_defects(emulator: Emulator, states: ArrayLike, controls: ArrayLike) -> 
 
 @eqx.filter_jit
 def _find_defects(
-    emulator: Emulator, states: Float[Array, "T+1 S"], controls: Float[Array, "T C"]
+    emulator: Emulator, states: Float[Array, "T1 S"], controls: Float[Array, "T C"]
 ) -> Float[Array, "T V"]:
     latent = emulator.encode(states)
     latent_controls = emulator.encode_control(controls)

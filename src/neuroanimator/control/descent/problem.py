@@ -190,7 +190,7 @@ class Problem(eqx.Module):
         return call_compiled(rollout_with_defects, self.emulator, latent, controls, self.defects)
 
     def _trajectory(
-        self, latent: Float[Array, "T+1 I"], controls: Float[Array, "T C"]
+        self, latent: Float[Array, "T1 I"], controls: Float[Array, "T C"]
     ) -> Trajectory:
         states = jnp.concatenate([self.start[None], self.emulator.decode(latent[1:])])
         return Trajectory(states, controls, self.control_scale, self.emulator.dt)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -34,7 +36,7 @@ class Classic(Network):
         self.bias = jnp.zeros(widths[0])
         self.out = random_weights(keys[2], widths[0], out)
 
-    def tensors(self) -> dict[str, Array]:
+    def tensors(self) -> dict[str, Any]:
         return {
             "layer0.odd_weight": self.odd_in,
             "layer0.even_weight": self.even_in,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -36,7 +38,7 @@ class GatedLayer(eqx.Module):
         gate, level = jnp.split(even @ self.even_in + self.bias, 2)
         return jnp.tanh(odd_units) * gate, jnp.tanh(pair) * factor + jnp.tanh(level)
 
-    def tensors(self) -> dict[str, Array]:
+    def tensors(self) -> dict[str, Any]:
         """Return every weight by the name that files give it."""
         return {"odd_weight": self.odd_in, "even_weight": self.even_in, "bias": self.bias}
 
@@ -59,7 +61,7 @@ class Gated(Network):
         self.layers = tuple(layers)
         self.out = 0.1 * random_weights(keys[0], odd, out)
 
-    def tensors(self) -> dict[str, Array]:
+    def tensors(self) -> dict[str, Any]:
         return {**layer_tensors(self.layers), "out.weight": self.out}
 
     @property
@@ -72,7 +74,7 @@ class Gated(Network):
         return odd @ self.out
 
 
-def layer_tensors(layers: tuple[GatedLayer, ...]) -> dict[str, Array]:
+def layer_tensors(layers: tuple[GatedLayer, ...]) -> dict[str, Any]:
     """Return the weights of `layers` as `layer0.bias` and so on."""
     tensors = {}
     for number, layer in enumerate(layers):

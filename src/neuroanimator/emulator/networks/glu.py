@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -31,7 +33,7 @@ class Glu(Network):
         )
         self.out = 0.1 * random_weights(keys[0], sizes[-1], out)
 
-    def tensors(self) -> dict[str, Array]:
+    def tensors(self) -> dict[str, Any]:
         tensors = {}
         for number, (layer, bias) in enumerate(zip(self.layers, self.biases, strict=True)):
             tensors[f"layer{number}.weight"] = layer
@@ -62,7 +64,7 @@ class LinearGlu(Network):
         self.glu = Glu(odd, even, out, widths, key=key)
         self.linear = jnp.zeros((odd + even, out))
 
-    def tensors(self) -> dict[str, Array]:
+    def tensors(self) -> dict[str, Any]:
         return {**self.glu.tensors(), "linear.weight": self.linear}
 
     @property

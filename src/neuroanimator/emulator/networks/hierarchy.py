@@ -111,7 +111,7 @@ class Hierarchy(Network):
             i for i in part.answers if i in self.even
         ]
 
-    def tensors(self) -> dict[str, Array]:
+    def tensors(self) -> dict[str, Any]:
         upper = prefixed("upper", self.upper.tensors())
         children = prefixed("children", self.children.tensors())
         return {**upper, **children}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -53,7 +55,7 @@ class Mirrored(Network):
         self.odd_out = 0.1 * random_weights(keys[0], odd, odd_answers)
         self.even_out = 0.1 * random_weights(keys[1], even, even_answers)
 
-    def tensors(self) -> dict[str, Array]:
+    def tensors(self) -> dict[str, Any]:
         return {
             **layer_tensors(self.layers),
             "out.odd_weight": self.odd_out,

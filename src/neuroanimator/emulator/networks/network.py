@@ -8,6 +8,7 @@ and at no cost: a mirrored motion is emulated by the mirrored numbers. `Mirrored
 from __future__ import annotations
 
 import abc
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -30,11 +31,11 @@ class Network(eqx.Module):
         """Return the normalised change of state."""
 
     @abc.abstractmethod
-    def tensors(self) -> dict[str, Array]:
-        """Return every weight by the name that files give it: see docs/format.md."""
+    def tensors(self) -> dict[str, Any]:
+        """Return every weight, or what stands in its place, by the name that files give it (docs/format.md)."""
 
 
-def prefixed(prefix: str, tensors: dict[str, Array]) -> dict[str, Array]:
+def prefixed(prefix: str, tensors: dict[str, Any]) -> dict[str, Any]:
     """Return `tensors` with `prefix` and a dot before their names."""
     return {f"{prefix}.{name}": tensor for name, tensor in tensors.items()}
 
