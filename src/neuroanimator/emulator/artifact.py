@@ -19,6 +19,9 @@ from neuroanimator.text import printable, quoted
 TRIAL_NAME = "trial.emulator.safetensors"
 """Name of a file that is there for a moment before a training."""
 
+MAKER = "neuroanimator train"
+"""What makes emulators again that are too old to be read."""
+
 MAX_FAULT = 300
 """Characters of an error that are shown, at most."""
 
@@ -51,7 +54,7 @@ def load(path: Path) -> Emulator:
     """Return the emulator at `path`, every name, text, shape and number checked."""
     keep_programs()
     tensors, metadata = read_tensors(path, "emulator")
-    check_format(path, metadata.get("format"), FORMAT)
+    check_format(path, metadata.get("format"), FORMAT, MAKER)
     try:
         shapes = jax.eval_shape(lambda: blank(metadata))
         emulator = with_tensors(shapes, emulator_leaves, tensors)
@@ -89,15 +92,15 @@ FAULTS = (
 """What reading metadata that a stranger wrote may end in."""
 
 
-def check_format(path: Path, found: Any, wanted: int) -> None:
-    """Refuse a file of another format; say whether the file or this program is the older one."""
+def check_format(path: Path, found: Any, wanted: int, maker: str) -> None:
+    """Refuse a file of another format; say whether the file or this program is the older one, and what made it."""
     if isinstance(found, bool) or not isinstance(found, int) or found < 1:
         raise BadFileError(
-            f"{path} does not say its format; this version reads {wanted}. Make it again."
+            f"{path} does not say its format; this version reads {wanted}. Make it again with {maker}."
         )
     if found < wanted:
         raise BadFileError(
-            f"{path} is of an older version: format {found}; this one reads {wanted}. Make it again."
+            f"{path} is of an older version: format {found}; this one reads {wanted}. Make it again with {maker}."
         )
     if found > wanted:
         raise BadFileError(

@@ -43,8 +43,8 @@ def _taken_apart(module: Any) -> tuple[Leaves, Any]:
     known = _known.get(address)
     if known is not None and known[0]() is module:
         return known[1], known[2]
-    found, structure = jax.tree_util.tree_flatten(module)
-    leaves = tuple(found)
+    flat, structure = jax.tree_util.tree_flatten(module)
+    leaves = tuple(flat)
     is_traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
     if not is_traced:
         reference = weakref.ref(module, lambda _: _known.pop(address, None))
@@ -77,14 +77,16 @@ class Step:
         emulator: Any,
         state: Layout,
         control: Layout,
-        kind: np.dtype,
+        dtype: np.dtype,
     ):
-        """`function` (emulator, state, control) → the next state; `kind` is the type of the emulator's numbers."""
+        """`function` (emulator, state, control) → the next state; `dtype` is the type of the emulator's numbers."""
         self._function = function
         self._emulator = emulator
-        self._state, self._state_shape = state, (state.size,)
-        self._control, self._control_shape = control, (control.size,)
-        self._kind = kind
+        self._state = state
+        self._state_shape = (state.size,)
+        self._control = control
+        self._control_shape = (control.size,)
+        self._dtype = dtype
         self.__name__ = "step"
         self.__doc__ = type(self).__call__.__doc__
 
@@ -112,4 +114,4 @@ class Step:
                 f"{label}: wanted {shape[0]} numbers, came shape {np.shape(vector)}. "
                 "For many at once use jax.vmap(emulator.step), or rollout."
             )
-        return layout.check(vector, label).astype(self._kind)
+        return layout.check(vector, label).astype(self._dtype)

@@ -97,8 +97,8 @@ class Encoding(eqx.Module):
         """Refuse arrays that make every prediction NaN; ValueError says which."""
 
     @abc.abstractmethod
-    def tensors(self) -> dict[str, Any]:
-        """Return every array, or what stands in its place, by the name that files give it (docs/format.md)."""
+    def leaves(self) -> dict[str, Any]:
+        """Return every array, or what stands for it, by the name that files give it: see docs/format.md."""
 
     @abc.abstractmethod
     def to_json(self) -> dict[str, Any] | None:
@@ -167,7 +167,7 @@ class IdentityEncoding(Encoding):
     def check(self) -> None:
         return None
 
-    def tensors(self) -> dict[str, Any]:
+    def leaves(self) -> dict[str, Any]:
         return {}
 
     def to_json(self) -> None:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.state.rotation import Numbers
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.structure import Structure
 
 
@@ -40,13 +40,19 @@ class Features(eqx.Module):
 
     def sizes(self, others: int) -> tuple[int, int]:
         """Return the lengths of (odd, even), where `others` numbers join the state's plain ones."""
-        angles, plain = self.angles.shape[0], len(self.plain) + others
+        angles = self.angles.shape[0]
+        plain = len(self.plain) + others
+        if not self.is_odd:
+            return 2 * angles + plain, 0
         even = len(self.even)
-        return (angles + plain - even, angles + even) if self.is_odd else (2 * angles + plain, 0)
+        return angles + plain - even, angles + even
 
-    def plain_of(self, state: Numbers, *others: Numbers) -> Numbers:
+    def plain_of(
+        self, state: Float[AnyArray, "... S"], *others: Float[AnyArray, "... _"]
+    ) -> Float[AnyArray, "... K"]:
         """Return (..., K) what enters as it is, not yet normalised: plain entries of `state` (..., S), `others`."""
-        return state.__array_namespace__().concat([*_runs(state, self.plain), *others], axis=-1)
+        xp = state.__array_namespace__()
+        return xp.concat([*_runs(state, self.plain), *others], axis=-1)
 
     def with_plain(
         self, state: Float[Array, " S"], values: Float[Array, " P"]
@@ -65,7 +71,9 @@ class Features(eqx.Module):
         Without a mirror symmetry everything is in the odd part, and the even one is empty.
         """
         if not self.angles.shape[0]:
-            return self._parted(plain) if self.is_odd else (plain, plain[:0])
+            if self.is_odd:
+                return self._parted(plain)
+            return plain, plain[:0]
         # A sum of products, because it is fused with what follows and `@` is a call of its own.
         angle = jnp.sum(self.angles * state, axis=1)
         sine, cosine = sine_cosine(angle)
@@ -76,7 +84,9 @@ class Features(eqx.Module):
 
     def _parted(self, plain: Float[Array, " K"]) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
         odd = tuple(i for i in range(plain.shape[0]) if i not in self.even)
-        ordered = reordered(plain, (*odd, *self.even)) if self.even else plain
+        ordered = plain
+        if self.even:
+            ordered = reordered(plain, (*odd, *self.even))
         return ordered[: len(odd)], ordered[len(odd) :]
 
 
@@ -85,7 +95,9 @@ def reordered(vector: Float[Array, " K"], order: tuple[int, ...]) -> Float[Array
     return vector.at[np.array(order)].get(mode="promise_in_bounds", unique_indices=True)
 
 
-def _runs(vector: Numbers, entries: tuple[int, ...]) -> list[Numbers]:
+def _runs(
+    vector: Float[AnyArray, "... K"], entries: tuple[int, ...]
+) -> list[Float[AnyArray, "... _"]]:
     """Return the `entries` of `vector` (..., K) as slices: for a few entries faster than indexing with an array."""
     runs: list[list[int]] = []
     for entry in entries:
@@ -96,8 +108,17 @@ def _runs(vector: Numbers, entries: tuple[int, ...]) -> list[Numbers]:
     return [vector[..., first:last] for first, last in runs]
 
 
-PI_HIGH, PI_LOW = 3.140625, 9.67653589793e-4
-"""π in two parts; the first has so few bits that small multiples of it are exact in float32."""
+PI_HIGH = 3.140625
+"""The first part of π; it has so few bits that small multiples of it are exact in float32."""
+
+PI_LOW = 9.67653589793e-4
+"""The second part of π: what is left of it."""
+
+SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(7))
+"""Coefficients of Taylor's series of sin(x) / x in x²."""
+
+COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(8))
+"""Coefficients of Taylor's series of cos(x) in x²."""
 
 
 def sine_cosine(angle: Float[Array, " P"]) -> tuple[Float[Array, " P"], Float[Array, " P"]]:
@@ -112,11 +133,8 @@ def sine_cosine(angle: Float[Array, " P"]) -> tuple[Float[Array, " P"], Float[Ar
     return sign * rest * _series(square, SINE), sign * _series(square, COSINE)
 
 
-SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(7))
-COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(8))
-
-
 def _series(square: Float[Array, " P"], coefficients: tuple[float, ...]) -> Float[Array, " P"]:
+    """Return the polynomial with these coefficients, by Horner's rule."""
     total = jnp.full_like(square, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         total = total * square + coefficient

@@ -302,7 +302,7 @@ class ShapeModes(Encoding):
         if (np.asarray(self.spread) <= 0).any():
             raise ValueError("normaliser or modes: wanted scales above 0")
 
-    def tensors(self) -> dict[str, Any]:
+    def leaves(self) -> dict[str, Any]:
         return {
             "positions": self.positions,
             "velocities": self.velocities,

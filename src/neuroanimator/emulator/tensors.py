@@ -28,8 +28,8 @@ def emulator_leaves(emulator: Emulator) -> dict[str, Any]:
         "normaliser.error_unit": emulator.normaliser.unit,
         "domain.low": emulator.domain.low,
         "domain.high": emulator.domain.high,
-        **prefixed("modes", emulator.encoding.tensors()),
-        **prefixed("network", emulator.network.tensors()),
+        **prefixed("modes", emulator.encoding.leaves()),
+        **prefixed("network", emulator.network.leaves()),
     }
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.reference_shape import points_of
-from neuroanimator.state.rotation import Numbers, cross, rotate
+from neuroanimator.state.rotation import cross, rotate
 from neuroanimator.state.segments import (
     Position,
     Quaternion,
@@ -22,17 +24,17 @@ from neuroanimator.state.structure import Structure
 class Pose(NamedTuple):
     """Of one body, or many, all in the world."""
 
-    position: Numbers
-    """(..., 3) [m] of the root, or of a deformable body's centroid."""
-    velocity: Numbers
-    """(..., 3) [m/s]"""
-    forward: Numbers
-    """(..., 3) Unit vector along the body's X."""
-    upward: Numbers
-    """(..., 3) Unit vector along the body's Z."""
+    position: Float[AnyArray, "... 3"]
+    """Of the root, or of a deformable body's centroid [m]."""
+    velocity: Float[AnyArray, "... 3"]
+    """Of the same point [m/s]."""
+    forward: Float[AnyArray, "... 3"]
+    """Unit vector along the body's X."""
+    upward: Float[AnyArray, "... 3"]
+    """Unit vector along the body's Z."""
 
     @property
-    def roll(self) -> Numbers:
+    def roll(self) -> Float[AnyArray, ...]:
         """How far (...) [rad] the body is rolled over to its right about its own axis: 0 upright, ±π belly up.
 
         Pitch and heading do not count. A body that points straight up or down has none to speak of.
@@ -43,7 +45,7 @@ class Pose(NamedTuple):
         return xp.atan2(left[..., 2], above[..., 2])
 
 
-def read_pose(structure: Structure, states: Numbers) -> Pose:
+def read_pose(structure: Structure, states: Float[AnyArray, "... S"]) -> Pose:
     """Return the poses of `states` (..., S).
 
     A deformable body points along the first moment of its mass points about their centroid, weighted by
@@ -61,7 +63,9 @@ def read_pose(structure: Structure, states: Numbers) -> Pose:
     )
 
 
-def read_heights(structure: Structure, states: Numbers) -> Numbers:
+def read_heights(
+    structure: Structure, states: Float[AnyArray, "... S"]
+) -> Float[AnyArray, "... N"]:
     """Return the heights (..., N) [m] of all mass points of `states` (..., S), or (..., 1) of a rigid body's root.
 
     Raises ArgumentError as `read_pose` does.
@@ -71,7 +75,7 @@ def read_heights(structure: Structure, states: Numbers) -> Numbers:
     return states[..., 2 : 3 * structure.cloud.count : 3]
 
 
-def _root_pose(structure: Structure, states: Numbers) -> Pose:
+def _root_pose(structure: Structure, states: Float[AnyArray, "... S"]) -> Pose:
     xp = states.__array_namespace__()
     root = first_of_each(structure.segments)
     orientation = states[..., root[Quaternion].entries]
@@ -85,7 +89,7 @@ def _root_pose(structure: Structure, states: Numbers) -> Pose:
     )
 
 
-def _cloud_pose(structure: Structure, states: Numbers) -> Pose:
+def _cloud_pose(structure: Structure, states: Float[AnyArray, "... S"]) -> Pose:
     xp = states.__array_namespace__()
     cloud = structure.cloud
     assert cloud is not None

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.parsing.numbers import listed, numbers
-from neuroanimator.state.rotation import Numbers, cross, rotate, rotate_back
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.rotation import cross, rotate, rotate_back
 
 MAX_DISTANCE = 1e6
 """Largest coordinate of a mass point in a file [m]."""
@@ -58,19 +60,22 @@ class Cloud:
         """How many mass points there are."""
         return len(self.masses)
 
-    def centroid(self, points: Numbers) -> Numbers:
-        """Return the mass-weighted mean (..., 3) of `points` (..., N, 3): places or speeds."""
+    def centroid(self, points: Float[AnyArray, "... N 3"]) -> Float[AnyArray, "... 3"]:
+        """Return the mass-weighted mean (..., 3) of `points` (..., N, 3): positions or velocities."""
         xp = points.__array_namespace__()
-        return xp.sum(xp.asarray(self.masses, dtype=points.dtype)[:, None] * points, axis=-2)
+        shares = xp.asarray(self.masses, dtype=points.dtype)[:, None]
+        return xp.sum(shares * points, axis=-2)
 
-    def own_frame(self, positions: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-        """Return centroid (..., 3), `orientation` (..., 4) and `positions` (..., N, 3) seen from there, along axes so turned."""
+    def own_frame(
+        self, positions: Float[AnyArray, "... N 3"]
+    ) -> tuple[Float[AnyArray, "... 3"], Float[AnyArray, "... 4"], Float[AnyArray, "... N 3"]]:
+        """Return the centroid (..., 3), the `orientation` (..., 4), and `positions` (..., N, 3) from there, along its axes."""
         centre = self.centroid(positions)
         centred = positions - centre[..., None, :]
         orientation = self._closest_orientation(centred)
         return centre, orientation, to_body_axes(orientation, centred)
 
-    def orientation(self, positions: Numbers) -> Numbers:
+    def orientation(self, positions: Float[AnyArray, "... N 3"]) -> Float[AnyArray, "... 4"]:
         """Return the unit quaternion (..., 4) that turns the cloud at rest closest to `positions` (..., N, 3).
 
         Closest in the mass-weighted squares: the frame that wobbles least with the shape (Eckart 1935), found as
@@ -78,12 +83,14 @@ class Cloud:
         """
         return self._closest_orientation(positions - self.centroid(positions)[..., None, :])
 
-    def _closest_orientation(self, centred: Numbers) -> Numbers:
+    def _closest_orientation(self, centred: Float[AnyArray, "... N 3"]) -> Float[AnyArray, "... 4"]:
         xp = centred.__array_namespace__()
-        rest, shares = (
-            xp.asarray(part, dtype=centred.dtype) for part in (self.positions, self.masses)
-        )
-        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = _rows((rest * shares[:, None]).mT @ centred)
+        rest = xp.asarray(self.positions, dtype=centred.dtype)
+        shares = xp.asarray(self.masses, dtype=centred.dtype)
+        products = (rest * shares[:, None]).mT @ centred
+        xx, xy, xz = (products[..., 0, i] for i in range(3))
+        yx, yy, yz = (products[..., 1, i] for i in range(3))
+        zx, zy, zz = (products[..., 2, i] for i in range(3))
         rows = [
             [xx + yy + zz, yz - zy, zx - xz, xy - yx],
             [yz - zy, xx - yy - zz, xy + yx, zx + xz],
@@ -94,17 +101,19 @@ class Cloud:
         quaternion = xp.linalg.eigh(matrix)[1][..., -1]
         return quaternion * xp.where(quaternion[..., :1] < 0, -1.0, 1.0)
 
-    def angular_velocity(self, seen: Numbers, velocities: Numbers) -> Numbers:
+    def angular_velocity(
+        self, shape: Float[AnyArray, "... N 3"], velocities: Float[AnyArray, "... N 3"]
+    ) -> Float[AnyArray, "... 3"]:
         """Return the angular velocity (..., 3) [rad/s] that carries the cloud's angular momentum.
 
-        `seen` and `velocities` (..., N, 3) are places from the centroid and speeds, both along the body's axes.
+        `shape` and `velocities` (..., N, 3) are positions from the centroid and velocities, along the body's axes.
         """
-        xp = seen.__array_namespace__()
-        shares = xp.asarray(self.masses, dtype=seen.dtype)[:, None]
-        momentum = xp.sum(shares * cross(seen, velocities), axis=-2)
-        moments = (shares * seen).mT @ seen
+        xp = shape.__array_namespace__()
+        shares = xp.asarray(self.masses, dtype=shape.dtype)[:, None]
+        momentum = xp.sum(shares * cross(shape, velocities), axis=-2)
+        moments = (shares * shape).mT @ shape
         trace = moments[..., 0, 0] + moments[..., 1, 1] + moments[..., 2, 2]
-        inertia = trace[..., None, None] * xp.eye(3, dtype=seen.dtype) - moments
+        inertia = trace[..., None, None] * xp.eye(3, dtype=shape.dtype) - moments
         return xp.linalg.solve(inertia, momentum[..., None])[..., 0]
 
 
@@ -113,25 +122,25 @@ def _point_from_json(row: Any, what: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _rows(matrix: Numbers) -> list[list[Numbers]]:
-    return [[matrix[..., i, j] for j in range(3)] for i in range(3)]
-
-
-def points_of(flat: Numbers) -> Numbers:
+def points_of(flat: Float[AnyArray, "... D"]) -> Float[AnyArray, "... N 3"]:
     """Return the mass points (..., N, 3) that stand one after another in `flat` (..., 3N)."""
     return flat.reshape(*flat.shape[:-1], -1, 3)
 
 
-def flat_of(points: Numbers) -> Numbers:
+def flat_of(points: Float[AnyArray, "... N 3"]) -> Float[AnyArray, "... D"]:
     """Return mass points (..., N, 3) one after another: (..., 3N)."""
     return points.reshape(*points.shape[:-2], -1)
 
 
-def to_body_axes(quaternion: Numbers, vectors: Numbers) -> Numbers:
+def to_body_axes(
+    quaternion: Float[AnyArray, "... 4"], vectors: Float[AnyArray, "... N 3"]
+) -> Float[AnyArray, "... N 3"]:
     """Return `vectors` (..., N, 3) along the axes of bodies turned by `quaternion` (..., 4)."""
     return rotate_back(quaternion[..., None, :], vectors)
 
 
-def to_world_axes(quaternion: Numbers, vectors: Numbers) -> Numbers:
+def to_world_axes(
+    quaternion: Float[AnyArray, "... 4"], vectors: Float[AnyArray, "... N 3"]
+) -> Float[AnyArray, "... N 3"]:
     """Return `vectors` (..., N, 3), given along the bodies' axes, in the world."""
     return rotate(quaternion[..., None, :], vectors)

@@ -5,13 +5,19 @@ All functions take any leading axes.
 
 from __future__ import annotations
 
-from typing import Any
+from jaxtyping import Float
 
-Numbers = Any
-"""A NumPy or JAX array."""
+from neuroanimator.state.arrays import AnyArray
+
+MIN_COSINE = 1e-3
+"""Least cosine of half a rotation that is divided by: nobody turns so far in one super step, and the
+division stays finite."""
+
+Rows = tuple[tuple[AnyArray, AnyArray, AnyArray], ...]
+"""The nine entries (...) of rotation matrices, row by row."""
 
 
-def rotation_rows(quaternion: Numbers) -> tuple[tuple[Numbers, ...], ...]:
+def rotation_rows(quaternion: Float[AnyArray, "... 4"]) -> Rows:
     """Return the nine entries of the rotation matrix of a unit quaternion (..., 4), row by row."""
     w, x, y, z = (quaternion[..., i] for i in range(4))
     return (
@@ -21,18 +27,18 @@ def rotation_rows(quaternion: Numbers) -> tuple[tuple[Numbers, ...], ...]:
     )
 
 
-def rotation_matrices(quaternions: Numbers) -> Numbers:
+def rotation_matrices(quaternions: Float[AnyArray, "... 4"]) -> Float[AnyArray, "... 3 3"]:
     """Return the matrices (..., 3, 3) of unit quaternions (..., 4)."""
     xp = quaternions.__array_namespace__()
     return xp.stack([xp.stack(row, axis=-1) for row in rotation_rows(quaternions)], axis=-2)
 
 
-def quaternions_of(matrices: Numbers) -> Numbers:
+def quaternions_of(matrices: Float[AnyArray, "... 3 3"]) -> Float[AnyArray, "... 4"]:
     """Return the unit quaternions (..., 4) of rotation matrices (..., 3, 3), by Shepperd's largest entry."""
     xp = matrices.__array_namespace__()
-    (a, b, c), (d, e, f), (g, h, i) = (
-        [matrices[..., row, column] for column in range(3)] for row in range(3)
-    )
+    a, b, c = (matrices[..., 0, column] for column in range(3))
+    d, e, f = (matrices[..., 1, column] for column in range(3))
+    g, h, i = (matrices[..., 2, column] for column in range(3))
     products = [
         [1 + a + e + i, h - f, c - g, d - b],
         [h - f, 1 + a - e - i, d + b, c + g],
@@ -41,30 +47,36 @@ def quaternions_of(matrices: Numbers) -> Numbers:
     ]
     rows = xp.stack([xp.stack(row, axis=-1) for row in products], axis=-2)
     largest = xp.argmax(xp.stack([products[k][k] for k in range(4)], axis=-1), axis=-1)
-    found = xp.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
-    return found / xp.sqrt(xp.sum(found * found, axis=-1, keepdims=True))
+    quaternions = xp.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
+    return quaternions / xp.sqrt(xp.sum(quaternions * quaternions, axis=-1, keepdims=True))
 
 
-def rotate(quaternion: Numbers, vector: Numbers) -> Numbers:
+def rotate(
+    quaternion: Float[AnyArray, "... 4"], vector: Float[AnyArray, "... 3"]
+) -> Float[AnyArray, "... 3"]:
     """Return R·vector (..., 3): from the body's frame to the world's."""
     xp = vector.__array_namespace__()
     rows = rotation_rows(quaternion)
     return xp.stack([sum(row[i] * vector[..., i] for i in range(3)) for row in rows], axis=-1)
 
 
-def rotate_back(quaternion: Numbers, vector: Numbers) -> Numbers:
+def rotate_back(
+    quaternion: Float[AnyArray, "... 4"], vector: Float[AnyArray, "... 3"]
+) -> Float[AnyArray, "... 3"]:
     """Return Rᵀ·vector (..., 3): from the world's frame to the body's."""
     xp = vector.__array_namespace__()
     rows = rotation_rows(quaternion)
     return xp.stack([sum(rows[j][i] * vector[..., j] for j in range(3)) for i in range(3)], axis=-1)
 
 
-def upward(quaternion: Numbers) -> Numbers:
+def upward(quaternion: Float[AnyArray, "... 4"]) -> Float[AnyArray, "... 3"]:
     """Return the world's Z axis seen from the body (..., 3): where 'up' is, whatever the heading."""
     return quaternion.__array_namespace__().stack(rotation_rows(quaternion)[2], axis=-1)
 
 
-def multiply(left: Numbers, right: Numbers) -> Numbers:
+def multiply(
+    left: Float[AnyArray, "... 4"], right: Float[AnyArray, "... 4"]
+) -> Float[AnyArray, "... 4"]:
     """Return the quaternion product (..., 4): `right` is turned first."""
     a, b, c, d = (left[..., i] for i in range(4))
     w, x, y, z = (right[..., i] for i in range(4))
@@ -77,26 +89,30 @@ def multiply(left: Numbers, right: Numbers) -> Numbers:
     return left.__array_namespace__().stack(parts, axis=-1)
 
 
-def conjugate(quaternion: Numbers) -> Numbers:
+def conjugate(quaternion: Float[AnyArray, "... 4"]) -> Float[AnyArray, "... 4"]:
     """Return the inverse of a unit quaternion (..., 4)."""
-    return quaternion.__array_namespace__().concat(
-        [quaternion[..., :1], -quaternion[..., 1:]], axis=-1
-    )
+    xp = quaternion.__array_namespace__()
+    return xp.concat([quaternion[..., :1], -quaternion[..., 1:]], axis=-1)
 
 
-def rotated_by(quaternion: Numbers, orientation: Numbers) -> Numbers:
-    """Return `quaternion` (..., 4) turned by the Rodrigues vector `orientation` (..., 3), exactly of unit length.
+def rotated_by(
+    quaternion: Float[AnyArray, "... 4"], rotation: Float[AnyArray, "... 3"]
+) -> Float[AnyArray, "... 4"]:
+    """Return `quaternion` (..., 4) turned by the Rodrigues vector `rotation` (..., 3), exactly of unit length.
 
     A Rodrigues vector is 2·tan(angle/2) along the axis, in the body's frame: the small rotation
     vector itself to second order, and no series or branch is needed.
     """
-    xp = orientation.__array_namespace__()
-    half = orientation / 2
-    following = multiply(quaternion, xp.concat([xp.ones_like(half[..., :1]), half], axis=-1))
+    xp = rotation.__array_namespace__()
+    half = rotation / 2
+    unscaled = xp.concat([xp.ones_like(half[..., :1]), half], axis=-1)
+    following = multiply(quaternion, unscaled)
     return following / xp.sqrt(xp.sum(following * following, axis=-1, keepdims=True))
 
 
-def rotation_between(before: Numbers, after: Numbers) -> Numbers:
+def rotation_between(
+    before: Float[AnyArray, "... 4"], after: Float[AnyArray, "... 4"]
+) -> Float[AnyArray, "... 3"]:
     """Return the Rodrigues vector (..., 3) that turns `before` into `after`, in `before`'s frame.
 
     Turns beyond a half revolution are taken as the shorter way round.
@@ -107,18 +123,19 @@ def rotation_between(before: Numbers, after: Numbers) -> Numbers:
     return 2 * relative[..., 1:] / xp.where(xp.abs(w) > MIN_COSINE, w, MIN_COSINE)
 
 
-MIN_COSINE = 1e-3
-"""Cosine of half a turn nobody makes in one super step; keeps the division finite."""
-
-
-def cross(left: Numbers, right: Numbers) -> Numbers:
+def cross(
+    left: Float[AnyArray, "... 3"], right: Float[AnyArray, "... 3"]
+) -> Float[AnyArray, "... 3"]:
     """Return the vector product (..., 3)."""
     a, b, c = (left[..., i] for i in range(3))
     x, y, z = (right[..., i] for i in range(3))
-    return left.__array_namespace__().stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
+    xp = left.__array_namespace__()
+    return xp.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
 
 
-def rotate_in_plane(angle: Numbers, vector: Numbers) -> Numbers:
+def rotate_in_plane(
+    angle: Float[AnyArray, "... 1"], vector: Float[AnyArray, "... 2"]
+) -> Float[AnyArray, "... 2"]:
     """Return `vector` (..., 2) turned by `angle` (..., 1) [rad]."""
     xp = vector.__array_namespace__()
     cosine = xp.cos(angle[..., 0])
@@ -128,20 +145,20 @@ def rotate_in_plane(angle: Numbers, vector: Numbers) -> Numbers:
     return xp.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
 
 
-def two_axes(quaternion: Numbers) -> Numbers:
+def two_axes(quaternion: Float[AnyArray, "... 4"]) -> Float[AnyArray, "... 6"]:
     """Return two columns of the rotation (..., 6): all of it, without the quaternion's double sign."""
     rows = rotation_rows(quaternion)
     xp = quaternion.__array_namespace__()
     return xp.stack([rows[i][j] for j in range(2) for i in range(3)], axis=-1)
 
 
-def heading_of(quaternion: Numbers) -> Numbers:
+def heading_of(quaternion: Float[AnyArray, "... 4"]) -> Float[AnyArray, ...]:
     """Return the angle (...) between the world's X axis and the body's, seen from above [rad]."""
     rows = rotation_rows(quaternion)
     return quaternion.__array_namespace__().atan2(rows[1][0], rows[0][0])
 
 
-def facing(heading: Numbers) -> Numbers:
+def facing(heading: Float[AnyArray, ...]) -> Float[AnyArray, "... 4"]:
     """Return the quaternion (..., 4) that turns by `heading` (...) [rad] about Z."""
     xp = heading.__array_namespace__()
     zero = xp.zeros_like(heading)

@@ -18,15 +18,14 @@ RARE = 0.1
 """Share of all windows that count as rare."""
 
 
-def rare_rows(emulator: Emulator, data: Transitions) -> np.ndarray:
+def rare_rows(emulator: Emulator, data: Transitions) -> Int[np.ndarray, " M"]:
     """Return the rows of `data` whose change is the most unusual in any of its numbers: a tenth of all."""
     normaliser = emulator.normaliser
     change = emulator.frame.remainder(data.states[:, 0], data.states[:, 1])
     scale = np.asarray(normaliser.change_scale)
     moves = scale > 0
-    unusual = np.abs((change - np.asarray(normaliser.change_mean))[:, moves] / scale[moves]).max(
-        axis=1
-    )
+    deviation = (change - np.asarray(normaliser.change_mean))[:, moves]
+    unusual = np.abs(deviation / scale[moves]).max(axis=1)
     count = max(1, round(RARE * len(unusual)))
     return np.sort(np.argpartition(unusual, -count)[-count:]).astype(np.int32)
 
@@ -66,18 +65,26 @@ def folded(
 
 
 def turned_windows(
-    structure: Structure, frame: Frame, angle: Array, states: Array, controls: Array
-):
+    structure: Structure,
+    frame: Frame,
+    angle: Float[Array, "N 1"],
+    states: Float[Array, "N H S"],
+    controls: Float[Array, "N T C"],
+) -> tuple[Float[Array, "N H S"], Float[Array, "N T C"]]:
     """Return the windows with the axes of each root turned by `angle` (N, 1) [rad] about its own Z."""
-    (orientation, angular_velocity), turning = frame.orientations[0], facing(angle)
-    quaternion = multiply(states[..., orientation : orientation + 4], conjugate(turning))
-    states = states.at[..., orientation : orientation + 4].set(quaternion)
-    states = states.at[..., angular_velocity : angular_velocity + 3].set(
-        rotate(turning, states[..., angular_velocity : angular_velocity + 3])
-    )
+    first_of_orientation, first_of_velocity = frame.orientations[0]
+    orientation = slice(first_of_orientation, first_of_orientation + 4)
+    angular_velocity = slice(first_of_velocity, first_of_velocity + 3)
+    turning = facing(angle)
+    quaternions = multiply(states[..., orientation], conjugate(turning))
+    states = states.at[..., orientation].set(quaternions)
+    velocities = rotate(turning, states[..., angular_velocity])
+    states = states.at[..., angular_velocity].set(velocities)
     for x, y in structure.symmetry_controls:
-        cosine, sine = jnp.cos(angle), jnp.sin(angle)
-        along, across = controls[..., x], controls[..., y]
+        cosine = jnp.cos(angle)
+        sine = jnp.sin(angle)
+        along = controls[..., x]
+        across = controls[..., y]
         controls = controls.at[..., x].set(cosine * along - sine * across)
         controls = controls.at[..., y].set(sine * along + cosine * across)
     return states, controls

@@ -13,25 +13,29 @@ from neuroanimator.emulator.emulator import Emulator, rollout_latent
 
 def squared_error(
     emulator: Emulator,
-    states: Float[Array, "N H1 S"],
+    states: Float[Array, "N T I"],
     controls: Float[Array, "N H C"],
     weights: Float[Array, " N"] | None = None,
-) -> Float[Array, " H V"]:
+) -> Float[Array, "H V"]:
     """Return the mean squared error after 1..H super steps, in units of the change's standard deviation.
 
-    There is one state more than there are controls: H1 = H + 1. States and controls are those of
-    `Emulator.encode`. `weights` make rows count more or less; their mean should be one. What never moves
-    makes no error.
+    `states` are windows of T = H + 1 latent states, `controls` the latent controls between them. `weights` make
+    rows count more or less; their mean should be one. What never moves makes no error.
     """
     unit = emulator.normaliser.unit
-    found = jax.vmap(partial(rollout_latent, emulator, is_bounded=False))(states[:, 0], controls)
-    off = emulator.frame.difference(states[:, 1:], found) / jnp.where(unit > 0, unit, jnp.inf)
-    return jnp.mean(off**2 if weights is None else off**2 * weights[:, None, None], axis=0)
+    rollout = partial(rollout_latent, emulator, is_bounded=False)
+    predicted = jax.vmap(rollout)(states[:, 0], controls)
+    difference = emulator.frame.difference(states[:, 1:], predicted)
+    error = difference / jnp.where(unit > 0, unit, jnp.inf)
+    squares = error**2
+    if weights is not None:
+        squares = squares * weights[:, None, None]
+    return jnp.mean(squares, axis=0)
 
 
 def unrolled_loss(
     emulator: Emulator,
-    states: Float[Array, "N H1 S"],
+    states: Float[Array, "N T I"],
     controls: Float[Array, "N H C"],
     weights: Float[Array, " N"] | None = None,
 ) -> Float[Array, ""]:
@@ -42,6 +46,5 @@ def unrolled_loss(
     every step an equal say.
     """
     decay = jnp.arange(1, controls.shape[1] + 1) ** -2.0
-    return jnp.mean(squared_error(emulator, states, controls, weights), axis=1) @ (
-        decay / decay.sum()
-    )
+    by_step = jnp.mean(squared_error(emulator, states, controls, weights), axis=1)
+    return by_step @ (decay / decay.sum())

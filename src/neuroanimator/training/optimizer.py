@@ -1,4 +1,4 @@
-"""The three ways down."""
+"""The optimisers of training: Muon, Adam, and gradient descent with momentum."""
 
 from __future__ import annotations
 
@@ -8,20 +8,26 @@ from optax import contrib
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 
 MAX_GRADIENT = 1.0
-"""Gradients are clipped to this norm; a rare wild batch must not undo hours of training."""
+"""Norm that gradients are clipped to; a rare wild batch must not undo hours of training."""
 
 MOMENTUM = 0.9
+"""Share of the last step that gradient descent with momentum takes again, as in 1998."""
+
+ADAM_DECAY = 0.99
+"""How much of its mean square gradient Adam keeps at every update."""
+
+MAX_WARMUP = 500
+"""Most updates in which the learning rate rises; a tenth of short runs."""
 
 
 def make_optimizer(config: TrainingConfig) -> optax.GradientTransformation:
     """Return the optimiser with a learning rate that falls to zero along a cosine."""
     total = config.chunks * UPDATES_PER_CHUNK
-    rate = optax.warmup_cosine_decay_schedule(
-        0.0, config.learning_rate, min(500, total // 10), total
-    )
-    makers = {
-        "muon": lambda: contrib.muon(rate, adam_learning_rate=rate),
-        "adam": lambda: optax.adam(rate, b2=0.99),
-        "momentum": lambda: optax.sgd(rate, momentum=MOMENTUM),
+    warmup = min(MAX_WARMUP, total // 10)
+    rate = optax.warmup_cosine_decay_schedule(0.0, config.learning_rate, warmup, total)
+    optimizers = {
+        "muon": contrib.muon(rate, adam_learning_rate=rate),
+        "adam": optax.adam(rate, b2=ADAM_DECAY),
+        "momentum": optax.sgd(rate, momentum=MOMENTUM),
     }
-    return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), makers[config.optimizer]())
+    return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optimizers[config.optimizer])

@@ -16,9 +16,9 @@ from neuroanimator.control.objective.terms import as_weight
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import as_numbers
 from neuroanimator.state.pose import read_pose
-from neuroanimator.state.rotation import Numbers
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import System
 
@@ -35,7 +35,7 @@ class Zone:
     """[m]"""
 
 
-def distances(zones: Numbers, points: Numbers) -> Numbers:
+def distances(zones: AnyArray, points: AnyArray) -> AnyArray:
     """Return (..., P, K) how far points (..., P, 2) are outside zones (K, 5) [m]; negative inside."""
     xp = points.__array_namespace__()
     beyond = xp.abs(points[..., None, :] - zones[:, :2]) - zones[:, 2:4]
@@ -45,7 +45,7 @@ def distances(zones: Numbers, points: Numbers) -> Numbers:
     return xp.sqrt(xp.sum(outside**2, axis=-1) + 1e-12) + deep - zones[:, 4]
 
 
-def footprint(structure: Structure, states: Numbers, probes: Numbers) -> Numbers:
+def footprint(structure: Structure, states: AnyArray, probes: AnyArray) -> AnyArray:
     """Return where points (P, 2) of a body, ahead and to the left of its place, are in the plane (..., P, 2) [m]."""
     xp, pose = states.__array_namespace__(), read_pose(structure, states)
     ahead = pose.forward[..., :2] / xp.linalg.vector_norm(

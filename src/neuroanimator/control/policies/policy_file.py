@@ -32,6 +32,9 @@ from neuroanimator.zoo import find_policy
 FORMAT = 2
 """The version of the file format, raised whenever an older reader would misunderstand a file."""
 
+MAKER = "train_policy"
+"""What makes policies again that are too old to be read."""
+
 
 def save_policy(policy: Policy, path: Path, provenance: dict[str, Any] | None = None) -> None:
     """Write `policy` to `path`; `provenance` says how it was trained (any JSON)."""
@@ -42,7 +45,7 @@ def save_policy(policy: Policy, path: Path, provenance: dict[str, Any] | None = 
 def policy_leaves(policy: Policy) -> dict[str, Any]:
     """Return every array of `policy` by its name in files."""
     emulator = prefixed("emulator", emulator_leaves(policy.emulator))
-    return emulator | prefixed("network", policy.network.tensors())
+    return emulator | prefixed("network", policy.network.leaves())
 
 
 def describe_policy(policy: Policy) -> dict[str, Any]:
@@ -66,10 +69,10 @@ def load_policy(name: str | Path) -> Policy:
     """
     path = find_policy(str(name))
     tensors, metadata = read_tensors(path, "policy")
-    check_format(path, metadata.get("format"), FORMAT)
+    check_format(path, metadata.get("format"), FORMAT, MAKER)
     emulator = metadata.get("emulator")
     emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
-    check_format(path, emulator_format, EMULATOR_FORMAT)
+    check_format(path, emulator_format, EMULATOR_FORMAT, MAKER)
     try:
         shapes = jax.eval_shape(lambda: blank_policy(metadata))
         policy = with_tensors(shapes, policy_leaves, tensors)

@@ -36,7 +36,7 @@ class Classic(Network):
         self.bias = jnp.zeros(widths[0])
         self.out = random_weights(keys[2], widths[0], out)
 
-    def tensors(self) -> dict[str, Any]:
+    def leaves(self) -> dict[str, Any]:
         return {
             "layer0.odd_weight": self.odd_in,
             "layer0.even_weight": self.even_in,

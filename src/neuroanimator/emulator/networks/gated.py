@@ -38,8 +38,8 @@ class GatedLayer(eqx.Module):
         gate, level = jnp.split(even @ self.even_in + self.bias, 2)
         return jnp.tanh(odd_units) * gate, jnp.tanh(pair) * factor + jnp.tanh(level)
 
-    def tensors(self) -> dict[str, Any]:
-        """Return every weight by the name that files give it."""
+    def leaves(self) -> dict[str, Any]:
+        """Return every weight, or what stands for it, by the name that files give it."""
         return {"odd_weight": self.odd_in, "even_weight": self.even_in, "bias": self.bias}
 
 
@@ -61,8 +61,8 @@ class Gated(Network):
         self.layers = tuple(layers)
         self.out = 0.1 * random_weights(keys[0], odd, out)
 
-    def tensors(self) -> dict[str, Any]:
-        return {**layer_tensors(self.layers), "out.weight": self.out}
+    def leaves(self) -> dict[str, Any]:
+        return {**layer_leaves(self.layers), "out.weight": self.out}
 
     @property
     def widths(self) -> tuple[int, ...]:
@@ -74,9 +74,9 @@ class Gated(Network):
         return odd @ self.out
 
 
-def layer_tensors(layers: tuple[GatedLayer, ...]) -> dict[str, Any]:
+def layer_leaves(layers: tuple[GatedLayer, ...]) -> dict[str, Any]:
     """Return the weights of `layers` as `layer0.bias` and so on."""
     tensors = {}
     for number, layer in enumerate(layers):
-        tensors.update(prefixed(f"layer{number}", layer.tensors()))
+        tensors.update(prefixed(f"layer{number}", layer.leaves()))
     return tensors

@@ -33,7 +33,7 @@ class Glu(Network):
         )
         self.out = 0.1 * random_weights(keys[0], sizes[-1], out)
 
-    def tensors(self) -> dict[str, Any]:
+    def leaves(self) -> dict[str, Any]:
         tensors = {}
         for number, (layer, bias) in enumerate(zip(self.layers, self.biases, strict=True)):
             tensors[f"layer{number}.weight"] = layer
@@ -64,8 +64,8 @@ class LinearGlu(Network):
         self.glu = Glu(odd, even, out, widths, key=key)
         self.linear = jnp.zeros((odd + even, out))
 
-    def tensors(self) -> dict[str, Any]:
-        return {**self.glu.tensors(), "linear.weight": self.linear}
+    def leaves(self) -> dict[str, Any]:
+        return {**self.glu.leaves(), "linear.weight": self.linear}
 
     @property
     def widths(self) -> tuple[int, ...]:

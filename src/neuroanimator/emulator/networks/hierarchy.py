@@ -111,9 +111,9 @@ class Hierarchy(Network):
             i for i in part.answers if i in self.even
         ]
 
-    def tensors(self) -> dict[str, Any]:
-        upper = prefixed("upper", self.upper.tensors())
-        children = prefixed("children", self.children.tensors())
+    def leaves(self) -> dict[str, Any]:
+        upper = prefixed("upper", self.upper.leaves())
+        children = prefixed("children", self.children.leaves())
         return {**upper, **children}
 
     @property

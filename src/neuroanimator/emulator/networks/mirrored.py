@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.emulator.features import reordered
-from neuroanimator.emulator.networks.gated import GatedLayer, layer_tensors
+from neuroanimator.emulator.networks.gated import GatedLayer, layer_leaves
 from neuroanimator.emulator.networks.network import Network, check_halves, random_weights
 
 
@@ -55,9 +55,9 @@ class Mirrored(Network):
         self.odd_out = 0.1 * random_weights(keys[0], odd, odd_answers)
         self.even_out = 0.1 * random_weights(keys[1], even, even_answers)
 
-    def tensors(self) -> dict[str, Any]:
+    def leaves(self) -> dict[str, Any]:
         return {
-            **layer_tensors(self.layers),
+            **layer_leaves(self.layers),
             "out.odd_weight": self.odd_out,
             "out.even_weight": self.even_out,
             "linear.odd_weight": self.odd_linear,

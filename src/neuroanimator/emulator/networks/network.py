@@ -31,13 +31,13 @@ class Network(eqx.Module):
         """Return the normalised change of state."""
 
     @abc.abstractmethod
-    def tensors(self) -> dict[str, Any]:
-        """Return every weight, or what stands in its place, by the name that files give it (docs/format.md)."""
+    def leaves(self) -> dict[str, Any]:
+        """Return every weight, or what stands for it, by the name that files give it: see docs/format.md."""
 
 
-def prefixed(prefix: str, tensors: dict[str, Any]) -> dict[str, Any]:
-    """Return `tensors` with `prefix` and a dot before their names."""
-    return {f"{prefix}.{name}": tensor for name, tensor in tensors.items()}
+def prefixed(prefix: str, leaves: dict[str, Any]) -> dict[str, Any]:
+    """Return `leaves` with `prefix` and a dot before their names."""
+    return {f"{prefix}.{name}": tensor for name, tensor in leaves.items()}
 
 
 def check_halves(widths: tuple[int, ...]) -> None:
