@@ -1,4 +1,4 @@
-"""`animate`: a motion from an emulator."""
+"""The verb `animate`: write a motion of an emulator as a film, a GLB or a CSV file."""
 
 from __future__ import annotations
 
@@ -12,8 +12,13 @@ from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
 SIZE = "{}x{}".format(*DEFAULT_SIZE)
+"""A film has this size [pixels], written as on the command line, if nothing else is said."""
+
 SIZE_HELP = "Width x height of a film [pixels]."
+"""The help of `--size`, here and in `export`."""
+
 CAMERA_HELP = "Of a film: " + "; ".join(f"{name} ({does})" for name, does in CAMERAS.items()) + "."
+"""The help of `--camera`, here and in `export`."""
 
 START_HELP = (
     "Part of the state to start with, such as root.position=3,-2,8; may be given several times."
@@ -52,18 +57,20 @@ def run(
 
         model = emulator_for(out, emulator)
     with phase("emulating"):
-        begin = named_start(model, read_starts(start)) if start else None
+        start_state = None
+        if start:
+            start_state = named_start(model, read_starts(start))
         if controls:
-            states = controlled_motion(model, read_table(controls, model.control)[1], begin)
+            _, control_rows = read_table(controls, model.control)
+            states = controlled_motion(model, control_rows, start_state)
         else:
-            states = random_motion(model, seconds, seed, begin)
+            states = random_motion(model, seconds, seed, start_state)
     clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="emulator")
     with phase("drawing"):
         export_clip(clip, model, out, film)
-    print_rows(
-        [
-            ("frames", len(clip.times)),
-            ("seconds", f"{clip.times[-1]:.2f}"),
-            *(("file", path) for path in out),
-        ]
-    )
+    rows: list[tuple[str, object]] = [
+        ("frames", len(clip.times)),
+        ("seconds", f"{clip.times[-1]:.2f}"),
+    ]
+    rows += [("file", path) for path in out]
+    print_rows(rows)

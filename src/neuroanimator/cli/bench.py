@@ -1,4 +1,4 @@
-"""`bench`: the project's figures, measured here."""
+"""The verb `bench`: measure the project's figures on this machine."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TABLE_COLUMNS = (
     "diverged",
     "verdict",
 )
-"""What is printed of the table of 1998; its CSV file has more."""
+"""These columns of the table of 1998 are printed; its CSV file has more."""
 
 CONTROL_COLUMNS = (
     "task",
@@ -38,7 +38,10 @@ CONTROL_COLUMNS = (
     "gradient_cosine_median",
     "replan_p99_ms",
 )
-"""What is printed of the controllers; their CSV file has more."""
+"""These columns of the table of controllers are printed; its CSV file has more."""
+
+QUICK_SUBSTEPS = "50"
+"""`--quick` measures emulators of this many physics steps a super step, written as on the command line."""
 
 
 def run(
@@ -83,8 +86,11 @@ def run(
     if control:
         _run_control(tasks, quick, json, out)
         return
-    chosen = chosen_rows(systems, substeps or ("50" if quick else None))
-    figures, files = run_table(chosen, out, is_quick=quick, seeds=1 if quick else seeds)
+    if quick:
+        substeps = substeps or QUICK_SUBSTEPS
+        seeds = 1
+    chosen = chosen_rows(systems, substeps or None)
+    figures, files = run_table(chosen, out, is_quick=quick, seeds=seeds)
     if json:
         print(dumps(figures, indent=2))
         return
@@ -98,7 +104,8 @@ def _run_control(tasks: str | None, quick: bool, json: bool, out: Path) -> None:
     from neuroanimator.bench.run_control import QUICK, THOROUGH, chosen_tasks, run_control_bench
     from neuroanimator.terminal import print_rows, print_table
 
-    rows, files = run_control_bench(chosen_tasks(tasks), out, QUICK if quick else THOROUGH)
+    budget = QUICK if quick else THOROUGH
+    rows, files = run_control_bench(chosen_tasks(tasks), out, budget)
     if json:
         print(dumps(rows, indent=2))
         return

@@ -1,4 +1,4 @@
-"""`demo`: the main job, from physics to a controlled pendulum."""
+"""The verb `demo`: the main job, from physics to a controlled pendulum."""
 
 from __future__ import annotations
 

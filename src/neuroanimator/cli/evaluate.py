@@ -1,4 +1,4 @@
-"""`evaluate`: accuracy and speed of emulators."""
+"""The verb `evaluate`: measure accuracy and speed of emulators."""
 
 from __future__ import annotations
 
@@ -65,7 +65,9 @@ def _evaluate(
         if system:
             trust_files(system)
         loaded = [Emulator.load(find_emulator(name)) for name in emulators]
-        transitions = read_transitions(data) if data else None
+        transitions = None
+        if data:
+            transitions = read_transitions(data)
     evaluations = []
     with progress_bar("emulators", len(loaded)) as bar:
         for emulator in loaded:
@@ -139,5 +141,7 @@ def _sweep(
         print(dumps(table, indent=2))
         return
     print_table(table)
-    verdict = f"n = {best.substeps}" if best else "none of them; train longer, or take smaller n"
+    verdict = "none of them; train longer, or take smaller n"
+    if best:
+        verdict = f"n = {best.substeps}"
     print(f"Largest n whose error after {seconds:g} s is at most {tolerance:g}: {verdict}.")

@@ -1,4 +1,4 @@
-"""`export`: a stored clip in another format."""
+"""The verb `export`: write a stored clip in another format."""
 
 from __future__ import annotations
 
@@ -35,4 +35,6 @@ def run(
         motion = read_clip(clip, model)
     with phase("drawing"):
         export_clip(motion, model, out, film)
-    print_rows([("frames", len(motion.times)), *(("file", path) for path in out)])
+    rows: list[tuple[str, object]] = [("frames", len(motion.times))]
+    rows += [("file", path) for path in out]
+    print_rows(rows)

@@ -1,4 +1,4 @@
-"""`generate`: make a dataset of transitions."""
+"""The verb `generate`: make a dataset of transitions."""
 
 from __future__ import annotations
 
@@ -42,23 +42,22 @@ def run(
 
         if system.endswith(".toml"):
             trust_files(system)
-        name, definition, usual = resolve(system)
-    chosen = usual if substeps is None else substeps
+        name, definition, usual_substeps = resolve(system)
+    if substeps is None:
+        substeps = usual_substeps
     config = DatasetConfig(
-        system=name, definition=definition, substeps=chosen, count=count, seed=seed
+        system=name, definition=definition, substeps=substeps, count=count, seed=seed
     )
     config = limited_to_recordings(config)
     diverged = generate_with_bar(config, out, threads)
-    kept = [("to be replayed from", out / PATTERN)] if diverged else []
-    print_rows(
-        [
-            ("transitions", (config.runs - diverged) * config.samples_per_run),
-            ("runs diverged and dropped", diverged),
-            *kept,
-            ("shards", config.shards),
-            ("folder", out),
-        ]
-    )
+    rows: list[tuple[str, object]] = [
+        ("transitions", (config.runs - diverged) * config.samples_per_run),
+        ("runs diverged and dropped", diverged),
+    ]
+    if diverged:
+        rows.append(("to be replayed from", out / PATTERN))
+    rows += [("shards", config.shards), ("folder", out)]
+    print_rows(rows)
 
 
 def generate_with_bar(config: DatasetConfig, out: Path, threads: int | None = None) -> int:
@@ -94,10 +93,9 @@ def ensure_data(reference: str, emulator: Path) -> Path:
         )
     if reference.endswith(".toml"):
         trust_files(reference)
-    name, definition, usual = resolve(reference)
-    folder = emulator.with_name(
-        emulator.name.removesuffix(".safetensors").removesuffix(".emulator") + ".data"
-    )
-    config = DatasetConfig(system=name, definition=definition, substeps=usual)
+    name, definition, usual_substeps = resolve(reference)
+    stem = emulator.name.removesuffix(".safetensors").removesuffix(".emulator")
+    folder = emulator.with_name(stem + ".data")
+    config = DatasetConfig(system=name, definition=definition, substeps=usual_substeps)
     generate_with_bar(limited_to_recordings(config), folder)
     return folder

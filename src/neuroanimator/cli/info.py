@@ -1,4 +1,4 @@
-"""`info`: what a file says about itself."""
+"""The verb `info`: show what a file says about itself."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 EXAMPLE = "neuroanimator info pendulum-50"
 
 MAX_PARTS = 6
-"""Parts of a state or control that are named; of the others only the number is told."""
+"""This many parts of a state or control are named; of the others only the number is told."""
 
 Rows = list[tuple[str, object]]
+"""Each row that is printed is a label and a value."""
 
 
 def run(
@@ -54,8 +55,11 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
     from neuroanimator.zoo import find_emulator
 
     path = find_emulator(file)
-    metadata, model = read_metadata(path), load(path)
+    metadata = read_metadata(path)
+    model = load(path)
     network = metadata["network"]
+    widths = "x".join(map(str, network["widths"]))
+    stored_numbers = sum(array.size for array in emulator_tensors(model).values())
     rows: Rows = [
         ("file", path.name),
         ("system", metadata["system"]),
@@ -63,8 +67,8 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("state", summary_of(model.state)),
         ("control", summary_of(model.control)),
         ("control bounds", bounds_of(*metadata["bounds"])),
-        ("network", f"{network['kind']} {'x'.join(map(str, network['widths']))}"),
-        ("numbers stored", f"{sum(array.size for array in emulator_tensors(model).values()):,}"),
+        ("network", f"{network['kind']} {widths}"),
+        ("numbers stored", f"{stored_numbers:,}"),
         ("sha256", metadata["sha256"]),
     ]
     return metadata, rows
@@ -78,7 +82,7 @@ def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
 
     path = find_policy(str(path))
     policy = load_policy(path)
-    metadata = read_tensors(path, "policy")[1]
+    _, metadata = read_tensors(path, "policy")
     spec = policy.emulator.spec
     rows: Rows = [
         ("file", path.name),
@@ -111,20 +115,23 @@ def _dataset(folder: Path) -> tuple[dict[str, Any], Rows]:
 
 def summary_of(layout: Layout) -> str:
     """Return the size of a layout and its parts with their units: the first few by name, the others by number."""
-    parts = [
-        f"{part.name} [{part.unit}]" + (f" x {part.size}" if part.size > 1 else "")
-        for part in layout.slices
-    ]
+    parts = []
+    for part in layout.slices:
+        text = f"{part.name} [{part.unit}]"
+        if part.size > 1:
+            text += f" x {part.size}"
+        parts.append(text)
     left_out = len(parts) - MAX_PARTS
-    shown = (
-        parts
-        if left_out <= 1
-        else [*parts[:MAX_PARTS], f"and {left_out} more parts (--json names them)"]
-    )
-    return f"{layout.size} number{'s' if layout.size != 1 else ''}: {', '.join(shown)}"
+    if left_out > 1:
+        parts = [*parts[:MAX_PARTS], f"and {left_out} more parts (--json names them)"]
+    plural = "s" if layout.size != 1 else ""
+    return f"{layout.size} number{plural}: {', '.join(parts)}"
 
 
 def bounds_of(low: list[float], high: list[float]) -> str:
     """Return the bounds of each number, those that are all alike once."""
     pairs = [f"{least:g} to {largest:g}" for least, largest in zip(low, high, strict=True)]
-    return f"{pairs[0]}, each" if len(pairs) > 1 and len({*pairs}) == 1 else ", ".join(pairs)
+    are_alike = len(set(pairs)) == 1
+    if len(pairs) > 1 and are_alike:
+        return f"{pairs[0]}, each"
+    return ", ".join(pairs)

@@ -1,4 +1,4 @@
-"""`list`: systems, and the emulators and policies that ship."""
+"""The verb `list`: print the systems, and the emulators and policies that ship."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ def run() -> None:
     goals = {name: load_system(name).goals for name in SYSTEMS}
     print_rows((f"  {name}", ", ".join(named)) for name, named in goals.items() if named)
     print("\nReady-made emulators")
-    present = [(system, n) for system, n in sorted(SHIPPED) if shipped_path(system, n).is_file()]
-    print_rows((f"  {system}-{n}", f"leaps {n} physics steps at a time") for system, n in present)
+    emulator_rows = []
+    for system, substeps in sorted(SHIPPED):
+        if shipped_path(system, substeps).is_file():
+            emulator_rows.append(
+                (f"  {system}-{substeps}", f"leaps {substeps} physics steps at a time")
+            )
+    print_rows(emulator_rows)
     print("\nReady-made policies (Python: find_policy, load_policy)")
-    held = [system for system in POLICIES if shipped_policy(system).is_file()]
-    print_rows(
-        (f"  {system}", f"swims by commands, speed and turn, through {system}-50")
-        for system in held
-    )
+    policy_rows = []
+    for system in POLICIES:
+        if shipped_policy(system).is_file():
+            does = f"swims by commands, speed and turn, through {system}-50"
+            policy_rows.append((f"  {system}", does))
+    print_rows(policy_rows)

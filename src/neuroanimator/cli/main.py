@@ -37,7 +37,9 @@ def _run() -> None:
     except MemoryError:
         fail("Out of memory. Ask for less at once.", 4)
     except OSError as error:
-        name = f": {error.filename}" if error.filename else ""
+        name = ""
+        if error.filename:
+            name = f": {error.filename}"
         fail(f"{error.strerror or error}{name}", 4)
     except Exception as error:
         if os.environ.get("NEUROANIMATOR_DEBUG"):
@@ -50,8 +52,11 @@ def _run() -> None:
 
 def say_what_mujoco_warned_of() -> None:
     """Print one line on stderr if MuJoCo warned of anything; import nothing that was not needed so far."""
-    counted = sys.modules.get("neuroanimator.systems.rigid.warnings")
-    if counted is not None and (line := counted.warning_line()):
+    warnings_module = sys.modules.get("neuroanimator.systems.rigid.warnings")
+    if warnings_module is None:
+        return
+    line = warnings_module.warning_line()
+    if line:
         print_line(f"neuroanimator: {line}", to_stderr=True)
 
 

@@ -1,4 +1,4 @@
-"""`new`: bring your own model, step function or recordings."""
+"""The verb `new`: bring your own model, step function or recordings."""
 
 from __future__ import annotations
 
@@ -31,17 +31,14 @@ def run(
     with phase("checking the model"):
         path, proposal = write_definition(model, out, force=force)
     definition = proposal.definition
+    name = definition.name
+    dt = definition.substeps * definition.physics.step
+    following = f"edit {path}, then: neuroanimator train {path} --out {name}.emulator.safetensors"
     print_rows(
         [
-            ("system", definition.name),
-            (
-                "super step",
-                f"{definition.substeps} physics steps, {definition.substeps * definition.physics.step:g} s",
-            ),
+            ("system", name),
+            ("super step", f"{definition.substeps} physics steps, {dt:g} s"),
             ("written", path),
-            (
-                "next",
-                f"edit {path}, then: neuroanimator train {path} --out {definition.name}.emulator.safetensors",
-            ),
+            ("next", following),
         ]
     )

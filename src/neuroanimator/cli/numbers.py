@@ -1,11 +1,11 @@
-"""Lists of numbers on the command line."""
+"""Read lists of numbers on the command line."""
 
 from __future__ import annotations
 
 from neuroanimator.errors import ArgumentError
 
 MAX_SHOWN = 40
-"""Characters of a text shown in an error."""
+"""An error shows at most this many characters of a wrong text."""
 
 
 def whole_numbers(name: str, text: str) -> tuple[int, ...]:

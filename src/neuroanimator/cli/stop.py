@@ -21,12 +21,19 @@ from types import FrameType
 from typing import NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""These signals end the process: Ctrl-C, and what `kill` sends."""
+
+STDERR = 2
+"""The file descriptor of stderr."""
+
+SHOW_CURSOR = "\r\n\x1b[?25h"
+"""A terminal has shown '^C', and the bar has hidden the cursor: this begins a line and shows it again."""
 
 PATIENCE = 0.5
-"""[s] Until the process is ended from beside a compiled call that does not come back."""
+"""After this long [s] the process is ended from beside a compiled call that does not come back."""
 
 RESUMABLE = frozenset({"demo", "generate", "train"})
-"""Verbs that keep what they have done and go on from there."""
+"""These verbs keep what they have done and go on from there when started again."""
 
 
 class Stop:
@@ -76,11 +83,14 @@ class Stop:
 
 def _end_children() -> None:
     """Kill what this process started: a compiler, or what draws a film. Where there is no /proc a terminal does."""
-    for list_ in Path("/proc/self/task").glob("*/children"):
-        for word in list_.read_text().split():
+    for children in Path("/proc/self/task").glob("*/children"):
+        for word in children.read_text().split():
             child = int(word)
             is_leader = os.getpgid(child) == child
-            os.killpg(child, signal.SIGKILL) if is_leader else os.kill(child, signal.SIGKILL)
+            if is_leader:
+                os.killpg(child, signal.SIGKILL)
+            else:
+                os.kill(child, signal.SIGKILL)
 
 
 def _remove_leftovers() -> None:
@@ -97,16 +107,14 @@ def _show_what_was_printed() -> None:
 
 def _say_so() -> None:
     verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
-    goes_on = verb in RESUMABLE or "--sweep" in sys.argv
-    line = (
-        "Started again, it goes on where it stopped."
-        if goes_on
-        else "No file was left half-written."
-    )
-    # A terminal has shown '^C', and the bar has hidden the cursor.
-    before = "\r\n\x1b[?25h" if os.isatty(2) else ""
-    os.write(2, f"{before}neuroanimator: Stopped. {line}\n".encode())
+    line = "No file was left half-written."
+    if verb in RESUMABLE or "--sweep" in sys.argv:
+        line = "Started again, it goes on where it stopped."
+    before = ""
+    if os.isatty(STDERR):
+        before = SHOW_CURSOR
+    os.write(STDERR, f"{before}neuroanimator: Stopped. {line}\n".encode())
 
 
 STOP = Stop()
-"""The process has one."""
+"""The process has this one listener."""

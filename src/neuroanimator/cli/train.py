@@ -1,4 +1,4 @@
-"""`train`: fit an emulator to a dataset."""
+"""The verb `train`: fit an emulator to a dataset."""
 
 from __future__ import annotations
 
@@ -52,9 +52,12 @@ def run(
         from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
         from neuroanimator.training.train import Report, run_folder, train
 
-    named = {
+    layer_widths = None
+    if widths is not None:
+        layer_widths = whole_numbers("widths", widths)
+    options = {
         "network": network,
-        "widths": None if widths is None else whole_numbers("widths", widths),
+        "widths": layer_widths,
         "optimizer": optimizer,
         "learning_rate": learning_rate,
         "updates": updates,
@@ -62,8 +65,12 @@ def run(
         "unroll": unroll,
         "seed": seed,
     }
-    settings: dict[str, Any] = read_toml(config) if config else {}
-    settings |= {key: value for key, value in named.items() if value is not None}
+    settings: dict[str, Any] = {}
+    if config:
+        settings = read_toml(config)
+    for key, value in options.items():
+        if value is not None:
+            settings[key] = value
     checked = TrainingConfig(**settings)
     last: list[Report] = []
     transitions = read_transitions(ensure_data(data, out))
@@ -71,9 +78,8 @@ def run(
 
         def on_report(report: Report) -> None:
             last[:] = [report]
-            bar.advance_to(
-                report.update, f"error {report.error:.4f}, {report.update / report.seconds:,.0f}/s"
-            )
+            updates_per_second = report.update / report.seconds
+            bar.advance_to(report.update, f"error {report.error:.4f}, {updates_per_second:,.0f}/s")
 
         emulator = train(transitions, checked, out, on_report=on_report)
     rows: list[tuple[str, object]] = [

@@ -1,4 +1,4 @@
-"""A wrong command line, told in one line."""
+"""Tell of a wrong command line in one line."""
 
 from __future__ import annotations
 
@@ -39,12 +39,11 @@ def usage_in_one_line() -> Iterator[None]:
     except UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":
             raise
-        said = str(getattr(error, "format_message", error.__str__)()).rstrip(".")
+        format_message = getattr(error, "format_message", error.__str__)
+        said = str(format_message()).rstrip(".")
         stop = "" if said.endswith("?") else "."
         context = getattr(error, "ctx", None)
-        command = (
-            f"neuroanimator {context.info_name}"
-            if context is not None and context.parent
-            else "neuroanimator"
-        )
+        command = "neuroanimator"
+        if context is not None and context.parent:
+            command += f" {context.info_name}"
         raise ArgumentError(f"{said}{stop} '{command} --help' shows what there is.") from error

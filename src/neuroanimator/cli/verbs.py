@@ -36,6 +36,8 @@ VERBS = {
     "evaluate": evaluate, "animate": animate, "control": control, "export": export, "bench": bench,
     "info": info,
 }  # fmt: skip
+"""Each verb is the `run` of its module; `--help` lists them in this order."""
+
 for verb, module in VERBS.items():
     app.command(verb, epilog=f"Example: {module.EXAMPLE}")(module.run)
 
