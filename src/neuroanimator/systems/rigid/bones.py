@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.appearance.skeleton import Bone, Joint, Shape, Skeleton
 from neuroanimator.parsing.names import model_name
@@ -14,10 +15,16 @@ DRAWN_GROUPS = 3
 """Geoms of groups 0 to 2 are drawn, as in MuJoCo's own viewer; higher groups are for contact only."""
 
 MAX_GROUND = 20.0
-"""[m] Half the side at which an infinite plane is drawn."""
+"""An infinite plane is drawn as a square whose half side is this [m]: large beside any body that moves on it."""
 
 GROUND_THICKNESS = 0.01
-"""[m] A plane is drawn as a slab this thick, its top where the plane is."""
+"""A plane is drawn as a slab of half this thickness [m] (sizes of boxes are halves), its top where the plane is."""
+
+DECIMALS = 9
+"""Numbers of a skeleton are rounded to so many decimals, well below what is visible: files stay small."""
+
+SizedShape = tuple[str, tuple[float, ...]]
+"""What a shape is, and its half sizes [m]."""
 
 JOINT_NAMES = {
     int(mujoco.mjtJoint.mjJNT_FREE): "free",
@@ -25,48 +32,68 @@ JOINT_NAMES = {
     int(mujoco.mjtJoint.mjJNT_SLIDE): "slide",
     int(mujoco.mjtJoint.mjJNT_HINGE): "hinge",
 }
+"""The name of each of MuJoCo's types of joint."""
 
 
 def skeleton_of(model: mujoco.MjModel) -> Skeleton:
     """Return the bodies of `model` with their joints and shapes; the world is a bone if it has shapes."""
-    first = 0 if _shapes(model, 0) else 1
-    return Skeleton(tuple(_bone(model, body, first) for body in range(first, model.nbody)))
+    has_world = bool(_shapes(model, 0))
+    first = 1
+    if has_world:
+        first = 0
+    bones = [_bone(model, body, first) for body in range(first, model.nbody)]
+    return Skeleton(tuple(bones))
+
+
+def joints_of_body(model: mujoco.MjModel, body: int) -> range:
+    """Return the numbers of the joints that connect a body to its parent."""
+    first = int(model.body_jntadr[body])
+    return range(first, first + int(model.body_jntnum[body]))
 
 
 def _bone(model: mujoco.MjModel, body: int, first: int) -> Bone:
-    joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+    """Return the bone of a body; `first` is the body that becomes bone 0."""
+    parent = -1
+    if body > 0:
+        parent = int(model.body_parentid[body]) - first
+    joints = [_joint(model, joint) for joint in joints_of_body(model, body)]
     return Bone(
         name=model_name(model.body(body).name, f"body_{body}"),
-        parent=-1 if body == 0 else int(model.body_parentid[body]) - first,
+        parent=parent,
         offset=_numbers(model.body_pos[body]),
         orientation=_numbers(model.body_quat[body]),
-        joints=tuple(_joint(model, joint) for joint in joints),
+        joints=tuple(joints),
         shapes=_shapes(model, body),
     )
 
 
 def _joint(model: mujoco.MjModel, joint: int) -> Joint:
-    kind, entry = JOINT_NAMES[int(model.jnt_type[joint])], int(model.jnt_qposadr[joint])
-    reference = float(model.qpos0[entry]) if kind in ("hinge", "slide") else 0.0
-    return Joint(
-        kind, entry, _numbers(model.jnt_axis[joint]), _numbers(model.jnt_pos[joint]), reference
-    )
+    kind = JOINT_NAMES[int(model.jnt_type[joint])]
+    entry = int(model.jnt_qposadr[joint])
+    reference = 0.0
+    if kind in ("hinge", "slide"):
+        reference = float(model.qpos0[entry])
+    axis = _numbers(model.jnt_axis[joint])
+    anchor = _numbers(model.jnt_pos[joint])
+    return Joint(kind, entry, axis, anchor, reference)
 
 
 def _shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
-    geoms = range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
-    drawn = [
-        geom
-        for geom in geoms
-        if model.geom_group[geom] < DRAWN_GROUPS and model.geom_rgba[geom][3] > 0
-    ]
-    return tuple(_shape(model, geom) for geom in drawn)
+    first = int(model.body_geomadr[body])
+    shapes: list[Shape] = []
+    for geom in range(first, first + int(model.body_geomnum[body])):
+        is_visible = model.geom_rgba[geom][3] > 0
+        if is_visible and model.geom_group[geom] < DRAWN_GROUPS:
+            shapes.append(_shape(model, geom))
+    return tuple(shapes)
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> Shape:
-    kind, size = SHAPES.get(int(model.geom_type[geom]), _bounding_box)(model, geom)
+    geom_type = int(model.geom_type[geom])
+    sized_shape = SHAPES.get(geom_type, _bounding_box)
+    kind, size = sized_shape(model, geom)
     position = np.array(model.geom_pos[geom])
-    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+    if geom_type == mujoco.mjtGeom.mjGEOM_PLANE:
         position[2] -= GROUND_THICKNESS
     return Shape(
         kind,
@@ -77,8 +104,8 @@ def _shape(model: mujoco.MjModel, geom: int) -> Shape:
     )
 
 
-def _colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return a geom's colour (4,); of a texture the mean, for triangles have none."""
+def _colour(model: mujoco.MjModel, geom: int) -> Float[np.ndarray, 4]:
+    """Return a geom's red, green, blue and opacity, 0 to 1; of a texture the mean, for triangles have none."""
     material = model.geom_matid[geom]
     if material < 0:
         return np.clip(model.geom_rgba[geom], 0, 1)
@@ -89,27 +116,36 @@ def _colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
     return np.clip(colour, 0, 1)
 
 
-def _mean_texel(model: mujoco.MjModel, texture: int) -> np.ndarray:
-    """Return the mean colour (3,) of a texture, 0 to 1."""
+def _mean_texel(model: mujoco.MjModel, texture: int) -> Float[np.ndarray, 3]:
+    """Return the mean colour of a texture, 0 to 1; of a texture with fewer than three channels the mean grey."""
     channels = int(model.tex_nchannel[texture])
     size = int(model.tex_height[texture]) * int(model.tex_width[texture])
     first = int(model.tex_adr[texture])
     texels = np.asarray(model.tex_data[first : first + size * channels]).reshape(size, channels)
     mean = texels.mean(axis=0) / 255
-    return mean[:3] if channels >= 3 else np.repeat(mean[:1], 3)
+    if channels < 3:
+        return np.repeat(mean[:1], 3)
+    return mean[:3]
 
 
-def _as_is(kind: str) -> Callable[[mujoco.MjModel, int], tuple[str, tuple[float, ...]]]:
-    return lambda model, geom: (kind, _numbers(model.geom_size[geom]))
+def _as_is(kind: str) -> Callable[[mujoco.MjModel, int], SizedShape]:
+    """Return what makes the shape of a geom whose sizes mean the same to MuJoCo and to us."""
+
+    def sized_shape(model: mujoco.MjModel, geom: int) -> SizedShape:
+        return kind, _numbers(model.geom_size[geom])
+
+    return sized_shape
 
 
-def _plane(model: mujoco.MjModel, geom: int) -> tuple[str, tuple[float, ...]]:
-    sides = [float(side) or MAX_GROUND for side in model.geom_size[geom][:2]]
-    return "box", (*(min(side, MAX_GROUND) for side in sides), GROUND_THICKNESS)
+def _plane(model: mujoco.MjModel, geom: int) -> SizedShape:
+    """Return the slab a plane is drawn as; MuJoCo writes an infinite side as 0."""
+    width = float(model.geom_size[geom][0]) or MAX_GROUND
+    depth = float(model.geom_size[geom][1]) or MAX_GROUND
+    return "box", (min(width, MAX_GROUND), min(depth, MAX_GROUND), GROUND_THICKNESS)
 
 
-def _bounding_box(model: mujoco.MjModel, geom: int) -> tuple[str, tuple[float, ...]]:
-    """Meshes and height fields are drawn as their bounding boxes, to keep emulator files small."""
+def _bounding_box(model: mujoco.MjModel, geom: int) -> SizedShape:
+    """Return the bounding box of a geom: meshes and height fields are drawn so, to keep emulator files small."""
     return "box", _numbers(model.geom_aabb[geom][3:])
 
 
@@ -121,7 +157,9 @@ SHAPES = {
     int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): _as_is("ellipsoid"),
     int(mujoco.mjtGeom.mjGEOM_BOX): _as_is("box"),
 }
+"""What makes the shape of each of MuJoCo's types of geom; any other is drawn as its bounding box."""
 
 
-def _numbers(values: np.ndarray) -> tuple[float, ...]:
-    return tuple(round(float(value), 9) + 0.0 for value in values)
+def _numbers(values: Float[np.ndarray, " N"]) -> tuple[float, ...]:
+    # Adding 0.0 makes -0.0 plain zero.
+    return tuple(round(float(value), DECIMALS) + 0.0 for value in values)

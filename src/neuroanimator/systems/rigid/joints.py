@@ -1,4 +1,4 @@
-"""From a MuJoCo model's joints to layouts and structure."""
+"""The joints of a MuJoCo model: the state layout they make, and the structure an emulator may exploit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from neuroanimator.state.segments import (
     Velocity,
 )
 from neuroanimator.state.structure import Structure
-from neuroanimator.systems.rigid.bones import JOINT_NAMES
+from neuroanimator.systems.rigid.bones import JOINT_NAMES, joints_of_body
 from neuroanimator.text import quoted
 
 FEATURES = {
@@ -39,14 +39,16 @@ class JointView:
     """One joint, where it is in the state, and by what it is represented."""
 
     index: int
-    """Its number in the model."""
+    """The joint's number in the model."""
     name: str
     kind: str
+    """What MuJoCo calls its type: hinge, slide, ball or free."""
     feature: str
+    """What represents it to a network: one of `FEATURES` of its kind."""
     position_entry: int
-    """State entry where its position begins."""
-    rate: int
-    """State entry where its velocity begins."""
+    """The state entry where its position begins."""
+    velocity_entry: int
+    """The state entry where its velocity begins."""
 
 
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
@@ -74,7 +76,9 @@ def joint_views(
 ) -> list[JointView]:
     """Return the joints in the model's order.
 
-    `features` names what represents each, the first of its kind's `FEATURES` if it is not there.
+    `features` says by a joint's name what represents it; a joint that is not there takes the first of its
+    kind's `FEATURES`. `planar` names the three joints of a root in the plane. Raises ArgumentError for a
+    feature a joint cannot have, an unknown joint, a free joint that is not the first, and planar joints out of order.
     """
     views = []
     for joint in range(model.njnt):
@@ -85,47 +89,63 @@ def joint_views(
         if is_planar:
             feature = "planar"
         if feature not in FEATURES[kind] or (feature == "planar") != is_planar:
-            valid = ", ".join(way for way in FEATURES[kind] if way != "planar")
+            valid = ", ".join(feature for feature in FEATURES[kind] if feature != "planar")
             raise ArgumentError(
                 f"state.{name}: a {kind} joint cannot be '{feature}'. Ways: {valid}."
             )
-        rate = model.nq + int(model.jnt_dofadr[joint])
-        views.append(JointView(joint, name, kind, feature, int(model.jnt_qposadr[joint]), rate))
-    _check(views, features, planar)
+        view = JointView(
+            index=joint,
+            name=name,
+            kind=kind,
+            feature=feature,
+            position_entry=int(model.jnt_qposadr[joint]),
+            velocity_entry=model.nq + int(model.jnt_dofadr[joint]),
+        )
+        views.append(view)
+    _check_names(views, [*features, *planar])
+    _check_root(views, planar)
     return views
 
 
-def _check(views: list[JointView], features: dict[str, str], planar: tuple[str, ...]) -> None:
+def _check_names(views: list[JointView], wanted: list[str]) -> None:
     names = [view.name for view in views]
-    for name in [*features, *planar]:
+    for name in wanted:
         if name not in names:
             raise ArgumentError(f"No joint called '{name}'. Joints: {', '.join(names)}.")
-    if any(view.kind == "free" for view in views[1:]):
+
+
+def _check_root(views: list[JointView], planar: tuple[str, ...]) -> None:
+    has_second_free_joint = any(view.kind == "free" for view in views[1:])
+    if has_second_free_joint:
         raise ArgumentError(
             "A free joint must be the model's first joint, and the only free one. Fix the other bodies in place."
         )
-    if planar and (
-        len(planar) != 3
-        or names[names.index(planar[0]) + 1] != planar[1]
-        or views[0].kind == "free"
-    ):
+    if planar and not _is_planar_root(views, planar):
         raise ArgumentError(
             "frame.planar: wanted three joints x, y, heading, of which x and y follow each other."
         )
 
 
+def _is_planar_root(views: list[JointView], planar: tuple[str, ...]) -> bool:
+    if len(planar) != 3 or views[0].kind == "free":
+        return False
+    names = [view.name for view in views]
+    return names[names.index(planar[0]) + 1] == planar[1]
+
+
 def state_layout(
     model: mujoco.MjModel, views: list[JointView], sensors: tuple[str, ...] = ()
 ) -> Layout:
-    """Return the named parts of (qpos, qvel, act, sensors)."""
-    positions = [part for view in views for part in _position_slices(view)]
-    rates = [part for view in views for part in _rate_slices(view)]
-    activation = [Slice("activation", model.na, "1")] if model.na else []
-    numbered = zip(sensors, sensor_numbers(model, sensors), strict=True)
-    sensed = [
-        Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1") for name, number in numbered
-    ]
-    parts = [*positions, *rates, *activation, *sensed]
+    """Return the named parts of (qpos, qvel, act, sensors); ArgumentError if two have one name."""
+    parts: list[Slice] = []
+    for view in views:
+        parts += _position_slices(view)
+    for view in views:
+        parts += _velocity_slices(view)
+    if model.na:
+        parts.append(Slice("activation", model.na, "1"))
+    for name, number in zip(sensors, sensor_numbers(model, sensors), strict=True):
+        parts.append(Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1"))
     names = [part.name for part in parts]
     for name in names:
         if names.count(name) > 1:
@@ -136,70 +156,91 @@ def state_layout(
 
 
 def _position_slices(view: JointView) -> list[Slice]:
-    return {
-        "free": [
-            Slice(f"{view.name}.position", 3, "m"),
-            Slice(f"{view.name}.orientation", 4, "quaternion"),
-        ],
-        "ball": [Slice(f"{view.name}.orientation", 4, "quaternion")],
-        "slide": [Slice(view.name, 1, "m")],
-        "hinge": [Slice(view.name, 1, "rad")],
-    }[view.kind]
+    orientation = Slice(f"{view.name}.orientation", 4, "quaternion")
+    if view.kind == "free":
+        return [Slice(f"{view.name}.position", 3, "m"), orientation]
+    if view.kind == "ball":
+        return [orientation]
+    if view.kind == "slide":
+        return [Slice(view.name, 1, "m")]
+    return [Slice(view.name, 1, "rad")]
 
 
-def _rate_slices(view: JointView) -> list[Slice]:
-    return {
-        "free": [
-            Slice(f"{view.name}.velocity", 3, "m/s"),
-            Slice(f"{view.name}.angular_velocity", 3, "rad/s"),
-        ],
-        "ball": [Slice(f"{view.name}.angular_velocity", 3, "rad/s")],
-        "slide": [Slice(f"{view.name}.velocity", 1, "m/s")],
-        "hinge": [Slice(f"{view.name}.velocity", 1, "rad/s")],
-    }[view.kind]
+def _velocity_slices(view: JointView) -> list[Slice]:
+    angular_velocity = Slice(f"{view.name}.angular_velocity", 3, "rad/s")
+    if view.kind == "free":
+        return [Slice(f"{view.name}.velocity", 3, "m/s"), angular_velocity]
+    if view.kind == "ball":
+        return [angular_velocity]
+    if view.kind == "slide":
+        return [Slice(f"{view.name}.velocity", 1, "m/s")]
+    return [Slice(f"{view.name}.velocity", 1, "rad/s")]
 
 
 def structure_of(
     model: mujoco.MjModel, views: list[JointView], frame: FrameTable, control: Layout, size: int
 ) -> Structure:
-    """Return what an emulator of `model` with states of `size` entries may exploit."""
+    """Return what an emulator of `model` with states of `size` entries may exploit.
+
+    Raises ArgumentError for a rotational symmetry of a body that has more joints than a free one.
+    """
     if frame.symmetry_order > 1 and [view.kind for view in views] != ["free"]:
         raise ArgumentError(
             "frame.symmetry_order: only a body whose one joint is free may have such a symmetry."
         )
-    rates = [
-        (v.position_entry + i, v.rate + i)
-        for v in views
-        for i in range({"free": 3, "ball": 0}.get(v.kind, 1))
-    ]
+    symmetry_controls = []
+    for x, y in frame.symmetry_controls:
+        symmetry_controls.append((control.index(x).start, control.index(y).start))
     return Structure(
         angles=tuple(_angle_rows(model, views, size)),
-        rates=tuple(rates),
-        plain=tuple(_plain(model, views, frame.ground)),
+        rates=tuple(_rates(views)),
+        plain=tuple(_plain_entries(model, views, frame.ground)),
         segments=_segments(views, frame.planar, size),
         probes=frame.probes,
         symmetry_order=frame.symmetry_order,
-        symmetry_controls=tuple(
-            (control.index(x).start, control.index(y).start) for x, y in frame.symmetry_controls
-        ),
+        symmetry_controls=tuple(symmetry_controls),
     )
 
 
-def _plain(model: mujoco.MjModel, views: list[JointView], ground: bool) -> list[int]:
-    """Return the state entries seen as they are; a free root's velocity is seen along its own axes instead."""
-    entries = [view.position_entry for view in views if view.feature == "plain"]
-    entries += [views[0].position_entry + 2] if views[0].kind == "free" and ground else []
+def _rates(views: list[JointView]) -> list[tuple[int, int]]:
+    """Return the pairs of state entries of which the second is the first's rate of change."""
+    pairs: list[tuple[int, int]] = []
     for view in views:
-        if view.kind == "slide" and view.feature == "planar":
+        if view.kind == "ball":  # an orientation's rate of change is no entry of the state
             continue
-        sizes = {"free": range(3, 6), "ball": range(3)}
-        entries += [view.rate + i for i in sizes.get(view.kind, range(1))]
-    return entries + [model.nq + model.nv + i for i in range(model.na)]
+        count = 1
+        if view.kind == "free":
+            count = 3
+        for axis in range(count):
+            pairs.append((view.position_entry + axis, view.velocity_entry + axis))
+    return pairs
+
+
+def _plain_entries(model: mujoco.MjModel, views: list[JointView], has_ground: bool) -> list[int]:
+    """Return the state entries a network is given as they are; a free root's velocity comes along its own axes instead."""
+    entries = [view.position_entry for view in views if view.feature == "plain"]
+    if views[0].kind == "free" and has_ground:
+        height = views[0].position_entry + 2
+        entries.append(height)
+    for view in views:
+        first = view.velocity_entry
+        if view.kind == "free":
+            entries += range(first + 3, first + 6)  # its angular velocity
+        elif view.kind == "ball":
+            entries += range(first, first + 3)
+        elif not (view.kind == "slide" and view.feature == "planar"):
+            entries.append(first)
+    activations = model.nq + model.nv
+    entries += range(activations, activations + model.na)
+    return entries
 
 
 def _angle_rows(model: mujoco.MjModel, views: list[JointView], size: int) -> list[tuple[int, ...]]:
-    """Return each sine hinge's angle, and its sum with those of parallel hinges above it: gravity sees the sum."""
-    hinges = {v.index: v for v in views if v.feature == "sine"}
+    """Return as rows of `size` factors each sine hinge's angle, and its sum with those of parallel hinges above it.
+
+    Gravity acts on the sum.
+    """
+    hinges = {view.index: view for view in views if view.feature == "sine"}
     rows: list[tuple[int, ...]] = []
     for view in hinges.values():
         alone = np.zeros(size, int)
@@ -207,58 +248,71 @@ def _angle_rows(model: mujoco.MjModel, views: list[JointView], size: int) -> lis
         chain = alone.copy()
         for above in _parallel_above(model, view, hinges):
             chain[above.position_entry] = 1
-        rows += [tuple(int(x) for x in row) for row in (alone, chain)]
-    return list(dict.fromkeys(rows))
+        rows.append(tuple(alone.tolist()))
+        rows.append(tuple(chain.tolist()))
+    return list(dict.fromkeys(rows))  # without the second of two that are equal
 
 
 def _parallel_above(
     model: mujoco.MjModel, view: JointView, hinges: dict[int, JointView]
 ) -> list[JointView]:
-    found, axis = [], model.jnt_axis[view.index]
+    """Return the hinges on the bodies above that of `view` which turn about an axis parallel to its own."""
+    axis = model.jnt_axis[view.index]
+    parallel: list[JointView] = []
     body = int(model.body_parentid[model.jnt_bodyid[view.index]])
     while body:
-        for joint in range(
-            model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]
-        ):
+        for joint in joints_of_body(model, body):
             above = hinges.get(joint)
             if above and np.allclose(model.jnt_axis[joint], axis):
-                found.append(above)
+                parallel.append(above)
         body = int(model.body_parentid[body])
-    return found
+    return parallel
 
 
 def _segments(views: list[JointView], planar: tuple[str, ...], size: int) -> tuple[Segment, ...]:
     """Return how the state changes, in order; empty if it is plain all through."""
-    if not planar and all(view.kind in ("hinge", "slide") for view in views):
+    has_plain_joints_only = all(view.kind in ("hinge", "slide") for view in views)
+    if has_plain_joints_only and not planar:
         return ()
-    parts = [segment for view in views for segment in _place_segments(view, planar)]
-    parts += [segment for view in views for segment in _rate_segments(view, planar)]
-    rest = size - sum(part.size for part in parts)  # activations and sensors
-    return tuple(_merged([*parts, Plain(size=rest)]))
+    segments: list[Segment] = []
+    for view in views:
+        segments += _position_segments(view, planar)
+    for view in views:
+        segments += _velocity_segments(view, planar)
+    rest = size - sum(segment.size for segment in segments)  # activations and sensors
+    segments.append(Plain(size=rest))
+    return tuple(_merged(segments))
 
 
-def _place_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+def _position_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
     if view.kind == "free":
-        return [Position(rate=view.rate), Quaternion(rate=view.rate + 3)]
+        return [Position(rate=view.velocity_entry), Quaternion(rate=view.velocity_entry + 3)]
     if view.kind == "ball":
-        return [Quaternion(rate=view.rate)]
+        return [Quaternion(rate=view.velocity_entry)]
     if view.name in planar:
-        kinds = {
-            0: [PlanarPosition(rate=view.rate)],
-            1: [],
-            2: [Heading(rate=view.rate)],
-        }
-        return kinds[planar.index(view.name)]
+        x, y, heading = planar
+        if view.name == x:
+            return [PlanarPosition(rate=view.velocity_entry)]
+        if view.name == heading:
+            return [Heading(rate=view.velocity_entry)]
+        assert view.name == y
+        return []  # the segment of x covers both
     return [Plain(size=1)]
 
 
-def _rate_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+def _velocity_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
     if view.kind == "free":
         return [Velocity(), Plain(size=3)]
     if view.kind == "ball":
         return [Plain(size=3)]
     if view.name in planar:
-        return {0: [PlanarVelocity()], 1: [], 2: [Plain(size=1)]}[planar.index(view.name)]
+        x, y, heading = planar
+        if view.name == x:
+            return [PlanarVelocity()]
+        if view.name == heading:
+            return [Plain(size=1)]
+        assert view.name == y
+        return []  # the segment of x covers both
     return [Plain(size=1)]
 
 

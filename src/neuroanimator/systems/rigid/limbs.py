@@ -63,9 +63,9 @@ def _group(model: mujoco.MjModel, name: str, views: list[JointView], acts_on: np
         position_count, rate_count = ENTRIES.get(view.kind, (1, 1))
         entries += [
             *range(view.position_entry, view.position_entry + position_count),
-            *range(view.rate, view.rate + rate_count),
+            *range(view.velocity_entry, view.velocity_entry + rate_count),
         ]
-        dofs += range(view.rate - model.nq, view.rate - model.nq + rate_count)
+        dofs += range(view.velocity_entry - model.nq, view.velocity_entry - model.nq + rate_count)
     controls = [int(actuator) for actuator in np.flatnonzero(acts_on[:, dofs].any(axis=1))]
     return Group(name, tuple(sorted(entries)), tuple(controls))
 

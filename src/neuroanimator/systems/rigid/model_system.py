@@ -106,7 +106,7 @@ class ModelSystem(MujocoSystem):
         else:
             offset = rng.uniform(-1, 1, len(starts)) * width
             starts[:, view.position_entry] += offset * spread[:, 0]
-        starts[:, view.rate : view.rate + len(sizes)] = drawn
+        starts[:, view.velocity_entry : view.velocity_entry + len(sizes)] = drawn
 
     def _scatter_root(
         self,
@@ -127,8 +127,8 @@ class ModelSystem(MujocoSystem):
         starts[:, orientation] = multiply(heading, tilted)
         starts[:, height] += rng.uniform(*self.sampling.height, count) * spread[:, 0]
         if drawn.shape[1]:
-            velocity = slice(view.rate, view.rate + 3)
-            angular_velocity = slice(view.rate + 3, view.rate + 6)
+            velocity = slice(view.velocity_entry, view.velocity_entry + 3)
+            angular_velocity = slice(view.velocity_entry + 3, view.velocity_entry + 6)
             starts[:, velocity] = rotate(starts[:, orientation], drawn[:, :3])
             starts[:, angular_velocity] = drawn[:, 3:]
 
