@@ -18,8 +18,8 @@ POSE_SEED = 0
 POSE_SPREAD = 0.1
 """Muscles are examined so far away from the reference pose [rad or m], where none pulls through a joint's axis."""
 
-ENTRIES = {"free": (7, 6), "ball": (4, 3)}
-"""How many state entries the position of a joint takes, and its velocity; of any other kind one and one."""
+ENTRIES = {"free": (7, 6), "ball": (4, 3), "slide": (1, 1), "hinge": (1, 1)}
+"""How many state entries the position of a joint takes, and how many its velocity."""
 
 
 def groups_of(
@@ -33,11 +33,11 @@ def groups_of(
         return ()
     _check(views, groups)
     acts_on = _acts_on(model)
-    found = []
+    limbs = []
     for name, joints in groups.items():
         members = [view for view in views if view.name in joints]
-        found.append(_group(model, name, members, acts_on))
-    return tuple(found)
+        limbs.append(_group(model, name, members, acts_on))
+    return tuple(limbs)
 
 
 def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
@@ -56,16 +56,18 @@ def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
     check_groups(groups, names, "joint")
 
 
-def _group(model: mujoco.MjModel, name: str, views: list[JointView], acts_on: np.ndarray) -> Group:
+def _group(
+    model: mujoco.MjModel, name: str, views: list[JointView], acts_on: Bool[np.ndarray, "A V"]
+) -> Group:
+    """Return the group of the joints `views`: its state entries, and the controls that drive any of them."""
     entries: list[int] = []
     dofs: list[int] = []
     for view in views:
-        position_count, rate_count = ENTRIES.get(view.kind, (1, 1))
-        entries += [
-            *range(view.position_entry, view.position_entry + position_count),
-            *range(view.velocity_entry, view.velocity_entry + rate_count),
-        ]
-        dofs += range(view.velocity_entry - model.nq, view.velocity_entry - model.nq + rate_count)
+        position_count, velocity_count = ENTRIES[view.kind]
+        first_dof = view.velocity_entry - model.nq
+        entries += range(view.position_entry, view.position_entry + position_count)
+        entries += range(view.velocity_entry, view.velocity_entry + velocity_count)
+        dofs += range(first_dof, first_dof + velocity_count)
     controls = [int(actuator) for actuator in np.flatnonzero(acts_on[:, dofs].any(axis=1))]
     return Group(name, tuple(sorted(entries)), tuple(controls))
 

@@ -28,8 +28,14 @@ from neuroanimator.systems.rigid.model_xml import (
 URDF_PARTS = {"link", "joint", "material", "mujoco"}
 """What MuJoCo reads of a URDF; the rest, such as <gazebo>, is dropped."""
 
-MAX_NAME, MAX_SHOWN = 255, 40
-"""Most characters of a file's name, and of a wrong one shown in an error."""
+MAX_NAME = 255
+"""A file's name may have so many characters, as on most file systems."""
+
+MAX_SHOWN = 40
+"""An error shows so many characters of a wrong file name."""
+
+MAX_MESSAGE = 300
+"""An error shows so many characters of what MuJoCo says."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,9 @@ class ModelFiles:
     """A model with every file it needs, as (path relative to its folder, base64 of the bytes), sorted by path."""
 
     main: str
+    """The path of the file that describes the model."""
     files: tuple[tuple[str, str], ...]
+    """(path, base64 of the bytes) of each file, the main one among them."""
 
     def to_json(self) -> dict[str, Any]:
         """Return what `from_json` reads."""
@@ -46,38 +54,48 @@ class ModelFiles:
     @classmethod
     def from_json(cls, value: Any) -> ModelFiles:
         """Return the files `value` holds; raises BadFileError if it is not what `to_json` returns."""
-        files = value.get("files") if isinstance(value, dict) else None
-        if not isinstance(files, dict) or not all(
-            isinstance(text, str) for text in (value.get("main"), *files.values())
-        ):
+        if not _is_main_and_files(value):
             raise BadFileError(
                 "The model's files are not {main, files}. Read them again with read_model_files."
             )
-        for name in (value["main"], *files):
+        main = value["main"]
+        files = value["files"]
+        for name in (main, *files):
             if not 0 < len(name) <= MAX_NAME or not name.isprintable():
                 raise BadFileError(
                     f"The model's files: {name[:MAX_SHOWN]!r} is no file name. Rename the file."
                 )
-        return cls(value["main"], tuple(sorted(files.items())))
+        return cls(main, tuple(sorted(files.items())))
+
+
+def _is_main_and_files(value: Any) -> bool:
+    if not isinstance(value, dict) or not isinstance(value.get("files"), dict):
+        return False
+    texts = [value.get("main"), *value["files"].values()]
+    return all(isinstance(text, str) for text in texts)
 
 
 def read_model_files(path: Path) -> ModelFiles:
     """Return the model at `path` with every file it refers to, all from its folder; compiles nothing.
 
     Raises BadFileError naming the file and the fault: a path or link out of the folder, a missing file,
-    a document type, an unsupported element, or anything beyond the limits in `model_xml` and `model_limits`.
+    a document type, an unsupported element, or anything beyond the limits in `model_xml` and `model_safety`.
     """
     try:
         folder = path.parent.resolve()
-        source = Source(lambda name: _read(folder, name))
+        source = Source(load=lambda name: _read(folder, name))
         _assemble(path.name, source)
     except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a circle of links
         raise BadFileError(f"{path.name}: could not read it: {error}. Check the file.") from error
-    files = {name: base64.b64encode(content).decode() for name, content in source.taken.items()}
-    return ModelFiles(path.name, tuple(sorted(files.items())))
+    files = []
+    for name in sorted(source.taken):
+        text = base64.b64encode(source.taken[name]).decode()
+        files.append((name, text))
+    return ModelFiles(path.name, tuple(files))
 
 
 def _read(folder: Path, name: str) -> bytes | None:
+    """Return the bytes of a file in `folder`, one more than allowed at most; None if there is no such file."""
     path = (folder / name).resolve()
     if not path.is_relative_to(folder):
         refuse(name, "", "a link that leaves the model's folder. Put the file itself there")
@@ -95,17 +113,22 @@ def compile_model(files: ModelFiles) -> mujoco.MjModel:
     or more bodies, freedoms or memory than supported.
     """
     stored = dict(files.files)
-    source = Source(
-        lambda name: base64.b64decode(stored[name], validate=True) if name in stored else None
-    )
+
+    def load(name: str) -> bytes | None:
+        if name not in stored:
+            return None
+        return base64.b64decode(stored[name], validate=True)
+
+    source = Source(load)
     try:
         root, assets = _assemble(files.main, source)
         with _quiet():
             model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), assets)
     except (ValueError, RuntimeError, mujoco.FatalError, MemoryError) as error:
         # MuJoCo's line numbers count in the text without includes, so they would mislead.
-        message = re.sub(r",? ?\(?line =? ?\d+\)?", "", " ".join(str(error).split()))
-        raise BadFileError(f"{files.main}: {message[:300]}. Correct the model.") from error
+        line = " ".join(str(error).split())
+        message = re.sub(r",? ?\(?line =? ?\d+\)?", "", line)[:MAX_MESSAGE]
+        raise BadFileError(f"{files.main}: {message}. Correct the model.") from error
     check_model(files.main, model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return model
@@ -150,8 +173,10 @@ def _trim_urdf(root: Element, settings: dict[str, str]) -> None:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep MuJoCo's warnings off the console and out of a MUJOCO_LOG.TXT in the current folder."""
-    before, quiet = mujoco.MjLogConfig.get(), mujoco.MjLogConfig.get()
-    quiet.logto_file = quiet.logto_console = False
+    before = mujoco.MjLogConfig.get()
+    quiet = mujoco.MjLogConfig.get()
+    quiet.logto_file = False
+    quiet.logto_console = False
     mujoco.MjLogConfig.set(quiet)
     try:
         yield

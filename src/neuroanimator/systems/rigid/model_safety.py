@@ -12,17 +12,38 @@ import numpy as np
 from neuroanimator.systems.rigid.model_xml import Element, refuse, refuse_at
 from neuroanimator.tables import MIN_STEP
 
-BODY_LIMIT, FREEDOM_LIMIT, STEP_LIMIT = 500, 200, 0.1
-"""Most bodies, most degrees of freedom, longest time step [s]."""
+BODY_LIMIT = 500
+"""A model may have so many bodies."""
+
+FREEDOM_LIMIT = 200
+"""A model may have so many degrees of freedom."""
+
+STEP_LIMIT = 0.1
+"""A model's time step may be this long [s]."""
 
 COPY_LIMIT = 10_000
-"""Most copies times elements: every element may refer to the ones <replicate> copies."""
+"""Copies times elements may be so many: every element may refer to the ones <replicate> copies."""
 
 ACTUATOR_LIMIT = 500
-"""Most actuators: MuJoCo simulates each muscle for seconds while it compiles."""
+"""A model may have so many actuators: MuJoCo simulates each muscle for seconds while it compiles."""
 
-CELL_LIMIT, SIZE_LIMIT, MEMORY_LIMIT = 2**26, 1000, 256 * 2**20
-"""Most cells (see `_cells`), largest value of SIZES, largest model and working memory [bytes]."""
+CELL_LIMIT = 2**26
+"""Images, height fields and files may have so many cells together (see `_cells` and `_file_cells`)."""
+
+SIZE_LIMIT = 1000
+"""An attribute that `SIZES` matches may have this value."""
+
+MEMORY_LIMIT = 256 * 2**20
+"""A compiled model, and its working memory, may take so much each [bytes]."""
+
+CUBE_SIDES = 6
+"""A cubic texture has so many square images."""
+
+PNG_SIGNATURE = b"\x89PNG"
+"""How a PNG begins."""
+
+PNG_DIMENSIONS = slice(16, 24)
+"""The bytes of a PNG's header which hold its width and its height, two big-endian 32-bit numbers (RFC 2083, 11.2.1)."""
 
 SIZES = re.compile(
     "nkey|nuserdata|nuser_.*|nsample|nchannel|actdim|dim|num|sdf_initpoints|.*iterations"
@@ -59,15 +80,19 @@ LARGEST = {
 
 def check_elements(root: Element) -> None:
     """Refuse what is not supported, and more elements than the limits, counting every copy <replicate> makes."""
-    elements, copies, bodies = 0, 1, 0
+    elements = 0
+    copies = 1  # the most of any element so far
+    bodies = 0
     waiting = [(root, 1)]
     while waiting:
         element, times = waiting.pop()
         _check_element(element)
         if element.tag == "replicate":
             times *= max(1, _whole_number(element, "count"))
-        elements, copies = elements + 1, max(copies, times)
-        bodies += times if element.tag in ("body", "link") else 0
+        elements += 1
+        copies = max(copies, times)
+        if element.tag in ("body", "link"):
+            bodies += times
         if bodies > BODY_LIMIT:
             refuse_at(
                 element, "count", f"at least {bodies:,} bodies; at most {BODY_LIMIT} are supported"
@@ -110,9 +135,9 @@ def check_cells(root: Element, assets: dict[str, bytes]) -> None:
     """Refuse images, grids and files that take too much memory together, counting a file each time it is used."""
     cells = 0
     for element in root.descendants():
-        cells += _cells(element) + sum(
-            _file_cells(assets[element.attrib[name]]) for name in element.file_attributes()
-        )
+        cells += _cells(element)
+        for attribute in element.file_attributes():
+            cells += _file_cells(assets[element.attrib[attribute]])
         if cells > CELL_LIMIT:
             refuse_at(
                 element,
@@ -124,18 +149,22 @@ def check_cells(root: Element, assets: dict[str, bytes]) -> None:
 def _cells(element: Element) -> int:
     """Return the pixels of a texture, which may be a cube of six sides, or the cells of a height field."""
     if element.tag == "texture":
-        width, height = _whole_number(element, "width"), _whole_number(element, "height")
-        return max(0, width) * max(height, 6 * width)
+        width = _whole_number(element, "width")
+        height = _whole_number(element, "height")
+        return max(0, width) * max(height, CUBE_SIDES * width)
     if element.tag == "hfield":
-        return max(0, _whole_number(element, "nrow")) * max(0, _whole_number(element, "ncol"))
+        rows = _whole_number(element, "nrow")
+        columns = _whole_number(element, "ncol")
+        return max(0, rows) * max(0, columns)
     return 0
 
 
 def _file_cells(content: bytes) -> int:
     """Return the bytes of a file, and the pixels its header tells if it is a PNG."""
-    width, height = 0, 0
-    if content.startswith(b"\x89PNG") and len(content) >= 24:
-        width, height = struct.unpack(">II", content[16:24])
+    is_png = content.startswith(PNG_SIGNATURE) and len(content) >= PNG_DIMENSIONS.stop
+    if not is_png:
+        return len(content)
+    width, height = struct.unpack(">II", content[PNG_DIMENSIONS])
     return len(content) + width * height
 
 
@@ -146,11 +175,10 @@ def check_model(main: str, model: mujoco.MjModel) -> None:
         refuse(main, f"option timestep={step:g}", f"wanted {MIN_STEP:g} to {STEP_LIMIT} s")
     if model.njnt == 0:
         refuse(main, "worldbody", "no joints, so nothing can move. Add a joint")
-    for name, (size, limit) in LARGEST.items():
-        if getattr(model, size) > limit:
-            refuse(
-                main, f"{name} ({size}={getattr(model, size):,})", f"at most {limit:,} is supported"
-            )
+    for name, (field, limit) in LARGEST.items():
+        size = getattr(model, field)
+        if size > limit:
+            refuse(main, f"{name} ({field}={size:,})", f"at most {limit:,} is supported")
     for part in (model, model.opt, model.stat):
         for name in dir(part):
             if not _is_finite(getattr(part, name)):
@@ -162,7 +190,8 @@ def check_model(main: str, model: mujoco.MjModel) -> None:
 
 
 def _is_finite(value: Any) -> bool:
-    is_numbers = isinstance(value, float) or (
-        isinstance(value, np.ndarray) and value.dtype.kind == "f"
-    )
-    return not is_numbers or bool(np.isfinite(value).all())
+    """Return False for a number or an array with an infinite number or NaN; True for anything else."""
+    is_array = isinstance(value, np.ndarray) and value.dtype.kind == "f"
+    if not is_array and not isinstance(value, float):
+        return True
+    return bool(np.isfinite(value).all())

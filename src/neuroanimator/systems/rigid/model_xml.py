@@ -12,24 +12,39 @@ from xml.parsers import expat
 
 from neuroanimator.errors import BadFileError
 
-FILE_LIMIT, TOTAL_LIMIT = 2 * 2**20, 4 * 2**20
-"""Largest file, and largest sum of a model's files [bytes]."""
+FILE_LIMIT = 2 * 2**20
+"""No file of a model may be larger [bytes]."""
 
-COUNT_LIMIT, INCLUDE_LIMIT, DEPTH_LIMIT = 200, 16, 100
-"""Most files, deepest include in an include, deepest element in an element."""
+TOTAL_LIMIT = 4 * 2**20
+"""All files of a model together may not be larger [bytes]: an emulator file carries them."""
+
+COUNT_LIMIT = 200
+"""A model may have so many files."""
+
+INCLUDE_LIMIT = 16
+"""An include may lie so deep in other includes."""
+
+DEPTH_LIMIT = 100
+"""An element may lie so deep in other elements."""
 
 ELEMENT_LIMIT = 10_000
-"""Most elements in a model's files, refused while they are read: each takes far more memory than its text."""
+"""A model's files may have so many elements, counted while they are read: each takes far more memory than its text."""
 
 ATTRIBUTE_LIMIT = 100
-"""Most attributes of an element: MuJoCo compares each with all the others, 49 s for 150,000."""
+"""An element may have so many attributes: MuJoCo compares each with all the others, 49 s for 150,000."""
+
+MAX_TAG = 40
+"""An error shows so many characters of an element's tag."""
+
+MAX_SHOWN = 80
+"""An error shows so many characters of an attribute."""
 
 
 class Element(ET.Element):
     """An XML element that knows where it stands."""
 
     origin: tuple[str, int] = ("", 0)
-    """The file it stands in, and the line there."""
+    """The file the element stands in, and its line there."""
 
     def children(self) -> list[Element]:
         """Return the elements directly inside."""
@@ -46,22 +61,26 @@ class Element(ET.Element):
 
 def refuse(file: str, where: str, fault: str) -> NoReturn:
     """Raise BadFileError: `file: where: fault.`"""
-    raise BadFileError(f"{file}: {where + ': ' if where else ''}{fault}.")
+    if not where:
+        raise BadFileError(f"{file}: {fault}.")
+    raise BadFileError(f"{file}: {where}: {fault}.")
 
 
 def refuse_at(element: Element, attribute: str, fault: str) -> NoReturn:
     """Raise BadFileError naming the element, its line, and `attribute` where it has it."""
-    name = f" {_shown(element.attrib['name'])}" if "name" in element.attrib else ""
-    given = (
-        f" {attribute}={_shown(element.attrib[attribute])}" if attribute in element.attrib else ""
-    )
-    refuse(
-        element.origin[0], f"{element.tag[:40]}{name}{given}", f"{fault} (line {element.origin[1]})"
-    )
+    where = element.tag[:MAX_TAG]
+    if "name" in element.attrib:
+        where += f" {_shown(element.attrib['name'])}"
+    if attribute in element.attrib:
+        where += f" {attribute}={_shown(element.attrib[attribute])}"
+    file, line = element.origin
+    refuse(file, where, f"{fault} (line {line})")
 
 
 def _shown(text: str) -> str:
-    return repr(text if len(text) <= 80 else f"{text[:80]}...")
+    if len(text) > MAX_SHOWN:
+        text = f"{text[:MAX_SHOWN]}..."
+    return repr(text)
 
 
 @dataclass
@@ -72,18 +91,23 @@ class Source:
     """Returns the bytes of a file by its path in the model's folder, or None if there is no such file."""
 
     taken: dict[str, bytes] = field(default_factory=dict)
+    """The bytes of every file read so far, by its path."""
+
     elements: int = 0
-    """Read so far, in all files."""
+    """The number of elements read so far, in all files."""
 
     def take(self, name: str) -> bytes | None:
-        """Return the bytes of `name`, or None if there is no such file."""
-        content = self.taken[name] if name in self.taken else self.load(name)
+        """Return the bytes of `name`, or None if there is no such file; BadFileError beyond the limits."""
+        content = self.taken.get(name)
+        if content is None:
+            content = self.load(name)
         if content is None:
             return None
         self.taken[name] = content
         if len(content) > FILE_LIMIT:
             refuse(name, "", f"larger than {FILE_LIMIT:,} bytes. Make the file smaller")
-        if len(self.taken) > COUNT_LIMIT or sum(map(len, self.taken.values())) > TOTAL_LIMIT:
+        total = sum(len(file) for file in self.taken.values())
+        if len(self.taken) > COUNT_LIMIT or total > TOTAL_LIMIT:
             refuse(
                 name,
                 "",
@@ -109,38 +133,55 @@ def _candidates(element: Element, attribute: str, folders: list[str]) -> list[st
         paths = [text, PurePosixPath(text).name]
     for part in (text, *folders):
         if re.search(r"^/|(^|/)\.\.(/|$)|[\\:\0]", part):
-            culprit = "" if part == text else f" by {_shown(part)}"
+            culprit = ""
+            if part != text:
+                culprit = f" by {_shown(part)}"
             refuse_at(
                 element,
                 attribute,
                 f"leaves the model's folder{culprit}. Put the file beside the model",
             )
-    return list(
-        dict.fromkeys(str(PurePosixPath(folder, path)) for path in paths for folder in folders)
-    )
+    candidates: list[str] = []
+    for path in paths:
+        for folder in folders:
+            candidates.append(str(PurePosixPath(folder, path)))
+    return list(dict.fromkeys(candidates))  # each once
 
 
 def parse(source: Source, name: str, content: bytes) -> Element:
     """Return the root element; refuses document types, which can define entities that explode."""
-    parser, open_elements, roots = expat.ParserCreate(), [], []
+    parser = expat.ParserCreate()
+    open_elements: list[Element] = []
+    roots: list[Element] = []
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes)
         element.origin = (name, parser.CurrentLineNumber)
-        (open_elements[-1] if open_elements else roots).append(element)
+        if open_elements:
+            open_elements[-1].append(element)
+        else:
+            roots.append(element)
         open_elements.append(element)
         source.elements += 1
         if len(attributes) > ATTRIBUTE_LIMIT:
-            refuse(name, tag[:40], f"more than {ATTRIBUTE_LIMIT} attributes. Write a smaller model")
+            refuse(
+                name,
+                tag[:MAX_TAG],
+                f"more than {ATTRIBUTE_LIMIT} attributes. Write a smaller model",
+            )
         if source.elements > ELEMENT_LIMIT:
             refuse(name, "", f"more than {ELEMENT_LIMIT:,} elements. Write a smaller model")
         if len(open_elements) > DEPTH_LIMIT:
             refuse_at(element, "", f"more than {DEPTH_LIMIT} elements deep. Write a flatter model")
 
+    def end(_tag: str) -> None:
+        open_elements.pop()
+
     def doctype(tag: str, *_: Any) -> None:
         refuse(name, f"DOCTYPE {_shown(tag)}", "document types and entities are refused. Remove it")
 
-    parser.StartElementHandler, parser.EndElementHandler = start, lambda _: open_elements.pop()
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
     parser.StartDoctypeDeclHandler = doctype
     try:
         parser.Parse(content, True)
@@ -150,7 +191,7 @@ def parse(source: Source, name: str, content: bytes) -> Element:
 
 
 def expand(source: Source, element: Element, chain: tuple[str, ...], seen: set[str]) -> None:
-    """Rewhere each include inside `element` by the contents of its file.
+    """Replace each include inside `element` by the contents of its file.
 
     `chain` holds the files around `element`, outermost first; `seen` every file included so far.
     """
@@ -169,7 +210,8 @@ def _included(
 ) -> list[Element]:
     if "file" not in include.attrib:
         refuse_at(include, "", "no file attribute. Name the file to include")
-    name, content = source.find(include, "file", ["", str(PurePosixPath(chain[-1]).parent)])
+    beside_includer = str(PurePosixPath(chain[-1]).parent)
+    name, content = source.find(include, "file", ["", beside_includer])
     if name in seen or len(chain) > INCLUDE_LIMIT:
         refuse_at(
             include,
@@ -190,7 +232,8 @@ def attach_files(source: Source, root: Element, settings: dict[str, str]) -> dic
             name, content = source.find(element, attribute, _folders(element, attribute, settings))
             if attribute == "file" and "name" not in element.attrib:
                 element.set("name", PurePosixPath(name).stem)
-            asset = f"{list(source.taken).index(name)}-{PurePosixPath(name).name}"
+            number = list(source.taken).index(name)  # two folders may hold files of one name
+            asset = f"{number}-{PurePosixPath(name).name}"
             element.set(attribute, asset)
             assets[asset] = content
     return assets
@@ -200,6 +243,10 @@ def _folders(element: Element, attribute: str, settings: dict[str, str]) -> list
     """Return where the file an attribute names may be, after removing the path MuJoCo would strip from it."""
     if settings.get("strippath") == "true" and attribute != "filename":
         element.set(attribute, re.split(r"[/\\]", element.attrib[attribute])[-1])
-    kind = "texturedir" if element.tag == "texture" else "meshdir"
-    folder = settings.get(kind, settings.get("assetdir", ""))
-    return [folder, str(PurePosixPath(folder, PurePosixPath(element.origin[0]).parent))]
+    setting = "meshdir"
+    if element.tag == "texture":
+        setting = "texturedir"
+    folder = settings.get(setting, settings.get("assetdir", ""))
+    file, _ = element.origin
+    beside_file = PurePosixPath(folder, PurePosixPath(file).parent)
+    return [folder, str(beside_file)]

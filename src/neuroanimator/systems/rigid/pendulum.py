@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.structure import Structure
@@ -14,33 +15,35 @@ from neuroanimator.systems.rigid.mujoco_system import MujocoSystem, load_model
 from neuroanimator.systems.system import Scheme
 
 STATE = Layout((Slice("angle", 3, "rad"), Slice("velocity", 3, "rad/s")))
+"""The state of the pendulum: the angle of each link relative to the one above, and its rate of change."""
 
 MOTOR_TORQUE = (30.0, 14.0, 4.0)
-"""The torques of the motors [N·m]: about 1.4 times what holding the arm out level needs (22.1, 9.8, 2.5):
-it can lift itself, slowly."""
+"""The largest torques of the motors [N·m], about 1.4 times what holding the arm out level needs (22.1, 9.8, 2.5):
+the arm can lift itself, slowly."""
 
 WEAK_MOTOR_TORQUE = (10.0, 5.0, 1.5)
-"""The torques of weak motors [N·m]: about half of what holding the arm level needs: these must pump like a child on a swing."""
+"""The largest torques of weak motors [N·m], about half of what holding the arm level needs: they must pump
+like a child on a swing."""
 
 MOTOR_DAMPING = (1.5, 0.75, 0.2)
-"""The damping by motors [N·m·s/rad], friction and back-EMF: the torque limit over it is a motor's no-load speed, 20 rad/s."""
+"""The damping by motors [N·m·s/rad], of friction and back-EMF: the largest torque over it is a motor's no-load
+speed, 20 rad/s."""
 
 BEARING_DAMPING = (0.15, 0.075, 0.02)
 """The damping by bearings alone [N·m·s/rad], a tenth of the above: the passive arm swings for many seconds."""
 
 PUSH_FORCE = (10.0, 10.0, 10.0)
-"""The largest outside forces [N], horizontal and at the middle of each link: each about a link's own weight, a firm shove."""
+"""The largest external forces [N], horizontal and at the middle of each link: each about a link's own weight, a firm shove."""
 
 START_VELOCITY = (2.0, 3.0, 4.0)
-"""Standard deviation of the joints' velocities at random starts [rad/s]; free fall reaches two to three times it."""
+"""The standard deviation of the joints' velocities at random starts [rad/s]; free fall reaches two to three times it."""
 
 REST_SHARE = 0.3
-"""Share of random starts that are near hanging and nearly at rest, where most motions begin."""
+"""This share of random starts is near hanging and nearly at rest, where most motions begin."""
 
 REST_SPREAD = 0.15
-"""Angles and velocities of such a start are this share of the random ones."""
+"""The angles and velocities of a start near rest are this share of the random ones."""
 
-# Angles of the links against gravity and against each other: gravity sees the first, inertia the second.
 ANGLES = (
     (1, 0, 0, 0, 0, 0),
     (1, 1, 0, 0, 0, 0),
@@ -49,22 +52,24 @@ ANGLES = (
     (0, 0, 1, 0, 0, 0),
     (0, 1, 1, 0, 0, 0),
 )
+"""The angles of the links as sums of state entries: first against the vertical, on which gravity acts, then
+against each other, on which inertia depends."""
 
 
 UPRIGHT_ANGLE_ERROR = 0.1
-"""[rad] An angle error that counts as one in a cost: about half of the 10° that still count as upright."""
+"""An angle error of this size counts as one in a cost [rad]: about half of the 10° that still count as upright."""
 
 UPRIGHT_VELOCITY_ERROR = 0.5
-"""[rad/s] A velocity error that counts as one in a cost: half of what still counts as at rest."""
+"""A velocity error of this size counts as one in a cost [rad/s]: half of what still counts as at rest."""
 
 UPRIGHT_WITHIN = math.radians(10.0)
-"""[rad] Each link may lean this much and still count as upright."""
+"""Each link may lean this much and still count as upright [rad]."""
 
 STILL_WITHIN = 1.0
-"""[rad/s] Each link may turn this fast and still count as still."""
+"""Each link may turn this fast and still count as still [rad/s]."""
 
 SWING_UP_SECONDS = 1.5
-"""[s] A swing-up takes as long as a quick human arm does; the motors could do it in one."""
+"""A swing-up takes as long as a quick human arm does [s]; the motors could do it in one second."""
 
 UPRIGHT = Goal(
     values=((0, math.pi), (1, 0.0), (2, 0.0), (3, 0.0), (4, 0.0), (5, 0.0)),
@@ -84,7 +89,7 @@ UPRIGHT = Goal(
 
 
 class Pendulum(MujocoSystem):
-    """Three hinges: angles [rad] relative to the link above, zero when hanging, and their speeds."""
+    """An arm of three links and hinges: angles [rad] relative to the link above, zero when hanging, and their velocities."""
 
     state = STATE
     scheme = Scheme("euler", 0.001)
@@ -105,10 +110,11 @@ class Pendulum(MujocoSystem):
         if control.slices[0].unit == "N":
             self.external_forces = (("upper", 0), ("middle", 0), ("lower", 0))
 
-    def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
+    def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B 6"]:
         angles = rng.uniform(-np.pi, np.pi, (count, 3))
         velocities = rng.normal(size=(count, 3)) * START_VELOCITY
-        spread = np.where(rng.random(count) < REST_SHARE, REST_SPREAD, 1.0)
+        is_near_rest = rng.random(count) < REST_SHARE
+        spread = np.where(is_near_rest, REST_SPREAD, 1.0)
         return np.concatenate([angles, velocities], axis=1) * spread[:, None]
 
 
@@ -121,7 +127,6 @@ def active_pendulum() -> Pendulum:
 
 
 def passive_pendulum() -> Pendulum:
-    """Return the arm without motors, pushed sideways at each link: s, f → s'."""
-    return Pendulum(
-        "pendulum-passive", Layout((Slice("push", 3, "N"),)), PUSH_FORCE, BEARING_DAMPING
-    )
+    """Return the arm without motors, whose controls are horizontal forces on its links."""
+    control = Layout((Slice("push", 3, "N"),))
+    return Pendulum("pendulum-passive", control, PUSH_FORCE, BEARING_DAMPING)

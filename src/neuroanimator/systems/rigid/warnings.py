@@ -10,12 +10,13 @@ from typing import Any
 import mujoco
 
 MAX_WARNING = 160
-"""Characters of a warning that are kept: some repeat a model's names."""
+"""So many characters of a warning are kept: some repeat a model's names, which may be long."""
 
 MAX_KINDS = 100
-"""Different warnings kept apart; whatever else is said is counted as one."""
+"""So many different warnings are counted apart, and all others as one: names in them could make any number."""
 
 OTHERS = "other warnings"
+"""What warnings beyond the first `MAX_KINDS` are counted as."""
 
 _heard: Counter[str] = Counter()
 
@@ -56,26 +57,27 @@ def warning_line() -> str:
     if not _heard:
         return ""
     count = sum(_heard.values())
-    times = "once" if count == 1 else f"{count:,} times"
-    text = _heard.most_common(1)[0][0]
+    times = f"{count:,} times"
+    if count == 1:
+        times = "once"
+    [(text, _)] = _heard.most_common(1)
     others = len(_heard) - 1
-    more = (
-        f", and of {others} other kinds"
-        if others > 1
-        else ", and of one other kind"
-        if others
-        else ""
-    )
+    more = ""
+    if others == 1:
+        more = ", and of one other kind"
+    elif others > 1:
+        more = f", and of {others} other kinds"
     return (
         f"MuJoCo warned {times}: {text}{more}. Runs that diverged were dropped, or count as failed."
     )
 
 
 def _hear(text: str) -> None:
-    kind = shortened(text)
-    if kind not in _heard and len(_heard) >= MAX_KINDS:
-        kind = OTHERS
-    _heard[kind] += 1
+    """Count a warning: MuJoCo calls this with its text."""
+    warning = shortened(text)
+    if warning not in _heard and len(_heard) >= MAX_KINDS:
+        warning = OTHERS
+    _heard[warning] += 1
 
 
 def shortened(text: str) -> str:
