@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.definitions.function import PythonDefinition
@@ -60,43 +61,47 @@ class PythonSystem(System):
 
     def _simulate(
         self,
-        states: np.ndarray,
-        controls: np.ndarray,
+        states: Float[np.ndarray, "B _ S"],
+        controls: Float[np.ndarray, "B T C"],
         scheme: Scheme,
         substeps: int,
         threads: int,
     ) -> None:
         function = self.function
-        for t in range(controls.shape[1]):
-            now = states[:, t].copy()
+        for super_step in range(controls.shape[1]):
+            current = states[:, super_step].copy()
             for _ in range(substeps):
-                self._advance(function, now, controls[:, t], scheme.dt)
-            states[:, t + 1] = now
+                self._advance(function, current, controls[:, super_step], scheme.dt)
+            states[:, super_step + 1] = current
 
-    def has_diverged(self, states: np.ndarray) -> np.ndarray:
-        """Return (B,) True for each run (B, T+1, S) with a state that is not finite or too large for a dataset."""
+    def has_diverged(self, states: Float[np.ndarray, "B T S"]) -> Bool[np.ndarray, " B"]:
+        """Return True for each run with a state that is not finite or too large for a dataset."""
         return np.asarray(are_too_large(states).any(axis=1))
 
     def _advance(
-        self, function: StepFunction, states: np.ndarray, controls: np.ndarray, dt: float
+        self,
+        function: StepFunction,
+        states: Float[np.ndarray, "B S"],
+        controls: Float[np.ndarray, "B C"],
+        dt: float,
     ) -> None:
-        """Take one step of all `states` (B, S) in place; those that have diverged stay as they are."""
-        going = np.flatnonzero(~are_too_large(states))
-        if self.batched and len(going):
-            columns = call_step(function, self.file, states[going].T, controls[going].T, dt)
-            states[going] = columns.T
+        """Take one step of all `states` in place; those that have diverged stay as they are."""
+        alive = np.flatnonzero(~are_too_large(states))
+        if self.batched and len(alive):
+            columns = call_step(function, self.file, states[alive].T, controls[alive].T, dt)
+            states[alive] = columns.T
             return
-        for row in going:
+        for row in alive:
             states[row] = call_step(function, self.file, states[row], controls[row], dt)
 
-    def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
+    def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
         is_near_rest = rng.random(count) < self.sampling.rest_share
         width = np.where(is_near_rest, self.sampling.rest_spread, 1.0)[:, None]
         offsets = rng.uniform(-1, 1, (count, self.state.size))
         return self.rest + offsets * self.spread * width
 
 
-def are_too_large(states: np.ndarray) -> np.ndarray:
-    """Return (...,) True for each state (..., S) that is not finite or too large for a dataset: it has diverged."""
+def are_too_large(states: Float[np.ndarray, "*B S"]) -> Bool[np.ndarray, "*B"]:
+    """Return True for each state that is not finite or too large for a dataset: it has diverged."""
     fits = np.abs(states) < MAX_MAGNITUDE  # false for NaN too
     return np.asarray(~fits.all(axis=-1))

@@ -28,12 +28,20 @@ from functools import lru_cache
 from types import ModuleType
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.systems.trusted_files import trusted_file
 from neuroanimator.text import printable
 
 StepFunction = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+"""The user's function: (state, control, dt [s]) to the next state."""
+
+DIGEST_SHOWN = 16
+"""So many digits of a file's sha256 tell its module from others in a process."""
+
+MAX_SHOWN = 200
+"""An error shows so many characters of what the user's function raised."""
 
 
 @lru_cache(maxsize=16)
@@ -48,7 +56,7 @@ def run_file(digest: str, name: str) -> ModuleType:
         "it, --system PATH, or in Python trust_files(PATH). If you did, the code has changed since: generate and "
         "train again.",
     )
-    module = ModuleType(f"neuroanimator_step_{digest[:16]}")
+    module = ModuleType(f"neuroanimator_step_{digest[:DIGEST_SHOWN]}")
     module.__file__ = name
     sys.modules[module.__name__] = module  # dataclasses look their module up there
     try:
@@ -65,9 +73,13 @@ def run_file(digest: str, name: str) -> ModuleType:
 
 
 def call_step(
-    function: StepFunction, name: str, state: np.ndarray, control: np.ndarray, dt: float
-) -> np.ndarray:
-    """Return the user's next state, of the shape of `state`; whatever it raises becomes one line."""
+    function: StepFunction,
+    name: str,
+    state: Float[np.ndarray, S * B],
+    control: Float[np.ndarray, C * B],
+    dt: float,
+) -> Float[np.ndarray, S * B]:
+    """Return the user's next state; whatever the function raises becomes a BadFileError of one line."""
     try:
         with np.errstate(all="ignore"):
             following = np.asarray(function(state.copy(), control.copy(), dt), float)
@@ -81,14 +93,12 @@ def call_step(
 
 
 def fault(error: BaseException, name: str) -> BadFileError:
-    """Return one line saying where in the user's file `error` came up."""
-    lines = [
-        frame.lineno
-        for frame in traceback.extract_tb(error.__traceback__)
-        if frame.filename == name
-    ]
-    where = f"{name}, line {lines[-1]}" if lines else name
-    text = " ".join(str(error).split())[:200]
+    """Return a BadFileError of one line saying where in the user's file `error` came up."""
+    where = name
+    for frame in traceback.extract_tb(error.__traceback__):
+        if frame.filename == name:
+            where = f"{name}, line {frame.lineno}"  # the innermost comes last
+    text = " ".join(str(error).split())[:MAX_SHOWN]
     return BadFileError(
         f"{where}: {type(error).__name__}: {text}. Correct the function; states come as float arrays."
     )

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int, Shaped
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.names import PART_PATTERN
@@ -13,33 +14,40 @@ from neuroanimator.state.units import known_unit
 from neuroanimator.text import quoted
 
 MAX_COLUMNS = 514
-"""A definition has room for 256 parts of the state and 256 of the control; a run and a time beside them."""
+"""A recording may have so many columns: 256 parts of the state and 256 of the control, as many as a definition
+has room for, a run and a time."""
 
 MAX_MAGNITUDE = 1e30
-"""In a recording: beyond it, sums and differences in single precision overflow."""
+"""Every number in a recording is smaller than this: beyond it, sums and differences in single precision overflow."""
+
+MAX_SHOWN = 40
+"""An error shows so many characters of a wrong cell."""
 
 
 @dataclass(frozen=True)
 class Samples:
     """The rows of a recording, in the file's order."""
 
-    run: np.ndarray
-    """(N,) labels of any kind."""
-    time: np.ndarray
-    """(N,) [s]"""
-    states: np.ndarray
-    """(N, S)"""
-    controls: np.ndarray
-    """(N, C)"""
+    run: Shaped[np.ndarray, " N"]
+    """The label of the run each row belongs to, of any type."""
+    time: Float[np.ndarray, " N"]
+    """The time of each row [s]."""
+    states: Float[np.ndarray, "N S"]
+    """The state in each row."""
+    controls: Float[np.ndarray, "N C"]
+    """The control in each row."""
     state: tuple[tuple[str, str], ...]
     """(name, unit) of each state entry."""
     control: tuple[tuple[str, str], ...]
-    lines: np.ndarray | None = None
-    """(N,) line numbers of a text file."""
+    """(name, unit) of each control entry."""
+    lines: Int[np.ndarray, " N"] | None = None
+    """The line number of each row, if the file is text."""
 
     def where(self, row: int) -> str:
-        """Return where the row lies, for people."""
-        return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
+        """Return where in the file a row lies, for people."""
+        if self.lines is None:
+            return f"row {row}"
+        return f"line {self.lines[row]}"
 
 
 def name_and_unit(text: str, where: str) -> tuple[str, str]:
@@ -47,24 +55,26 @@ def name_and_unit(text: str, where: str) -> tuple[str, str]:
     name, _, unit = text.strip().partition(" ")
     if not re.fullmatch(PART_PATTERN, name) or not unit.strip():
         raise BadFileError(
-            f"{where}: wanted a name and a unit such as 'angle rad', came {quoted(text, 40)}."
+            f"{where}: wanted a name and a unit such as 'angle rad', came {quoted(text, MAX_SHOWN)}."
         )
     return name, known_unit(unit.strip(), where)
 
 
 def refuse_columns(name: str, state: list[tuple[str, str]], control: list[tuple[str, str]]) -> None:
-    """Refuse names that clash and recordings without a state or a control."""
-    for kind, columns in (("state", state), ("control", control)):
-        names = [column for column, _ in columns]
-        if len(names) > MAX_COLUMNS:
+    """Raise BadFileError for names that clash, and for recordings without a state or a control."""
+    _refuse_names(name, "state", [column for column, _ in state], "state.angle rad")
+    _refuse_names(name, "control", [column for column, _ in control], "control.torque N·m")
+
+
+def _refuse_names(file: str, vector: str, names: list[str], example: str) -> None:
+    if len(names) > MAX_COLUMNS:
+        raise BadFileError(
+            f"{file}: {len(names):,} {vector} columns; wanted at most {MAX_COLUMNS}. Leave some out."
+        )
+    if not names:
+        raise BadFileError(f"{file}: no {vector} column. Name at least one, such as '{example}'.")
+    for name in names:
+        if names.count(name) > 1:
             raise BadFileError(
-                f"{name}: {len(names):,} {kind} columns; wanted at most {MAX_COLUMNS}. Leave some out."
+                f"{file}: two columns are called '{vector}.{name}'. Rename one of them."
             )
-        if not names:
-            example = "state.angle rad" if kind == "state" else "control.torque N·m"
-            raise BadFileError(f"{name}: no {kind} column. Name at least one, such as '{example}'.")
-        for column in names:
-            if names.count(column) > 1:
-                raise BadFileError(
-                    f"{name}: two columns are called '{kind}.{column}'. Rename one of them."
-                )

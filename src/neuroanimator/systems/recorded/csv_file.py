@@ -1,4 +1,4 @@
-"""Recordings as CSV."""
+"""Recordings as CSV: a header of names and units, then a line for each sample."""
 
 from __future__ import annotations
 
@@ -15,30 +15,43 @@ from neuroanimator.storage.files import one_line
 from neuroanimator.systems.recorded.columns import (
     MAX_COLUMNS,
     MAX_MAGNITUDE,
+    MAX_SHOWN,
     Samples,
     name_and_unit,
     refuse_columns,
 )
 
 HEADER = "run,time s,state.angle rad,state.velocity rad/s,control.torque N·m"
+"""The example of a header that errors show."""
+
+RUN = "run"
+"""What the column of runs' labels is called."""
+
+TIME = "time s"
+"""What the column of times is called."""
 
 
 @dataclass(frozen=True)
 class _Header:
+    """Which column of the file holds what."""
+
     cells: list[str]
     run: int | None
-    """Column of the run's label."""
+    """The column of the run's label, if there is one."""
     time: int
+    """The column of the time."""
     states: dict[int, tuple[str, str]]
-    """Column: (name, unit)."""
+    """(name, unit) by the column of each state entry."""
     controls: dict[int, tuple[str, str]]
+    """(name, unit) by the column of each control entry."""
 
 
 def read_csv(content: bytes, name: str) -> Samples:
     """Return the samples in a CSV file; BadFileError names line, column and fix."""
     rows = csv_rows(content)
     try:
-        header = _header(_first(rows, name), name)
+        cells = _first(rows, name)
+        header = _header(cells, name)
         return _samples(header, rows, name)
     except ValueError as error:
         raise BadFileError(f"{name}, {one_line(error)}.") from error
@@ -53,13 +66,18 @@ def _first(rows: Iterator[tuple[int, list[str]]], name: str) -> list[str]:
 def _samples(header: _Header, rows: Iterator[tuple[int, list[str]]], name: str) -> Samples:
     columns = [header.time, *header.states, *header.controls]
     labels: dict[str, int] = {}
-    runs, lines, numbers = array("q"), array("q"), array("d")
+    # Arrays of machine numbers: lists of Python's would take five times the memory.
+    runs = array("q")
+    lines = array("q")
+    numbers = array("d")
     for line, cells in rows:
         if not cells:
             continue
         numbers.extend(_row(cells, columns, header, f"{name}, line {line}"))
         lines.append(line)
-        label = "" if header.run is None else cells[header.run].strip()
+        label = ""
+        if header.run is not None:
+            label = cells[header.run].strip()
         runs.append(labels.setdefault(label, len(labels)))
     table = np.array(numbers).reshape(-1, len(columns))
     middle = 1 + len(header.states)
@@ -80,33 +98,32 @@ def _header(cells: list[str], name: str) -> _Header:
         raise BadFileError(
             f"{name}, line 1: {len(cells):,} columns; wanted at most {MAX_COLUMNS}. Leave some out."
         )
-    if "time s" not in cells:
+    if TIME not in cells:
         raise BadFileError(
             f"{name}, line 1: no column 'time s'. Wanted a header such as '{HEADER}'."
         )
-    states, controls = {}, {}
+    states: dict[int, tuple[str, str]] = {}
+    controls: dict[int, tuple[str, str]] = {}
     for column, cell in enumerate(cells):
         where = f"{name}, line 1, column {column + 1}"
-        for prefix, found in (("state.", states), ("control.", controls)):
-            if cell.startswith(prefix):
-                found[column] = name_and_unit(cell.removeprefix(prefix), where)
-        if cell not in ("run", "time s") and not cell.startswith(("state.", "control.")):
+        if cell.startswith("state."):
+            states[column] = name_and_unit(cell.removeprefix("state."), where)
+        elif cell.startswith("control."):
+            controls[column] = name_and_unit(cell.removeprefix("control."), where)
+        elif cell not in (RUN, TIME):
             raise BadFileError(
-                f"{where}: {cell[:40]!r} is none of run, time s, state.NAME UNIT, control.NAME UNIT."
+                f"{where}: {cell[:MAX_SHOWN]!r} is none of run, time s, state.NAME UNIT, control.NAME UNIT."
             )
-    for cell in ("run", "time s"):
+    for cell in (RUN, TIME):
         if cells.count(cell) > 1:
             raise BadFileError(
                 f"{name}, line 1: two columns are called '{cell}'. Remove one of them."
             )
     refuse_columns(f"{name}, line 1", list(states.values()), list(controls.values()))
-    return _Header(
-        cells,
-        cells.index("run") if "run" in cells else None,
-        cells.index("time s"),
-        states,
-        controls,
-    )
+    run = None
+    if RUN in cells:
+        run = cells.index(RUN)
+    return _Header(cells, run, cells.index(TIME), states, controls)
 
 
 def _row(cells: list[str], columns: list[int], header: _Header, where: str) -> list[float]:
@@ -114,10 +131,11 @@ def _row(cells: list[str], columns: list[int], header: _Header, where: str) -> l
         raise BadFileError(
             f"{where}: {len(cells)} cells; wanted {len(header.cells)}, as in the header. Correct the row."
         )
-    return [
-        _number(cells[column], f"{where}, column {column + 1} ({header.cells[column]})")
-        for column in columns
-    ]
+    numbers = []
+    for column in columns:
+        cell_place = f"{where}, column {column + 1} ({header.cells[column]})"
+        numbers.append(_number(cells[column], cell_place))
+    return numbers
 
 
 def _number(cell: str, where: str) -> float:
@@ -127,6 +145,6 @@ def _number(cell: str, where: str) -> float:
         value = math.nan
     if not abs(value) < MAX_MAGNITUDE:  # true for NaN too
         raise BadFileError(
-            f"{where}: wanted a finite number, came {cell[:40]!r}. Fill it in, or begin a new run after it."
+            f"{where}: wanted a finite number, came {cell[:MAX_SHOWN]!r}. Fill it in, or begin a new run after it."
         )
     return value

@@ -1,8 +1,9 @@
-"""Recordings as NumPy's NPZ."""
+"""Recordings as NumPy's NPZ: an array each of times, states, controls, and the names of their columns."""
 
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.npz_archive import parse_npz
@@ -14,35 +15,41 @@ from neuroanimator.systems.recorded.columns import (
 )
 
 NEEDED = ("time", "states", "controls", "state_names", "control_names")
+"""The arrays every recording has; `run` may be left out."""
+
+DIMENSIONS = {"time": 1, "states": 2, "controls": 2, "run": 1}
+"""How many dimensions an array has; its first are the samples."""
 
 
 def read_npz(content: bytes, name: str) -> Samples:
     """Return the samples in an NPZ file; BadFileError names the array, the row and the fix."""
     arrays = _arrays(content, name)
-    time, states, controls = (
-        _numbers(arrays[key], key, name) for key in ("time", "states", "controls")
-    )
+    time = _numbers(arrays["time"], "time", name)
+    states = _numbers(arrays["states"], "states", name)
+    controls = _numbers(arrays["controls"], "controls", name)
     count = time.size
     run = arrays.get("run", np.zeros(count, int))
-    shapes = {
-        "time": time.ndim == 1,
-        "states": states.ndim == 2,
-        "controls": controls.ndim == 2,
-        "run": run.ndim == 1,
-    }
-    for key, array in (("time", time), ("states", states), ("controls", controls), ("run", run)):
-        if not shapes[key] or len(array) != count:
+    rows = {"time": time, "states": states, "controls": controls, "run": run}
+    for key, array in rows.items():
+        if array.ndim != DIMENSIONS[key] or len(array) != count:
             raise BadFileError(
                 f"{name}: {key} has shape {array.shape}; wanted one row per time, {count} in all."
             )
-    named = [_names(arrays[f"{key}_names"], key, name) for key in ("state", "control")]
-    refuse_columns(name, *named)
-    for key, array, names in (("state", states, named[0]), ("control", controls, named[1])):
-        if array.shape[1] != len(names):
-            raise BadFileError(
-                f"{name}: {key}_names lists {len(names)} names for {array.shape[1]} columns. Name each."
-            )
-    return Samples(run, time, states, controls, tuple(named[0]), tuple(named[1]))
+    state = _names(arrays["state_names"], "state", name)
+    control = _names(arrays["control_names"], "control", name)
+    refuse_columns(name, state, control)
+    _check_count(states, state, "state", name)
+    _check_count(controls, control, "control", name)
+    return Samples(run, time, states, controls, tuple(state), tuple(control))
+
+
+def _check_count(
+    array: Float[np.ndarray, "N D"], names: list[tuple[str, str]], key: str, name: str
+) -> None:
+    if array.shape[1] != len(names):
+        raise BadFileError(
+            f"{name}: {key}_names lists {len(names)} names for {array.shape[1]} columns. Name each."
+        )
 
 
 def _arrays(content: bytes, name: str) -> dict[str, np.ndarray]:
@@ -60,7 +67,8 @@ def _arrays(content: bytes, name: str) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _numbers(array: np.ndarray, key: str, name: str) -> np.ndarray:
+def _numbers(array: np.ndarray, key: str, name: str) -> Float[np.ndarray, ...]:
+    """Return an array of any shape in double precision; BadFileError if one of its numbers is not finite."""
     if array.dtype.kind not in "fiu":
         raise BadFileError(f"{name}: {key} holds {array.dtype}; wanted numbers.")
     with np.errstate(over="ignore"):  # of long doubles; infinite numbers are refused below
@@ -68,9 +76,14 @@ def _numbers(array: np.ndarray, key: str, name: str) -> np.ndarray:
     usable = np.abs(array) < MAX_MAGNITUDE  # false for NaN too
     if not usable.all():
         index = np.argwhere(~usable)[0].tolist()
-        column = f", column {index[1]}" if len(index) > 1 else ""
+        row = 0
+        column = ""
+        if index:
+            row = index[0]
+        if len(index) > 1:
+            column = f", column {index[1]}"
         raise BadFileError(
-            f"{name}: {key}, row {index[0] if index else 0}{column}: not a finite number. Fill it in, or cut it out."
+            f"{name}: {key}, row {row}{column}: not a finite number. Fill it in, or cut it out."
         )
     return array
 

@@ -1,10 +1,11 @@
-"""A system known from recordings alone: it has a layout and a sampling interval, and no physics to run."""
+"""A system known from recordings alone: it has a layout and a sampling interval, and no physics to simulate."""
 
 from __future__ import annotations
 
 from typing import Any, NoReturn
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.definitions.recorded import RecordedDefinition
@@ -35,6 +36,9 @@ class RecordedSystem(System):
         self.structure = structure_of_parts(definition.state)
         self.skeleton = Skeleton(())
         self.rest = numbers_of(definition.state, "rest")
+        angles: list[int] = []
+        for row in self.structure.angles:
+            angles += np.flatnonzero(row).tolist()
         sampled = Scheme("recorded", definition.physics.step)
         self.scheme = sampled
         self.truth = sampled
@@ -47,24 +51,24 @@ class RecordedSystem(System):
             state=self.state,
             control=self.control,
             step=sampled.dt,
-            angles=tuple(int(i) for row in self.structure.angles for i in np.flatnonzero(row)),
+            angles=tuple(angles),
         )
         self.recordings = self._recordings
 
     def _simulate(
         self,
-        states: np.ndarray,
-        controls: np.ndarray,
+        states: Float[np.ndarray, "B _ S"],
+        controls: Float[np.ndarray, "B T C"],
         scheme: Scheme,
         substeps: int,
         threads: int,
     ) -> None:
         self._refuse()
 
-    def has_diverged(self, states: np.ndarray) -> np.ndarray:
+    def has_diverged(self, states: Float[np.ndarray, "B T S"]) -> Bool[np.ndarray, " B"]:
         self._refuse()
 
-    def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
+    def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
         self._refuse()
 
     def _refuse(self) -> NoReturn:

@@ -18,6 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.systems.recorded.columns import Samples
@@ -28,9 +29,16 @@ from neuroanimator.tables import MIN_STEP
 from neuroanimator.text import printable
 
 READERS: dict[str, Callable[[bytes, str], Samples]] = {".csv": read_csv, ".npz": read_npz}
+"""By the end of a file's name, what makes samples of its bytes and its name."""
 
 INTERVAL_TOLERANCE = 1e-3
-"""Share by which the sampling interval may vary; clocks are better than that."""
+"""The sampling interval may vary by this share of itself; clocks are better than that."""
+
+INTERVAL_DIGITS = 6
+"""The sampling interval is rounded to so many significant digits: times in a file are rounded too."""
+
+MAX_SHOWN = 60
+"""An error shows so many characters of a file's name."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +46,17 @@ class Recording:
     """All runs of one file."""
 
     file: str
+    """The file's name."""
     state: tuple[tuple[str, str], ...]
     """(name, unit) of each state entry."""
     control: tuple[tuple[str, str], ...]
+    """(name, unit) of each control entry."""
     step: float
-    """Sampling interval [s]."""
-    states: tuple[np.ndarray, ...]
-    """Per run (N, S)."""
-    controls: tuple[np.ndarray, ...]
-    """Per run (N, C): row k acts from sample k to sample k+1."""
+    """The sampling interval [s]."""
+    states: tuple[Float[np.ndarray, "_ S"], ...]
+    """The states of each run, which may have a length of its own."""
+    controls: tuple[Float[np.ndarray, "_ C"], ...]
+    """The controls of each run: row k acts from sample k to sample k+1."""
     origins: tuple[str, ...]
     """Where in the file each run begins."""
 
@@ -59,10 +69,10 @@ def read_recording(digest: str, name: str) -> Recording:
         f"It was made from {printable(name)}, recordings that are opened only if you say so: give the TOML file beside "
         "them, --system PATH, or in Python trust_files(PATH). If you did, they have changed since.",
     )
-    suffix = Path(name).suffix
-    if suffix not in READERS:
-        raise BadFileError(f"{name[:60]}: recordings end in {', '.join(READERS)}.")
-    return cut_runs(READERS[suffix](content, name), name)
+    read = READERS.get(Path(name).suffix)
+    if read is None:
+        raise BadFileError(f"{name[:MAX_SHOWN]}: recordings end in {', '.join(READERS)}.")
+    return cut_runs(read(content, name), name)
 
 
 def cut_runs(samples: Samples, name: str) -> Recording:
@@ -70,31 +80,41 @@ def cut_runs(samples: Samples, name: str) -> Recording:
     if len(samples.time) < 2:
         raise BadFileError(f"{name}: {len(samples.time)} rows; wanted some hundred. Record longer.")
     gaps = np.diff(samples.time)
-    begins = np.flatnonzero((samples.run[1:] != samples.run[:-1]) | (gaps < 0)) + 1
-    inside = np.ones(len(gaps), bool)
-    inside[begins - 1] = False
-    if not inside.any():
+    is_relabelled = samples.run[1:] != samples.run[:-1]
+    begins = np.flatnonzero(is_relabelled | (gaps < 0)) + 1
+    is_inside = np.ones(len(gaps), bool)  # of a run, not between two
+    is_inside[begins - 1] = False
+    if not is_inside.any():
         raise BadFileError(
             f"{name}: every run has one row only. Sort the rows by run, then by time."
         )
-    step = _interval(samples, name, gaps, inside)
-    first = [0, *begins.tolist()]
+    step = _interval(samples, name, gaps, is_inside)
+    origins = [samples.where(row) for row in (0, *begins.tolist())]
     return Recording(
-        name,
-        samples.state,
-        samples.control,
-        step,
-        tuple(np.split(samples.states, begins)),
-        tuple(np.split(samples.controls, begins)),
-        tuple(samples.where(row) for row in first),
+        file=name,
+        state=samples.state,
+        control=samples.control,
+        step=step,
+        states=tuple(np.split(samples.states, begins)),
+        controls=tuple(np.split(samples.controls, begins)),
+        origins=tuple(origins),
     )
 
 
-def _interval(samples: Samples, name: str, gaps: np.ndarray, inside: np.ndarray) -> float:
-    usual = float(np.median(gaps[inside]))
-    wrong = np.flatnonzero(inside & (np.abs(gaps - usual) > INTERVAL_TOLERANCE * usual))
+def _interval(
+    samples: Samples,
+    name: str,
+    gaps: Float[np.ndarray, " G"],
+    is_inside: Bool[np.ndarray, " G"],
+) -> float:
+    """Return the sampling interval [s]; `gaps` are the times between rows, `is_inside` says which are in one run."""
+    usual = float(np.median(gaps[is_inside]))
+    is_unusual = np.abs(gaps - usual) > INTERVAL_TOLERANCE * usual
+    wrong = np.flatnonzero(is_inside & is_unusual)
     if usual <= 0 or len(wrong):
-        row = int(wrong[0]) if len(wrong) else 0
+        row = 0
+        if len(wrong):
+            row = int(wrong[0])
         raise BadFileError(
             f"{name}, {samples.where(row + 1)}, time: {gaps[row]:.6g} s after the row before, elsewhere {usual:.6g} s. "
             "Resample to a constant interval, or begin a new run there (column run)."
@@ -103,4 +123,5 @@ def _interval(samples: Samples, name: str, gaps: np.ndarray, inside: np.ndarray)
         raise BadFileError(
             f"{name}: sampled every {usual:g} s; wanted at least {MIN_STEP:g} s. Give the time in seconds."
         )
-    return float(f"{gaps[inside].mean():.6g}")
+    mean = gaps[is_inside].mean()
+    return float(f"{mean:.{INTERVAL_DIGITS}g}")

@@ -9,7 +9,7 @@ from neuroanimator.state.layout import Layout
 from neuroanimator.systems.recorded.recording import Recording, read_recording
 
 STEP_TOLERANCE = 1e-6
-"""Share by which the sampling interval may differ from the one the TOML file says: both are rounded."""
+"""The sampling interval may differ by this share from the one the TOML file says: both are rounded."""
 
 
 @dataclass(frozen=True)
@@ -17,17 +17,19 @@ class RecordingFile:
     """Recordings by the name and the bytes of their file, and what they must hold."""
 
     name: str
+    """The file's name."""
     sha256: str
+    """The digest of the file's bytes, by which it is found among those the user allowed."""
     rows: tuple[int, ...]
-    """Samples in each run."""
+    """The number of samples in each run."""
     origins: tuple[str, ...]
     """Where in the file each run begins."""
     state: Layout
     control: Layout
     step: float
-    """Sampling interval [s]."""
+    """The sampling interval [s]."""
     angles: tuple[int, ...]
-    """State entries that are angles: they jump by 2π where a recording wraps them."""
+    """The state entries that are angles: they jump by 2π where a recording wraps them."""
 
     def read(self) -> Recording:
         """Return the recordings as they are in the file.
@@ -53,9 +55,9 @@ class RecordingFile:
 def _check_columns(
     recording: Recording, vector: str, layout: Layout, columns: tuple[tuple[str, str], ...]
 ) -> None:
-    said = [f"{part.name} {part.unit}" for part in layout.slices if part.size == 1]
-    found = [" ".join(column) for column in columns]
-    if said != found or layout.size != len(found):
+    defined = [f"{part.name} {part.unit}" for part in layout.slices if part.size == 1]
+    recorded = [f"{name} {unit}" for name, unit in columns]
+    if defined != recorded or layout.size != len(recorded):
         raise ArgumentError(
-            f"{recording.file}: {vector} columns are {', '.join(found)}; the TOML file says {', '.join(said)}."
+            f"{recording.file}: {vector} columns are {', '.join(recorded)}; the TOML file says {', '.join(defined)}."
         )
