@@ -75,10 +75,10 @@ def run_file(digest: str, name: str) -> ModuleType:
 def call_step(
     function: StepFunction,
     name: str,
-    state: Float[np.ndarray, S * B],
-    control: Float[np.ndarray, C * B],
+    state: Float[np.ndarray, " S *B"],
+    control: Float[np.ndarray, " C *B"],
     dt: float,
-) -> Float[np.ndarray, S * B]:
+) -> Float[np.ndarray, " S *B"]:
     """Return the user's next state; whatever the function raises becomes a BadFileError of one line."""
     try:
         with np.errstate(all="ignore"):

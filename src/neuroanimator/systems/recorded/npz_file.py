@@ -67,7 +67,7 @@ def _arrays(content: bytes, name: str) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _numbers(array: np.ndarray, key: str, name: str) -> Float[np.ndarray, ...]:
+def _numbers(array: np.ndarray, key: str, name: str) -> Float[np.ndarray, " ..."]:
     """Return an array of any shape in double precision; BadFileError if one of its numbers is not finite."""
     if array.dtype.kind not in "fiu":
         raise BadFileError(f"{name}: {key} holds {array.dtype}; wanted numbers.")

@@ -104,7 +104,7 @@ def _shape(model: mujoco.MjModel, geom: int) -> Shape:
     )
 
 
-def _colour(model: mujoco.MjModel, geom: int) -> Float[np.ndarray, 4]:
+def _colour(model: mujoco.MjModel, geom: int) -> Float[np.ndarray, " 4"]:
     """Return a geom's red, green, blue and opacity, 0 to 1; of a texture the mean, for triangles have none."""
     material = model.geom_matid[geom]
     if material < 0:
@@ -116,7 +116,7 @@ def _colour(model: mujoco.MjModel, geom: int) -> Float[np.ndarray, 4]:
     return np.clip(colour, 0, 1)
 
 
-def _mean_texel(model: mujoco.MjModel, texture: int) -> Float[np.ndarray, 3]:
+def _mean_texel(model: mujoco.MjModel, texture: int) -> Float[np.ndarray, " 3"]:
     """Return the mean colour of a texture, 0 to 1; of a texture with fewer than three channels the mean grey."""
     channels = int(model.tex_nchannel[texture])
     size = int(model.tex_height[texture]) * int(model.tex_width[texture])
