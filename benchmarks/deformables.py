@@ -34,91 +34,134 @@ from neuroanimator.systems.system import Scheme
 from neuroanimator.terminal import print_table
 
 SYSTEMS = ("fish", "dolphin", "cube")
-BATCHES = (1, 64, 1024)
-BODY_STEPS = 20_000
-"""Physics steps of all bodies together in one timed run."""
-COMPARED_STEPS = 100
-"""Steps after which JAX and C are compared."""
-DIVISIONS = (50, 25, 10, 5)
-"""Physics steps per super step of 50 at which one-step errors are measured."""
-REPEATS = 25
-"""Timings of each side: enough to outlast a burst of other work on a shared machine, which nine are not."""
-ERROR_RUNS, ERROR_STEPS = 32, 20
+"""The shipped systems measured."""
 
-Rows = list[dict[str, Any]]
+BATCHES = (1, 64, 1024)
+"""So many bodies are simulated at once."""
+
+BODY_STEPS = 20_000
+"""The physics steps of all bodies together in one timed run."""
+
+COMPARED_STEPS = 100
+"""JAX and C are compared after so many steps."""
+
+COMPARED_BODIES = 16
+"""JAX and C are compared on so many random bodies."""
+
+SUPER_STEP = 50
+"""A super step covers so many physics steps."""
+
+DIVISIONS = (50, 25, 10, 5)
+"""One-step errors are measured with so many physics steps per super step."""
+
+REPEATS = 25
+"""Every side is timed so often: enough to outlast a burst of other work on a shared machine, which nine are not."""
+
+QUICK_REPEATS = 3
+"""Every side is timed so often with --quick."""
+
+ERROR_RUNS = 32
+"""One-step errors are measured in so many runs."""
+
+ERROR_STEPS = 20
+"""Each of these runs takes so many super steps."""
+
+Row = dict[str, Any]
+Rows = list[Row]
 
 
 def physics_rows(repeats: int) -> Rows:
     """Return a row per system and integrator; every time is of one body's one step [µs]."""
-    return [row for name in SYSTEMS for row in system_rows(deformable(name), repeats)]
+    rows: Rows = []
+    for name in SYSTEMS:
+        rows += system_rows(deformable(name), repeats)
+    return rows
 
 
 def system_rows(system: DeformableSystem, repeats: int) -> Rows:
     """Return a row per integrator."""
-    test, limit = simulated(system), largest_stable_step(system.body)
-    return [
-        {
-            "system": system.name,
-            "integrator": kind,
-            **costs(system, kind, repeats),
-            "jax_minus_c_float64": difference(system, kind),
-            "step_ms": system.physics_dt * 1e3,
-            "largest_linear_step_ms": limit * 1e3,
-            **{
-                f"error_at_{n}_per_super_step": twin_error(test, Scheme(kind, test.dt / n))
-                for n in DIVISIONS
-            },
-        }
-        for kind in INTEGRATORS
-    ]
+    test = simulated(system)
+    limit = largest_stable_step(system.body)
+    rows: Rows = []
+    for integrator in INTEGRATORS:
+        row: Row = {"system": system.name, "integrator": integrator}
+        row |= costs(system, integrator, repeats)
+        row["jax_minus_c_float64"] = difference(system, integrator)
+        row["step_ms"] = system.physics_dt * 1e3
+        row["largest_linear_step_ms"] = limit * 1e3
+        for count in DIVISIONS:
+            scheme = Scheme(integrator, test.dt / count)
+            row[f"error_at_{count}_per_super_step"] = twin_error(test, scheme)
+        rows.append(row)
+    return rows
 
 
-def costs(system: DeformableSystem, kind: str, repeats: int) -> dict[str, float | str]:
+def costs(system: DeformableSystem, integrator: str, repeats: int) -> dict[str, float | str]:
     """Return the cost of C and JAX at every batch, all played in turn, and their ratio at the fastest of each."""
-    players, lengths = {}, {}
+    players: dict[str, Callable[[], object]] = {}
+    body_steps: dict[str, int] = {}
     for batch in BATCHES:
         steps = max(BATCH_STEPS // 10, BODY_STEPS // batch)
-        found = {} if batch == 1 else c_batch_players(system, batch, kind, steps)
-        if batch == 1 and (twin := c_twin(system.body)) is not None:
-            found = {"": twin.player(*random_bodies(system, 1), kind, system.physics_dt, steps)}
-        named = {
-            f"c_{batch}_{name}".replace(" ", "_").rstrip("_"): play for name, play in found.items()
-        }
-        named[f"jax_{batch}"] = jax_batch_player(system, batch, kind, steps)
-        players |= named
-        lengths |= dict.fromkeys(named, batch * steps)
+        batch_players = c_players(system, batch, integrator, steps)
+        batch_players[f"jax_{batch}"] = jax_batch_player(system, batch, integrator, steps)
+        players |= batch_players
+        body_steps |= dict.fromkeys(batch_players, batch * steps)
     with one_core():
         spans = interleaved(players, repeats)
-    cost = {name: spans[name] / lengths[name] * 1e6 for name in players}
-    return {
-        **{f"{name}_us": cost[name] for name in players},
-        **{f"jax_over_c_{batch}": ratio(cost, batch) for batch in BATCHES},
-    }
+    cost = {name: spans[name] / body_steps[name] * 1e6 for name in players}
+    columns: dict[str, float | str] = {f"{name}_us": cost[name] for name in players}
+    for batch in BATCHES:
+        columns[f"jax_over_c_{batch}"] = ratio(cost, batch)
+    return columns
+
+
+def c_players(
+    system: DeformableSystem, batch: int, integrator: str, steps: int
+) -> dict[str, Callable[[], object]]:
+    """Return what plays `steps` steps of `batch` bodies in C, by name; none without a compiler."""
+    if batch == 1:
+        twin = c_twin(system.body)
+        if twin is None:
+            return {}
+        start, control = random_bodies(system, 1)
+        return {"c_1": twin.player(start, control, integrator, system.physics_dt, steps)}
+    players = {}
+    for layout, play in c_batch_players(system, batch, integrator, steps).items():
+        players[f"c_{batch}_{layout}".replace(" ", "_").rstrip("_")] = play
+    return players
 
 
 def ratio(cost: dict[str, float], batch: int) -> float | str:
     """Return how many times as long as the faster C layout JAX takes; empty without a compiler."""
-    rivals = [value for name, value in cost.items() if f"{name}_".startswith(f"c_{batch}_")]
-    return cost[f"jax_{batch}"] / min(rivals) if rivals else ""
+    c_costs = [value for name, value in cost.items() if f"{name}_".startswith(f"c_{batch}_")]
+    if not c_costs:
+        return ""
+    return cost[f"jax_{batch}"] / min(c_costs)
 
 
-def difference(system: DeformableSystem, kind: str) -> float | str:
+def difference(system: DeformableSystem, integrator: str) -> float | str:
     """Return the largest difference of any number in float64 after `COMPARED_STEPS` steps under random controls."""
-    twin, (starts, controls) = c_twin(system.body, np.float64), random_bodies(system, 16)
+    twin = c_twin(system.body, np.float64)
     if twin is None:
         return ""
-    dt, steps = system.physics_dt, COMPARED_STEPS
-    runs = system.simulate(starts, controls[:, None], dt * steps, scheme=Scheme(kind, dt))
-    return float(np.abs(runs.states[:, -1] - twin.advance(starts, controls, kind, dt, steps)).max())
+    starts, controls = random_bodies(system, COMPARED_BODIES)
+    dt = system.physics_dt
+    scheme = Scheme(integrator, dt)
+    runs = system.simulate(starts, controls[:, None], dt * COMPARED_STEPS, scheme=scheme)
+    in_jax = runs.states[:, -1]
+    in_c = twin.advance(starts, controls, integrator, dt, COMPARED_STEPS)
+    return float(np.abs(in_jax - in_c).max())
 
 
 def simulated(system: DeformableSystem) -> HeldOut:
-    """Return runs of fine physics under random controls, by super steps of 50."""
+    """Return runs of fine physics under random controls, by super steps of `SUPER_STEP`."""
     rng = np.random.default_rng(0)
     controls = rng.uniform(-1, 1, (ERROR_RUNS, ERROR_STEPS, system.control.size))
-    dt = 50 * system.physics_dt
-    runs = system.simulate(system.sample_starts(rng, ERROR_RUNS), controls, dt, scheme=system.fine)
-    return make_test(system, dt, runs.states[~runs.has_diverged], controls[~runs.has_diverged])
+    dt = SUPER_STEP * system.physics_dt
+    starts = system.sample_starts(rng, ERROR_RUNS)
+    runs = system.simulate(starts, controls, dt, scheme=system.fine)
+    is_alive = ~runs.has_diverged
+    return make_test(system, dt, runs.states[is_alive], controls[is_alive])
 
 
 PARTS: dict[str, Callable[[int], Rows]] = {
@@ -135,7 +178,10 @@ def main() -> None:
     parser.add_argument("part", choices=PARTS)
     parser.add_argument("--quick", action="store_true", help="fewer repeats; writes no file")
     options = parser.parse_args()
-    rows = PARTS[options.part](3 if options.quick else REPEATS)
+    repeats = REPEATS
+    if options.quick:
+        repeats = QUICK_REPEATS
+    rows = PARTS[options.part](repeats)
     if not options.quick:
         write_csv(Path(__file__).parent / "results" / f"deformables_{options.part}.csv", rows)
     print(describe_machine())

@@ -14,6 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator import Emulator, load_emulator, load_system
 from neuroanimator.bench.csv_table import describe_machine, write_csv
@@ -23,66 +24,81 @@ from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin", "cube")
-STEPS, QUICK_STEPS = 1_000_000, 10_000
+"""The shipped systems measured."""
+
+STEPS = 1_000_000
+"""The super steps of a run."""
+
+QUICK_STEPS = 10_000
+"""The super steps of a run with --quick."""
+
 STARTS = 8
-"""Motions under random controls, all from rest."""
+"""So many motions are driven by random controls, all from rest."""
+
 BLOCK = 1_000
-"""Super steps rolled out at once."""
+"""So many super steps are rolled out at once: a million would take gigabytes."""
+
 PHYSICS_SECONDS = 60.0
-"""How long the physics is left at rest: after that nothing is new."""
-FAR = 1.1
-"""Times the range of training that a number the network sees may fill and still be inside."""
+"""The physics is left at rest for so long [s]: after that nothing is new."""
 
-_follow = eqx.filter_jit(jax.vmap(rollout_latent, in_axes=(None, 0, 0)))
+RANGE_SCALE = 1.1
+"""A feature is inside if it stays within so many times its range of training."""
+
+SEED = 7
+"""The random controls are drawn from this seed."""
+
+_rollouts = eqx.filter_jit(jax.vmap(rollout_latent, in_axes=(None, 0, 0)))
 
 
-def moved(states: np.ndarray) -> float:
-    """Return the largest distance of any state entry from where `states` (T, S) begin [m, rad, m/s or rad/s]."""
+def moved(states: Float[np.ndarray, "T S"]) -> float:
+    """Return the largest distance of any state entry from where `states` begin [m, rad, m/s or rad/s]."""
     return float(np.abs(states - states[0]).max())
 
 
 def physics_at_rest(system: System, dt: float) -> float:
     """Return how far the physics strays at rest, without control."""
     controls = np.tile(system.bounds.idle, (1, round(PHYSICS_SECONDS / dt), 1))
-    return moved(system.simulate(system.rest[None], controls, dt, scheme=system.scheme).states[0])
+    runs = system.simulate(system.rest[None], controls, dt, scheme=system.scheme)
+    return moved(runs.states[0])
 
 
 def emulator_at_rest(emulator: Emulator, steps: int) -> tuple[float, float]:
     """Return how far the emulator strays at rest, without control: in a minute, and in `steps` super steps."""
     idle = emulator.bounds.idle
     minute = np.tile(idle, (round(PHYSICS_SECONDS / emulator.dt), 1))
-    short = moved(np.asarray(emulator.rollout(emulator.rest, minute), float)[1:])
-    latent, held = emulator.encode_motion(emulator.rest, np.tile(idle, (BLOCK, 1)))
-    first = np.asarray(_follow(emulator, latent[None], held[None])[:, 0])
+    in_a_minute = moved(np.asarray(emulator.rollout(emulator.rest, minute), float)[1:])
+    latent, controls = emulator.encode_motion(emulator.rest, np.tile(idle, (BLOCK, 1)))
+    first = np.asarray(_rollouts(emulator, latent[None], controls[None])[:, 0])
     furthest = 0.0
-    state = jnp.asarray(first)
+    current = jnp.asarray(first)
     for _ in range(0, steps, BLOCK):
-        path = np.asarray(_follow(emulator, state, held[None]))
-        furthest = max(
-            furthest, float(np.abs(emulator.decode(path[0]) - emulator.decode(first)).max())
-        )
-        state = jnp.asarray(path[:, -1])
-    return short, furthest
+        path = np.asarray(_rollouts(emulator, current, controls[None]))
+        distances = np.abs(emulator.decode(path[0]) - emulator.decode(first))
+        furthest = max(furthest, float(distances.max()))
+        current = jnp.asarray(path[:, -1])
+    return in_a_minute, furthest
 
 
 def driven(emulator: Emulator, system: System, steps: int) -> dict[str, float]:
     """Return how many motions under random controls stay finite and within the range of training, and how high."""
-    rng = np.random.default_rng(7)
+    rng = np.random.default_rng(SEED)
     start, _ = emulator.encode_motion(emulator.rest, emulator.bounds.idle)
-    state = jnp.tile(start, (STARTS, 1))
+    current = jnp.tile(start, (STARTS, 1))
     is_alive = np.ones(STARTS, bool)
     is_inside = np.ones(STARTS, bool)
-    low, high = (np.asarray(end, float) for end in emulator.domain.widened(FAR - 1, slice(None)))
+    low, high = emulator.domain.widened(RANGE_SCALE - 1, slice(None))
+    low = np.asarray(low, float)
+    high = np.asarray(high, float)
     for _ in range(0, steps, BLOCK):
         controls = sample_control_runs(rng, STARTS, BLOCK, emulator.dt, system)
-        path = np.asarray(
-            _follow(emulator, state, jnp.asarray(emulator.encode_control(controls), jnp.float32))
-        )
-        seen = np.asarray(emulator.features.plain_of(path, emulator.frame.local(path)))
-        count = seen.shape[-1]
+        encoded = jnp.asarray(emulator.encode_control(controls), jnp.float32)
+        path = np.asarray(_rollouts(emulator, current, encoded))
+        features = np.asarray(emulator.features.plain_of(path, emulator.frame.local(path)))
+        count = features.shape[-1]
+        is_in_range = (features >= low[:count]) & (features <= high[:count])
         is_alive &= np.isfinite(path).all(axis=(1, 2))
-        is_inside &= ((seen >= low[:count]) & (seen <= high[:count])).all(axis=(1, 2))
-        state = jnp.asarray(path[:, -1])
+        is_inside &= is_in_range.all(axis=(1, 2))
+        current = jnp.asarray(path[:, -1])
     return {
         "random_starts": STARTS,
         "random_alive": int(is_alive.sum()),
@@ -94,22 +110,25 @@ def row(name: str, steps: int) -> dict[str, Any]:
     """Return one system's row."""
     emulator = load_emulator(f"{name}-50")
     system = load_system(name)
-    short, long = emulator_at_rest(emulator, steps)
-    return {
+    in_a_minute, in_all = emulator_at_rest(emulator, steps)
+    at_rest = {
         "system": name,
         "super_steps": steps,
         "physics_moves_in_60_s": physics_at_rest(system, emulator.dt),
-        "emulator_moves_in_60_s": short,
-        "emulator_moves_in_all": long,
-        **driven(emulator, system, steps),
+        "emulator_moves_in_60_s": in_a_minute,
+        "emulator_moves_in_all": in_all,
     }
+    return at_rest | driven(emulator, system, steps)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="10,000 super steps; writes no file")
     options = parser.parse_args()
-    rows = [row(name, QUICK_STEPS if options.quick else STEPS) for name in SYSTEMS]
+    steps = STEPS
+    if options.quick:
+        steps = QUICK_STEPS
+    rows = [row(name, steps) for name in SYSTEMS]
     if not options.quick:
         write_csv(Path(__file__).parent / "results" / "long_runs.csv", rows)
     print(describe_machine())

@@ -284,7 +284,7 @@ def _usual_velocities(system: ModelSystem, path: Path) -> dict[str, tuple[float,
     velocities = {}
     for view in system.views:
         size = VELOCITY_SIZES[view.kind]
-        joint_velocities = states[..., view.rate : view.rate + size]
+        joint_velocities = states[..., view.velocity_entry : view.velocity_entry + size]
         rms = np.sqrt(np.mean(joint_velocities**2, axis=(0, 1)))
         velocities[view.name] = tuple(float(f"{value:.2g}") for value in rms)
     return velocities
