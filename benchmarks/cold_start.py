@@ -10,6 +10,8 @@ slow warm as cold. The machine should be idle.
 from __future__ import annotations
 
 import argparse
+import itertools
+import math
 import os
 import shutil
 import subprocess
@@ -23,10 +25,22 @@ from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.terminal import print_table, progress_bar
 
 HERE = Path(__file__).parents[1] / "src"
+"""This source tree."""
+
 RESULTS = Path(__file__).parent / "results" / "cold_start.csv"
+"""The table is written to this file unless --out says otherwise."""
+
 ROUNDS = 3
+"""Every task is timed so often, and the least time counts."""
+
 PATIENCE = 600
-"""[s] A run may take."""
+"""A run may take so long [s]."""
+
+STATES = ("cold", "warm")
+"""The states of the cache a task is timed in: emptied, and left by the run before."""
+
+MAX_SHOWN = 300
+"""So many of the last characters of what a failed run said are shown."""
 
 STEPS = """
 import sys, time
@@ -40,7 +54,10 @@ for call in range(int(sys.argv[1])):
     np.asarray(emulator.step(state, control))
 print(time.perf_counter() - began)
 """
-"""Prints how long the last of so many calls took [s]."""
+"""The program that prints how long the last of so many calls took [s]."""
+
+RUN_VERB = "from neuroanimator.cli.main import main; main()"
+"""The program that runs a verb of the command line."""
 
 VERBS = {
     "animate fish": ("animate", "fish", "--out", "fish.csv"),
@@ -49,8 +66,10 @@ VERBS = {
     "control lander": ("control", "lander", "--goal", "pad", "--out", "landing.csv"),
     "control pendulum": ("control", "pendulum", "--out", "swing.csv"),
 }
+"""The tasks that are verbs of the command line, with their arguments."""
+
 CALLS = {"first Emulator.step": 1, "hundredth Emulator.step": 100}
-"""Of the fish; the first as the whole process sees it, imports and loading included."""
+"""The tasks that are calls of the fish's emulator; the first as the whole process sees it, imports and loading included."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +77,20 @@ class Tree:
     """A source tree to be timed, and its cache."""
 
     name: str
+    """What the table calls the tree."""
     source: Path
+    """Its src folder."""
     cache: Path
+    """The cache folder of its processes."""
 
     def environment(self) -> dict[str, str]:
         """Return what its processes see: its own code and cache, whatever this process was started with."""
-        unwanted = ("JAX_COMPILATION_CACHE_DIR", "NEUROANIMATOR_CACHE")
-        given = {key: value for key, value in os.environ.items() if key not in unwanted}
-        return given | {"PYTHONPATH": str(self.source), "XDG_CACHE_HOME": str(self.cache)}
+        environment = dict(os.environ)
+        environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+        environment.pop("NEUROANIMATOR_CACHE", None)
+        environment["PYTHONPATH"] = str(self.source)
+        environment["XDG_CACHE_HOME"] = str(self.cache)
+        return environment
 
     def forget(self) -> None:
         """Empty the cache."""
@@ -74,15 +99,11 @@ class Tree:
 
 def seconds_of(tree: Tree, task: str, folder: Path) -> float:
     """Return how long `task` takes [s]."""
+    command = [sys.executable, "-c"]
     if task in CALLS:
-        command = [sys.executable, "-c", STEPS, str(CALLS[task])]
+        command += [STEPS, str(CALLS[task])]
     else:
-        command = [
-            sys.executable,
-            "-c",
-            "from neuroanimator.cli.main import main; main()",
-            *VERBS[task],
-        ]
+        command += [RUN_VERB, *VERBS[task]]
     began = time.perf_counter()
     done = subprocess.run(
         command,
@@ -94,35 +115,39 @@ def seconds_of(tree: Tree, task: str, folder: Path) -> float:
     )
     took = time.perf_counter() - began
     if done.returncode:
-        raise SystemExit(f"{tree.name}: {task}: {done.stderr.strip()[-300:]}")
-    return float(done.stdout) if CALLS.get(task, 1) > 1 else took
+        raise SystemExit(f"{tree.name}: {task}: {done.stderr.strip()[-MAX_SHOWN:]}")
+    is_later_call = CALLS.get(task, 1) > 1
+    if is_later_call:
+        return float(done.stdout)
+    return took
 
 
 def rows_of(
     trees: list[Tree], tasks: list[str], rounds: int, folder: Path
 ) -> list[dict[str, object]]:
     """Return for every task the least time of each tree, cold and warm; the trees take turns."""
-    least: dict[tuple[str, str, str], float] = {}
-    with progress_bar("runs", len(tasks) * rounds * len(trees) * 2) as bar:
+    rows: list[dict[str, object]] = []
+    with progress_bar("runs", len(tasks) * rounds * len(trees) * len(STATES)) as bar:
         done = 0
         for task in tasks:
-            for _ in range(rounds):
-                for tree in trees:
-                    tree.forget()
-                    for state in ("cold", "warm"):
-                        found = seconds_of(tree, task, folder)
-                        key = task, tree.name, state
-                        least[key] = min(found, least.get(key, found))
-                        done += 1
-                        bar.advance_to(done, f"{tree.name}: {task}, {state}: {found:.3g} s")
-    columns = [(tree.name, state) for state in ("cold", "warm") for tree in trees]
-    return [
-        {
-            "task": task,
-            **{f"{name}, {state} s": least[task, name, state] for name, state in columns},
-        }
-        for task in tasks
-    ]
+            least: dict[str, float] = {}  # by column, in the table's order
+            for state, tree in itertools.product(STATES, trees):
+                least[column_of(tree, state)] = math.inf
+            for _, tree in itertools.product(range(rounds), trees):
+                tree.forget()
+                for state in STATES:
+                    seconds = seconds_of(tree, task, folder)
+                    column = column_of(tree, state)
+                    least[column] = min(seconds, least[column])
+                    done += 1
+                    bar.advance_to(done, f"{tree.name}: {task}, {state}: {seconds:.3g} s")
+            rows.append({"task": task} | least)
+    return rows
+
+
+def column_of(tree: Tree, state: str) -> str:
+    """Return the name of the table's column of a tree, `cold` or `warm`."""
+    return f"{tree.name}, {state} s"
 
 
 def main() -> None:
@@ -136,15 +161,16 @@ def main() -> None:
         "--tasks", nargs="*", default=[*VERBS, *CALLS], help="some of the tasks, by name"
     )
     parser.add_argument("--out", type=Path, default=RESULTS)
-    given = parser.parse_args()
-    with TemporaryDirectory() as position:
-        folder = Path(position)
-        trees = [Tree("after" if given.src else "now", HERE, folder / "cache")]
-        if given.src:
-            trees.insert(0, Tree("before", given.src.resolve(), folder / "cache-before"))
-        rows = rows_of(trees, given.tasks, given.rounds, folder)
+    options = parser.parse_args()
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        trees = [Tree("now", HERE, folder / "cache")]
+        if options.src:
+            before = Tree("before", options.src.resolve(), folder / "cache-before")
+            trees = [before, Tree("after", HERE, folder / "cache")]
+        rows = rows_of(trees, options.tasks, options.rounds, folder)
     print_table(rows)
-    write_csv(given.out, rows)
+    write_csv(options.out, rows)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator import TrainingConfig
 from neuroanimator.bench.csv_table import describe_machine, write_csv
@@ -41,7 +42,16 @@ from neuroanimator.terminal import print_table
 from neuroanimator.training.train import train
 
 SUBSTEPS = 25
-"""Of 3 ms each, the model's own step."""
+"""A super step covers so many physics steps of 3 ms each, the model's own."""
+
+SAMPLES_PER_RUN = 36
+"""A run of the dataset holds so many transitions."""
+
+TEST_SECONDS = 3.0
+"""A run the errors are measured on takes so long [s]."""
+
+ROOT_ENTRIES = 6
+"""The root takes so many of the positions' changes, and so many of the velocities'."""
 
 GROUPS = """
 [groups]
@@ -51,19 +61,17 @@ left_leg = ["left_hip_x", "left_hip_z", "left_hip_y", "left_knee"]
 right_arm = ["right_shoulder1", "right_shoulder2", "right_elbow"]
 left_arm = ["left_shoulder1", "left_shoulder2", "left_elbow"]
 """
+"""The limbs of the humanoid as its TOML file names them: a hierarchy gives each a network of its own."""
 
 NETWORKS: dict[str, tuple[tuple[int, ...], ...]] = {
     "glu": ((96, 64),),
     "linear-glu": ((64, 48), (96, 64), (160, 96), (224, 128)),
     "hierarchy": ((64, 0, 24), (64, 48, 0, 24), (64, 48, 0, 48), (96, 64, 0, 64)),
 }
-"""Per kind the widths tried: networks that cost 2 to 4 µs a super step."""
+"""The widths tried of each kind of network: networks that cost 2 to 4 µs a super step."""
 
 CLEAR = 0.03
-"""Share by which errors must differ to call one better: chosen, as one seed cannot show its own spread."""
-
-REPEATS = 25
-"""Timings of each side: enough to outlast a burst of other work on a shared machine."""
+"""Errors must differ by this share to call one better: chosen, as one seed cannot show its own spread."""
 
 
 @dataclass(frozen=True)
@@ -71,33 +79,45 @@ class Effort:
     """How much work the benchmark spends."""
 
     windows: int
+    """The transitions of the dataset."""
     updates: int
+    """The updates of a training run."""
     runs: int
+    """The runs the errors are measured on."""
     repeats: int
+    """The timings of each side."""
     widths: int
-    """Of each kind, at most."""
+    """The networks of each kind, at most."""
 
 
-THOROUGH, QUICK = Effort(108_000, 6_000, 32, REPEATS, widths=4), Effort(3_600, 500, 4, 3, widths=1)
+THOROUGH = Effort(windows=108_000, updates=6_000, runs=32, repeats=25, widths=4)
+"""The effort of the published table; 25 timings outlast a burst of other work on a shared machine."""
+
+QUICK = Effort(windows=3_600, updates=500, runs=4, repeats=3, widths=1)
+"""The effort with --quick."""
 
 
 class Measured(NamedTuple):
     """One trained network."""
 
     kind: str
+    """The kind of network: a key of `NETWORKS`."""
     emulator: Emulator
-    errors: np.ndarray
-    """(V,) one-step error of each number of the change, over its standard deviation."""
+    errors: Float[np.ndarray, " V"]
+    """The one-step error of each number of the change, over its standard deviation."""
     cost: float
-    """Of one super step [µs]."""
+    """The time of one super step [µs]."""
 
     @property
     def family(self) -> str:
-        """`flat` or `hierarchy`."""
-        return self.kind if self.kind == "hierarchy" else "flat"
+        """Whether the network is `flat` or a `hierarchy`."""
+        if self.kind == "hierarchy":
+            return "hierarchy"
+        return "flat"
 
     @property
     def error(self) -> float:
+        """The root mean square of all errors."""
         return float(root_mean_square(self.errors))
 
 
@@ -115,8 +135,8 @@ def floating_humanoid(folder: Path) -> Path:
     (folder / "humanoid.xml").write_text(text)
     path, _ = write_definition(str(folder / "humanoid.xml"))
     # Taught by the model's own step: its error is a hundredth of the networks', and finer steps would take long.
-    found = re.sub(r"(?m)^truth_step = \S+", "truth_step = 0.003", path.read_text())
-    path.write_text(found + GROUPS)
+    definition = re.sub(r"(?m)^truth_step = \S+", "truth_step = 0.003", path.read_text())
+    path.write_text(definition + GROUPS)
     return path
 
 
@@ -124,24 +144,24 @@ def measure(
     data: Transitions, effort: Effort, folder: Path
 ) -> tuple[list[Measured], HeldOut, float]:
     """Return the trained networks, the test, and the cost of the physics per super step [µs]."""
-    emulators = [
-        (kind, trained(data, kind, widths, effort.updates, folder))
-        for kind, every in NETWORKS.items()
-        for widths in every[: effort.widths]
-    ]
-    test = held_out_runs(emulators[0][1], effort.runs, seconds=3.0)
+    kinds: list[str] = []
+    emulators: list[Emulator] = []
+    for kind, all_widths in NETWORKS.items():
+        for widths in all_widths[: effort.widths]:
+            kinds.append(kind)
+            emulators.append(trained(data, kind, widths, effort.updates, folder))
+    test = held_out_runs(emulators[0], effort.runs, seconds=TEST_SECONDS)
     assert isinstance(test.system, MujocoSystem)
-    players = {str(i): emulator_player(emulator) for i, (_, emulator) in enumerate(emulators)}
+    players = {str(i): emulator_player(emulator) for i, emulator in enumerate(emulators)}
     players["physics"] = physics_player(test.system, test, test.system.scheme.integrator)
     with one_core():
         spans = interleaved(players, effort.repeats)
-    measured = [
-        Measured(
-            kind, emulator, one_step_error(emulator, test), spans[str(i)] / TIMED_SUPER_STEPS * 1e6
-        )
-        for i, (kind, emulator) in enumerate(emulators)
-    ]
-    return measured, test, spans["physics"] / PHYSICS_STEPS * SUBSTEPS * 1e6
+    measured: list[Measured] = []
+    for i, emulator in enumerate(emulators):
+        cost = spans[str(i)] / TIMED_SUPER_STEPS * 1e6
+        measured.append(Measured(kinds[i], emulator, one_step_error(emulator, test), cost))
+    physics_cost = spans["physics"] / PHYSICS_STEPS * SUBSTEPS * 1e6
+    return measured, test, physics_cost
 
 
 def trained(
@@ -149,41 +169,49 @@ def trained(
 ) -> Emulator:
     """Return the best of a training run of single super steps."""
     config = TrainingConfig(network=kind, widths=widths, updates=updates, unroll=1)
-    return train(data, config, folder / f"{kind}-{'-'.join(map(str, widths))}.safetensors")
+    name = "-".join(str(width) for width in widths)
+    return train(data, config, folder / f"{kind}-{name}.safetensors")
 
 
-def row(one: Measured, every: list[Measured], physics: float) -> dict[str, Any]:
-    """Return a line of the table."""
-    names = one.emulator.state.names
-    root = [*range(6), *range(len(names) - len(names) // 2, len(names) - len(names) // 2 + 6)]
-    rivals = [other for other in every if other.family != one.family]
-    error = rival_error(one.cost, rivals)
+def row(network: Measured, networks: list[Measured], physics_cost: float) -> dict[str, Any]:
+    """Return a network's line of the table, which compares it with those of the other family among `networks`."""
+    count = len(network.emulator.state.names)
+    velocities = count - count // 2
+    root = [*range(ROOT_ENTRIES), *range(velocities, velocities + ROOT_ENTRIES)]
+    rivals = [other for other in networks if other.family != network.family]
+    error = rival_error(network.cost, rivals)
     return {
-        "network": one.kind,
-        "widths": " ".join(map(str, one.emulator.network.widths)),
-        "weights": sum(
-            leaf.size
-            for leaf in jax.tree.leaves(one.emulator.network)
-            if isinstance(leaf, jax.Array)
-        ),
-        "error": one.error,
-        "root_error": float(root_mean_square(one.errors[root])),
-        "limb_error": float(root_mean_square(np.delete(one.errors, root))),
-        "us": one.cost,
-        "physics_over_it": physics / one.cost,
+        "network": network.kind,
+        "widths": " ".join(str(width) for width in network.emulator.network.widths),
+        "weights": weight_count(network.emulator),
+        "error": network.error,
+        "root_error": float(root_mean_square(network.errors[root])),
+        "limb_error": float(root_mean_square(np.delete(network.errors, root))),
+        "us": network.cost,
+        "physics_over_it": physics_cost / network.cost,
         "rival_error_at_its_cost": error or "",
-        "rival_us_at_its_error": rival_cost(one.error, rivals) or "",
-        "better_at_equal_cost": better(one, rivals, error),
+        "rival_us_at_its_error": rival_cost(network.error, rivals) or "",
+        "better_at_equal_cost": better(network, rivals, error),
     }
 
 
-def frontier(networks: list[Measured]) -> tuple[np.ndarray, np.ndarray]:
+def weight_count(emulator: Emulator) -> int:
+    """Return how many numbers the network has learnt."""
+    leaves = jax.tree.leaves(emulator.network)
+    return sum(leaf.size for leaf in leaves if isinstance(leaf, jax.Array))
+
+
+def frontier(
+    networks: list[Measured],
+) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
     """Return logarithms of (costs, errors) of the networks no cheaper one of which is as exact, cheapest first."""
-    kept: list[Measured] = []
-    for one in sorted(networks, key=lambda one: one.cost):
-        if not kept or one.error < kept[-1].error:
-            kept.append(one)
-    return np.log([one.cost for one in kept]), np.log([one.error for one in kept])
+    best: list[Measured] = []
+    for network in sorted(networks, key=lambda network: network.cost):
+        if not best or network.error < best[-1].error:
+            best.append(network)
+    costs = np.log([network.cost for network in best])
+    errors = np.log([network.error for network in best])
+    return costs, errors
 
 
 def rival_error(cost: float, rivals: list[Measured]) -> float | None:
@@ -202,16 +230,19 @@ def rival_cost(error: float, rivals: list[Measured]) -> float | None:
     return float(np.exp(np.interp(-np.log(error), -errors, costs)))
 
 
-def better(one: Measured, rivals: list[Measured], error: float | None) -> str:
-    """Return who has the smaller error at the cost of `one`, where rivals have `error`."""
-    rival = rivals[0].family
+def better(network: Measured, rivals: list[Measured], error: float | None) -> str:
+    """Return which family has the smaller error at the cost of `network`, where rivals have `error`."""
+    rival_family = rivals[0].family
     if error is None:
-        return f"{one.family} (no {rival} so cheap)"
-    if abs(one.error / error - 1) < CLEAR:
+        return f"{network.family} (no {rival_family} so cheap)"
+    if abs(network.error / error - 1) < CLEAR:
         return "neither"
-    if one.error < error and one.cost > max(other.cost for other in rivals):
-        return f"{one.family} (no {rival} so dear)"
-    return one.family if one.error < error else rival
+    if network.error >= error:
+        return rival_family
+    dearest = max(rival.cost for rival in rivals)
+    if network.cost > dearest:
+        return f"{network.family} (no {rival_family} so dear)"
+    return network.family
 
 
 def main() -> None:
@@ -220,26 +251,29 @@ def main() -> None:
         "--quick", action="store_true", help="little data, few updates; writes no file"
     )
     is_quick = parser.parse_args().quick
-    effort = QUICK if is_quick else THOROUGH
+    effort = THOROUGH
+    if is_quick:
+        effort = QUICK
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         system, definition, _ = resolve(str(floating_humanoid(folder)))
-        wanted = {
-            "system": system,
-            "definition": definition,
-            "substeps": SUBSTEPS,
-            "samples_per_run": 36,
-        }
-        data = simulate_transitions(DatasetConfig(**wanted, count=effort.windows))
-        measured, test, physics = measure(data, effort, folder)
-    rows = [row(one, measured, physics) for one in measured]
+        config = DatasetConfig(
+            system=system,
+            definition=definition,
+            substeps=SUBSTEPS,
+            samples_per_run=SAMPLES_PER_RUN,
+            count=effort.windows,
+        )
+        data = simulate_transitions(config)
+        measured, test, physics_cost = measure(data, effort, folder)
+    rows = [row(network, measured, physics_cost) for network in measured]
     if not is_quick:
         write_csv(Path(__file__).parent / "results" / "humanoid.csv", rows)
     print(describe_machine())
-    print(", ".join(f"{name}: {error:.3f}" for name, error in baselines(data, test).items()))
-    print(
-        f"{test.system.scheme.integrator} at the model's own step: {physics:.0f} µs per super step"
-    )
+    baseline_errors = [f"{name}: {error:.3f}" for name, error in baselines(data, test).items()]
+    print(", ".join(baseline_errors))
+    integrator = test.system.scheme.integrator
+    print(f"{integrator} at the model's own step: {physics_cost:.0f} µs per super step")
     print_table(rows)
 
 
