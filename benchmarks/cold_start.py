@@ -141,7 +141,9 @@ def rows_of(
                     least[column] = min(seconds, least[column])
                     done += 1
                     bar.advance_to(done, f"{tree.name}: {task}, {state}: {seconds:.3g} s")
-            rows.append({"task": task} | least)
+            row: dict[str, object] = {"task": task}
+            row.update(least)
+            rows.append(row)
     return rows
 
 
