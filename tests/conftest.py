@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,9 +26,18 @@ if os.environ.get("NEUROANIMATOR_CHECK_SHAPES"):
     # Before anything of the package is imported: what is imported already is not checked.
     check_shapes()
 
-from neuroanimator import DatasetConfig, Emulator, generate, load_emulator, read_transitions
+from neuroanimator import (
+    DatasetConfig,
+    Emulator,
+    generate,
+    load_emulator,
+    read_transitions,
+    terminal,
+)
+from neuroanimator.cli import main as command_line
 from neuroanimator.data.store import Transitions
 from neuroanimator.storage.program_cache import keep_programs
+from neuroanimator.systems.rigid import warnings as mujoco_warnings
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -88,9 +99,51 @@ def as_installed() -> dict[str, str]:
     return {key: value for key, value in os.environ.items() if key != "XLA_FLAGS"}
 
 
+@pytest.fixture
+def cli(monkeypatch: pytest.MonkeyPatch) -> Cli:
+    """Run the command line in this process: without seconds of imports, and all else as `cli_process` does."""
+
+    def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+        words = [str(argument) for argument in arguments]
+        out, err = captured(), captured()
+        with monkeypatch.context() as changed:
+            changed.setattr(sys, "argv", ["neuroanimator", *words])
+            changed.setattr(sys, "stdout", out)
+            changed.setattr(sys, "stderr", err)
+            changed.setattr(terminal._screen, "shows_phases", False)
+            changed.setattr(mujoco_warnings, "_heard", Counter())
+            changed.delenv("NEUROANIMATOR_DEBUG", raising=False)
+            changed.chdir(cwd or Path.cwd())
+            code = exit_code(command_line._run)
+        return subprocess.CompletedProcess(words, code, text_in(out), text_in(err))
+
+    return run
+
+
+def exit_code(call: Callable[[], None]) -> int:
+    """Return the code a process would end with that did nothing but `call`."""
+    try:
+        call()
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+def captured() -> io.TextIOWrapper:
+    """Return a stream such as a process has that writes into a pipe."""
+    return io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True)
+
+
+def text_in(stream: io.TextIOWrapper) -> str:
+    """Return what was written into a `captured` stream."""
+    buffer = stream.buffer
+    assert isinstance(buffer, io.BytesIO)
+    return buffer.getvalue().decode()
+
+
 @pytest.fixture(scope="session")
-def cli() -> Cli:
-    """Run the real command line in a process of its own."""
+def cli_process() -> Cli:
+    """Run the command line in a process of its own, which knows nothing yet and trusts nobody."""
 
     def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         command = [

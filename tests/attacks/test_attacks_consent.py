@@ -135,11 +135,11 @@ def test_a_configuration_whose_system_is_a_path_simulates_nothing(trap: Path):
             DatasetConfig(system=way, count=12)
 
 
-def test_the_command_line_runs_nothing_for_a_strangers_emulator(trap: Path, cli: Cli):
+def test_the_command_line_runs_nothing_for_a_strangers_emulator(trap: Path, cli_process: Cli):
     path = forged_emulator(
         trap / "e.safetensors", lambda metadata: metadata.update(system=str(trap / "trap.toml"))
     )
-    result = cli("evaluate", path)
+    result = cli_process("evaluate", path)
     assert result.returncode == 3
     assert result.stderr.count("\n") == 1
 

@@ -107,6 +107,13 @@ def test_a_mistake_gets_one_line_and_its_exit_code(
     ]
 
 
+def test_a_process_ends_with_the_line_and_the_code(cli_process: Cli):
+    result = cli_process("info", "missing")
+    assert (result.returncode, result.stdout) == (3, "")
+    assert result.stderr.startswith("neuroanimator: No emulator file 'missing'")
+    assert result.stderr.count("\n") == 1
+
+
 def test_a_control_out_of_bounds_is_refused_by_name(cli: Cli, tmp_path: Path):
     path = tmp_path / "c.csv"
     path.write_text("time s,torque[0] N·m,torque[1] N·m,torque[2] N·m\n0,0,0,0\n0.05,0,99,0\n")
@@ -154,8 +161,8 @@ def test_info_reads_policies_and_datasets(dataset: Path, capsys):
     assert "2 of 2 made" in shown
 
 
-def test_the_version_is_told_without_heavy_imports(cli: Cli):
-    result = cli("--version")
+def test_the_version_is_told_without_heavy_imports(cli_process: Cli):
+    result = cli_process("--version")
     assert (result.returncode, result.stdout) == (0, f"neuroanimator {version('neuroanimator')}\n")
 
 

@@ -91,10 +91,12 @@ def test_warnings_that_differ_in_their_time_alone_are_one_kind():
     assert shortened(text.format("0.0000")) == "Nan, Inf or huge value in QACC at DOF 3"
 
 
-def test_generate_says_once_what_mujoco_warned_of_and_leaves_no_log(cli: Cli, tmp_path: Path):
+def test_generate_says_once_what_mujoco_warned_of_and_leaves_no_log(
+    cli_process: Cli, tmp_path: Path
+):
     (tmp_path / "stiff.xml").write_text(STIFF)
     (tmp_path / "stiff.toml").write_text(WILD_TOML)
-    result = cli("generate", "stiff.toml", "--count", "600", "--out", "data", cwd=tmp_path)
+    result = cli_process("generate", "stiff.toml", "--count", "600", "--out", "data", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
     assert "WARNING" not in result.stdout

@@ -14,8 +14,10 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Layout, Slice
 
 
-def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(cli: Cli, tmp_path: Path):
-    result = cli(
+def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(
+    cli_process: Cli, tmp_path: Path
+):
+    result = cli_process(
         "train", "pendulum", "--widths", MAX_LAYER + 2, "--out", tmp_path / "e.safetensors"
     )
     assert result.returncode == 2
