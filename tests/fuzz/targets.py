@@ -23,7 +23,7 @@ from neuroanimator.export.csv_file import read_table
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems import load_system
-from neuroanimator.systems.loading import KINDS, from_text
+from neuroanimator.systems.loading import LOADERS, from_text
 from neuroanimator.systems.recorded.csv_file import read_csv
 from neuroanimator.systems.recorded.npz_file import read_npz
 from neuroanimator.systems.recorded.recording import cut_runs
@@ -57,9 +57,9 @@ def toml(content: bytes) -> None:
     """A definition of any kind."""
     values = read_toml(_file("a.toml", content))
     name = values.get("kind", "mujoco")
-    if isinstance(name, str) and name in KINDS:
-        kind = KINDS[name]
-        kind.make(check_table(values, "a.toml", TABLES[name]), FILES, "")
+    if isinstance(name, str) and name in LOADERS:
+        loader = LOADERS[name]
+        loader.make(check_table(values, "a.toml", TABLES[name]), FILES, "")
 
 
 def definition(content: bytes) -> None:
