@@ -64,7 +64,7 @@ def test_warnings_of_all_threads_are_counted_and_not_printed(tmp_path: Path, mon
     assert not list(tmp_path.iterdir())
     assert "WARNING" not in "".join(capfd.readouterr())
     assert re.fullmatch(
-        r"MuJoCo warned \d+ times: Nan, Inf or huge value in Q\w+ at DOF \d+.*", warning_line()
+        r"MuJoCo warned [\d,]+ times: Nan, Inf or huge value in Q\w+ at DOF \d+.*", warning_line()
     )
 
 
@@ -101,5 +101,5 @@ def test_generate_says_once_what_mujoco_warned_of_and_leaves_no_log(
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
     assert "WARNING" not in result.stdout
     assert re.fullmatch(
-        r"neuroanimator: MuJoCo warned \d+ times: Nan, .* were dropped, or .*\n", result.stderr
+        r"neuroanimator: MuJoCo warned [\d,]+ times: Nan, .* were dropped, or .*\n", result.stderr
     )
