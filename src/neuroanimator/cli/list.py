@@ -7,14 +7,14 @@ EXAMPLE = "neuroanimator list"
 
 def run() -> None:
     """List the systems and the ready-made emulators and policies."""
-    from neuroanimator.systems import SYSTEMS, load_system
+    from neuroanimator.systems import SYSTEMS, goal_names
     from neuroanimator.terminal import print_rows
     from neuroanimator.zoo import POLICIES, SHIPPED, shipped_path, shipped_policy
 
     print("Systems")
     print_rows((f"  {name}", text) for name, text in SYSTEMS.items())
     print("\nGoals for 'control'")
-    goals = {name: load_system(name).goals for name in SYSTEMS}
+    goals = {name: goal_names(name) for name in SYSTEMS}
     print_rows((f"  {name}", ", ".join(named)) for name, named in goals.items() if named)
     print("\nReady-made emulators")
     emulator_rows = []
@@ -24,7 +24,7 @@ def run() -> None:
                 (f"  {system}-{substeps}", f"leaps {substeps} physics steps at a time")
             )
     print_rows(emulator_rows)
-    print("\nReady-made policies (Python: find_policy, load_policy)")
+    print("\nReady-made policies (Python: load_policy)")
     policy_rows = []
     for system in POLICIES:
         if shipped_policy(system).is_file():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
+from importlib import resources
+
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.system import System
 from neuroanimator.text import quoted
@@ -15,6 +18,18 @@ SYSTEMS = {
     "pendulum-passive": "three links, no motors, pushed by outside forces",
     "truck": "an off-road truck on a parking lot: rear-wheel drive, steered front wheels",
 }
+
+
+GOALS_IN_CODE = {"pendulum": ("upright",)}
+"""Goals of systems that no TOML file describes."""
+
+
+def goal_names(name: str) -> tuple[str, ...]:
+    """Return the goals of the packaged system called `name`; no physics is made for it."""
+    file = resources.files("neuroanimator.systems") / "assets" / f"{name}.toml"
+    if not file.is_file():
+        return GOALS_IN_CODE.get(name, ())
+    return tuple(tomllib.loads(file.read_text()).get("goals", {}))
 
 
 def load_system(name: str, definition: str = "") -> System:
