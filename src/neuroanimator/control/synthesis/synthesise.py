@@ -218,7 +218,7 @@ def synthesise_goal(
         emulator,
         system,
         goal_objective(named, name, effort_weight),
-        goal_start(system, name) if start is None else start,
+        goal_start(named, name) if start is None else start,
         steps=round(seconds / emulator.dt),
         options=options,
         corrections=corrections,
