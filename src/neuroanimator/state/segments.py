@@ -183,7 +183,7 @@ class Velocity(_AlongRoot):
     def local(
         self, entries: Float[AnyArray, "... 3"], root: Float[AnyArray, "... 4"], cloud: Cloud | None
     ) -> Float[AnyArray, "... 3"]:
-        return rotate_back(root, entries)
+        return self.to_body(root, entries)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,7 +267,7 @@ class PlanarVelocity(_AlongHeading):
     def local(
         self, entries: Float[AnyArray, "... 2"], root: Float[AnyArray, "... 1"], cloud: Cloud | None
     ) -> Float[AnyArray, "... 2"]:
-        return rotate_in_plane(-root, entries)
+        return self.to_body(root, entries)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -294,7 +294,7 @@ class _PointVectors(Segment):
     def local(
         self, entries: Float[AnyArray, "... S"], root: Float[AnyArray, "... 4"], cloud: Cloud | None
     ) -> Float[AnyArray, "... S"]:
-        return flat_of(to_body_axes(root, points_of(entries)))
+        return self.to_body(root, entries)
 
     def to_world(
         self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... V"]
