@@ -34,7 +34,7 @@ class Recipe:
     idle_share: float = 0.0
     """Share of runs whose controls cease; nothing to learn where the mirror keeps rest at rest."""
     modes: tuple[int, int] = (1, 1)
-    """Shapes of places and of speeds; of deformable bodies."""
+    """How many shape modes describe positions and velocities; of deformable bodies."""
 
     def data(self, system: str, substeps: int) -> DatasetConfig:
         """Return the dataset to train on."""
