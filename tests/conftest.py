@@ -18,13 +18,12 @@ from shapes import check_shapes
 from tally import Tally, tally_line
 
 # Most of the tests' time went into compiling programs that run once. Unoptimised they compile in a fifth of the time;
-# processes the tests start inherit it. `as_installed` is the environment without.
+# processes the tests start inherit it. `XLA_FLAGS= make test` compiles as users do.
 XLA_FLAGS = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
 os.environ.setdefault("XLA_FLAGS", XLA_FLAGS)
 
-if os.environ.get("NEUROANIMATOR_CHECK_SHAPES"):
-    # Before anything of the package is imported: what is imported already is not checked.
-    check_shapes()
+# Before anything of the package is imported: what is imported already is not checked.
+check_shapes()
 
 from neuroanimator import (
     DatasetConfig,
@@ -92,11 +91,6 @@ def transitions(dataset: Path) -> Transitions:
 @pytest.fixture(scope="session")
 def shipped() -> Emulator:
     return load_emulator("pendulum-50")
-
-
-def as_installed() -> dict[str, str]:
-    """Return the environment a user has: programs are optimised. Where speed is measured, that counts."""
-    return {key: value for key, value in os.environ.items() if key != "XLA_FLAGS"}
 
 
 @pytest.fixture
