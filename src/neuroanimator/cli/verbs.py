@@ -42,10 +42,10 @@ for verb, module in VERBS.items():
     app.command(verb, epilog=f"Example: {module.EXAMPLE}")(module.run)
 
 
-def print_version(is_wanted: bool) -> None:
-    """Print the installed version and end, if that is wanted."""
+def print_version(is_wanted: bool) -> bool:
+    """Print the installed version and end, if that is wanted; return False otherwise, the option's value."""
     if not is_wanted:
-        return
+        return False
     from importlib.metadata import version
 
     print(f"neuroanimator {version('neuroanimator')}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from jaxtyping import Float
 
@@ -34,9 +36,9 @@ def goal(
 
 def reach_state(
     system: System,
-    reach: dict[str, tuple[float, ...]],
+    reach: Mapping[str, Sequence[float]],
     *,
-    within: dict[str, float] | None = None,
+    within: Mapping[str, float] | None = None,
     at: float | None = None,
     weight: float = 1.0,
 ) -> ReachState:
@@ -71,14 +73,14 @@ def _times(at: float | tuple[float, ...] | None) -> tuple[float, ...]:
 
 
 def state_goal(
-    system: System, reach: dict[str, tuple[float, ...]], within: dict[str, float]
+    system: System, reach: Mapping[str, Sequence[float]], within: Mapping[str, float]
 ) -> Goal:
     """Return the goal that parts of the state have the values `reach`, `within` some tolerances."""
     from neuroanimator.definitions.goal import GoalTable  # takes time, and most do without
 
     if not reach:
         raise ArgumentError("reach: wanted at least one part of the state and its values.")
-    table = GoalTable(reach=reach, within=within)
+    table = GoalTable.model_validate({"reach": reach, "within": within})
     return system.goal("reach_state", table)
 
 
