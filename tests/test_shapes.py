@@ -1,0 +1,59 @@
+"""Every call of the package is held against its annotations: what `shapes.py` switches on cannot silently stop."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from types import FunctionType, ModuleType
+
+import numpy as np
+import pytest
+from jaxtyping import TypeCheckError
+
+import neuroanimator.cli.verbs  # noqa: F401  it imports what the verbs need
+from neuroanimator import load_system
+from neuroanimator.control.objective.goals import goal_state
+from neuroanimator.state.layout import Bounds
+from neuroanimator.state.rotation import heading_of, rotate
+from neuroanimator.systems.goal import Goal
+
+UNIT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def test_a_wrong_shape_is_refused():
+    with pytest.raises(TypeCheckError, match=r"Actual value: f64\[3\]"):
+        rotate(UNIT[:3], np.zeros(3))
+
+
+def test_a_wrong_kind_of_number_is_refused():
+    with pytest.raises(TypeCheckError, match=r"Actual value: i64\[4\]"):
+        heading_of(UNIT.astype(int))
+
+
+def test_what_does_not_fit_a_dataclass_is_refused():
+    with pytest.raises(TypeCheckError, match="parameter 'low'"):
+        Bounds("low", (1.0,))  # pyright: ignore[reportArgumentType]
+
+
+def test_a_result_of_a_wrong_shape_is_refused():
+    system = load_system("pendulum")
+    system.rest = np.zeros((1, system.state.size))
+    with pytest.raises(TypeCheckError, match="return value"):
+        goal_state(system, Goal((), ()))
+
+
+def package_functions() -> list[FunctionType]:
+    """Return the functions of every module of the package that was imported so far."""
+    functions = []
+    for name, module in sorted(sys.modules.items()):
+        if isinstance(module, ModuleType) and name.startswith("neuroanimator."):
+            own = inspect.getmembers(module, inspect.isfunction)
+            functions += [function for _, function in own if function.__module__ == name]
+    return functions
+
+
+def test_no_module_was_imported_before_the_checks():
+    functions = package_functions()
+    assert len(functions) > 200
+    unchecked = [f.__qualname__ for f in functions if inspect.unwrap(f) is f]
+    assert unchecked == []
