@@ -26,6 +26,13 @@ def test_help_needs_no_heavy_import():
     )
 
 
+def test_list_makes_no_physics_and_loads_no_network():
+    code = "import sys; from neuroanimator.cli import list; list.run(); print({'jax', 'mujoco'} & {*sys.modules})"
+    listed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "bay_1" in listed.stdout, listed.stderr
+    assert listed.stdout.splitlines()[-1] == "set()"
+
+
 @pytest.mark.parametrize("verb", sorted(VERBS))
 def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
     result = cli(verb, "--help")
