@@ -156,7 +156,8 @@ def test_a_state_wanted_at_the_end_is_judged_on_the_physics(tmp_path: Path):
 
 def test_a_goal_may_be_written_after_training(shipped: Emulator):
     later = load_system("pendulum")
-    later.goals = {"aside": Goal(((0, 0.5),), (0.2,), 0.5)}
+    start = (0.3, -0.2, 0.1, 0.0, 0.0, 0.0)
+    later.goals = {"aside": Goal(((0, 0.5),), (0.2,), 0.5, start)}
     found = synthesise_goal(
         shipped,
         "aside",
@@ -166,6 +167,7 @@ def test_a_goal_may_be_written_after_training(shipped: Emulator):
         refinements=0,
     )
     assert found.is_reached
+    np.testing.assert_allclose(found.outcome.physics_states[0], start)
     with pytest.raises(
         ArgumentError, match="truck has another state or control than the emulator's pendulum"
     ):
