@@ -76,40 +76,47 @@ class Hierarchy(Network):
     ):
         """`widths` are the upper network's hidden layers, then a 0, then those of every child."""
         check_parts(parts, odd, even, out, widths)
-        self.parts, self.even = parts, tuple(even_out)
-        middle, keys = widths.index(0), jax.random.split(key)
-        self.upper = self._make(parts[:1], widths[:middle], keys[0])
-        own = sum(part.like < 0 for part in parts[1:])
+        self.parts = parts
+        self.even = tuple(even_out)
+        upper_key, children_key = jax.random.split(key)
+        middle = widths.index(0)
+        self.upper = self._make(parts[:1], widths[:middle], upper_key)
 
-        def make(key):
+        def make_child(key: PRNGKeyArray) -> LinearGlu | Mirrored:
             return self._make(parts[1:], widths[middle + 1 :], key)
 
-        self.children = eqx.filter_vmap(make)(jax.random.split(keys[1], own))
+        with_own_weights = sum(part.like < 0 for part in parts[1:])
+        keys = jax.random.split(children_key, with_own_weights)
+        self.children = eqx.filter_vmap(make_child)(keys)
 
     def _make(
         self, parts: tuple[Part, ...], widths: tuple[int, ...], key: PRNGKeyArray
     ) -> LinearGlu | Mirrored:
         """Return a network large enough for each of `parts`; its odd answers come first."""
-        odd_in, even_in = (max(len(self._inputs(part)[i]) for part in parts) for i in range(2))
-        odd_out, even_out = (max(len(self._answers(part)[i]) for part in parts) for i in range(2))
+        inputs = [self._inputs(part) for part in parts]
+        answers = [self._answers(part) for part in parts]
+        odd_in = max(len(odd) for odd, _ in inputs)
+        even_in = max(len(even) for _, even in inputs)
+        odd_out = max(len(odd) for odd, _ in answers)
+        even_out = max(len(even) for _, even in answers)
         if not self.even:
             return LinearGlu(odd_in, even_in, odd_out, widths, key=key)
-        rising = tuple(range(odd_out, odd_out + even_out))
-        return Mirrored(odd_in, even_in, odd_out + even_out, widths, key=key, even_out=rising)
+        out = odd_out + even_out
+        even_last = tuple(range(odd_out, out))
+        return Mirrored(odd_in, even_in, out, widths, key=key, even_out=even_last)
 
     def _inputs(self, part: Part) -> tuple[list[int], list[int]]:
         """Return a part's inputs: entries of the odd and the even stream, and -1, -2 ... for answers it hears."""
         odd, even = self._answers(self.parts[0])
-        hears = [
-            [-1 - answers.index(i) for i in part.hears if i in answers] for answers in (odd, even)
-        ]
-        return [*part.odd, *hears[0]], [*part.even, *hears[1]]
+        heard_odd = [-1 - odd.index(i) for i in part.hears if i in odd]
+        heard_even = [-1 - even.index(i) for i in part.hears if i in even]
+        return [*part.odd, *heard_odd], [*part.even, *heard_even]
 
     def _answers(self, part: Part) -> tuple[list[int], list[int]]:
         """Return a part's odd and even answers."""
-        return [i for i in part.answers if i not in self.even], [
-            i for i in part.answers if i in self.even
-        ]
+        odd = [i for i in part.answers if i not in self.even]
+        even = [i for i in part.answers if i in self.even]
+        return odd, even
 
     def leaves(self) -> dict[str, Any]:
         upper = prefixed("upper", self.upper.leaves())
@@ -118,55 +125,85 @@ class Hierarchy(Network):
 
     @property
     def widths(self) -> tuple[int, ...]:
-        one = jax.tree.map(lambda leaf: leaf[0], eqx.filter(self.children, eqx.is_array_like))
-        return (*self.upper.widths, 0, *eqx.combine(one, self.children).widths)
+        stacked = eqx.filter(self.children, eqx.is_array_like)
+        first = jax.tree.map(lambda leaf: leaf[0], stacked)
+        child = eqx.combine(first, self.children)
+        return (*self.upper.widths, 0, *child.widths)
 
     def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
-        above, parts = self.parts[0], self.parts[1:]
+        above = self.parts[0]
         told = self.upper(odd[np.array(above.odd, int)], even[np.array(above.even, int)])
         split = len(self._answers(above)[0])
-        streams = zip((odd, even), (told[:split], told[split:]), strict=True)
-        rows = [[self._inputs(part)[i] for part in parts] for i in range(2)]
-        seen = [_padded(*stream, wanted) for stream, wanted in zip(streams, rows, strict=True)]
-        answers = eqx.filter_vmap(lambda network, *both: network(*both))(self._weights(), *seen)
+        inputs = [self._inputs(part) for part in self.parts[1:]]
+        odd_seen = _padded(odd, told[:split], [rows for rows, _ in inputs])
+        even_seen = _padded(even, told[split:], [rows for _, rows in inputs])
+
+        def answer(child: LinearGlu | Mirrored, odd: Array, even: Array) -> Array:
+            return child(odd, even)
+
+        answers = eqx.filter_vmap(answer)(self._weights(), odd_seen, even_seen)
         return reordered(jnp.concatenate([told, answers.ravel()]), self._order(answers.shape[1]))
 
     def _weights(self) -> LinearGlu | Mirrored:
         """Return the children's networks, one entry per child."""
-        own = iter(range(len(self.parts)))
-        rows: list[int] = []
-        for part in self.parts[1:]:
-            rows.append(next(own) if part.like < 0 else rows[part.like])
-        if rows == sorted({*rows}):
+        rows = self._weight_rows()
+        if rows == list(range(len(rows))):
             return self.children
-        return jax.tree.map(
-            lambda leaf: leaf[np.array(rows)] if eqx.is_array(leaf) else leaf, self.children
-        )
+
+        def chosen(leaf: Any) -> Any:
+            if eqx.is_array(leaf):
+                return leaf[np.array(rows)]
+            return leaf
+
+        return jax.tree.map(chosen, self.children)
+
+    def _weight_rows(self) -> list[int]:
+        """Return which entry of `children` holds the weights of each child."""
+        rows: list[int] = []
+        with_own_weights = 0
+        for part in self.parts[1:]:
+            if part.like < 0:
+                rows.append(with_own_weights)
+                with_own_weights += 1
+            else:
+                rows.append(rows[part.like])
+        return rows
 
     def _order(self, width: int) -> Entries:
         """Return where each number of the change lies in (upper answers, children's answers padded to `width`)."""
         odd, even = self._answers(self.parts[0])
-        slot = {entry: i for i, entry in enumerate([*odd, *even])}
-        most = max(len(self._answers(part)[0]) for part in self.parts[1:])
-        for number, part in enumerate(self.parts[1:]):
-            start = len(odd) + len(even) + number * width
-            odd_own, even_own = self._answers(part)
-            slot |= {entry: start + i for i, entry in enumerate(odd_own)}
-            slot |= {entry: start + most + i for i, entry in enumerate(even_own)}
-        return tuple(slot[entry] for entry in range(len(slot)))
+        place_of = {entry: place for place, entry in enumerate([*odd, *even])}
+        children = [self._answers(part) for part in self.parts[1:]]
+        most_odd = max(len(odd) for odd, _ in children)
+        start = len(place_of)
+        for odd, even in children:
+            for number, entry in enumerate(odd):
+                place_of[entry] = start + number
+            for number, entry in enumerate(even):
+                place_of[entry] = start + most_odd + number
+            start += width
+        return tuple(place_of[entry] for entry in range(len(place_of)))
 
 
 def _padded(
-    stream: Float[Array, " K"], answers: Float[Array, " A"], rows: list[list[int]]
+    stream: Float[Array, " K"], answers: Float[Array, " A"], inputs: list[list[int]]
 ) -> Float[Array, "G I"]:
-    """Return per child what it sees of `stream` and hears of `answers`, filled up with zeros."""
-    size, width = stream.shape[0], max(map(len, rows))
+    """Return per child what it sees of `stream` and hears of `answers`, filled up with zeros.
+
+    `inputs` are those of each child: entries of `stream`, and -1, -2 ... for `answers`.
+    """
+    size = stream.shape[0]
+    width = max(len(entries) for entries in inputs)
     zero = size + answers.shape[0]
-    table = [
-        [i if i >= 0 else size - 1 - i for i in row] + [zero] * (width - len(row)) for row in rows
-    ]
+    table = np.full((len(inputs), width), zero)
+    for child, own in enumerate(inputs):
+        for column, entry in enumerate(own):
+            if entry >= 0:
+                table[child, column] = entry
+            else:
+                table[child, column] = size - 1 - entry
     source = jnp.concatenate([stream, answers, jnp.zeros(1, stream.dtype)])
-    return source.at[np.array(table, int).reshape(len(rows), width)].get(mode="promise_in_bounds")
+    return source.at[table].get(mode="promise_in_bounds")
 
 
 def check_parts(
@@ -182,16 +219,24 @@ def check_parts(
         raise ArgumentError(
             f"widths: wanted the upper network's layers, 0, a child's layers; came {list(widths)}."
         )
-    for number, part in enumerate(parts[1:]):
-        inside = all(0 <= i < odd for i in part.odd) and all(0 <= i < even for i in part.even)
-        if not inside or not {*part.hears} <= {*parts[0].answers}:
+    above = parts[0]
+    children = parts[1:]
+    for number, part in enumerate(children):
+        sees_what_is_there = _are_below(part.odd, odd) and _are_below(part.even, even)
+        if not sees_what_is_there or not {*part.hears} <= {*above.answers}:
             raise ArgumentError(
                 f"hierarchy: part {quoted(part.name)} sees or hears what is not there."
             )
-        if part.like >= number or (part.like >= 0 and _shape(part) != _shape(parts[1 + part.like])):
+        if part.like < 0:
+            continue
+        if part.like >= number or _shape(part) != _shape(children[part.like]):
             raise ArgumentError(
                 f"hierarchy: part {quoted(part.name)} cannot use the weights of part {part.like}."
             )
+
+
+def _are_below(entries: Entries, size: int) -> bool:
+    return all(0 <= entry < size for entry in entries)
 
 
 def _shape(part: Part) -> tuple[int, ...]:
@@ -214,8 +259,10 @@ def _part_from_json(row: Any) -> Part:
     if not isinstance(row, dict):
         raise ValueError("parts: a part is no table")
     name = check_label(row["name"], "parts")
-    indices = {key: entries(row[key], f"parts: {key} of {name}", MAX_NUMBERS) for key in ENTRY_KEYS}
-    for key, found in indices.items():
+    indices = {}
+    for key in ENTRY_KEYS:
+        found = entries(row[key], f"parts: {key} of {name}", MAX_NUMBERS)
+        indices[key] = found
         if len({*found}) < len(found):
             raise ValueError(f"parts: {key} of {name} names an entry twice")
     like = whole(row["like"], f"parts: like of {name}", -1, MAX_PARTS)
