@@ -10,11 +10,14 @@ import numpy as np
 from neuroanimator.parsing.numbers import number, numbers
 from neuroanimator.state.layout import Bounds
 
-MIN_PERIOD, MAX_PERIOD = 1e-6, 1e6
-"""[s] What a definition allows, and what a clock can be divided by."""
+MIN_PERIOD = 1e-6
+"""Shortest period [s]: a clock can still be divided by it."""
+
+MAX_PERIOD = 1e6
+"""Longest period a definition allows [s]."""
 
 MAX_AMPLITUDE = 1e6
-"""Far beyond the full range, which is 1; the lags' limit [rad] too."""
+"""Largest amplitude, far beyond the full range, which is 1; it limits the lags [rad] too."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +36,10 @@ class Gait:
     ) -> np.ndarray:
         """Return the pattern (steps, C), each entry held for `dt` [s]: `tempo` times as fast, `strength` as strong."""
         middles = (np.arange(steps)[:, None] + 0.5) * dt
-        wave = np.sin(2 * np.pi * tempo / self.period * middles - np.array(self.lags))
-        return bounds.clip(
-            bounds.middle + strength * np.array(self.amplitudes) * wave * bounds.half
-        )
+        phases = 2 * np.pi * tempo / self.period * middles - np.array(self.lags)
+        amplitudes = strength * np.array(self.amplitudes)
+        pattern = bounds.middle + amplitudes * np.sin(phases) * bounds.half
+        return bounds.clip(pattern)
 
     def to_json(self) -> list[Any]:
         """Return plain lists."""

@@ -72,7 +72,8 @@ class Layout:
         """
         array = self.check_shape(vector, label)
         if not np.isfinite(array).all():
-            entry = int(np.argwhere(~np.isfinite(array))[0][-1])
+            first = np.argwhere(~np.isfinite(array))[0]
+            entry = int(first[-1])
             raise ArgumentError(
                 f"{label}: {self.names[entry]} is not finite. Give finite numbers only."
             )
@@ -108,11 +109,12 @@ class Layout:
 def _slice_from_json(row: Any, what: str) -> Slice:
     if not isinstance(row, list) or len(row) != 3:
         raise ValueError(f"{what}: wanted name, size and unit of every part, came {quoted(row)}")
-    name, size, unit = row
+    name, number, unit = row
     check_label(name, what)
     if not isinstance(unit, str) or unit not in STATE_UNITS:
         raise ValueError(f"{what}: '{name}' has the unknown unit {quoted(unit)}")
-    return Slice(name, whole(size, f"{what}: size of '{name}'", 1, MAX_NUMBERS), unit)
+    size = whole(number, f"{what}: size of '{name}'", 1, MAX_NUMBERS)
+    return Slice(name, size, unit)
 
 
 def as_numbers(values: ArrayLike, label: str) -> np.ndarray:
@@ -188,7 +190,9 @@ class Bounds:
 
     def _beyond(self, controls: np.ndarray) -> np.ndarray:
         slack = 1e-6 * self.magnitude
-        return (controls < np.array(self.low) - slack) | (controls > np.array(self.high) + slack)
+        is_low = controls < np.array(self.low) - slack
+        is_high = controls > np.array(self.high) + slack
+        return is_low | is_high
 
     def clip(self, controls: np.ndarray) -> np.ndarray:
         """Return `controls` (..., C) with every entry brought within the bounds."""

@@ -43,13 +43,14 @@ def start_state(
     """
     start = np.array(rest, float)
     known = _known_parts(layout, cloud)
-    chosen = {_known_name(name, known): numbers for name, numbers in parts.items()}
-    for name, numbers in chosen.items():
+    for name in parts:
+        _check_name(name, known)
+    for name, numbers in parts.items():
         _check_numbers(known[name], numbers)
         if name not in BODY:
             _set_part(layout, start, name, np.array(numbers, float))
     if cloud is not None:
-        _move_body(cloud, start, chosen)
+        _move_body(cloud, start, parts)
     for entry in orientations:
         orientation = start[entry : entry + 4]
         length = np.linalg.norm(orientation)
@@ -65,28 +66,30 @@ def read_starts(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:
     """Return the parts that texts such as `root.position=3,-2,8` name, with their numbers."""
     parts = {}
     for text in texts:
-        name, equals, numbers = text.partition("=")
-        if not equals or not name.strip():
+        before, equals, numbers = text.partition("=")
+        name = before.strip()
+        if not equals or not name:
             raise ArgumentError(
                 f"start: wanted NAME=NUMBERS such as root.position=3,-2,8, came '{text[:60]}'."
             )
-        parts[name.strip()] = _read_numbers(name.strip(), numbers)
+        parts[name] = _read_numbers(name, numbers)
     return parts
 
 
 def _read_numbers(name: str, text: str) -> tuple[float, ...]:
     try:
-        numbers = tuple(float(number) for number in text.split(","))
+        return tuple(float(number) for number in text.split(","))
     except ValueError:
         raise ArgumentError(
             f"start: '{name}': wanted numbers with commas between, came '{text[:60]}'."
         ) from None
-    return numbers
 
 
 def _known_parts(layout: Layout, cloud: Cloud | None) -> dict[str, Slice]:
     """Return every part that can be given, those of the whole body first."""
-    known = dict(BODY) if cloud is not None else {}
+    known = {}
+    if cloud is not None:
+        known.update(BODY)
     for part in layout.slices:
         known[part.name] = part
         if part.name.endswith(".orientation") and part.size == 4:
@@ -95,9 +98,9 @@ def _known_parts(layout: Layout, cloud: Cloud | None) -> dict[str, Slice]:
     return known
 
 
-def _known_name(name: str, known: Mapping[str, Slice]) -> str:
+def _check_name(name: str, known: Mapping[str, Slice]) -> None:
     if name in known:
-        return name
+        return
     valid = ", ".join(f"{part.name} ({part.size}, {part.unit})" for part in known.values())
     raise ArgumentError(
         f"start: no part called '{name[:60]}'. Parts, how many numbers and their unit: {valid}."
