@@ -66,9 +66,12 @@ def reach_height(
     All of a deformable body are its mass points: a leap takes its tail out of the water too. Of a rigid body it is
     the root's position.
     """
-    wanted = _numbers("height", [height], 1)[0]
     return ReachHeight(
-        as_weight(weight), _posed(system), wanted, _positive("within", within), _at(at)
+        weight=as_weight(weight),
+        structure=_posed(system),
+        height=_number("height", height),
+        within=_positive("within", within),
+        times=_at(at),
     )
 
 
@@ -84,13 +87,20 @@ def reach_positions(
     """Return the cost of not being at `positions` (K, A) [m] at `times` (K,) [s]."""
     which = _axes(axes)
     positions = _numbers("places", positions, len(which), rows=True)
-    if times is not None and (len(times) != len(positions) or not min(times) >= 0):
-        raise ArgumentError(
-            f"keyframes: wanted {len(positions)} times of at least 0 s, came {list(times)}."
-        )
-    when = tuple(_time("at", time) for time in times) if times is not None else END
+    when = END
+    if times is not None:
+        if len(times) != len(positions) or not min(times) >= 0:
+            raise ArgumentError(
+                f"keyframes: wanted {len(positions)} times of at least 0 s, came {list(times)}."
+            )
+        when = tuple(_time("at", time) for time in times)
     return ReachPositions(
-        as_weight(weight), _posed(system), positions, _positive("within", within), which, when
+        weight=as_weight(weight),
+        structure=_posed(system),
+        positions=positions,
+        within=_positive("within", within),
+        axes=which,
+        times=when,
     )
 
 
@@ -100,14 +110,19 @@ def follow_path(
     """Return the cost of straying from a path through `points` (K, A) [m], passed at a steady pace, the last one at the end."""
     which = _axes(axes)
     points = _numbers("points", points, len(which), rows=True)
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    lengths = np.concatenate([[0.0], np.cumsum(legs)])
     if len(points) < 2 or not lengths[-1] > 0:
         raise ArgumentError(
             f"follow_path: wanted at least two different points, came {len(points)}."
         )
-    shares = as_jax(lengths / lengths[-1])
     return FollowPath(
-        as_weight(weight), _posed(system), points, shares, _positive("within", within), which
+        weight=as_weight(weight),
+        structure=_posed(system),
+        points=points,
+        shares=as_jax(lengths / lengths[-1]),
+        within=_positive("within", within),
+        axes=which,
     )
 
 
@@ -116,9 +131,12 @@ def travel(
 ) -> Travel:
     """Return the cost of not coming `distance` [m] forward along `direction` (3,) by the end."""
     return Travel(
-        as_weight(weight), _posed(system), _unit("direction", direction), _positive("distance", distance),
-        _positive("within", within),
-    )  # fmt: skip
+        weight=as_weight(weight),
+        structure=_posed(system),
+        direction=_unit("direction", direction),
+        distance=_positive("distance", distance),
+        within=_positive("within", within),
+    )
 
 
 def keep_velocity(
@@ -134,7 +152,12 @@ def keep_velocity(
     which = _axes(axes)
     wanted = _numbers("velocity", velocity, len(which))
     return KeepVelocity(
-        as_weight(weight), _posed(system), wanted, _positive("within", within), which, _since(since)
+        weight=as_weight(weight),
+        structure=_posed(system),
+        velocity=wanted,
+        within=_positive("within", within),
+        axes=which,
+        times=_since(since),
     )
 
 
@@ -142,9 +165,12 @@ def keep_speed(
     system: System, speed: float, *, within: float, since: float = 0.0, weight: float = 1.0
 ) -> KeepSpeed:
     """Return the cost of not going forward at `speed` [m/s] `since` a time [s]."""
-    wanted = _numbers("speed", [speed], 1)[0]
     return KeepSpeed(
-        as_weight(weight), _posed(system), wanted, _positive("within", within), _since(since)
+        weight=as_weight(weight),
+        structure=_posed(system),
+        speed=_number("speed", speed),
+        within=_positive("within", within),
+        times=_since(since),
     )
 
 
@@ -152,15 +178,14 @@ def keep_heading(
     system: System, direction: ArrayLike, *, within: float, since: float = 0.0, weight: float = 1.0
 ) -> Point:
     """Return the cost of not pointing along `direction` (3,) in the world, `within` [rad], `since` a time [s]."""
-    target = _unit("direction", direction)
     return Point(
-        as_weight(weight),
-        _posed(system),
-        target,
-        _positive("within", within),
-        "forward",
-        True,
-        _since(since),
+        weight=as_weight(weight),
+        structure=_posed(system),
+        direction=_unit("direction", direction),
+        within=_positive("within", within),
+        axis="forward",
+        lasts=True,
+        times=_since(since),
     )
 
 
@@ -174,13 +199,13 @@ def reach_heading(
 ) -> Point:
     """Return the cost of not pointing along `direction` (3,), `within` [rad], at the end or `at` [s]."""
     return Point(
-        as_weight(weight),
-        _posed(system),
-        _unit("direction", direction),
-        _positive("within", within),
-        "forward",
-        False,
-        _at(at),
+        weight=as_weight(weight),
+        structure=_posed(system),
+        direction=_unit("direction", direction),
+        within=_positive("within", within),
+        axis="forward",
+        lasts=False,
+        times=_at(at),
     )
 
 
@@ -188,15 +213,14 @@ def stand_up(
     system: System, *, within: float, at: float | None = None, weight: float = 1.0
 ) -> Point:
     """Return the cost of the body's Z not pointing up, `within` [rad], at the end or `at` [s]."""
-    up = jnp.array([0.0, 0.0, 1.0])
     return Point(
-        as_weight(weight),
-        _posed(system),
-        up,
-        _positive("within", within),
-        "upward",
-        False,
-        _at(at),
+        weight=as_weight(weight),
+        structure=_posed(system),
+        direction=jnp.array([0.0, 0.0, 1.0]),
+        within=_positive("within", within),
+        axis="upward",
+        lasts=False,
+        times=_at(at),
     )
 
 
@@ -215,9 +239,13 @@ def stay_upright(
     leap, is kept from rolling over only.
     """
     return StayUpright(
-        as_weight(weight), _posed(system), _positive("tolerance", tolerance), _positive("within", within), may_pitch,
-        _since(since),
-    )  # fmt: skip
+        weight=as_weight(weight),
+        structure=_posed(system),
+        tolerance=_positive("tolerance", tolerance),
+        within=_positive("within", within),
+        may_pitch=may_pitch,
+        times=_since(since),
+    )
 
 
 def stay_within(
@@ -245,10 +273,17 @@ def stay_within(
         raise ArgumentError(
             f"stay_within: wanted low below high for '{part}', came {low} and {high}."
         )
-    return StayWithin(as_weight(weight), lows, highs, _positive("within", within), entries)
+    return StayWithin(
+        weight=as_weight(weight),
+        low=lows,
+        high=highs,
+        within=_positive("within", within),
+        entries=entries,
+    )
 
 
 def _posed(system: System) -> Structure:
+    """Return the structure of `system`; ArgumentError where a state says nothing of a position."""
     read_pose(system.structure, system.rest)
     return system.structure
 
@@ -260,16 +295,21 @@ def _axes(names: str) -> tuple[int, ...]:
 
 
 def _numbers(label: str, values: ArrayLike, size: int | None, *, rows: bool = False) -> Array:
+    """Return `values` (`size`,), or rows of them; ArgumentError unless all are finite and there is at least one."""
     array = as_numbers(values, label)
     axes = 2 if rows else 1
-    fits = array.ndim == axes and array.size and (size is None or array.shape[-1] == size)
-    if not fits or not np.isfinite(array).all():
+    has_size = size is None or array.shape[-1:] == (size,)
+    if array.ndim != axes or not array.size or not has_size or not np.isfinite(array).all():
         numbers = "number" if size == 1 else "numbers"
         wanted = f"{size or 'some'} finite {numbers}"
         if rows:
             wanted = f"rows of {wanted}"
         raise ArgumentError(f"{label}: wanted {wanted}, came {array.tolist()}.")
     return as_jax(array)
+
+
+def _number(label: str, value: float) -> Array:
+    return _numbers(label, [value], 1)[0]
 
 
 def _positive(label: str, value: float) -> Array:

@@ -21,10 +21,15 @@ from neuroanimator.state.structure import Structure
 END: tuple[float, ...] = ()
 """Times that stand for the end of the motion."""
 
+NEARLY_UPRIGHT = 1e-3
+"""[rad] Less counts as this much, so that an upright body has a finite slope."""
+
 
 def rows_at(times: tuple[float, ...], trajectory: Trajectory) -> list[int]:
     """Return which states are those at `times` [s]; the last one for `END`."""
-    return [round(time / trajectory.dt) for time in times] or [len(trajectory.states) - 1]
+    if times == END:
+        return [len(trajectory.states) - 1]
+    return [round(time / trajectory.dt) for time in times]
 
 
 class Effort(CostTerm):
@@ -34,7 +39,8 @@ class Effort(CostTerm):
     of_controls: ClassVar[bool] = True
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        return math.sqrt(trajectory.dt) * (trajectory.controls / trajectory.control_scale).ravel()
+        efforts = trajectory.controls / trajectory.control_scale
+        return math.sqrt(trajectory.dt) * efforts.ravel()
 
 
 class Smoothness(CostTerm):
@@ -142,7 +148,8 @@ class Travel(CostTerm):
     within: Float[Array, ""]
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        position = read_pose(self.structure, trajectory.states[jnp.array([0, -1])]).position
+        ends = trajectory.states[jnp.array([0, -1])]
+        position = read_pose(self.structure, ends).position
         travelled = (position[1] - position[0]) @ self.direction
         return ((self.distance - travelled) / self.within)[None]
 
@@ -199,8 +206,10 @@ class Point(CostTerm):
         else:
             states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
             share = 1.0
-        axis = getattr(read_pose(self.structure, states), self.axis)
-        return share * ((axis - self.direction) / self.within).ravel()
+        pose = read_pose(self.structure, states)
+        axis = getattr(pose, self.axis)
+        off = (axis - self.direction) / self.within
+        return share * off.ravel()
 
 
 class StayUpright(CostTerm):
@@ -218,7 +227,8 @@ class StayUpright(CostTerm):
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         pose = read_pose(self.structure, _from(self.times, trajectory))
-        beyond = jnp.maximum(lean(pose, may_pitch=self.may_pitch) - self.tolerance, 0)
+        angle = lean(pose, may_pitch=self.may_pitch)
+        beyond = jnp.maximum(angle - self.tolerance, 0)
         return math.sqrt(trajectory.dt) * beyond / self.within
 
 
@@ -226,17 +236,12 @@ def lean(pose: Pose, *, may_pitch: bool) -> Float[Array, " T"]:
     """Return by how much [rad] bodies lean: 0 upright, π upside down; by rolling alone if they `may_pitch`."""
     if may_pitch:
         aside = jnp.cross(pose.upward, pose.forward)[..., 2] ** 2
-        above = pose.upward[..., 2] - pose.forward[..., 2] * jnp.sum(
-            pose.upward * pose.forward, axis=-1
-        )
+        along = jnp.sum(pose.upward * pose.forward, axis=-1)
+        above = pose.upward[..., 2] - pose.forward[..., 2] * along
     else:
         aside = jnp.sum(pose.upward[..., :2] ** 2, axis=-1)
         above = pose.upward[..., 2]
     return jnp.atan2(jnp.sqrt(aside + NEARLY_UPRIGHT**2), above)
-
-
-NEARLY_UPRIGHT = 1e-3
-"""[rad] Less counts as this much, so that an upright body has a finite slope."""
 
 
 class StayWithin(CostTerm):
@@ -250,8 +255,10 @@ class StayWithin(CostTerm):
 
     def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
         values = trajectory.states[1:, self.entries]
-        beyond = jnp.maximum(values - self.high, 0) + jnp.maximum(self.low - values, 0)
-        return math.sqrt(trajectory.dt) * (beyond / self.within).ravel()
+        above = jnp.maximum(values - self.high, 0)
+        below = jnp.maximum(self.low - values, 0)
+        beyond = (above + below) / self.within
+        return math.sqrt(trajectory.dt) * beyond.ravel()
 
 
 def as_weight(weight: float) -> Array:
@@ -260,5 +267,9 @@ def as_weight(weight: float) -> Array:
 
 
 def _from(times: tuple[float, ...], trajectory: Trajectory) -> Float[Array, "K S"]:
-    first = round(times[0] / trajectory.dt) if times else 1
-    return trajectory.states[max(1, min(first, len(trajectory.states) - 1)) :]
+    """Return the states from the first of `times` on, all but the start if there is none; at least the last one."""
+    first = 1
+    if times:
+        first = round(times[0] / trajectory.dt)
+    last = len(trajectory.states) - 1
+    return trajectory.states[max(1, min(first, last)) :]
