@@ -1,0 +1,135 @@
+"""Eigenvectors and linear systems written out in products and sums.
+
+JAX calls a library for them, which generated programs cannot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var
+from jaxtyping import Array, Float
+
+from neuroanimator.codegen.program import LOOPS_AND_BRANCHES, NESTED, UnsupportedError
+
+SQUARINGS = 16
+"""How often a matrix is squared: eigenvalues one part in 10,000 apart are told from each other then."""
+
+SOLVED = 3
+"""Unknowns of the linear systems that are written out: Cramer's rule suits no more."""
+
+
+class _Omitted:
+    """Stands for what is only read by an operation that is written out."""
+
+
+def without_decompositions(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function` of arrays, doing the same without JAX' `eigh` and `linalg.solve`.
+
+    Of eigenvectors the one of the largest eigenvalue is computed, and the others are NaN.
+
+    The returned function raises UnsupportedError for more than three unknowns, and where factors of a matrix are
+    used in another way.
+    """
+
+    def written_out(*arguments: Any) -> Any:
+        closed, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
+        leaves = jax.tree.leaves(arguments)
+        outputs = _evaluated(closed.jaxpr, closed.consts, leaves)
+        return jax.tree.unflatten(jax.tree.structure(shape), outputs)
+
+    return written_out
+
+
+def largest_eigenvector(matrix: Float[Array, "N N"]) -> Float[Array, " N"]:
+    """Return the unit eigenvector (N,) of the largest eigenvalue of a symmetric `matrix` (N, N); its sign is arbitrary.
+
+    High powers of a matrix tend to the projection onto that vector.
+    """
+    size = matrix.shape[0]
+    bound = jnp.sqrt(jnp.sum(matrix * matrix))
+    power = matrix + bound * jnp.eye(size, dtype=matrix.dtype)  # no eigenvalue is negative now
+    for _ in range(SQUARINGS):
+        trace = sum(power[i, i] for i in range(size))
+        power = power / trace
+        power = power @ power
+    column = power[0]
+    largest = power[0, 0]
+    for i in range(1, size):
+        entry = power[i, i]
+        column = jnp.where(entry > largest, power[i], column)
+        largest = jnp.maximum(entry, largest)
+    return column / jnp.sqrt(jnp.sum(column * column))
+
+
+def solve_three(matrix: Float[Array, "3 3"], right: Float[Array, " 3"]) -> Float[Array, " 3"]:
+    """Return x (3,) with `matrix` (3, 3) · x = `right` (3,), by Cramer's rule."""
+    first, second, third = matrix.T
+    determinant = jnp.dot(first, jnp.cross(second, third))
+    products = [
+        jnp.dot(jnp.cross(second, third), right),
+        jnp.dot(jnp.cross(third, first), right),
+        jnp.dot(jnp.cross(first, second), right),
+    ]
+    return jnp.stack(products) / determinant
+
+
+def _evaluated(jaxpr: Jaxpr, constants: list[Any], arguments: list[Any]) -> list[Any]:
+    """Return the outputs of `jaxpr`, whose decompositions are written out."""
+    values: dict[Var, Any] = dict(zip(jaxpr.constvars, constants, strict=True))
+    values |= dict(zip(jaxpr.invars, arguments, strict=True))
+
+    def read(atom: Any) -> Any:
+        if isinstance(atom, Literal):
+            return atom.val
+        return values[atom]
+
+    for eqn in jaxpr.eqns:
+        results = _equation(eqn, [read(atom) for atom in eqn.invars])
+        values.update(zip(eqn.outvars, results, strict=True))
+    return [read(atom) for atom in jaxpr.outvars]
+
+
+def _equation(eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
+    name = eqn.primitive.name
+    if name == "eigh":
+        return [_eigenvectors(inputs[0]), _Omitted()]
+    if name == "lu":
+        return [_Omitted() for _ in eqn.outvars]
+    if name == "custom_linear_solve":
+        return [_solution(eqn, inputs)]
+    if any(isinstance(value, _Omitted) for value in inputs):
+        raise UnsupportedError(f"{name} of factors of a matrix")
+    inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
+    if isinstance(inner, ClosedJaxpr) and name not in LOOPS_AND_BRANCHES:
+        return _evaluated(inner.jaxpr, inner.consts, inputs)
+    results = eqn.primitive.bind(*inputs, **eqn.params)
+    if eqn.primitive.multiple_results:
+        return list(results)
+    return [results]
+
+
+def _eigenvectors(matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
+    """Return eigenvectors as columns, the last one being that of the largest eigenvalue; the others are NaN."""
+    size = matrix.shape[0]
+    unknown = jnp.full((size, size - 1), jnp.nan, matrix.dtype)
+    return jnp.concatenate([unknown, largest_eigenvector(matrix)[:, None]], axis=1)
+
+
+def _solution(eqn: JaxprEqn, inputs: list[Any]) -> Any:
+    """Return what a linear system gives; its matrix is what it makes of unit vectors."""
+    matvec = eqn.params["jaxprs"].matvec
+    count = eqn.params["const_lengths"].matvec
+    right = inputs[-1]
+    if math.prod(right.shape) != SOLVED or len(eqn.outvars) != 1:
+        raise UnsupportedError(f"a linear system of shape {right.shape}")
+    columns = []
+    for unit in jnp.eye(SOLVED, dtype=right.dtype):
+        arguments = [*inputs[:count], unit.reshape(right.shape)]
+        (column,) = _evaluated(matvec.jaxpr, matvec.consts, arguments)
+        columns.append(column.ravel())
+    return solve_three(jnp.stack(columns, axis=1), right.ravel()).reshape(right.shape)
