@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from neuroanimator.export.csv_file import read_clip, write_clip
     from neuroanimator.export.film.video import write_video
     from neuroanimator.export.gltf.scene import write_glb
+    from neuroanimator.export.programs.onnx_file import write_onnx
     from neuroanimator.state.layout import Bounds
     from neuroanimator.state.pose import read_heights, read_pose
     from neuroanimator.systems import load_system
@@ -108,6 +109,7 @@ _HOMES = {
     "write_glb": "export.gltf.scene",
     "write_comparison": "export.comparison",
     "write_video": "export.film.video",
+    "write_onnx": "export.programs.onnx_file",
     "NeuroAnimatorError": "errors",
 }
 
@@ -167,6 +169,8 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "write_glb",
     "write_comparison",
     "write_video",
+    # Use elsewhere.
+    "write_onnx",
     # Errors.
     "NeuroAnimatorError",
 ]

@@ -62,3 +62,14 @@ def find_policy(name: str) -> Path:
     raise BadFileError(
         f"No policy file '{name}', and none of that name ships. Shipped: {', '.join(POLICIES)}."
     )
+
+
+LICENCE = "Apache-2.0"
+"""Terms under which what ships may be used (SPDX)."""
+
+
+def licence_of(path: Path) -> str:
+    """Return the licence of the emulator or policy at `path`: that of the package if it ships, else nothing is known."""
+    if path.parent == shipped_path(*SHIPPED[0]).parent:
+        return LICENCE
+    return ""

@@ -1,4 +1,4 @@
-"""The verb `export`: write a stored clip in another format."""
+"""The verb `export`: write an emulator or a policy for another program, or a stored clip in another format."""
 
 from __future__ import annotations
 
@@ -9,23 +9,59 @@ import typer
 
 from neuroanimator.cli.animate import CAMERA_HELP, SIZE, SIZE_HELP
 
-EXAMPLE = "neuroanimator export swing.csv --emulator pendulum --out swing.glb"
+EXAMPLE = "neuroanimator export fish-50 --out fish.onnx"
 
 
 def run(
-    clip: Annotated[Path, typer.Argument(help="CSV clip written by 'animate'.")],
-    emulator: Annotated[str, typer.Option(help="Emulator file or name the clip belongs to.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="Emulator or policy, by file or name of a shipped one; or a CSV clip written by 'animate'."
+        ),
+    ],
     out: Annotated[
         list[Path],
-        typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times."),
+        typer.Option(
+            help="File ending in .onnx; of a clip in .glb, .mp4 or .csv. May be given several times."
+        ),
     ],
+    policy: Annotated[
+        bool, typer.Option("--policy", help="Of a name that is both: the policy, not the emulator.")
+    ] = False,
+    emulator: Annotated[
+        str | None, typer.Option(help="Of a clip: emulator file or name it belongs to.")
+    ] = None,
     size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
 ) -> None:
-    """Export a clip as GLB for Blender and the web, or as MP4 video."""
+    """Export an emulator or a policy as a program that needs no Python, checked against JAX; or a clip as GLB or MP4."""
+    from neuroanimator.export.formats import is_clip
+
+    if is_clip(source):
+        _export_clip(Path(source), emulator, out, size, camera)
+    else:
+        _export_programs(source, out, policy)
+
+
+def _export_programs(reference: str, out: list[Path], is_policy: bool) -> None:
+    from neuroanimator.terminal import phase
+    from neuroanimator.text import print_line
+
+    with phase("exporting"):
+        from neuroanimator.export.programs.formats import export_programs
+
+        every = export_programs(reference, out, is_policy=is_policy)
+    for written in every:
+        print_line(written.summary())
+
+
+def _export_clip(clip: Path, emulator: str | None, out: list[Path], size: str, camera: str) -> None:
+    from neuroanimator.errors import ArgumentError
     from neuroanimator.export.film.options import read_film
     from neuroanimator.terminal import phase, print_rows
 
+    if emulator is None:
+        raise ArgumentError(f"{clip}: a clip needs --emulator, the one that it belongs to.")
     film = read_film(size, camera)
     with phase("loading"):
         from neuroanimator.export.csv_file import read_clip

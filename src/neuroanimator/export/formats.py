@@ -21,6 +21,11 @@ DEFAULT_FILM = Film()
 """How videos are filmed if nothing else is said."""
 
 
+def is_clip(reference: str) -> bool:
+    """Return whether `reference` means a stored clip: a CSV file."""
+    return Path(reference).suffix == ".csv"
+
+
 def emulator_for(outs: list[Path], name: str) -> Emulator:
     """Return the emulator called `name`; refuse file names it cannot be exported to, before any work is done."""
     _check_formats(outs)

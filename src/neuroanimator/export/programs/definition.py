@@ -1,0 +1,111 @@
+"""What a program for an engine does: a function of arrays, in the user's own units, and what its numbers mean."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+import neuroanimator
+from neuroanimator.control.policies.policy import COMMAND, Policy
+from neuroanimator.emulator.emulator import Emulator, step
+from neuroanimator.state.layout import Layout, Slice
+
+PHASE = Layout((Slice("phase", 1, "rad"),))
+"""The clock of a policy."""
+
+CONVENTIONS = "SI units, radians, Z up, right-handed, quaternions wxyz"
+"""What all numbers are in; docs/conventions.md says more."""
+
+
+class Port(NamedTuple):
+    """An input or output: named numbers of one example."""
+
+    name: str
+    layout: Layout
+
+
+@dataclass(frozen=True, eq=False)
+class Definition:
+    """A function in JAX, of one example, and what to know of it."""
+
+    function: Callable[..., Array]
+    """Of one array for each of `inputs`; it returns the one of `output`."""
+    inputs: tuple[Port, ...]
+    output: Port
+    facts: dict[str, Any]
+    """What an engine may want to know, as JSON: the system, the super step, names, units and bounds."""
+
+    @property
+    def sizes(self) -> list[tuple[int]]:
+        """The shape of each input."""
+        return [(port.layout.size,) for port in self.inputs]
+
+    def fact_texts(self) -> dict[str, str]:
+        """Return the facts as texts: those that are none are JSON, in ASCII."""
+        texts = {}
+        for name, fact in self.facts.items():
+            texts[name] = fact if isinstance(fact, str) else json.dumps(fact)
+        return texts
+
+
+def emulator_definition(emulator: Emulator, licence: str = "") -> Definition:
+    """Return (state (S,), control (C,)) → next_state (S,), one super step later."""
+
+    def super_step(state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " S"]:
+        return step(emulator, state, control)
+
+    inputs = (Port("state", emulator.state), Port("control", emulator.control))
+    facts = _facts("emulator", emulator, licence)
+    return Definition(super_step, inputs, Port("next_state", emulator.state), facts)
+
+
+def policy_definition(policy: Policy, licence: str = "") -> Definition:
+    """Return (state (S,), phase (1,), command (4,)) → control (C,), for the super step that begins there.
+
+    The phase of the clock gains `phase_per_step` with every super step.
+    """
+    emulator = policy.emulator
+
+    def answer(
+        state: Float[Array, " S"], phase: Float[Array, " 1"], command: Float[Array, " 4"]
+    ) -> Float[Array, " C"]:
+        return policy.control(emulator.encode(state), jnp.reshape(phase, ()), command)
+
+    inputs = (Port("state", emulator.state), Port("phase", PHASE), Port("command", COMMAND))
+    facts = _facts("policy", emulator, licence)
+    facts["command"] = COMMAND.to_json()
+    facts["command_low"] = list(policy.ranges.low)
+    facts["command_high"] = list(policy.ranges.high)
+    facts["phase_per_step"] = policy.tick
+    return Definition(answer, inputs, Port("control", emulator.control), facts)
+
+
+def definition_of(model: Emulator | Policy, licence: str = "") -> Definition:
+    """Return what a program of `model` does; `licence` says under which terms its weights may be used."""
+    if isinstance(model, Policy):
+        return policy_definition(model, licence)
+    return emulator_definition(model, licence)
+
+
+def _facts(kind: str, emulator: Emulator, licence: str) -> dict[str, Any]:
+    facts = {
+        "kind": kind,
+        "system": emulator.system,
+        "dt": emulator.dt,
+        "substeps": emulator.substeps,
+        "state": emulator.state.to_json(),
+        "control": emulator.control.to_json(),
+        "control_low": list(emulator.bounds.low),
+        "control_high": list(emulator.bounds.high),
+        "rest": list(emulator.spec.rest),
+        "conventions": CONVENTIONS,
+        "generator": f"neuroanimator {neuroanimator.__version__}",
+    }
+    if licence:
+        facts["licence"] = licence
+    return facts

@@ -1,0 +1,40 @@
+"""Write an emulator or a policy in the format its file name asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.export.programs.onnx_file import Written, write_onnx
+from neuroanimator.zoo import find_emulator, find_policy, licence_of
+
+WRITERS = {".onnx": write_onnx}
+"""What writes a program, by how its file name ends."""
+
+POLICY_ENDING = ".policy.safetensors"
+"""How the names of policies' files end."""
+
+
+def export_programs(reference: str, outs: list[Path], *, is_policy: bool) -> list[Written]:
+    """Write the emulator or policy `reference`, a name or a file, to each path; nothing if one of them is refused.
+
+    A name means an emulator unless `is_policy`; a file called `.policy.safetensors` is one.
+    """
+    for path in outs:
+        if path.suffix not in WRITERS:
+            raise ArgumentError(
+                f"out: '{path.name}' ends in none of {', '.join(WRITERS)}, which an emulator or a policy is written "
+                "as. A motion is written by 'animate'."
+            )
+    model: Emulator | Policy
+    if is_policy or reference.endswith(POLICY_ENDING):
+        source = find_policy(reference)
+        model = load_policy(source)
+    else:
+        source = find_emulator(reference)
+        model = Emulator.load(source)
+    licence = licence_of(source)
+    return [WRITERS[path.suffix](model, path, licence) for path in outs]

@@ -1,0 +1,142 @@
+"""An emulator or a policy as an ONNX file: its definition in JAX, as a graph in the user's own units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from neuroanimator.codegen.decompositions import without_decompositions
+from neuroanimator.codegen.program import trace
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ResourceError
+from neuroanimator.export.programs.definition import Definition, Port, definition_of
+from neuroanimator.export.programs.onnx_graph import FLOAT, onnx_graph
+from neuroanimator.export.programs.vectors import make_vectors
+from neuroanimator.storage.files import write_whole
+
+if TYPE_CHECKING:
+    import onnx
+
+OPSET = 15
+"""Version of ONNX' operators: what the runtimes inside game engines read (Unity's knows 7 to 15)."""
+
+IR_VERSION = 8
+"""Version of the file format that goes with `OPSET`."""
+
+BATCH = "batch"
+"""Name of the first axis of every tensor."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """What an export wrote, and how it was checked."""
+
+    path: Path
+    vectors_path: Path
+    size: int
+    """Of the program [bytes]."""
+    runtime: str
+    """What ran the program beside JAX."""
+    checked: int
+    """On so many inputs."""
+    difference: float
+    """The largest one, in units of the output."""
+
+    def summary(self) -> str:
+        """Return one line: what was written, its size, and how it was checked."""
+        return (
+            f"{self.path}: {self.size / 1e3:.0f} kB; in {self.runtime} {self.checked:,} inputs give what they give in "
+            f"JAX, to {self.difference:.0e} of the output's scale; {self.vectors_path.name} has some of them."
+        )
+
+
+def write_onnx(model: Emulator | Policy, path: Path, licence: str = "") -> Written:
+    """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
+
+    An emulator is (state (B, S), control (B, C)) → next_state (B, S), a policy (state (B, S), phase (B, 1),
+    command (B, 4)) → control (B, C), in float32 and the units of the layout. The file's metadata say what the numbers
+    are; `licence` is among them if there is one.
+
+    Raises ResourceError without the package onnx, UnsupportedError for an operation there is no operator for, and
+    NeuroAnimatorError where the graph does not do what JAX does; then nothing is written.
+    """
+    definition = definition_of(model, licence)
+    content = onnx_bytes(definition)
+    vectors = make_vectors(definition, model)
+    runtime, computed = run_onnx(content, vectors.feeds)
+    difference = vectors.check(computed, f"The ONNX graph in {runtime}")
+    vectors_path = path.with_suffix(".vectors.json")
+    vectors.save(vectors_path)
+    write_whole(path, content)
+    return Written(path, vectors_path, len(content), runtime, len(computed), difference)
+
+
+def onnx_bytes(definition: Definition) -> bytes:
+    """Return the ONNX file of `definition`, which onnx' own checker has passed."""
+    onnx = _import_onnx()
+    program = trace(without_decompositions(definition.function), *definition.sizes)
+    names = [port.name for port in definition.inputs]
+    graph = onnx_graph(program, names, definition.output.name)
+    nodes = []
+    for node in graph.nodes:
+        attributes = dict(node.attributes)
+        nodes.append(onnx.helper.make_node(node.operator, node.inputs, [node.output], **attributes))
+    constants = [
+        onnx.numpy_helper.from_array(array, name) for name, array in graph.constants.items()
+    ]
+    made = onnx.helper.make_graph(
+        nodes,
+        definition.facts["kind"],
+        [_tensor(port) for port in definition.inputs],
+        [_tensor(definition.output)],
+        constants,
+    )
+    opsets = [onnx.helper.make_opsetid("", OPSET)]
+    model = onnx.helper.make_model(
+        made, opset_imports=opsets, ir_version=IR_VERSION, producer_name="neuroanimator"
+    )
+    onnx.helper.set_model_props(model, definition.fact_texts())
+    onnx.checker.check_model(model, full_check=True)
+    return model.SerializeToString(deterministic=True)
+
+
+def run_onnx(content: bytes, feeds: dict[str, np.ndarray]) -> tuple[str, np.ndarray]:
+    """Return (what ran the file, its outputs (N, O)) for inputs (N, I) by name: onnxruntime, or onnx' own evaluator."""
+    try:
+        import onnxruntime
+    except ImportError:
+        return f"onnx {_import_onnx().__version__}", run_reference(content, feeds)
+    session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+    (outputs,) = session.run(None, feeds)
+    return f"onnxruntime {onnxruntime.__version__}", np.asarray(outputs)
+
+
+def run_reference(content: bytes, feeds: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the outputs (N, O) of the file for inputs (N, I) by name, in onnx' own evaluator: slow, but always there."""
+    onnx = _import_onnx()
+    from onnx.reference import ReferenceEvaluator
+
+    (outputs,) = ReferenceEvaluator(onnx.load_from_string(content)).run(None, feeds)
+    return np.asarray(outputs)
+
+
+def _tensor(port: Port) -> onnx.ValueInfoProto:
+    """Return the named tensor (batch, N) of an input or output."""
+    return _import_onnx().helper.make_tensor_value_info(port.name, FLOAT, [BATCH, port.layout.size])
+
+
+def _import_onnx() -> Any:
+    try:
+        import onnx
+        import onnx.checker
+        import onnx.helper
+        import onnx.numpy_helper
+    except ImportError:
+        raise ResourceError(
+            "The package onnx is missing. Install it with: pip install 'neuroanimator[onnx]'"
+        ) from None
+    return onnx

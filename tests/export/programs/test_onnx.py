@@ -1,0 +1,224 @@
+"""An ONNX file does what its emulator or policy does in JAX, or is not written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from conftest import Cli
+
+from neuroanimator import Emulator, NeuroAnimatorError, Policy, load_emulator, write_onnx
+from neuroanimator.codegen.program import UnsupportedError
+from neuroanimator.export.programs.definition import Definition, Port, definition_of
+from neuroanimator.export.programs.onnx_file import onnx_bytes, run_onnx, run_reference
+from neuroanimator.export.programs.vectors import COUNT, KEPT, make_vectors
+from neuroanimator.state.layout import Layout, Slice
+from neuroanimator.zoo import POLICIES, SHIPPED
+
+EMULATORS = sorted({system for system, _ in SHIPPED})
+WEIGHTS = np.random.default_rng(0).normal(size=(6, 37)).astype(np.float32)
+
+FUNCTIONS: dict[str, Callable] = {
+    "arithmetic": lambda x, y: -x * y / (1 + y * y) + jnp.abs(x) ** 3 - x**-2 + jnp.square(y),
+    "functions": lambda x, y: jnp.tanh(x) + jax.nn.sigmoid(y) * jnp.exp(jnp.sin(x)) + jnp.cos(y),
+    "roots": lambda x, y: jnp.sqrt(x * x + 1) + jax.lax.rsqrt(y * y + 1) + jnp.log(1 + x * x),
+    "whole numbers": lambda x, y: jnp.round(3 * x) + jnp.floor(y) + jnp.ceil(x) + jnp.sign(y),
+    "choices": lambda x, y: jnp.where((x > y) & (x < 1), x, jnp.maximum(y, jnp.clip(x, -0.5, 0.5))),
+    "comparisons": lambda x, y: jnp.where((x >= y) | ~(x <= 1), x, y) + (x != y) + (x == x),
+    "moves": lambda x, y: jnp.stack([x[::-1], jnp.roll(y, 3), x[jnp.array([5, 1, 1, 0, 0, 2])]])
+    .T.ravel()[::2],
+    "constants among them": lambda x, y: jnp.concatenate([x, jnp.arange(3.0), y[:2]])[::-1],
+    "constants alone": lambda x, y: jnp.arange(3.0),
+    "reductions": lambda x, y: jnp.stack(
+        [x.reshape(2, 3).sum(axis=0), y.reshape(3, 2).max(axis=1), x.reshape(2, 3).min(axis=0)]
+    ).ravel(),
+    "one number of many": lambda x, y: x * y.sum() + x.prod(),
+    "the same number everywhere": lambda x, y: jnp.broadcast_to(x[0] * y[1], (5,)) + 1,
+    "weights": lambda x, y: x @ WEIGHTS,
+    "weights from the left": lambda x, y: WEIGHTS[:, :6].T @ x[::-1],
+    "rows of weights": lambda x, y: (jnp.outer(x, y) @ WEIGHTS).ravel(),
+    "matrices": lambda x, y: (x.reshape(3, 2) @ y.reshape(2, 3)).ravel(),
+    "many matrices": lambda x, y: jnp.einsum("bij,bjk->bik", x.reshape(3, 1, 2), y.reshape(3, 2, 1)).ravel(),
+    "an eigenvector": lambda x, y: _signed(jnp.linalg.eigh(jnp.outer(x, x) + jnp.eye(6) * y * y)[1][:, -1]),
+    "a linear system": lambda x, y: jnp.linalg.solve(jnp.outer(x[:3], x[:3]) + 2 * jnp.eye(3), y[:3]),
+}  # fmt: skip
+
+
+def _signed(vector: jax.Array) -> jax.Array:
+    return vector * jnp.where(vector[0] < 0, -1.0, 1.0)
+
+
+def six_numbers(function: Callable) -> Definition:
+    """Return the definition of a `function` of two arrays (6,)."""
+    shape = jax.eval_shape(function, jnp.zeros(6), jnp.zeros(6)).shape
+    six = Layout((Slice("six", 6, "1"),))
+    output = Port("z", Layout((Slice("z", int(np.prod(shape)), "1"),)))
+    return Definition(function, (Port("x", six), Port("y", six)), output, {"kind": "function"})
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("batch", [1, 5])
+def test_a_function_is_the_same_in_onnx(name: str, batch: int):
+    content = onnx_bytes(six_numbers(FUNCTIONS[name]))
+    rng = np.random.default_rng(1)
+    x, y = (rng.normal(size=(batch, 6)).astype(np.float32) for _ in range(2))
+    feeds = {"x": x, "y": y}
+    _, computed = run_onnx(content, feeds)
+    expected = np.asarray(jax.vmap(FUNCTIONS[name])(x, y))
+    np.testing.assert_allclose(computed, expected, rtol=2e-5, atol=2e-5)
+    np.testing.assert_allclose(run_reference(content, feeds), expected, rtol=2e-5, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda x, y: jnp.arctan2(x, y),
+        lambda x, y: jax.lax.while_loop(lambda z: z.sum() < 9, lambda z: z + 1, x),
+        lambda x, y: jnp.linalg.solve(jnp.outer(x, x) + jnp.eye(6), y),
+        lambda x, y: jax.scipy.linalg.lu_factor(jnp.outer(x, x))[0][0],
+        lambda x, y: jax.lax.round(x, jax.lax.RoundingMethod.AWAY_FROM_ZERO),
+    ],
+)
+def test_what_there_is_no_operator_for_is_refused(function: Callable):
+    with pytest.raises(UnsupportedError, match="No code can be written for JAX' operation"):
+        onnx_bytes(six_numbers(function))
+
+
+def test_an_eigenvector_that_is_not_computed_is_no_number():
+    def smallest(x: jax.Array, y: jax.Array) -> jax.Array:
+        return jnp.linalg.eigh(jnp.outer(x, x) + jnp.eye(6) * y)[1][:, 0]
+
+    ones = np.ones((1, 6), np.float32)
+    _, computed = run_onnx(onnx_bytes(six_numbers(smallest)), {"x": ones, "y": ones})
+    assert np.isnan(computed).all()
+
+
+def models() -> list:
+    """Return one emulator of every system, and every policy, by what loads it."""
+    emulators = [pytest.param(Emulator.load, name, id=name) for name in EMULATORS]
+    return emulators + [pytest.param(Policy.load, name, id=f"{name} policy") for name in POLICIES]
+
+
+@pytest.mark.parametrize(("load", "name"), models())
+def test_every_kind_of_model_is_the_same_in_onnxruntime_at_any_batch(load: Callable, name: str):
+    model = load(name)
+    definition = definition_of(model)
+    session = onnxruntime.InferenceSession(onnx_bytes(definition))
+    emulator = model.emulator if isinstance(model, Policy) else model
+    rng = np.random.default_rng(0)
+    near_rest = emulator.rest + rng.normal(0, 0.01, (7, emulator.state.size))
+    others = [rng.uniform(-1, 1, (7, port.layout.size)) for port in definition.inputs[1:]]
+    arrays = [array.astype(np.float32) for array in (near_rest, *others)]
+    expected = np.asarray(jax.jit(jax.vmap(definition.function))(*arrays))
+    for batch in (1, 7):
+        feeds = {}
+        for port, array in zip(definition.inputs, arrays, strict=True):
+            feeds[port.name] = array[:batch]
+        (computed,) = session.run([definition.output.name], feeds)
+        np.testing.assert_allclose(computed, expected[:batch], rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize(("system", "substeps"), SHIPPED)
+def test_every_emulator_that_ships_is_written_and_checked(
+    system: str, substeps: int, tmp_path: Path
+):
+    written = write_onnx(load_emulator(f"{system}-{substeps}"), tmp_path / "it.onnx")
+    onnx.checker.check_model(onnx.load(written.path), full_check=True)
+    assert (written.checked, written.difference < 1e-3) == (COUNT, True)
+
+
+def test_a_file_says_what_its_numbers_are_and_vectors_lie_beside_it(tmp_path: Path):
+    path = tmp_path / "pendulum.onnx"
+    written = write_onnx(load_emulator("pendulum-50"), path, "Apache-2.0")
+    assert written.size == path.stat().st_size
+    assert sorted(tmp_path.iterdir()) == [path, tmp_path / "pendulum.vectors.json"]
+    model = onnx.load(path)
+    onnx.checker.check_model(model, full_check=True)
+    facts = {entry.key: entry.value for entry in model.metadata_props}
+    assert facts["system"] == "pendulum"
+    assert facts["licence"] == "Apache-2.0"
+    assert (json.loads(facts["dt"]), json.loads(facts["substeps"])) == (0.05, 50)
+    assert json.loads(facts["control"]) == [["torque", 3, "N·m"]]
+    assert json.loads(facts["control_high"])[1] == 14
+    batch = model.graph.input[0].type.tensor_type.shape.dim[0]
+    assert batch.dim_param == "batch"
+
+    vectors = json.loads(written.vectors_path.read_text())
+    feeds = {name: np.array(rows, np.float32) for name, rows in vectors["inputs"].items()}
+    _, computed = run_onnx(path.read_bytes(), feeds)
+    expected = np.array(vectors["outputs"]["next_state"])
+    assert expected.shape == (KEPT, 6)
+    assert (np.abs(computed - expected) <= vectors["tolerance"]).all()
+
+
+def test_the_same_emulator_gives_the_same_bytes():
+    definition = definition_of(load_emulator("pendulum-50"))
+    assert onnx_bytes(definition) == onnx_bytes(definition)
+
+
+def test_inputs_lie_within_training_at_its_border_and_beyond():
+    emulator = load_emulator("lander-50")
+    vectors = make_vectors(definition_of(emulator), emulator)
+    states, controls = vectors.inputs
+    is_covered = np.asarray(emulator.covers_encoded(emulator.encode(states)))
+    assert 0.6 < is_covered.mean() < 0.95
+    assert (np.abs(np.linalg.norm(states[:, 3:7], axis=1) - 1) < 1e-6).all()
+    assert emulator.bounds.contain(controls)
+    assert (controls == np.array(emulator.bounds.high, np.float32)).any(axis=0).all()
+    assert (controls == np.array(emulator.bounds.low, np.float32)).any(axis=0).all()
+
+
+def test_a_program_that_does_something_else_is_refused():
+    slow = load_emulator("pendulum-50")
+    fast = load_emulator("pendulum-100")
+    vectors = make_vectors(definition_of(slow), slow)
+    _, computed = run_onnx(onnx_bytes(definition_of(slow)), vectors.feeds)
+    assert vectors.check(computed, "It") < 1e-4
+    _, computed = run_onnx(onnx_bytes(definition_of(fast)), vectors.feeds)
+    with pytest.raises(NeuroAnimatorError, match="It does not do what JAX does, so nothing"):
+        vectors.check(computed, "It")
+    computed = vectors.expected.copy()
+    computed[3, 2] = np.nan
+    with pytest.raises(NeuroAnimatorError, match="of 1000 inputs 1 differ, the first in next_st"):
+        vectors.check(computed, "It")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["pendulum", "--out", "p.exe"], 2, "'p.exe' ends in none of .onnx"),
+        (["pendulum", "--out", "p.onnx", "--out", "p.exe"], 2, "'p.exe' ends in none of .onnx"),
+        (["pendulm", "--out", "p.onnx"], 3, "No emulator file 'pendulm'"),
+        (["pendulum", "--policy", "--out", "p.onnx"], 3, "No policy file 'pendulum'"),
+        (["swing.csv", "--out", "swing.glb"], 2, "a clip needs --emulator"),
+        (["swing.csv", "--emulator", "pendulum", "--out", "swing.onnx"], 2, "none of .csv, .glb"),
+    ],
+)
+def test_a_mistake_gets_one_line_and_no_file(
+    arguments: list[str], code: int, message: str, cli: Cli, tmp_path: Path
+):
+    result = cli("export", *arguments, cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (code, "")
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_name_means_the_emulator_and_policy_asks_for_the_policy(cli: Cli, tmp_path: Path):
+    result = cli("export", "fish", "--policy", "--out", "swim.onnx", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("swim.onnx: ")
+    assert result.stdout.count("\n") == 1
+    model = onnx.load(tmp_path / "swim.onnx")
+    facts = {entry.key: entry.value for entry in model.metadata_props}
+    assert (facts["kind"], facts["licence"]) == ("policy", "Apache-2.0")
+    assert [entry.name for entry in model.graph.input] == ["state", "phase", "command"]
+    assert json.loads(facts["phase_per_step"]) == pytest.approx(Policy.load("fish").tick)
