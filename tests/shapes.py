@@ -6,6 +6,7 @@ anything of the package is imported.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from typing import Any, get_args, get_origin
 
@@ -27,6 +28,11 @@ is checked by the function itself, whose message they read."""
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return `function`, checking what it is given and what it returns."""
     return beartype(function, conf=RULES)
+
+
+def unchecked(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function` as users have it, for tests of what it says to those who give it something else."""
+    return inspect.unwrap(function)
 
 
 def check_shapes() -> None:

@@ -75,7 +75,7 @@ def _pack_nothing(path: Path) -> None:
     """A body is all in its definition."""
 
 
-def _make_body(definition: BodyDefinition, files: None, text: str) -> System:
+def _make_body(definition: BodyDefinition, files: Any, text: str) -> System:
     return DeformableSystem(definition, text)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.objective import Objective
@@ -108,13 +109,13 @@ def goal_start(system: System, name: str) -> Float[np.ndarray, " S"]:
     return np.array(goal.start, float)
 
 
-def is_reached(system: System, goal: Goal | str, state: np.ndarray) -> bool:
+def is_reached(system: System, goal: Goal | str, state: ArrayLike) -> bool:
     """Return whether `state` (S,) is within the tolerances of `goal`, one of the system's by name or any other."""
     if isinstance(goal, str):
         goal = find_goal(system, goal)
     frame = Frame.of(system.structure, 0.0)
     rows, tolerances = judged_numbers(system, goal)
-    off = rows @ frame.difference(goal_state(system, goal), state)
+    off = rows @ frame.difference(goal_state(system, goal), np.asarray(state, float))
     if goal.sums:
         is_angle = [row in system.structure.angles for row in goal.sums]
         nearest = (off + np.pi) % (2 * np.pi) - np.pi

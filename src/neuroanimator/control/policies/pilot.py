@@ -231,7 +231,7 @@ def _heading(pose: Pose) -> float:
     return math.atan2(pose.forward[1], pose.forward[0])
 
 
-def _finite(label: str, value: float) -> float:
+def _finite(label: str, value: object) -> float:
     if not isinstance(value, int | float | np.number) or not math.isfinite(value):
         raise ArgumentError(f"{label}: wanted a finite number, came {value!r}.")
     return float(value)
