@@ -36,6 +36,7 @@ from neuroanimator import (
 from neuroanimator.cli import main as command_line
 from neuroanimator.data.store import Transitions
 from neuroanimator.storage.program_cache import keep_programs
+from neuroanimator.systems import trusted_files
 from neuroanimator.systems.rigid import warnings as mujoco_warnings
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
@@ -95,7 +96,10 @@ def shipped() -> Emulator:
 
 @pytest.fixture
 def cli(monkeypatch: pytest.MonkeyPatch) -> Cli:
-    """Run the command line in this process: without seconds of imports, and all else as `cli_process` does."""
+    """Run the command line in this process: without seconds of imports, and all else as `cli_process` does.
+
+    It trusts no file that it is not given.
+    """
 
     def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         words = [str(argument) for argument in arguments]
@@ -106,6 +110,7 @@ def cli(monkeypatch: pytest.MonkeyPatch) -> Cli:
             changed.setattr(sys, "stderr", err)
             changed.setattr(terminal._screen, "shows_phases", False)
             changed.setattr(mujoco_warnings, "_heard", Counter())
+            changed.setattr(trusted_files, "_TRUSTED", {})
             changed.delenv("NEUROANIMATOR_DEBUG", raising=False)
             changed.chdir(cwd or Path.cwd())
             code = exit_code(command_line._run)

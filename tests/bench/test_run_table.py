@@ -18,9 +18,9 @@ from neuroanimator.training.recipes import RECIPES
 from neuroanimator.zoo import SHIPPED, shipped_path
 
 
-def test_a_row_of_the_table_is_complete(cli_process, tmp_path: Path):
+def test_a_row_of_the_table_is_complete(cli, tmp_path: Path):
     out = tmp_path / "bench"
-    result = cli_process(
+    result = cli(
         "bench",
         "--table1",
         "--quick",
