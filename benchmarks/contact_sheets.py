@@ -24,17 +24,13 @@ from neuroanimator.export.film.options import read_film
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin", "cube")
 SECONDS = 5.0
-"""A default film lasts so long, as that of `animate` does [s]."""
-COLUMNS = 3
-"""Images side by side on a sheet."""
-ROWS = 4
-"""Images one above the other on a sheet."""
-MOMENTS_OF_LEAP = (-18, -11, -5, 0, 6, 12)
-"""Images shown of the leap, counted from the highest point."""
+"""Of a default film, as `animate` has it."""
+COLUMNS, ROWS = 3, 4
+"""Of a sheet."""
 ROOT = Path(__file__).resolve().parents[1]
 LEAP = ROOT / "examples" / "09_leap.py"
 PICTURE = (960, 540)
-"""Width and height of one image in the README's pictures [pixels]."""
+"""[pixels] Of one image in the README's pictures."""
 
 
 def main() -> None:
@@ -64,14 +60,13 @@ def write_sheet(name: str, out: Path, size: str, camera: str) -> None:
     na.write_video(motion, path, size=film.size, camera=film.camera)
     seconds = time.monotonic() - began
     images = len(motion.times)
-    shown = COLUMNS * ROWS
-    first = images // (2 * shown)
-    step = images / shown
-    chosen = [int(first + number * step) for number in range(shown)]
+    first, step = images // (2 * COLUMNS * ROWS), images / (COLUMNS * ROWS)
+    chosen = [int(first + number * step) for number in range(COLUMNS * ROWS)]
     sheet = out / "sheets" / f"{name}.jpg"
     tile(path, chosen, COLUMNS, ROWS, 480, sheet)
-    kilobytes = path.stat().st_size / 1e3
-    print(f"{name}: {images} images in {seconds:.1f} s, {kilobytes:.0f} kB; {sheet}")
+    print(
+        f"{name}: {images} images in {seconds:.1f} s, {path.stat().st_size / 1e3:.0f} kB; {sheet}"
+    )
 
 
 def clip_of(name: str) -> na.Clip:
@@ -81,8 +76,7 @@ def clip_of(name: str) -> na.Clip:
             found = runpy.run_path(str(LEAP))
         return na.make_clip(found["emulator"], found["found"].outcome.physics_states)
     emulator = na.load_emulator(name)
-    states = random_motion(emulator, SECONDS, seed=0)
-    return na.make_clip(emulator, states)
+    return na.make_clip(emulator, random_motion(emulator, SECONDS, seed=0))
 
 
 def tile(film: Path, chosen: list[int], columns: int, rows: int, width: int, out: Path) -> None:
@@ -90,13 +84,23 @@ def tile(film: Path, chosen: list[int], columns: int, rows: int, width: int, out
     out.parent.mkdir(parents=True, exist_ok=True)
     wanted = "+".join(rf"eq(n\,{number})" for number in chosen)
     layout = f"select={wanted},scale={width}:-2:flags=area,tile={columns}x{rows}:padding=4:margin=4:color=white"
-    run_ffmpeg("-i", str(film), "-vf", layout, "-frames:v", "1", "-q:v", "3", str(out))
-
-
-def run_ffmpeg(*arguments: str) -> None:
-    """Run ffmpeg quietly; what is there is overwritten."""
     ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
-    subprocess.run([ffmpeg, "-v", "error", "-y", *arguments], check=True)
+    command = [
+        ffmpeg,
+        "-v",
+        "error",
+        "-y",
+        "-i",
+        str(film),
+        "-vf",
+        layout,
+        "-frames:v",
+        "1",
+        "-q:v",
+        "3",
+        str(out),
+    ]
+    subprocess.run(command, check=True)
 
 
 def write_images(folder: Path) -> None:
@@ -120,8 +124,19 @@ def pair(names: list[str], scratch: Path, out: Path) -> None:
         still = scratch / f"{name}.png"
         tile(film, [len(motion.times) // 2], 1, 1, PICTURE[0] * 3 // 4, still)
         stills += ["-i", str(still)]
+    command = [
+        imageio_ffmpeg.get_ffmpeg_exe(),
+        "-v",
+        "error",
+        "-y",
+        *stills,
+        "-filter_complex",
+        "hstack",
+        "-q:v",
+        "3",
+    ]
     out.parent.mkdir(parents=True, exist_ok=True)
-    run_ffmpeg(*stills, "-filter_complex", "hstack", "-q:v", "3", str(out))
+    subprocess.run([*command, str(out)], check=True)
 
 
 def moments_of_leap(leap: na.Clip) -> list[int]:
@@ -129,8 +144,7 @@ def moments_of_leap(leap: na.Clip) -> list[int]:
     positions, _ = leap.skeleton.world_poses(leap.states)
     highest = int(positions[..., 2].mean(axis=1).argmax())
     last = len(leap.times) - 1
-    moments = {int(np.clip(highest + number, 0, last)) for number in MOMENTS_OF_LEAP}
-    return sorted(moments)
+    return sorted({int(np.clip(highest + number, 0, last)) for number in (-18, -11, -5, 0, 6, 12)})
 
 
 if __name__ == "__main__":

@@ -90,10 +90,10 @@ def accuracy_row(emulator: Emulator, *, quick: bool) -> dict[str, Any]:
 def least_error(emulator: Emulator, test: HeldOut) -> float:
     """Return the one-step error of the true next states, shown by the emulator's modes alone."""
     truth = test.transitions.next_states
-    latent = np.asarray(emulator.encode(truth))
-    shown = np.asarray(emulator.decode(latent))
-    errors = test.frame.difference(truth, shown) / test.change_scale
-    return float(root_mean_square(errors, axis=(0, 1)))
+    shown = np.asarray(emulator.decode(np.asarray(emulator.encode(truth))))
+    return float(
+        root_mean_square(test.frame.difference(truth, shown) / test.change_scale, axis=(0, 1))
+    )
 
 
 def long_rows(repeats: int) -> Rows:
@@ -103,8 +103,9 @@ def long_rows(repeats: int) -> Rows:
     for name in ("fish", "dolphin"):
         emulator = load_emulator(f"{name}-50")
         system = deformable(name)
-        count = KNOWN_RUNS // 20 if quick else KNOWN_RUNS
-        known = simulate_transitions(DatasetConfig(system=name, count=count, samples_per_run=36))
+        known = simulate_transitions(
+            DatasetConfig(system=name, count=KNOWN_RUNS // (20 if quick else 1), samples_per_run=36)
+        )
         states = known.states.reshape(-1, known.states.shape[-1])
         steps = 2_000 if quick else LONG_STEPS
         corrections = {
@@ -161,46 +162,48 @@ DEEP = {
     "hierarchy 64 / 24": {"widths": (64, 0, 24)},
 }
 LOCAL_MODES = 8
-"""Modes of each segment's own, in a hierarchy."""
-
-HIERARCHY_EXAMPLES = 200_016
-"""Transitions flat networks and hierarchies are trained on."""
-
-HIERARCHY_UPDATES = 12_000
-"""Updates each of them is trained for."""
+HIERARCHY_EXAMPLES, HIERARCHY_UPDATES = 200_016, 12_000
 
 
 def hierarchy_rows(repeats: int) -> Rows:
     """Return a row per network: flat ones on modes of the whole body, hierarchies on modes of its segments."""
     quick = repeats < 5
     rows = []
-    examples = HIERARCHY_EXAMPLES // 20 if quick else HIERARCHY_EXAMPLES
-    updates = 1_000 if quick else HIERARCHY_UPDATES
-    for name, position_modes, velocity_modes in (("fish", 32, 44), ("dolphin", 28, 40)):
+    for name, modes in (("fish", (32, 44)), ("dolphin", (28, 40))):
+        examples = HIERARCHY_EXAMPLES // (20 if quick else 1)
         data = simulate_transitions(DatasetConfig(system=name, count=examples, samples_per_run=36))
-        settings = {}
-        for label, flat in FLAT.items():
-            modes = {"position_modes": position_modes, "velocity_modes": velocity_modes}
-            settings[label] = {**flat, **modes}
-        for label, deep in DEEP.items():
-            settings[label] = {**deep, "network": "hierarchy", "local_modes": LOCAL_MODES}
-        found = {label: trained(data, updates, chosen) for label, chosen in settings.items()}
+        flat = {
+            label: {**each, "position_modes": modes[0], "velocity_modes": modes[1]}
+            for label, each in FLAT.items()
+        }
+        deep = {
+            label: {**each, "network": "hierarchy", "local_modes": LOCAL_MODES}
+            for label, each in DEEP.items()
+        }
+        updates = 1_000 if quick else HIERARCHY_UPDATES
+        found = {
+            label: trained(data, updates, settings) for label, settings in {**flat, **deep}.items()
+        }
         rows += compared(name, found)
     return rows
 
 
 def trained(data: Transitions, updates: int, settings: dict[str, Any]) -> Emulator:
     """Return a freshly trained emulator."""
-    config = TrainingConfig(updates=updates, **settings)
     with TemporaryDirectory() as folder:
-        return train(data, config, Path(folder) / "one.emulator.safetensors")
+        return train(
+            data,
+            TrainingConfig(updates=updates, **settings),
+            Path(folder) / "one.emulator.safetensors",
+        )
 
 
 def compared(name: str, found: dict[str, Emulator]) -> Rows:
     """Return a row per emulator, tested on the same runs, timed in turn; and which wins at its cost."""
     with one_core():
-        players = {label: emulator_player(emulator) for label, emulator in found.items()}
-        spans = interleaved(players, 15)
+        spans = interleaved(
+            {label: emulator_player(emulator) for label, emulator in found.items()}, 15
+        )
     rows = []
     for label, emulator in found.items():
         test = held_out_runs(emulator, 32)
@@ -218,6 +221,5 @@ def compared(name: str, found: dict[str, Emulator]) -> Rows:
         )
     for row in rows:
         cheaper = [other for other in rows if other["super_step_us"] <= row["super_step_us"] * 1.05]
-        best = min(cheaper, key=lambda other: other["one_step_error"])
-        row["best_at_its_cost"] = best["network"]
+        row["best_at_its_cost"] = min(cheaper, key=lambda other: other["one_step_error"])["network"]
     return rows

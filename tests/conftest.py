@@ -21,6 +21,9 @@ from tally import Tally, tally_line
 # processes the tests start inherit it. `XLA_FLAGS= make test` compiles as users do.
 XLA_FLAGS = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
 os.environ.setdefault("XLA_FLAGS", XLA_FLAGS)
+# Emulators that tests train live for one test: their programs in C would take longer to make than to run.
+# tests/emulator/test_c_emulator.py and the examples run in C; `NEUROANIMATOR_BACKEND=auto make test` runs all of it so.
+os.environ.setdefault("NEUROANIMATOR_BACKEND", "jax")
 
 # Before anything of the package is imported: what is imported already is not checked.
 check_shapes()
@@ -36,7 +39,6 @@ from neuroanimator import (
 from neuroanimator.cli import main as command_line
 from neuroanimator.data.store import Transitions
 from neuroanimator.storage.program_cache import keep_programs
-from neuroanimator.systems import trusted_files
 from neuroanimator.systems.rigid import warnings as mujoco_warnings
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
@@ -96,10 +98,7 @@ def shipped() -> Emulator:
 
 @pytest.fixture
 def cli(monkeypatch: pytest.MonkeyPatch) -> Cli:
-    """Run the command line in this process: without seconds of imports, and all else as `cli_process` does.
-
-    It trusts no file that it is not given.
-    """
+    """Run the command line in this process: without seconds of imports, and all else as `cli_process` does."""
 
     def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         words = [str(argument) for argument in arguments]
@@ -110,7 +109,6 @@ def cli(monkeypatch: pytest.MonkeyPatch) -> Cli:
             changed.setattr(sys, "stderr", err)
             changed.setattr(terminal._screen, "shows_phases", False)
             changed.setattr(mujoco_warnings, "_heard", Counter())
-            changed.setattr(trusted_files, "_TRUSTED", {})
             changed.delenv("NEUROANIMATOR_DEBUG", raising=False)
             changed.chdir(cwd or Path.cwd())
             code = exit_code(command_line._run)

@@ -9,8 +9,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
 STAGES = [
-    "lazy", "errors", "text", "parsing", "terminal", "zoo", "storage", "compiler", "tables",
-    "state", "appearance", "definitions", "emulator", "systems", "data", "codegen", "training", "evaluation",
+    "lazy", "errors", "text", "parsing", "terminal", "zoo", "storage", "compiler", "codegen",
+    "backend", "tables", "state", "appearance", "definitions", "emulator", "systems", "data", "training", "evaluation",
     "animation", "control", "tasks", "export", "gym", "scaffold", "bench", "demo", "cli",
 ]  # fmt: skip
 

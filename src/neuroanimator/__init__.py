@@ -8,6 +8,7 @@ from neuroanimator.lazy import lazy_names
 
 if TYPE_CHECKING:
     from neuroanimator.animation.clip import Clip, make_clip
+    from neuroanimator.backend import set_backend
     from neuroanimator.control.descent.descend import descend
     from neuroanimator.control.descent.options import DescentOptions
     from neuroanimator.control.objective.costs import (
@@ -68,6 +69,7 @@ _HOMES = {
     "train": "training.train",
     "Emulator": "emulator.emulator",
     "load_emulator": "emulator.emulator",
+    "set_backend": "backend",
     "EvaluationBudget": "evaluation.evaluate",
     "evaluate": "evaluation.evaluate",
     "write_report": "evaluation.report",
@@ -125,6 +127,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "train",
     "Emulator",
     "load_emulator",
+    "set_backend",
     "EvaluationBudget",
     "evaluate",
     "write_report",

@@ -19,7 +19,6 @@ from neuroanimator.zoo import SHIPPED, shipped_path
 
 
 def test_a_row_of_the_table_is_complete(cli_process, tmp_path: Path):
-    """In a process of its own: what is timed must not be held against its annotations."""
     out = tmp_path / "bench"
     result = cli_process(
         "bench",

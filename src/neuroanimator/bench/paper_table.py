@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -12,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.bench.csv_table import quartiles
-from neuroanimator.codegen.c_emulator import CEmulator
 from neuroanimator.data.config import RUN_STEPS, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.c_emulator import CEmulator
 from neuroanimator.emulator.emulator import Emulator, rollout
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.evaluate import THOROUGH, Evaluation, EvaluationBudget, evaluate
@@ -216,14 +217,14 @@ def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: 
 def latency(emulator: Emulator) -> dict[str, float]:
     """Return the 50th and 99th percentile of one super step called from Python [µs]: mostly the call."""
     step = emulator.step
-    state = jnp.asarray(emulator.rest)
-    control = jnp.zeros(emulator.control.size)
+    state = emulator.rest
+    control = np.zeros(emulator.control.size)
     spans = []
     with one_core():
-        step(state, control).block_until_ready()  # compiles
+        step(state, control)  # compiles
         for _ in range(CALLS):
             began = time.perf_counter()
-            step(state, control).block_until_ready()
+            step(state, control)
             spans.append((time.perf_counter() - began) * 1e6)
     return {
         "call_p50_us": float(np.percentile(spans, 50)),
@@ -238,9 +239,9 @@ def batch_microseconds(
     steps: int = BATCH_SUPER_STEPS,
     repeats: int = BATCH_REPEATS,
 ) -> float:
-    """Return the time per trajectory and super step [µs] of a batch on one core: side by side in JAX, or in turn in C.
+    """Return the time per trajectory and super step [µs] of a batch on one core: side by side, in JAX or in C.
 
-    The faster counts; `program` is the emulator in C, if there is one: it keeps the last states only, as physics does.
+    The faster counts; `program` is the emulator in C, if there is one.
     """
     run = compiled(emulator, jax.vmap(rollout, (None, 0, 0)))
     states = jnp.tile(jnp.asarray(emulator.rest), (batch, 1))
@@ -251,9 +252,10 @@ def batch_microseconds(
         IN_JAX: lambda: run(states, controls).block_until_ready()
     }
     if program is not None:
-        latent, encoded = emulator.encode_motion(states[0], controls[0])
-        play_one = program.player(np.asarray(latent), np.asarray(encoded))
-        players[IN_C] = lambda: [play_one() for _ in range(batch)]
+        starts = np.asarray(states, np.float32)
+        held = np.asarray(controls)
+        program.rollouts(starts, held)
+        players[IN_C] = partial(program.rollouts, starts, held)
     with one_core():
         spans = interleaved(players, repeats)
     return min(spans.values()) / (batch * steps) * 1e6

@@ -19,6 +19,7 @@ def run() -> None:
 
     import jax
 
+    from neuroanimator.backend import backend_in_words
     from neuroanimator.export.film.video import HOW_TO_GET_GL, graphics_backend
     from neuroanimator.terminal import print_rows
 
@@ -28,6 +29,7 @@ def run() -> None:
         ("JAX runs on", ", ".join(str(device) for device in jax.devices())),
         ("video drawn by", graphics_backend() or HOW_TO_GET_GL),
     ]
+    rows.append(("emulators run in", backend_in_words()))
     free = shutil.disk_usage(".").free / 1e9
     note = ""
     if free <= NEEDED_DISK:

@@ -50,6 +50,7 @@ def _read(file: str) -> tuple[dict[str, Any], Rows]:
 
 
 def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
+    from neuroanimator.backend import backend_in_words
     from neuroanimator.emulator.artifact import load, read_metadata
     from neuroanimator.emulator.tensors import emulator_tensors
     from neuroanimator.zoo import find_emulator
@@ -69,6 +70,7 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("control bounds", bounds_of(*metadata["bounds"])),
         ("network", f"{network['kind']} {widths}"),
         ("numbers stored", f"{stored_numbers:,}"),
+        ("runs in", backend_in_words()),
         ("sha256", metadata["sha256"]),
     ]
     return metadata, rows

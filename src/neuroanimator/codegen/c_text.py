@@ -3,73 +3,103 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from neuroanimator.codegen.program import (
-    ALIGNMENT,
     FEW,
+    SPACE,
+    SPACES,
+    WIDE,
     WIDTH,
     Addresses,
     Operation,
     Program,
-    UnsupportedError,
 )
+from neuroanimator.codegen.trace import UnsupportedError
 
 ELEMENTWISE = {
-    "neg": "-{0}", "sqrt": "sqrtf({0})", "rsqrt": "1.0f / sqrtf({0})", "exp": "expf({0})", "log": "logf({0})",
-    "tanh": "tanhf({0})", "logistic": "1.0f / (1.0f + expf(-{0}))", "sin": "sinf({0})", "cos": "cosf({0})",
-    "abs": "fabsf({0})", "square": "{0} * {0}", "not": "{0} == 0.0f", "sign": "({0} > 0.0f) - ({0} < 0.0f)",
-    "floor": "floorf({0})", "round": "rintf({0})",
+    "neg": "-{0}", "sqrt": "sqrtf({0})", "rsqrt": "1.0f / sqrtf({0})", "exp": "na_exp({0})", "log": "na_log({0})",
+    "tanh": "na_tanh({0})", "logistic": "na_logistic({0})", "sin": "na_sin({0})", "cos": "na_cos({0})",
+    "abs": "fabsf({0})", "square": "{0} * {0}", "not": "(float)({0} == 0.0f)",
+    "sign": "(float)({0} > 0.0f) - (float)({0} < 0.0f)", "floor": "floorf({0})", "ceil": "ceilf({0})",
+    "round": "rintf({0})", "exp2": "exp2f({0})", "expm1": "expm1f({0})", "log1p": "log1pf({0})",
+    "asin": "asinf({0})", "acos": "acosf({0})", "atan": "na_atan2({0}, 1.0f)", "tan": "na_sin({0}) / na_cos({0})",
+    "sinh": "sinhf({0})", "cosh": "coshf({0})", "cbrt": "cbrtf({0})",
+    "is_finite": "(float)({0} - {0} == 0.0f)",
     "add": "{0} + {1}", "add_any": "{0} + {1}", "sub": "{0} - {1}", "mul": "{0} * {1}", "div": "{0} / {1}",
     "max": "{0} > {1} ? {0} : {1}", "min": "{0} < {1} ? {0} : {1}", "pow": "powf({0}, {1})",
-    "atan2": "atan2f({0}, {1})", "lt": "{0} < {1}", "le": "{0} <= {1}", "gt": "{0} > {1}", "ge": "{0} >= {1}",
-    "eq": "{0} == {1}", "ne": "{0} != {1}", "and": "{0} != 0.0f && {1} != 0.0f", "or": "{0} != 0.0f || {1} != 0.0f",
+    "rem": "fmodf({0}, {1})", "atan2": "na_atan2({0}, {1})",
+    "lt": "(float)({0} < {1})", "le": "(float)({0} <= {1})", "gt": "(float)({0} > {1})", "ge": "(float)({0} >= {1})",
+    "eq": "(float)({0} == {1})", "ne": "(float)({0} != {1})",
+    "and": "(float)({0} != 0.0f && {1} != 0.0f)", "or": "(float)({0} != 0.0f || {1} != 0.0f)",
     "select_n": "{0} != 0.0f ? {2} : {1}",
     "clamp": "{1} < {0} ? {0} : {1} > {2} ? {2} : {1}",
 }  # fmt: skip
 """C for the operations that compute entry by entry, of their inputs {0}, {1} and {2}."""
 
 REDUCTIONS = {
-    "reduce_sum": ("0.0f", "{0} + {1}"),
-    "reduce_max": ("-INFINITY", "{0} > {1} ? {0} : {1}"),
-    "reduce_min": ("INFINITY", "{0} < {1} ? {0} : {1}"),
-    "reduce_and": ("1.0f", "{0} != 0.0f && {1} != 0.0f"),
-    "reduce_or": ("0.0f", "{0} != 0.0f || {1} != 0.0f"),
+    "reduce_sum": ("0.0f", "{s} + {0}"),
+    "reduce_max": ("-INFINITY", "{s} > {0} ? {s} : {0}"),
+    "reduce_min": ("INFINITY", "{s} < {0} ? {s} : {0}"),
+    "reduce_and": ("1.0f", "(float)({s} != 0.0f && {0} != 0.0f)"),
+    "reduce_or": ("0.0f", "(float)({s} != 0.0f || {0} != 0.0f)"),
 }
-"""For each operation that reduces axes, where it begins, and C for what is so far, {0}, and the next entry, {1}."""
+"""For each operation that reduces axes, where it begins, and C for what is so far, {s}, and the next entry, {0}."""
 
-ACCUMULATORS = 8
-"""Registers a product of vector and matrix sums in at a time: enough to hide the latency of a fused multiply-add."""
+DOT = ("0.0f", "{s} + {0} * {1}")
+"""The same for the product of two vectors."""
+
+ACCUMULATORS = 6
+"""Sums of sixteen a product of vector and matrix keeps at a time: with AVX2 they take twelve of sixteen registers."""
 
 MIN_ROWS_PER_PART = 4
 """Rows of a matrix below which a product is not divided into parts that are summed side by side."""
+
+WORTH_A_LOOP = 3
+"""So many equal stretches, one behind the other, are written as a loop."""
 
 APART = 9
 """Any step that is no step to a neighbour."""
 
 
+class Loop(NamedTuple):
+    """Statements alike: `repeats` times `length` of them."""
+
+    first: tuple[int, ...]
+    """Address of each column at the first statement."""
+    strides: tuple[int, ...]
+    """How far each column is on at every repetition."""
+    steps: tuple[int, ...]
+    """How far each column is on within a repetition: 0 or 1."""
+    repeats: int
+    length: int
+
+
 @dataclass
 class Writer:
-    """Writes the operations of one program; remembers which constants they read."""
+    """Writes the operations of one program."""
 
     program: Program
-    prefix: str
-    """Of the constants' names."""
-    used: set[int] = field(default_factory=set)
-    """Blocks of constants."""
     _gathered: dict[bytes, Addresses] = field(default_factory=dict)
     """Where entries from all over have been put side by side; every address is written once, so they stay true."""
 
     def write(self, operation: Operation) -> Iterator[str]:
         """Yield the lines of C that do `operation`; UnsupportedError if there is no C for it."""
-        if operation.name == "div" and (operation.inputs[1] < 0).all():
+        if operation.name == "div" and self._are_weights(operation.inputs[1]):
             numerator, divisor = operation.inputs
-            inverse = self.program.constant(1 / self.program.value_of(divisor))
+            constants = self.program.constants
+            inverse = constants.add(1 / constants.values(divisor))
             yield from self._each("{0} * {1}", replace(operation, inputs=(numerator, inverse)))
+        elif operation.name in ("max", "min"):
+            # What is computed comes last: where it is not a number, it stays so.
+            ordered = sorted(operation.inputs, key=lambda addresses: bool((addresses >= 0).any()))
+            yield from self._each(
+                ELEMENTWISE[operation.name], replace(operation, inputs=tuple(ordered))
+            )
         elif operation.name in ELEMENTWISE:
             yield from self._each(ELEMENTWISE[operation.name], operation)
         elif operation.name == "integer_pow":
@@ -78,6 +108,8 @@ class Writer:
             yield from self._reduced(operation)
         elif operation.name == "dot_general":
             yield from self._products(operation)
+        elif operation.name == "eigh":
+            yield from self._eigen(operation)
         else:
             raise UnsupportedError(operation.name)
 
@@ -85,15 +117,33 @@ class Writer:
         """Yield what copies `source` (N,) to `target` (N,)."""
         return self._elementwise("{0}", [source], target)
 
-    def declared(self) -> Iterator[str]:
-        """Yield the constants that are used, as C reads them to the last bit."""
-        for block in sorted(self.used):
-            numbers = self.program.constants[block]
-            yield f"static const float {self.prefix}{block}[{len(numbers)}] __attribute__((aligned({ALIGNMENT}))) = {{"
-            for first in range(0, len(numbers), WIDTH):
-                line = numbers[first : first + WIDTH]
-                yield "".join(f"{float(number).hex()}f," for number in line)
-            yield "};"
+    def stored(self, source: Addresses, name: str) -> Iterator[str]:
+        """Yield what copies `source` (N,) to the array `name`, which has lanes where any of the source has."""
+        is_wide = is_any_wide(source)
+        target = np.arange(len(source)) + OUTSIDE * SPACE
+        for loop in self._loops([source, target]):
+            text = self._term(loop, 0)
+            index = _index(loop, 1)
+            if is_wide:
+                yield self._looped(loop, f"{name}[LANES * ({index}) + l] = {text};", is_wide=True)
+            else:
+                yield self._looped(loop, f"{name}[{index}] = {text};", is_wide=False)
+
+    def loaded(self, name: str, target: Addresses) -> Iterator[str]:
+        """Yield what copies the array `name`, which has lanes if `target` has, to `target` (N,)."""
+        if not len(target):
+            return
+        space = int(target[0]) // SPACE
+        offset = int(target[0]) % SPACE
+        lanes = "LANES * " if space & WIDE else ""
+        yield f"memcpy({SPACES[space]} + {lanes}{offset}, {name}, {lanes}{len(target)} * sizeof(float));"
+
+    def _are_weights(self, addresses: Addresses) -> bool:
+        """Return whether all of `addresses` are constants, and none of them is in the text."""
+        literals = self.program.constants.literals
+        if not (addresses < 0).all():
+            return False
+        return not any(int(address) in literals for address in np.unique(addresses))
 
     def _each(self, formula: str, operation: Operation) -> Iterator[str]:
         shape = operation.output.shape
@@ -101,69 +151,193 @@ class Writer:
         return self._elementwise(formula, inputs, operation.output.ravel())
 
     def _elementwise(
-        self, formula: str, inputs: list[Addresses], output: Addresses
+        self, formula: str, inputs: Sequence[Addresses], output: Addresses
     ) -> Iterator[str]:
-        """Yield a loop for every run in which all inputs (N,) are neighbours, or one and the same."""
-        for first, last in self._runs([*inputs, output]):
-            if last - first <= FEW:
-                for i in range(first, last):
-                    terms = [self._at(column[i]) for column in inputs]
-                    yield f"{self._at(output[i])} = {formula.format(*terms)};"
-            else:
-                target = self._in_loop(output[first:last])
-                terms = [self._in_loop(column[first:last]) for column in inputs]
-                yield f"for (int i = 0; i < {last - first}; i++) {target} = {formula.format(*terms)};"
+        """Yield loops over the stretches in which all inputs (N,) are neighbours, or one and the same."""
+        is_wide = is_any_wide(output)
+        for loop in self._loops([*inputs, output]):
+            terms = [self._term(loop, column) for column in range(len(inputs))]
+            statement = f"{self._term(loop, len(inputs))} = {formula.format(*terms)};"
+            yield self._looped(loop, statement, is_wide=is_wide)
 
-    def _runs(self, columns: list[Addresses]) -> Iterator[tuple[int, int]]:
+    def _looped(self, loop: Loop, statement: str, *, is_wide: bool) -> str:
+        """Return `statement` within the loops it takes."""
+        loops = ""
+        if loop.repeats > 1:
+            loops += f"for (int j = 0; j < {loop.repeats}; j++) "
+        if loop.length > 1:
+            loops += f"for (int i = 0; i < {loop.length}; i++) "
+        if is_wide:
+            loops += EACH_LANE
+        return loops + statement
+
+    def _loops(self, columns: Sequence[Addresses]) -> Iterator[Loop]:
+        """Yield the statements over `columns` (N,), those that are alike as one."""
+        if not len(columns[0]):
+            return
+        runs = list(self._runs(columns))
+        number = 0
+        while number < len(runs):
+            first, last = runs[number]
+            length = last - first
+            repeats = 1
+            strides = np.zeros(len(columns), int)
+            if number + 1 < len(runs) and runs[number + 1][1] - runs[number + 1][0] == length:
+                strides = self._strides(columns, first, last)
+                while self._goes_on(columns, runs, number, repeats, strides):
+                    repeats += 1
+            if repeats < WORTH_A_LOOP:
+                repeats = 1
+            steps = self._inner_steps(columns, first, length)
+            starts = tuple(int(column[first]) for column in columns)
+            if repeats == 1 and 1 < length <= FEW:
+                for position in range(first, last):
+                    starts = tuple(int(column[position]) for column in columns)
+                    nothing = (0,) * len(columns)
+                    yield Loop(starts, nothing, nothing, 1, 1)
+            else:
+                yield Loop(starts, tuple(map(int, strides)), steps, repeats, length)
+            number += repeats
+
+    def _strides(self, columns: Sequence[Addresses], first: int, following: int) -> np.ndarray:
+        return np.array([_ahead(column[following]) - _ahead(column[first]) for column in columns])
+
+    def _goes_on(
+        self,
+        columns: Sequence[Addresses],
+        runs: list[tuple[int, int]],
+        number: int,
+        repeats: int,
+        strides: np.ndarray,
+    ) -> bool:
+        """Return whether the run after `repeats` ones from `number` on is like them, `strides` further on."""
+        if number + repeats >= len(runs):
+            return False
+        first, last = runs[number]
+        before, _ = runs[number + repeats - 1]
+        now, end = runs[number + repeats]
+        if end - now != last - first:
+            return False
+        for column, stride in zip(columns, strides, strict=True):
+            if int(column[now]) // SPACE != int(column[before]) // SPACE:
+                return False
+            if _ahead(column[now]) - _ahead(column[before]) != stride:
+                return False
+            if stride and int(column[now]) in self.program.constants.literals:
+                return False
+            if stride and int(column[before]) in self.program.constants.literals:
+                return False
+        return self._inner_steps(columns, now, last - first) == self._inner_steps(
+            columns, first, last - first
+        )
+
+    def _inner_steps(
+        self, columns: Sequence[Addresses], first: int, length: int
+    ) -> tuple[int, ...]:
+        if length == 1:
+            return (0,) * len(columns)
+        return tuple(abs(int(column[first + 1]) - int(column[first])) for column in columns)
+
+    def _runs(self, columns: Sequence[Addresses]) -> Iterator[tuple[int, int]]:
         """Yield (first, last) of the longest stretches in which every column goes on in one way."""
         steps = np.array([self._steps(column) for column in columns]).reshape(len(columns), -1)
-        first = 0
         count = len(columns[0])
+        is_apart = (steps == APART).any(axis=0)
+        changes = np.flatnonzero((steps[:, 1:] != steps[:, :-1]).any(axis=0))
+        first = 0
         while first < count:
             last = first + 1
-            if last < count and (steps[:, first] != APART).all():
-                changes = (steps[:, first:] != steps[:, first : first + 1]).any(axis=0)
-                last += int(changes.argmax()) if changes.any() else len(changes)
+            if last < count and not is_apart[first]:
+                change = int(np.searchsorted(changes, first))
+                last = int(changes[change]) + 2 if change < len(changes) else count
             yield first, last
             first = last
 
     def _steps(self, column: Addresses) -> np.ndarray:
         """Return whether each address but the first is its neighbour's (1), the same (0), or `APART`."""
-        ahead = np.where(column < 0, -column, column)  # constants count downwards
-        step = np.diff(ahead)
-        is_same_kind = (column[1:] < 0) == (column[:-1] < 0)
-        blocks = np.searchsorted(self.program.starts, -column - 1, side="right")
-        is_same_block = (blocks[1:] == blocks[:-1]) | (column[1:] >= 0)
+        step = np.diff(np.where(column < 0, -column, column))
+        is_same_space = column[1:] // SPACE == column[:-1] // SPACE
         is_near = (step == 0) | (step == 1)
-        return np.where(is_same_kind & is_same_block & is_near, step, APART)
+        return np.where(is_same_space & is_near, step, APART)
 
-    def _at(self, address: int | np.integer, index: str = "") -> str:
-        """Return how C names one entry, or the entries from it on."""
-        if address >= 0:
-            return f"w[{address}{index}]"
-        block = bisect_right(self.program.starts, -address - 1) - 1
-        self.used.add(block)
-        offset = -address - 1 - self.program.starts[block]
-        return f"{self.prefix}{block}[{offset}{index}]"
-
-    def _in_loop(self, run: Addresses) -> str:
-        return self._at(int(run[0]), "" if run[0] == run[1] else " + i")
+    def _term(self, loop: Loop, column: int) -> str:
+        """Return how C names an entry of a column in the loop."""
+        address = loop.first[column]
+        literal = self.program.constants.literals.get(address)
+        if literal is not None and not loop.steps[column]:
+            return _number(literal)
+        index = _index(loop, column)
+        if address < 0:
+            return f"k[{index}]"
+        space = address // SPACE
+        if space & WIDE:
+            return f"{SPACES[space]}[LANES * ({index}) + l]"
+        return f"{SPACES[space]}[{index}]"
 
     def _reduced(self, operation: Operation) -> Iterator[str]:
-        neutral, formula = REDUCTIONS[operation.name]
         axes = tuple(operation.params["axes"])
-        rest = [axis for axis in range(operation.inputs[0].ndim) if axis not in axes]
-        rows = operation.inputs[0].transpose(*rest, *axes).reshape(operation.output.size, -1)
-        for address, row in zip(operation.output.ravel(), rows, strict=True):
+        source = operation.inputs[0]
+        rest = [axis for axis in range(source.ndim) if axis not in axes]
+        rows = source.transpose(*rest, *axes).reshape(operation.output.size, -1)
+        yield from self._accumulated(REDUCTIONS[operation.name], [rows], operation.output.ravel())
+
+    def _accumulated(
+        self, rule: tuple[str, str], inputs: Sequence[Addresses], output: Addresses
+    ) -> Iterator[str]:
+        """Yield for each of `output` (N,) what gathers the entries of its rows, one of each of `inputs` (N, R)."""
+        count = inputs[0].shape[1]
+        if not count:
+            begin = self.program.constants.literal(0.0)
+            yield from self.copied(np.full(len(output), begin), output)
+        elif count <= 2 * FEW and rule[1].startswith("{s} +"):
+            product = " * ".join("{%d}" for _ in inputs)
+            terms = []
+            for entry in range(count):
+                places = tuple(entry * len(inputs) + which for which in range(len(inputs)))
+                terms.append(product % places)
+            columns = [rows[:, entry] for entry in range(count) for rows in inputs]
+            yield from self._elementwise(" + ".join(terms), columns, output)
+        else:
+            for row in range(len(output)):
+                vectors = [rows[row] for rows in inputs]
+                yield from self._gathered_row(rule, vectors, int(output[row]))
+
+    def _gathered_row(
+        self, rule: tuple[str, str], row: Sequence[Addresses], target: int
+    ) -> Iterator[str]:
+        """Yield what gathers the entries of one row, one of each of the vectors `row` (R,), in the entry `target`."""
+        neutral, formula = rule
+        where = Loop((target,), (0,), (0,), 1, 1)
+        place = self._term(where, 0)
+        is_wide = is_any_wide(np.array([target]))
+        if is_wide:
+            yield f"{EACH_LANE}{place} = {neutral};"
+        else:
             yield f"{{ float s = {neutral};"
-            for first, last in self._runs([row]):
-                if last - first <= FEW:
-                    for entry in row[first:last]:
-                        yield f"s = {formula.format('s', self._at(entry))};"
-                else:
-                    name = self._in_loop(row[first:last])
-                    yield f"for (int i = 0; i < {last - first}; i++) s = {formula.format('s', name)};"
-            yield f"{self._at(address)} = s; }}"
+        so_far = place if is_wide else "s"
+        for loop in self._loops(row):
+            terms = [self._term(loop, column) for column in range(len(row))]
+            statement = f"{so_far} = {formula.format(*terms, s=so_far)};"
+            yield self._looped(loop, statement, is_wide=is_wide)
+        if not is_wide:
+            yield f"{place} = s; }}"
+
+    def _eigen(self, operation: Operation) -> Iterator[str]:
+        """Yield what finds eigenvectors and eigenvalues of a matrix, lane by lane."""
+        matrix = operation.inputs[0]
+        size = len(matrix)
+        outputs = operation.output.ravel()
+        within = np.arange(len(outputs)) + OUTSIDE * SPACE
+        statements = [f"float a[{size * size}], q[{size * (size + 1)}];"]
+        for loop in self._loops([matrix.ravel(), within[: matrix.size]]):
+            load = f"a[{_index(loop, 1)}] = {self._term(loop, 0)};"
+            statements.append(self._looped(loop, load, is_wide=False))
+        statements.append(f"na_eigh({size}, a, q, q + {size * size});")
+        for loop in self._loops([outputs, within]):
+            store = f"{self._term(loop, 0)} = q[{_index(loop, 1)}];"
+            statements.append(self._looped(loop, store, is_wide=False))
+        each_lane = EACH_LANE if is_any_wide(outputs) else ""
+        yield f"{each_lane}{{ {' '.join(statements)} }}"
 
     def _products(self, operation: Operation) -> Iterator[str]:
         """Yield products of (M, K) and (K, N), one for each entry of a batch."""
@@ -171,48 +345,74 @@ class Writer:
         left = _ordered(operation.inputs[0], left_batch, left_sum, ends_with_sum=True)
         right = _ordered(operation.inputs[1], right_batch, right_sum, ends_with_sum=False)
         outputs = operation.output.reshape(len(left), left.shape[1], right.shape[2])
+        rest: list[tuple[Addresses, Addresses, Addresses]] = []
         for left_matrix, right_matrix, output in zip(left, right, outputs, strict=True):
-            yield from self._product(left_matrix, right_matrix, output)
+            if self._are_weights(left_matrix) and not self._are_weights(right_matrix):
+                left_matrix, right_matrix, output = right_matrix.T, left_matrix.T, output.T
+            if self._are_weights(right_matrix) and right_matrix.shape[1] > FEW:
+                weights = self.program.constants.values(right_matrix)
+                for row, sums in zip(left_matrix, output, strict=True):
+                    yield from self._weighted(row, weights, sums)
+            else:
+                rest.append((left_matrix, right_matrix, output))
+        if rest:
+            yield from self._small_products(rest)
 
-    def _product(self, left: Addresses, right: Addresses, output: Addresses) -> Iterator[str]:
-        if (left < 0).all() and not (right < 0).all():
-            left, right, output = right.T, left.T, output.T
-        if (right < 0).all() and right.shape[1] > FEW:
-            weights = self.program.value_of(right)
-            for row, sums in zip(left, output, strict=True):
-                yield from self._weighted(row, weights, sums)
-            return
-        for row, sums in zip(left, output, strict=True):
-            for column, address in zip(right.T, sums, strict=True):
-                terms = [f"{self._at(a)} * {self._at(b)}" for a, b in zip(row, column, strict=True)]
-                yield f"{self._at(address)} = {' + '.join(terms)};"
+    def _small_products(
+        self, products: list[tuple[Addresses, Addresses, Addresses]]
+    ) -> Iterator[str]:
+        """Yield products of (M, K) and (K, N) entry by entry, those of a whole batch together."""
+        rows = []
+        columns = []
+        targets = []
+        for left, right, output in products:
+            shape = (left.shape[0], right.shape[1], left.shape[1])
+            rows.append(np.broadcast_to(left[:, None, :], shape).reshape(-1, shape[2]))
+            columns.append(np.broadcast_to(right.T[None], shape).reshape(-1, shape[2]))
+            targets.append(output.ravel())
+        inputs = [np.concatenate(rows), np.concatenate(columns)]
+        yield from self._accumulated(DOT, inputs, np.concatenate(targets))
 
     def _weighted(self, row: Addresses, weights: np.ndarray, sums: Addresses) -> Iterator[str]:
-        """Yield a vector times constant weights (K, N): sums stay in registers, weights are read in their order.
-
-        The last few columns are summed one by one: most of a register would be empty.
-        """
+        """Yield a vector times constant weights (K, N): sums stay in registers, weights are read in their order."""
         vector = row
-        if not self._is_a_run(row):
+        if not _is_a_run(row):
             key = row.tobytes()
             if key not in self._gathered:
-                self._gathered[key] = self.program.room(row.shape)
+                self._gathered[key] = self.program.room_for_result(row.shape, (row, sums))
                 yield from self.copied(row, self._gathered[key])
             vector = self._gathered[key]
+        if is_any_wide(vector):
+            yield from self._weighted_lanes(vector, weights, sums)
+            return
         total = sums
-        if not self._is_a_run(sums) or sums[0] % WIDTH:
-            total = self.program.room(sums.shape)
+        if not _is_a_run(sums) or sums[0] % WIDTH:
+            total = self.program.room_for_result(sums.shape, (sums,))
         tail = weights.shape[1] % WIDTH
         whole = weights.shape[1] - (tail if tail <= FEW else 0)
         for first in range(0, whole, ACCUMULATORS * WIDTH):
             columns = weights[:, first : min(whole, first + ACCUMULATORS * WIDTH)]
             yield from self._summed(int(vector[0]), columns, int(total[0]) + first)
         for last in range(whole, weights.shape[1]):
-            column = self._at(int(self.program.constant(weights[:, last])[0]), " + k")
-            product = f"s += w[{vector[0]} + k] * {column};"
-            yield f"{{ float s = 0.0f; for (int k = 0; k < {len(weights)}; k++) {product} w[{total[last]}] = s; }}"
+            # The last few columns are summed one by one: most of a register would be empty.
+            column = self.program.constants.add(weights[:, last])
+            yield from self._dot(vector, column, int(total[last]))
         if total is not sums:
             yield from self.copied(total, sums)
+
+    def _dot(self, vector: Addresses, column: Addresses, target: int) -> Iterator[str]:
+        """Yield the product of a vector (K,) and constants (K,), summed sixteen side by side."""
+        count = len(vector)
+        x = _name(int(vector[0]))
+        c = f"k[{-int(column[0]) - 1}"
+        whole = count - count % WIDTH
+        yield "{ float s[LANES] = {0}, sum = 0.0f;"
+        if whole:
+            yield f"for (int q = 0; q < {whole}; q += LANES) for (int l = 0; l < LANES; l++) s[l] += {x} + q + l] * {c} + q + l];"
+        if count > whole:
+            yield f"for (int l = 0; l < {count - whole}; l++) s[l] += {x} + {whole} + l] * {c} + {whole} + l];"
+        yield "for (int l = 0; l < LANES; l++) sum += s[l];"
+        yield f"{_name(target)}] = sum; }}"
 
     def _summed(self, vector: int, weights: np.ndarray, total: int) -> Iterator[str]:
         """Yield a pass over weights (K, N) for sums that fit in registers; in parts side by side if there is room."""
@@ -224,27 +424,136 @@ class Writer:
         stride = wide * WIDTH
         block = np.zeros((count, stride), np.float32)
         block[:, : weights.shape[1]] = weights
-        base = self.program.constant(block)[:, 0]
+        base = -self.program.constants.add(block)[:, 0] - 1
         cells = [(part, j) for part in range(parts) for j in range(wide)]
-        yield "{ " + " ".join(f"wide s{p}_{j} = {{0}};" for p, j in cells)
+        names = ", ".join(f"s{part}_{j}" for part, j in cells)
+        zeros = " ".join(f"NA_ZERO(s{part}_{j});" for part, j in cells)
+        yield f"{{ na_wide {names}; {zeros}"
         whole = count - (parts - 1) * long
         for first, last, present in ((0, whole, parts), (whole, long, parts - 1)):
             if first < last and present:
-                yield f"for (int k = {first}; k < {last}; k++) {{"
+                yield f"for (int q = {first}; q < {last}; q++) {{"
                 for part in range(present):
-                    rows = self._at(int(base[part * long]), f" + k * {stride}")
-                    yield f"const float x{part} = w[{vector + part * long} + k];"
-                    yield f"const wide *r{part} = (const wide *)&{rows};"
-                    yield " ".join(f"s{part}_{j} += x{part} * r{part}[{j}];" for j in range(wide))
+                    yield f"const float x{part} = {_name(vector + part * long)} + q];"
+                    yield f"const na_wide *r{part} = (const na_wide *)(k + {base[part * long]} + q * {stride});"
+                    yield " ".join(
+                        f"NA_MULTIPLY_ADD(s{part}_{j}, r{part}[{j}], x{part});" for j in range(wide)
+                    )
                 yield "}"
         for j in range(wide):
-            sums = " + ".join(f"s{part}_{j}" for part in range(parts))
-            yield f"*(wide *)&w[{total + j * WIDTH}] = {sums};"
+            for part in range(1, parts):
+                yield f"NA_ADD(s0_{j}, s{part}_{j});"
+            yield f"*(na_wide *)&{_name(total + j * WIDTH)}] = s0_{j};"
         yield "}"
 
-    def _is_a_run(self, addresses: Addresses) -> bool:
-        """Return whether `addresses` (N,) are neighbours in the workspace."""
-        return bool(addresses[0] >= 0 and (np.diff(addresses) == 1).all())
+    def _weighted_lanes(
+        self, vector: Addresses, weights: np.ndarray, sums: Addresses
+    ) -> Iterator[str]:
+        """Yield the product for all lanes: a weight is read once for sixteen of them, in the order it lies in memory."""
+        count, columns = weights.shape
+        room = -(-columns // WIDTH) * WIDTH
+        tile = next(size for size in LANE_TILES if -(-columns // size) * size <= room)
+        tiles = -(-columns // tile)
+        padded = np.zeros((count, tiles * tile), np.float32)
+        padded[:, :columns] = weights
+        block = padded.reshape(count, tiles, tile).swapaxes(0, 1)
+        base = -int(self.program.constants.add(block).flat[0]) - 1
+        total = sums
+        if not _is_a_run(sums) or len(sums) <= FEW:
+            total = self.program.room_for_result((room,), (sums,))
+        source = int(vector[0])
+        target = int(total[0])
+        names = ", ".join(f"s{j}" for j in range(tile))
+        yield f"for (int c = 0; c < {tiles}; c++) {{"
+        yield f"na_wide {names};"
+        yield " ".join(f"NA_ZERO(s{j});" for j in range(tile))
+        yield f"const float *r = k + {base} + c * {count * tile};"
+        yield f"const na_wide *x = (const na_wide *)({SPACES[source // SPACE]} + LANES * {source % SPACE});"
+        yield f"for (int q = 0; q < {count}; q++, x++, r += {tile}) {{"
+        yield " ".join(f"NA_MULTIPLY_ADD(s{j}, *x, r[{j}]);" for j in range(tile))
+        yield "}"
+        space = SPACES[target // SPACE]
+        yield f"na_wide *y = (na_wide *)({space} + LANES * ({target % SPACE} + c * {tile}));"
+        yield " ".join(f"y[{j}] = s{j};" for j in range(tile))
+        yield "}"
+        if total is not sums:
+            yield from self.copied(total[: len(sums)], sums)
+
+
+EACH_LANE = "for (int l = 0; l < LANES; l++) "
+"""How a statement begins that is carried out for every lane."""
+
+STATEMENTS_PER_LOOP = 24
+"""So many statements share a loop over the lanes: between them numbers stay in registers, and compilers see fewer loops."""
+
+LANE_TILES = (6, 5, 4)
+"""Columns of weights whose products with all lanes are summed in one pass: the most that leave no column over."""
+
+OUTSIDE = len(SPACES)
+"""Number of the space of what is no space: an argument of the function."""
+
+
+def fused(lines: Iterable[str]) -> Iterator[str]:
+    """Yield `lines`, neighbouring statements for every lane in one loop: lanes know nothing of each other."""
+    together: list[str] = []
+    for line in lines:
+        is_alike = line.startswith(EACH_LANE)
+        if together and (not is_alike or len(together) == STATEMENTS_PER_LOOP):
+            yield f"{EACH_LANE}{{"
+            yield from together
+            yield "}"
+            together = []
+        if is_alike:
+            together.append(line.removeprefix(EACH_LANE))
+        else:
+            yield line
+    if together:
+        yield f"{EACH_LANE}{{"
+        yield from together
+        yield "}"
+
+
+def is_any_wide(addresses: Addresses) -> bool:
+    """Return whether any of `addresses` has lanes."""
+    inside = addresses[addresses >= 0]
+    return bool(((inside // SPACE) & WIDE).any())
+
+
+def _is_a_run(addresses: Addresses) -> bool:
+    """Return whether `addresses` (N,) are neighbours in one space."""
+    return bool(addresses[0] >= 0 and (np.diff(addresses) == 1).all())
+
+
+def _ahead(address: int | np.integer) -> int:
+    """Return an address that counts upwards: those of constants count downwards."""
+    return -int(address) if address < 0 else int(address)
+
+
+def _name(address: int) -> str:
+    """Return how C names an entry without lanes, but for the closing bracket."""
+    return f"{SPACES[address // SPACE]}[{address % SPACE}"
+
+
+def _index(loop: Loop, column: int) -> str:
+    """Return the index of a column in the loop."""
+    address = loop.first[column]
+    text = str(-address - 1 if address < 0 else address % SPACE)
+    stride = loop.strides[column]
+    if loop.repeats > 1 and stride:
+        text += f" + {stride} * j"
+    if loop.length > 1 and loop.steps[column]:
+        text += " + i"
+    return text
+
+
+def _number(number: float) -> str:
+    """Return a number as C reads it to the last bit."""
+    if math.isinf(number):
+        return "INFINITY" if number > 0 else "-INFINITY"
+    if math.isnan(number):
+        return "NAN"
+    text = f"{float(np.float32(number)).hex()}f"
+    return f"({text})" if number < 0 else text
 
 
 def _power(exponent: int) -> str:

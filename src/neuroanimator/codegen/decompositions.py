@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var
 from jaxtyping import Array, Float
 
-from neuroanimator.codegen.program import LOOPS_AND_BRANCHES, NESTED, UnsupportedError
+from neuroanimator.codegen.trace import LOOPS_AND_BRANCHES, NESTED, UnsupportedError
 
 SQUARINGS = 16
 """How often a matrix is squared: eigenvalues one part in 10,000 apart are told from each other then."""

@@ -1,39 +1,23 @@
-"""A JAX function as a list of operations on addresses, from which source code can be written.
+"""A function as a list of operations on addresses, from which source code can be written.
 
-The function is traced, nested calls are laid open, what depends on constants alone is computed, and what nobody
-needs is dropped. Values are arrays of addresses: whatever only moves data about (slices, concatenations, transposes)
-is done to the addresses once and leaves no code.
+Values are arrays of addresses: whatever only moves data about (slices, concatenations, transposes) is done to the
+addresses once and leaves no code. Where a program is made to go back (a vector-Jacobian product), what depends on the
+cotangents is *late*, everything else is *early*; what late operations read of early ones is kept on a *tape*. A value
+is *wide* if it has sixteen lanes, one for each of sixteen motions or cotangents side by side.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var
 from numpy.typing import ArrayLike
 
-from neuroanimator.errors import NeuroAnimatorError
-
-NESTED = ("jaxpr", "call_jaxpr", "fun_jaxpr")
-"""Parameters under which an operation keeps the operations it stands for."""
-
-LOOPS_AND_BRANCHES = ("scan", "while", "cond")
-"""Operations whose nested ones are not carried out once each, and so cannot be laid open."""
-
-MOVES = frozenset(
-    ("broadcast_in_dim", "concatenate", "copy", "copy_p", "dynamic_slice", "expand_dims", "gather", "reshape", "rev",
-     "slice", "split", "squeeze", "stack", "stop_gradient", "tile", "transpose", "convert_element_type")
-)  # fmt: skip
-"""What moves data and computes nothing. Of number types there is one here: truth is 0 or 1."""
-
 WIDTH = 16
-"""Floats to which arrays are aligned: an AVX-512 register."""
+"""Floats to which arrays are aligned, and lanes of what is wide: an AVX-512 register, two of AVX2, four of NEON."""
 
 FLOAT_BYTES = 4
 """Bytes of a float32."""
@@ -44,8 +28,74 @@ ALIGNMENT = FLOAT_BYTES * WIDTH
 FEW = 4
 """Arrays up to this length share a line of memory: scalars, vectors and quaternions."""
 
+SPACE = 1 << 24
+"""Addresses in one space; an address is that of its space plus an offset."""
+
+EARLY = 0
+LATE = 1
+WIDE = 2
+"""Spaces are numbered by what is in them: `EARLY` or `LATE`, plus `WIDE` for lanes."""
+
+TAPE = 4
+"""The space of what is kept for late operations; `TAPE + WIDE` for lanes."""
+
+SPACES = ("w", "d", "v", "e", "t", None, "tv")
+"""What the arrays of each space are called in C."""
+
 Addresses = np.ndarray
-"""Where each entry of a value is: from 0 on in the workspace, from -1 down among the constants."""
+"""Where each entry of a value is: from 0 on in the spaces, from -1 down among the constants."""
+
+
+@dataclass
+class Constants:
+    """The float32 numbers that the programs of one library read; data, so that another emulator needs no other text."""
+
+    blocks: list[np.ndarray] = field(default_factory=list)
+    starts: list[int] = field(default_factory=list)
+    size: int = 0
+    """Floats in all blocks and the gaps between them."""
+    literals: dict[int, float] = field(default_factory=dict)
+    """Numbers of the definition itself, by address: zeros, ones and the like, which are written into the text."""
+    _of_literal: dict[float, int] = field(default_factory=dict)
+
+    def add(self, numbers: ArrayLike) -> Addresses:
+        """Return the addresses of these numbers, in their shape; the first one is aligned."""
+        block = np.asarray(numbers, np.float32)
+        first = self.size
+        self.blocks.append(block.ravel())
+        self.starts.append(first)
+        self.size += -(-max(block.size, 1) // WIDTH) * WIDTH
+        return np.asarray(-(first + np.arange(block.size).reshape(block.shape)) - 1)
+
+    def literal(self, number: float) -> int:
+        """Return the address of a number that is the same whatever the weights."""
+        number += 0.0  # one zero, not two
+        if number not in self._of_literal:
+            address = int(self.add([number])[0])
+            self._of_literal[number] = address
+            self.literals[address] = number
+        return self._of_literal[number]
+
+    def literal_array(self, numbers: np.ndarray) -> Addresses:
+        """Return the addresses of numbers that are the same whatever the weights, equal ones at one address."""
+        distinct, which = np.unique(numbers, return_inverse=True)
+        if len(distinct) > FEW:
+            return self.add(numbers)
+        addresses = np.array([self.literal(number) for number in distinct.tolist()], int)
+        return np.asarray(addresses[which]).reshape(numbers.shape)
+
+    def values(self, addresses: Addresses) -> np.ndarray:
+        """Return the constants at `addresses`, all of which must be constants."""
+        return self.data()[-addresses - 1]
+
+    def data(self) -> np.ndarray:
+        """Return all numbers as one float32 array, aligned for the widest register."""
+        raw = np.zeros(self.size + WIDTH, np.float32)
+        first = -(raw.ctypes.data // FLOAT_BYTES) % WIDTH
+        aligned = raw[first : first + self.size]
+        for start, block in zip(self.starts, self.blocks, strict=True):
+            aligned[start : start + len(block)] = block
+        return aligned
 
 
 @dataclass(frozen=True)
@@ -57,176 +107,117 @@ class Operation:
     output: Addresses
     params: dict[str, Any]
 
+    @property
+    def is_late(self) -> bool:
+        """Whether it depends on a late input."""
+        return bool((spaces_of(self.output[self.output >= 0]) & LATE).any())
+
+
+def spaces_of(addresses: Addresses) -> np.ndarray:
+    """Return the space each address lies in; constants' are negative."""
+    return np.asarray(addresses // SPACE)
+
 
 @dataclass
 class Program:
-    """(inputs) → outputs by `operations`, in a workspace of floats."""
+    """(inputs) → outputs by `operations`."""
 
+    constants: Constants = field(default_factory=Constants)
     inputs: list[Addresses] = field(default_factory=list)
     outputs: list[Addresses] = field(default_factory=list)
     operations: list[Operation] = field(default_factory=list)
-    constants: list[np.ndarray] = field(default_factory=list)
-    """Float32 blocks, one behind the other."""
-    starts: list[int] = field(default_factory=lambda: [0])
-    """Where each block begins, and where the next one will."""
-    size: int = 0
-    """Floats in the workspace."""
-    _free: int = 0
-    """Where the next few numbers go."""
-    _line_end: int = 0
-    """Where that line ends."""
+    sizes: dict[int, int] = field(default_factory=dict)
+    """Floats (or registers of lanes) in each space."""
+    _blocks: dict[int, list[int]] = field(default_factory=dict)
+    """Per space, where the values begin that lie side by side."""
+    _free: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """Per space, where the next few numbers go and where that line ends."""
 
-    def room(self, shape: tuple[int, ...]) -> Addresses:
+    def room(self, shape: tuple[int, ...], space: int) -> Addresses:
         """Return fresh addresses of this shape: aligned, with room for whole registers, unless they are few."""
         count = math.prod(shape)
+        size = self.sizes.get(space, 0)
         if count > FEW:
-            registers = -(-count // WIDTH)
-            first = self.size
-            self.size += registers * WIDTH
+            first = size
+            self.sizes[space] = size + -(-count // WIDTH) * WIDTH
+            self._blocks.setdefault(space, []).append(first)
         else:
-            if self._free + count > self._line_end:
-                self._free = self.size
-                self.size += WIDTH
-                self._line_end = self.size
-            first = self._free
-            self._free += count
-        return np.asarray(first + np.arange(count).reshape(shape))
+            first, line_end = self._free.get(space, (0, 0))
+            if first + count > line_end:
+                first = size
+                line_end = size + WIDTH
+                self.sizes[space] = line_end
+                self._blocks.setdefault(space, []).append(first)
+            self._free[space] = (first + count, line_end)
+        return np.asarray(space * SPACE + first + np.arange(count).reshape(shape))
 
-    def constant(self, numbers: ArrayLike) -> Addresses:
-        """Return the addresses of these numbers among the constants, in their shape."""
-        block = np.asarray(numbers, np.float32)
-        first = self.starts[-1]
-        self.constants.append(block.ravel())
-        self.starts.append(first + max(block.size, 1))
-        return np.asarray(-(first + np.arange(block.size).reshape(block.shape)) - 1)
+    def room_for_result(self, shape: tuple[int, ...], inputs: tuple[Addresses, ...]) -> Addresses:
+        """Return fresh addresses for what is computed from `inputs`: late if one of them is, wide if one of them is."""
+        space = EARLY
+        for addresses in inputs:
+            spaces = spaces_of(addresses[addresses >= 0])
+            space |= int(np.bitwise_or.reduce(spaces & (LATE | WIDE), axis=None, initial=0))
+        return self.room(shape, space)
 
-    def value_of(self, addresses: Addresses) -> np.ndarray:
-        """Return the constants at `addresses`, all of which must be constants."""
-        return np.asarray(np.concatenate(self.constants)[-addresses - 1])
+    def keep_needed(self) -> None:
+        """Drop the operations that no output depends on."""
+        self.operations = list(reversed(list(self._needed())))
 
+    def _needed(self) -> Iterator[Operation]:
+        """Yield the operations that outputs depend on, the last one first."""
+        needed = {space: np.zeros(size, bool) for space, size in self.sizes.items()}
 
-def trace(function: Callable[..., Any], *shapes: tuple[int, ...]) -> Program:
-    """Return the program of `function`, which takes float32 arrays of these shapes and returns one array.
+        def mark(addresses: Addresses) -> None:
+            for space, wanted in needed.items():
+                inside = addresses[(addresses >= 0) & (spaces_of(addresses) == space)]
+                wanted[inside - space * SPACE] = True
 
-    Raises UnsupportedError for what cannot be laid open beforehand, such as entries whose position is computed. Of loops
-    and branches the writer says that it knows no code for them.
-    """
-    zeros = [jnp.zeros(shape, jnp.float32) for shape in shapes]
-    closed = jax.make_jaxpr(function)(*zeros)
-    return _Tracer().run(closed, shapes)
+        for output in self.outputs:
+            mark(output)
+        for operation in reversed(self.operations):
+            space = int(spaces_of(operation.output.ravel()[:1])[0])
+            if needed[space][operation.output - space * SPACE].any():
+                for addresses in operation.inputs:
+                    mark(addresses)
+                yield operation
 
+    def keep_tape(self) -> None:
+        """Give early values that late operations or outputs read addresses on the tape, side by side."""
+        late = [operation for operation in self.operations if operation.is_late]
+        read = [addresses for operation in late for addresses in operation.inputs]
+        read += [output for output in self.outputs if (spaces_of(output) % 2 == LATE).any()]
+        moved: dict[int, np.ndarray] = {}
+        for space in (EARLY, EARLY | WIDE):
+            size = self.sizes.get(space, 0)
+            is_kept = np.zeros(size, bool)
+            for addresses in read:
+                inside = addresses[(addresses >= 0) & (spaces_of(addresses) == space)]
+                is_kept[inside - space * SPACE] = True
+            # Whole blocks, so that neighbours stay neighbours.
+            starts = np.array(self._blocks.get(space, [0]))
+            if size:
+                lengths = np.diff(np.append(starts, size))
+                is_kept = np.repeat(np.logical_or.reduceat(is_kept, starts), lengths)
+            target = np.arange(size) + space * SPACE
+            count = int(is_kept.sum())
+            target[is_kept] = (TAPE + space) * SPACE + np.arange(count)
+            self.sizes[TAPE + space] = count
+            moved[space] = target
+        self._rename(moved)
 
-class UnsupportedError(NeuroAnimatorError):
-    """An operation of JAX no code can be written for."""
+    def _rename(self, moved: dict[int, np.ndarray]) -> None:
+        def renamed(addresses: Addresses) -> Addresses:
+            result = np.array(addresses)
+            for space, target in moved.items():
+                is_inside = (addresses >= 0) & (spaces_of(addresses) == space)
+                result[is_inside] = target[addresses[is_inside] - space * SPACE]
+            return result
 
-    def __init__(self, name: str):
-        super().__init__(f"No code can be written for JAX' operation '{name}'.")
-
-
-class _Tracer:
-    """Walks through a jaxpr and gathers its operations in a program."""
-
-    def __init__(self) -> None:
-        self.program = Program()
-
-    def run(self, closed: ClosedJaxpr, shapes: tuple[tuple[int, ...], ...]) -> Program:
-        program = self.program
-        program.inputs = [program.room(shape) for shape in shapes]
-        constants = [np.asarray(constant) for constant in closed.consts]
-        outputs = self._jaxpr(closed.jaxpr, constants, list(program.inputs))
-        program.outputs = [self._addresses(output) for output in outputs]
-        program.operations = list(_needed(program))
-        return program
-
-    def _jaxpr(self, jaxpr: Jaxpr, consts: list[Any], inputs: list[Any]) -> list[Any]:
-        """Return the outputs; values are Addresses, or _Known."""
-        known: dict[Var, Any] = dict(zip(jaxpr.constvars, map(_wrap, consts), strict=True))
-        known |= dict(zip(jaxpr.invars, inputs, strict=True))
-
-        def read(atom: Any) -> Any:
-            if isinstance(atom, Literal):
-                return _Known(np.asarray(atom.val))
-            return known[atom]
-
-        for eqn in jaxpr.eqns:
-            operands = [read(atom) for atom in eqn.invars]
-            results = self._equation(eqn, operands)
-            known.update(zip(eqn.outvars, results, strict=True))
-        return [read(atom) for atom in jaxpr.outvars]
-
-    def _equation(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
-        inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
-        if inner is not None and eqn.primitive.name not in LOOPS_AND_BRANCHES:
-            if isinstance(inner, ClosedJaxpr):
-                return self._jaxpr(inner.jaxpr, list(inner.consts), inputs)
-            return self._jaxpr(inner, [], inputs)
-        if all(isinstance(operand, _Known) for operand in inputs):
-            results = _bind(eqn, [operand.numbers for operand in inputs])
-            return [_wrap(result) for result in results]
-        if eqn.primitive.name in MOVES:
-            return self._moved(eqn, inputs)
-        return [self._computed(eqn, inputs)]
-
-    def _moved(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
-        """Do to the addresses what is done to the data; which entries are moved where, constants say."""
-        name = eqn.primitive.name
-        if name == "convert_element_type":
-            before = eqn.invars[0].aval.dtype
-            after = eqn.outvars[0].aval.dtype
-            if before.kind == "f" and after.kind != "f":
-                raise UnsupportedError(f"{name} from {before} to {after}")
-            return inputs
-        # Of these two the first input is moved; the others say from where.
-        count = 1 if name in ("gather", "dynamic_slice") else len(inputs)
-        moved = inputs[:count]
-        indices = inputs[count:]
-        if not all(isinstance(operand, _Known) for operand in indices):
-            raise UnsupportedError(f"{name} at places that are computed")
-        addresses = [jnp.asarray(self._addresses(operand), jnp.int32) for operand in moved]
-        numbers = [jnp.asarray(operand.numbers) for operand in indices]
-        results = _bind(eqn, [*addresses, *numbers])
-        return [np.asarray(result, int) for result in results]
-
-    def _computed(self, eqn: JaxprEqn, inputs: list[Any]) -> Addresses:
-        output = self.program.room(eqn.outvars[0].aval.shape)
-        addresses = tuple(self._addresses(operand) for operand in inputs)
-        self.program.operations.append(Operation(eqn.primitive.name, addresses, output, eqn.params))
-        return output
-
-    def _addresses(self, value: Any) -> Addresses:
-        if isinstance(value, _Known):
-            return self.program.constant(value.numbers)
-        return value
-
-
-@dataclass(frozen=True)
-class _Known:
-    """A value that is known before the program runs."""
-
-    numbers: np.ndarray
-
-
-def _wrap(numbers: Any) -> _Known:
-    return _Known(np.asarray(numbers))
-
-
-def _bind(eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
-    """Return what an operation gives for `inputs`, carried out now."""
-    results = eqn.primitive.bind(*map(jnp.asarray, inputs), **eqn.params)
-    if eqn.primitive.multiple_results:
-        return list(results)
-    return [results]
-
-
-def _needed(program: Program) -> Iterator[Operation]:
-    """Yield the operations that outputs depend on, in order."""
-    needed = np.zeros(program.size, bool)
-    for output in program.outputs:
-        needed[output[output >= 0]] = True
-    backwards = []
-    for operation in reversed(program.operations):
-        if needed[operation.output].any():
-            backwards.append(operation)
-            for addresses in operation.inputs:
-                needed[addresses[addresses >= 0]] = True
-    yield from reversed(backwards)
+        self.inputs = [renamed(addresses) for addresses in self.inputs]
+        self.outputs = [renamed(addresses) for addresses in self.outputs]
+        operations = []
+        for operation in self.operations:
+            inputs = tuple(renamed(addresses) for addresses in operation.inputs)
+            output = renamed(operation.output)
+            operations.append(Operation(operation.name, inputs, output, operation.params))
+        self.operations = operations

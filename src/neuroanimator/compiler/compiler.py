@@ -47,12 +47,31 @@ KEY_DIGITS = 24
 """Digits of the sha256 that a program and its compiler are known by: twins do not happen."""
 
 
-def compiled_library(text: str) -> ctypes.CDLL | None:
-    """Return the library of the C program `text`; None without a compiler, or if it fails, which is said once."""
+FlagSets = tuple[tuple[str, ...], ...]
+
+
+def compiled_library(text: str, flag_sets: FlagSets = FLAGS) -> ctypes.CDLL | None:
+    """Return the library of the C program `text`, by the first of `flag_sets` that the compiler knows.
+
+    None without a compiler, or if it fails, which is said once.
+    """
     compiler = find_compiler()
     if compiler is None:
         return None
-    return _compiled(text, compiler)
+    return _compiled(text, compiler, flag_sets)
+
+
+def compiler_facts() -> str | None:
+    """Return all that compiled code depends on besides its text: compiler, version and processor; None without one."""
+    compiler = find_compiler()
+    if compiler is None or compiler in _given_up:
+        return None
+    try:
+        version = compiler_version(shlex.split(compiler)[0])
+    except NoCompilerError as error:
+        _give_up(compiler, error)
+        return None
+    return "\n".join([compiler, version, _processor()])
 
 
 def find_compiler() -> str | None:
@@ -77,24 +96,29 @@ def find_compiler() -> str | None:
 
 
 @cache
-def _compiled(text: str, compiler: str) -> ctypes.CDLL | None:
+def _compiled(text: str, compiler: str, flag_sets: FlagSets) -> ctypes.CDLL | None:
     """Return the library of the program `text`; made once for a processor and a compiler, None if that fails."""
     command = shlex.split(compiler)
     if compiler in _given_up:
         return None
     try:
-        about = "\n".join([text, compiler, compiler_version(command[0]), _processor(), str(FLAGS)])
-        key = hashlib.sha256(about.encode()).hexdigest()[:KEY_DIGITS]
-        return _found_or_made(text, command, key)
+        about = [text, compiler, compiler_version(command[0]), _processor(), str(flag_sets)]
+        key = hashlib.sha256("\n".join(about).encode()).hexdigest()[:KEY_DIGITS]
+        return _found_or_made(text, command, flag_sets, key)
     except (CompilerError, OSError) as error:
-        if isinstance(error, NoCompilerError):
-            _given_up.add(compiler)
-        reason = getattr(error, "strerror", None) or error
-        warn_once(f"Nothing could be compiled ({reason}). JAX is used instead of C.")
+        _give_up(compiler, error)
         return None
 
 
-def _found_or_made(text: str, command: list[str], key: str) -> ctypes.CDLL:
+def _give_up(compiler: str, error: CompilerError | OSError) -> None:
+    """Say once why nothing could be compiled; what is no compiler is not tried again."""
+    if isinstance(error, NoCompilerError):
+        _given_up.add(compiler)
+    reason = getattr(error, "strerror", None) or error
+    warn_once(f"Nothing could be compiled ({reason}). JAX is used instead of C.")
+
+
+def _found_or_made(text: str, command: list[str], flag_sets: FlagSets, key: str) -> ctypes.CDLL:
     """Return the library `key`; OSError if none can be loaded from any folder, CompilerError if none can be made."""
     fault: CompilerError | OSError = OSError(0, "there is no folder that nobody else can write to")
     for folder in private_folders(PURPOSE):
@@ -102,7 +126,8 @@ def _found_or_made(text: str, command: list[str], key: str) -> ctypes.CDLL:
             fault = OSError(0, f"programs may not be run from {folder}")
             continue
         try:
-            return _found(folder, key) or ctypes.CDLL(str(_make(text, command, folder, key)))
+            found = _found(folder, key)
+            return found or ctypes.CDLL(str(_make(text, command, flag_sets, folder, key)))
         except NoCompilerError:
             raise
         except (CompilerError, OSError) as error:  # no room in this folder, perhaps
@@ -126,10 +151,10 @@ def _found(folder: Path, key: str) -> ctypes.CDLL | None:
     return None
 
 
-def _make(text: str, command: list[str], folder: Path, key: str) -> Path:
+def _make(text: str, command: list[str], flag_sets: FlagSets, folder: Path, key: str) -> Path:
     """Compile `text` to a library in `folder` and return its path: whole on the disk, and named for what is in it."""
     remove_abandoned_builds(folder)
-    content = build_library(text, command, FLAGS, folder)
+    content = build_library(text, command, flag_sets, folder)
     path = _path(folder, key, content)
     replace_whole(path, content)
     return path

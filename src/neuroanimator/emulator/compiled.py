@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Layout
 
 PROGRAMS = 256
@@ -74,13 +75,18 @@ class Step:
     def __init__(
         self,
         function: Callable[..., Array],
+        program_of: Callable[[Any], Any],
         emulator: Any,
         state: Layout,
         control: Layout,
         dtype: np.dtype,
     ):
-        """`function` (emulator, state, control) → the next state; `dtype` is the type of the emulator's numbers."""
+        """`function` (emulator, state, control) → the next state; `program_of` (emulator) does it in C, or is None.
+
+        `dtype` is the type of the emulator's numbers.
+        """
         self._function = function
+        self._program_of = program_of
         self._emulator = emulator
         self._state = state
         self._state_shape = (state.size,)
@@ -95,14 +101,22 @@ class Step:
             f"step(state {self._state_shape}, control {self._control_shape}) of {self._emulator!r}"
         )
 
-    def __call__(self, state: ArrayLike, control: ArrayLike) -> Float[Array, " S"]:
-        """Return the state (S,) one super step after `state` (S,) under `control` (C,). Differentiable.
+    def __call__(self, state: ArrayLike, control: ArrayLike) -> Float[AnyArray, " S"]:
+        """Return the state (S,) one super step after `state` (S,) under `control` (C,).
+
+        Of arrays of JAX it is one of JAX, and differentiable; of all else it is one of NumPy, computed by the `backend`.
 
         Raises ArgumentError for wrong shapes, and for numbers that are not finite where they do not come from JAX.
         """
+        is_for_jax = isinstance(state, jax.Array) or isinstance(control, jax.Array)
         state = self._checked(state, self._state, self._state_shape, "state")
         control = self._checked(control, self._control, self._control_shape, "control")
-        return call_compiled(self._function, self._emulator, state, control)
+        if is_for_jax:
+            return call_compiled(self._function, self._emulator, state, control)
+        program = self._program_of(self._emulator)
+        if program is None:
+            return np.array(call_compiled(self._function, self._emulator, state, control))
+        return program.step(state, control)
 
     def _checked(
         self, vector: ArrayLike, layout: Layout, shape: tuple[int, ...], label: str

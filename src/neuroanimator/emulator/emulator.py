@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.backend import backend
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.compiled import Step, call_compiled
 from neuroanimator.emulator.domain import Domain
@@ -20,7 +22,7 @@ from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.spec import EmulatorSpec
-from neuroanimator.errors import ArgumentError, DivergedError
+from neuroanimator.errors import ArgumentError, DivergedError, ResourceError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.gait import Gait
@@ -112,11 +114,11 @@ class Emulator(eqx.Module):
     def step(self) -> Step:
         """`step(state (S,), control (C,))` is the state (S,) `dt` seconds later: see `Step.__call__`.
 
-        A function that can be called from Python, where it is compiled at the first call, and given to `jax.jit`,
+        A function that can be called from Python, and given to `jax.jit`,
         `jax.grad` and `jax.vmap`.
         """
         dtype = self.normaliser.change_scale.dtype
-        return Step(step, self, self.state, self.control, dtype)
+        return Step(step, program_of, self, self.state, self.control, dtype)
 
     def step_latent(
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
@@ -197,23 +199,37 @@ class Emulator(eqx.Module):
 
     def rollout(
         self, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool = False
-    ) -> Float[Array, "*B F S"]:
+    ) -> Float[AnyArray, "*B F S"]:
         """Return the trajectory (T+1, S) from `state` (S,) under `controls` (T, C), the start included.
 
         A batch is `state` (B, S) with `controls` (B, T, C). With `may_diverge`, numbers that are not finite are
-        returned where the motion comes to that.
+        returned where the motion comes to that. Of arrays of JAX it is one of JAX, and can be transformed; of all else
+        it is one of NumPy, computed by the `backend`.
 
         Raises ArgumentError for wrong shapes, for numbers that are not finite or larger than `MAX_MAGNITUDE`, and
         for states no motion follows from; DivergedError where a motion ends in numbers that are not finite.
         """
-        state, controls = self._checked(state, controls)
-        if not controls.shape[-2]:
-            return state[..., None, :]
-        function = _quick_rollouts if state.ndim == 2 else _quick_rollout
-        trajectory = call_compiled(function, self, state, controls)
+        start, held = self._checked(state, controls)
+        if not held.shape[-2]:
+            return start[..., None, :]
+        trajectory = self._rollout(start, held)
         if not may_diverge:
             self._check_finite(np.asarray(trajectory))
         return trajectory
+
+    def _rollout(
+        self, state: Float[AnyArray, "*B S"], controls: Float[AnyArray, "*B T C"]
+    ) -> Float[AnyArray, "*B F S"]:
+        """Return `rollout` of what has been checked, in arrays of the same library."""
+        function = _quick_rollouts if state.ndim == 2 else _quick_rollout
+        if isinstance(state, jax.Array):
+            return call_compiled(function, self, state, controls)
+        program = program_of(self)
+        if program is None:
+            return np.array(call_compiled(function, self, state, controls))
+        if state.ndim == 2:
+            return program.rollouts(state, controls)
+        return program.rollout(state, controls)
 
     def _check_finite(self, trajectory: Float[np.ndarray, "*B F S"]) -> None:
         """Refuse a trajectory (..., T+1, S) with numbers that are not finite, by the first of them."""
@@ -280,7 +296,11 @@ class Emulator(eqx.Module):
             f"{spec.state.size} states, {spec.control.size} controls, {network} {widths})"
         )
 
-    def _checked(self, state: ArrayLike, controls: ArrayLike) -> tuple[Array, Array]:
+    def _checked(
+        self, state: ArrayLike, controls: ArrayLike
+    ) -> tuple[Float[AnyArray, "*B S"], Float[AnyArray, "*B T C"]]:
+        """Return both in the emulator's own numbers: as arrays of JAX where one of them is, else of NumPy."""
+        is_for_jax = isinstance(state, jax.Array) or isinstance(controls, jax.Array)
         state = self.state.check(state, "state")
         controls = self.control.check(controls, "control")
         if (
@@ -300,7 +320,9 @@ class Emulator(eqx.Module):
                 f"{MAX_MAGNITUDE:g}. Start nearer to where you look."
             )
         dtype = self.normaliser.change_scale.dtype
-        return as_jax(state, dtype), as_jax(controls, dtype)
+        if is_for_jax:
+            return as_jax(state, dtype), as_jax(controls, dtype)
+        return np.ascontiguousarray(state, dtype), np.ascontiguousarray(controls, dtype)
 
 
 def step(
@@ -358,6 +380,25 @@ def _quick_rollouts(
 ) -> Float[Array, "B T+1 S"]:
     """Return `_quick_rollout` from each of `states` (B, S) under `controls` (B, T, C)."""
     return jax.vmap(lambda state, held: _quick_rollout(emulator, state, held))(states, controls)
+
+
+def program_of(emulator: Emulator) -> Any:
+    """Return the `CEmulator` that runs `emulator` in C, if the `backend` is C and there is such a program.
+
+    Raises ResourceError where nothing but C will do, and there is none.
+    """
+    asked = backend()
+    if asked == "jax":
+        return None
+    # It is written in terms of this module.
+    from neuroanimator.emulator.c_emulator import c_emulator
+
+    program = c_emulator(emulator)
+    if program is None and asked == "c":
+        raise ResourceError(
+            "backend: wanted C, but this emulator has no program in C here. Install a C compiler, or use the backend auto."
+        )
+    return program
 
 
 def load_emulator(name: str | Path) -> Emulator:

@@ -19,11 +19,10 @@ import equinox as eqx
 import jax
 import mujoco
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from neuroanimator.codegen.c_emulator import CEmulator, c_emulator
-from neuroanimator.emulator.emulator import UNROLL, Emulator
-from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.emulator.c_emulator import CEmulator
+from neuroanimator.emulator.emulator import Emulator, program_of, rollout
 from neuroanimator.evaluation.accuracy import scheme_error
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.speed_function import (
@@ -226,47 +225,33 @@ def emulator_players(emulator: Emulator) -> dict[str, Callable[[], Any]]:
     program = program_in_c(emulator)
     if program is not None:
         start, controls = _timed_motion(emulator)
-        players[IN_C] = program.player(np.asarray(start), np.asarray(controls))
+        players[IN_C] = partial(program.rollout, start, controls)
     return players
 
 
 def program_in_c(emulator: Emulator) -> CEmulator | None:
-    """Return the emulator in C; None where there is no program that does what JAX does."""
-    try:
-        return c_emulator(emulator)
-    except NeuroAnimatorError:
-        return None
+    """Return the emulator in C; None where there is no such program, or where the backend is JAX."""
+    return program_of(emulator)
 
 
 def emulator_player(emulator: Emulator) -> Callable[[], None]:
-    """Return a function that takes `TIMED_SUPER_STEPS` super steps in JAX, already compiled.
-
-    Like the loop of the physics it keeps the last state only, in the numbers the super step is made in: a
-    deformable body is decoded where it is drawn.
-    """
+    """Return a function that takes `TIMED_SUPER_STEPS` super steps in JAX, already compiled: a rollout, as users have it."""
     start, controls = _timed_motion(emulator)
-    run = compiled(emulator, _last_state)
+    run = compiled(emulator, rollout)
     run(start, controls)
     return lambda: run(start, controls).block_until_ready()
 
 
-def _timed_motion(emulator: Emulator) -> tuple[Float[Array, " L"], Float[Array, "T C"]]:
-    """Return a start and controls in the numbers of the super step."""
+def _timed_motion(
+    emulator: Emulator,
+) -> tuple[Float[np.ndarray, " S"], Float[np.ndarray, "T C"]]:
+    """Return a start and controls."""
     rng = np.random.default_rng(0)
     bounds = emulator.bounds
     shape = (TIMED_SUPER_STEPS, emulator.control.size)
     shares = rng.uniform(-TIMED_CONTROLS, TIMED_CONTROLS, shape)
-    return emulator.encode_motion(emulator.rest, bounds.middle + shares * bounds.half)
-
-
-def _last_state(
-    emulator: Emulator, latent: Float[Array, " L"], controls: Float[Array, "T C"]
-) -> Float[Array, " L"]:
-    def step(latent: Float[Array, " L"], control: Float[Array, " C"]) -> tuple[Array, None]:
-        return emulator.step_latent(latent, control), None
-
-    last, _ = jax.lax.scan(step, latent, controls, unroll=UNROLL)
-    return last
+    controls = bounds.middle + shares * bounds.half
+    return emulator.rest.astype(np.float32), controls.astype(np.float32)
 
 
 def compiled(emulator: Emulator, function: Callable[..., Any]) -> Callable[..., Any]:

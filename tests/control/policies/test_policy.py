@@ -283,7 +283,7 @@ def test_a_body_without_left_and_right_or_gait_gets_a_policy_too():
 
 def test_training_resumes_to_the_same_bytes_and_learns(fish: DeformableSystem, tmp_path: Path):
     emulator, reports = load_emulator("fish"), []
-    training = PolicyTraining(widths=(16, 16), updates=200, batch=8, steps=4, starts=32)
+    training = PolicyTraining(widths=(16, 16), updates=200, batch=8, steps=8, starts=64)
     whole, parts = tmp_path / "whole.policy.safetensors", tmp_path / "parts.policy.safetensors"
     train_policy(emulator, fish, whole, training, on_report=reports.append)
 

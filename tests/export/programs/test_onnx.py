@@ -15,7 +15,7 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import Emulator, NeuroAnimatorError, Policy, load_emulator, write_onnx
-from neuroanimator.codegen.program import UnsupportedError
+from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.export.programs.definition import Definition, Port, definition_of
 from neuroanimator.export.programs.onnx_file import onnx_bytes, run_onnx, run_reference
 from neuroanimator.export.programs.vectors import COUNT, KEPT, make_vectors

@@ -184,7 +184,7 @@ def test_a_function_that_answers_batches_otherwise_is_refused(tmp_path: Path):
 
 
 def test_a_strangers_dataset_and_emulator_never_run_code(
-    folder: Path, cli: Cli, cli_process: Cli, tmp_path: Path
+    folder: Path, cli_process: Cli, tmp_path: Path
 ):
     marker = tmp_path / "ran"
     (tmp_path / "spring.py").write_text(f"open({str(marker)!r}, 'w').close()\n" + SPRING)
@@ -192,20 +192,20 @@ def test_a_strangers_dataset_and_emulator_never_run_code(
         ("new", "spring.py"),
         ("generate", "spring.toml", "--count", "1200", "--out", "data"),
     ):
-        result = cli(*arguments, cwd=tmp_path)
+        result = cli_process(*arguments, cwd=tmp_path)
         assert result.returncode == 0, result.stderr
     assert marker.exists()
     marker.unlink()
     emulator = "spring.emulator.safetensors"
-    result = cli(
+    result = cli_process(
         "train", "data", "--updates", "250", "--widths", "8", "--out", emulator, cwd=tmp_path
     )
     assert result.returncode == 0, result.stderr
-    assert cli("animate", emulator, "--out", "clip.csv", cwd=tmp_path).returncode == 0
+    assert cli_process("animate", emulator, "--out", "clip.csv", cwd=tmp_path).returncode == 0
     refused = cli_process("evaluate", emulator, "--data", "data", cwd=tmp_path)
     assert refused.returncode == 3
     assert "run only if you say so: give the TOML file beside it, --system PATH" in refused.stderr
-    drawn = cli("animate", emulator, "--out", "clip.glb", cwd=tmp_path)
+    drawn = cli_process("animate", emulator, "--out", "clip.glb", cwd=tmp_path)
     assert (drawn.returncode, drawn.stderr.count("\n")) == (2, 1)
     assert "Use .csv" in drawn.stderr
     assert not marker.exists()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuroanimator.codegen.decompositions import without_decompositions
-from neuroanimator.codegen.program import trace
+from neuroanimator.codegen.trace import Input, trace
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
@@ -78,7 +78,9 @@ def write_onnx(model: Emulator | Policy, path: Path, licence: str = "") -> Writt
 def onnx_bytes(definition: Definition) -> bytes:
     """Return the ONNX file of `definition`, which onnx' own checker has passed."""
     onnx = _import_onnx()
-    program = trace(without_decompositions(definition.function), *definition.sizes)
+    function = without_decompositions(definition.function)
+    inputs = [Input(shape) for shape in definition.sizes]
+    program = trace(lambda _, *arrays: function(*arrays), None, *inputs)
     names = [port.name for port in definition.inputs]
     graph = onnx_graph(program, names, definition.output.name)
     nodes = []

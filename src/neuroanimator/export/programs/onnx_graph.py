@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neuroanimator.codegen.program import Addresses, Operation, Program, UnsupportedError
+from neuroanimator.codegen.program import Addresses, Operation, Program
+from neuroanimator.codegen.trace import UnsupportedError
 
 OPERATORS = {
     "neg": "Neg", "sqrt": "Sqrt", "exp": "Exp", "log": "Log", "tanh": "Tanh", "logistic": "Sigmoid", "sin": "Sin",
@@ -197,7 +198,7 @@ class _Writer:
 
     def _repeated(self, addresses: Addresses) -> str:
         """Return constants as a tensor (batch, N)."""
-        row = self.constant(self.program.value_of(addresses)[None])
+        row = self.constant(self.program.constants.values(addresses)[None])
         one = self.constant(np.array([1]))
         return self.node("Expand", row, self.node("Concat", COUNT, one, axis=0))
 
@@ -206,7 +207,7 @@ class _Writer:
         if (addresses == addresses[0]).all():
             addresses = addresses[:1]
         if (addresses < 0).all():
-            return self.constant(self.program.value_of(addresses)[None])
+            return self.constant(self.program.constants.values(addresses)[None])
         return self.tensor(addresses)
 
     def _each(self, operation: Operation, written: Callable[..., str]) -> None:
@@ -256,7 +257,7 @@ class _Writer:
             left, right = right.swapaxes(1, 2), left.swapaxes(1, 2)
             output = output.swapaxes(1, 2)
         if len(left) == 1 and left.shape[1] == 1 and (right < 0).all():
-            weights = self.constant(self.program.value_of(right[0]))
+            weights = self.constant(self.program.constants.values(right[0]))
             product = self.node("MatMul", self.tensor(left.ravel()), weights)
         else:
             matrices = [

@@ -1,0 +1,125 @@
+"""Generated programs with their numbers: compiled once a machine, held against JAX before their first use, then kept.
+
+A record on disk says that a program did there what JAX does. It lies where nobody else can write, is whole or absent,
+and is read only if its checksum is right.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.codegen.program import ALIGNMENT
+from neuroanimator.compiler.compiler import compiled_library, compiler_facts
+from neuroanimator.errors import BadFileError, NeuroAnimatorError
+from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.storage.private_folder import kept_folder
+
+FLAGS = (
+    ("-O2", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math", "-mprefer-vector-width=512"),
+    ("-O2", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"),
+    ("-O2", "-ffp-contract=fast", "-fno-math-errno"),
+)  # fmt: skip
+"""Flags of the compiler, the first set it knows: what is not a number stays so, unlike with -ffast-math."""
+
+SOURCES = ("codegen", "emulator", "state")
+"""Folders of the package whose code says what a program does: when it changes, programs are made anew."""
+
+RECORD = "program"
+"""The kind of file a record is."""
+
+
+@dataclass(frozen=True, eq=False)
+class CProgram:
+    """Text of a program and the numbers it reads."""
+
+    text: str
+    constants: Float[np.ndarray, " K"]
+    sizes: dict[str, int]
+    """What callers need to know, such as the floats of a tape."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedProgram:
+    """A compiled program."""
+
+    library: ctypes.CDLL
+    constants: Float[np.ndarray, " K"]
+    """Aligned for the widest register."""
+    sizes: dict[str, int]
+
+
+def load_program(
+    about: str, make: Callable[[], CProgram], check: Callable[[LoadedProgram], None]
+) -> LoadedProgram | None:
+    """Return the program that `about` says all of, made by `make` and passed by `check` once on this machine.
+
+    None where nothing can be compiled. `check` raises NeuroAnimatorError for a program that is wrong; such a one is
+    not kept.
+    """
+    facts = compiler_facts()
+    if facts is None:
+        return None
+    key = hashlib.sha256("\n".join([about, facts, str(FLAGS), _sources()]).encode()).hexdigest()
+    folder = kept_folder("c-programs")
+    record = None if folder is None else folder / f"{key}.safetensors"
+    kept = None if record is None else _read(record)
+    program = make() if kept is None else kept
+    library = compiled_library(program.text, FLAGS)
+    if library is None:
+        return None
+    loaded = LoadedProgram(library, aligned(program.constants), program.sizes)
+    if kept is None:
+        check(loaded)
+        if record is not None:
+            _write(record, program)
+    return loaded
+
+
+def aligned(numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
+    """Return a float32 copy that begins where the widest register may."""
+    spare = ALIGNMENT // numbers.itemsize
+    raw = np.empty(len(numbers) + spare, np.float32)
+    first = -(raw.ctypes.data // raw.itemsize) % spare
+    result = raw[first : first + len(numbers)]
+    result[:] = numbers
+    return result
+
+
+def _read(record: Path) -> CProgram | None:
+    """Return the program in a record; None where there is none that is whole."""
+    try:
+        tensors, metadata = read_tensors(record, RECORD)
+        return CProgram(metadata["text"], tensors["constants"], metadata["sizes"])
+    except (BadFileError, OSError, KeyError):
+        return None
+
+
+def _write(record: Path, program: CProgram) -> None:
+    """Keep a program; where there is no room for it, the next process makes it again."""
+    metadata = {"kind": RECORD, "text": program.text, "sizes": program.sizes}
+    try:
+        write_tensors(record, {"constants": np.asarray(program.constants)}, metadata)
+    except (OSError, NeuroAnimatorError):
+        record.unlink(missing_ok=True)
+
+
+@cache
+def _sources() -> str:
+    """Return what changes when the code that programs are made from does."""
+    package = Path(str(resources.files("neuroanimator")))
+    facts = []
+    for folder in SOURCES:
+        for path in sorted((package / folder).rglob("*.[pc]*")):
+            if path.suffix in (".py", ".c"):
+                status = path.stat()
+                facts.append(f"{path.name} {status.st_size} {status.st_mtime_ns}")
+    return "\n".join(facts)

@@ -1,0 +1,411 @@
+"""From a JAX function to a `Program`: nested calls are laid open, what depends on constants alone is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var
+
+from neuroanimator.codegen.program import (
+    EARLY,
+    LATE,
+    WIDE,
+    Addresses,
+    Constants,
+    Operation,
+    Program,
+)
+from neuroanimator.errors import NeuroAnimatorError
+
+NESTED = ("jaxpr", "call_jaxpr", "fun_jaxpr")
+"""Parameters under which an operation keeps the operations it stands for."""
+
+LOOPS_AND_BRANCHES = ("scan", "while", "cond")
+"""Operations whose nested ones are not carried out once each, and so cannot be laid open."""
+
+
+LARGEST_EIGEN = 8
+"""Rows of the largest matrix whose eigenvectors can be found."""
+
+
+class UnsupportedError(NeuroAnimatorError):
+    """An operation of JAX no code can be written for."""
+
+    def __init__(self, name: str):
+        super().__init__(f"No code can be written for JAX' operation '{name}'.")
+
+
+class Input(NamedTuple):
+    """One argument of a function to trace."""
+
+    shape: tuple[int, ...]
+    is_wide: bool = False
+    """Whether each lane has its own."""
+    is_late: bool = False
+    """Whether it is a cotangent or a tangent, known only after all that is early."""
+
+    @property
+    def space(self) -> int:
+        """Where its numbers lie."""
+        return (LATE if self.is_late else EARLY) | (WIDE if self.is_wide else 0)
+
+
+def trace(
+    function: Callable[..., Any], module: Any, *inputs: Input, constants: Constants | None = None
+) -> Program:
+    """Return the program of `function` of `module` and of float32 arrays, which returns an array or a tuple of them.
+
+    The arrays of `module` (any pytree: an emulator, an objective) are the program's constants.
+
+    Raises UnsupportedError for what cannot be laid open beforehand, such as entries whose position is computed. Of
+    loops and branches the writer says that it knows no code for them.
+    """
+    arguments = [jax.ShapeDtypeStruct(entry.shape, np.float32) for entry in inputs]
+    closed = jax.make_jaxpr(function)(module, *arguments)
+    program = Program(Constants() if constants is None else constants)
+    program.inputs = [program.room(entry.shape, entry.space) for entry in inputs]
+    weights = [_Known(np.asarray(leaf), False) for leaf in jax.tree.leaves(module)]
+    _Tracer(program).run(closed, weights)
+    program.keep_needed()
+    if any(entry.is_late for entry in inputs):
+        program.keep_tape()
+    return program
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A value that is known before the program runs."""
+
+    numbers: np.ndarray
+    is_literal: bool
+    """Whether it is the same whatever the weights: it follows from the definition alone."""
+
+
+class _Tracer:
+    """Walks through a jaxpr and gathers its operations in a program."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self._special: dict[str, Callable[[JaxprEqn, list[Any]], list[Any]]] = {
+            "convert_element_type": self._converted,
+            "dynamic_slice": self._picked,
+            "dynamic_update_slice": self._scattered,
+            "eigh": self._eigen,
+            "gather": self._picked,
+            "pad": self._padded,
+            "scatter": self._scattered,
+            "scatter-add": self._scattered,
+        }
+
+    def run(self, closed: ClosedJaxpr, weights: list[_Known]) -> None:
+        constants = [_Known(np.asarray(constant), False) for constant in closed.consts]
+        outputs = self._jaxpr(closed.jaxpr, constants, [*weights, *self.program.inputs])
+        self.program.outputs = [self._addresses(output) for output in outputs]
+
+    def _jaxpr(self, jaxpr: Jaxpr, constants: list[Any], inputs: list[Any]) -> list[Any]:
+        """Return the outputs; values are Addresses, or _Known."""
+        known: dict[Var, Any] = dict(zip(jaxpr.constvars, constants, strict=True))
+        known |= dict(zip(jaxpr.invars, inputs, strict=True))
+
+        def read(atom: Any) -> Any:
+            if isinstance(atom, Literal):
+                return _Known(np.asarray(atom.val), True)
+            return known[atom]
+
+        for eqn in jaxpr.eqns:
+            operands = [read(atom) for atom in eqn.invars]
+            results = self._equation(eqn, operands)
+            known.update(zip(eqn.outvars, results, strict=True))
+        return [read(atom) for atom in jaxpr.outvars]
+
+    def _equation(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
+        name = eqn.primitive.name
+        inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
+        if inner is not None and name not in LOOPS_AND_BRANCHES:
+            if isinstance(inner, ClosedJaxpr):
+                constants = [_Known(np.asarray(constant), False) for constant in inner.consts]
+                return self._jaxpr(inner.jaxpr, constants, inputs)
+            return self._jaxpr(inner, [], inputs)
+        if all(isinstance(operand, _Known) for operand in inputs):
+            is_literal = all(operand.is_literal for operand in inputs)
+            results = _bind(eqn, [operand.numbers for operand in inputs])
+            return [_Known(np.asarray(result), is_literal) for result in results]
+        if name in MOVES:
+            addresses = [self._addresses(operand) for operand in inputs]
+            return [np.asarray(result) for result in MOVES[name](addresses, eqn.params)]
+        special = self._special.get(name)
+        if special is not None:
+            return special(eqn, inputs)
+        if eqn.primitive.multiple_results:
+            raise UnsupportedError(name)
+        return [self._computed(eqn, inputs)]
+
+    def _converted(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Addresses]:
+        """Return the same numbers: there is one type here, and truth is 0 or 1."""
+        before = eqn.invars[0].aval.dtype
+        after = eqn.outvars[0].aval.dtype
+        if before.kind == "f" and after.kind != "f":
+            raise UnsupportedError(f"convert_element_type from {before} to {after}")
+        return inputs
+
+    def _picked(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
+        """Return the entries that indices, which must be known, pick from the first input."""
+        source, *indices = inputs
+        if not all(isinstance(operand, _Known) for operand in indices):
+            raise UnsupportedError(f"{eqn.primitive.name} at places that are computed")
+        addresses = self._addresses(source)
+        # JAX picks among positions, which are small whole numbers; what fills up lies beyond the last.
+        positions = np.arange(addresses.size, dtype=np.int32).reshape(addresses.shape)
+        picked = _bind(eqn, [positions, *(operand.numbers for operand in indices)])[0]
+        flat = np.append(addresses.ravel(), self.program.constants.literal(0.0))
+        chosen = np.asarray(picked)
+        is_inside = (chosen >= 0) & (chosen < addresses.size)
+        return [np.asarray(flat[np.where(is_inside, chosen, addresses.size)])]
+
+    def _padded(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Addresses]:
+        source = self._addresses(inputs[0])
+        filling = self._addresses(inputs[1])
+        positions = np.arange(1, source.size + 1, dtype=np.int32).reshape(source.shape)
+        padded = np.asarray(lax.pad(positions, np.int32(0), eqn.params["padding_config"]))
+        return [np.asarray(np.append(filling.ravel(), source.ravel())[padded])]
+
+    def _scattered(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Addresses]:
+        """Return the first input with entries replaced by, or added to, those of the updates."""
+        name = eqn.primitive.name
+        operand = self._addresses(inputs[0])
+        if name == "dynamic_update_slice":
+            updates = self._addresses(inputs[1])
+            indices = inputs[2:]
+        else:
+            updates = self._addresses(inputs[2])
+            indices = inputs[1:2]
+        if not all(isinstance(index, _Known) for index in indices):
+            raise UnsupportedError(f"{name} at places that are computed")
+        result = operand.ravel().copy()
+        where = _targets(eqn, operand, updates, [index.numbers for index in indices]).ravel()
+        pending = np.flatnonzero(where >= 0)
+        while len(pending):
+            # What falls on one entry falls there one after the other.
+            _, first = np.unique(where[pending], return_index=True)
+            now = pending[first]
+            target = where[now]
+            if name == "scatter-add":
+                result[target] = self._operation(
+                    "add", (result[target], updates.ravel()[now]), (len(now),), {}
+                )
+            else:
+                result[target] = updates.ravel()[now]
+            pending = np.delete(pending, first)
+        return [result.reshape(operand.shape)]
+
+    def _eigen(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Addresses]:
+        """Return the eigenvectors (N, N), columns, and the eigenvalues (N,) of one symmetric matrix."""
+        (matrix,) = inputs
+        size = matrix.shape[-1]
+        if matrix.shape != (size, size) or size > LARGEST_EIGEN:
+            raise UnsupportedError(f"eigh of an array of shape {matrix.shape}")
+        output = self._operation("eigh", (matrix,), (size * (size + 1),), eqn.params)
+        return [output[: size * size].reshape(size, size), output[size * size :]]
+
+    def _computed(self, eqn: JaxprEqn, inputs: list[Any]) -> Addresses:
+        addresses = tuple(self._addresses(operand) for operand in inputs)
+        return self._operation(eqn.primitive.name, addresses, eqn.outvars[0].aval.shape, eqn.params)
+
+    def _operation(
+        self,
+        name: str,
+        inputs: tuple[Addresses, ...],
+        shape: tuple[int, ...],
+        params: dict[str, Any],
+    ) -> Addresses:
+        """Return where the result goes, of entries that must be computed; of others, where they are already."""
+        if name not in SIMPLE:
+            output = self.program.room_for_result(shape, inputs)
+            self.program.operations.append(Operation(name, inputs, output, params))
+            return output
+        columns = [np.broadcast_to(addresses, shape).ravel() for addresses in inputs]
+        literals = self.program.constants
+        result = SIMPLE[name](columns, literals.literal(0.0), literals.literal(1.0))
+        rest = np.flatnonzero(result == COMPUTE)
+        if len(rest) == len(result):
+            rest = slice(None)
+        elif not len(rest):
+            return result.reshape(shape)
+        inputs = tuple(column[rest] for column in columns)
+        output = self.program.room_for_result(inputs[0].shape, inputs)
+        self.program.operations.append(Operation(name, inputs, output, params))
+        result[rest] = output
+        return result.reshape(shape)
+
+    def _addresses(self, value: Any) -> Addresses:
+        if not isinstance(value, _Known):
+            return value
+        if value.is_literal:
+            return self.program.constants.literal_array(value.numbers)
+        return self.program.constants.add(value.numbers)
+
+
+COMPUTE = np.iinfo(np.int64).max
+"""Stands for an address that is yet to be computed."""
+
+Columns = list[Addresses]
+
+
+def _sum(columns: Columns, zero: int, one: int) -> Addresses:
+    left, right = columns
+    return np.where(right == zero, left, np.where(left == zero, right, COMPUTE))
+
+
+def _difference(columns: Columns, zero: int, one: int) -> Addresses:
+    left, right = columns
+    return np.where(right == zero, left, COMPUTE)
+
+
+def _product(columns: Columns, zero: int, one: int) -> Addresses:
+    left, right = columns
+    result = np.where(right == one, left, np.where(left == one, right, COMPUTE))
+    return np.where((left == zero) | (right == zero), zero, result)
+
+
+def _quotient(columns: Columns, zero: int, one: int) -> Addresses:
+    left, right = columns
+    return np.where(left == zero, zero, np.where(right == one, left, COMPUTE))
+
+
+def _negative(columns: Columns, zero: int, one: int) -> Addresses:
+    return np.where(columns[0] == zero, zero, COMPUTE)
+
+
+SIMPLE: dict[str, Callable[[Columns, int, int], Addresses]] = {
+    "add": _sum,
+    "add_any": _sum,
+    "sub": _difference,
+    "mul": _product,
+    "div": _quotient,
+    "neg": _negative,
+}
+"""Operations with nothing to compute where an input is a literal zero or one: gradients are full of them."""
+
+
+def _targets(
+    eqn: JaxprEqn, operand: Addresses, updates: Addresses, indices: list[np.ndarray]
+) -> np.ndarray:
+    """Return which entry of `operand`, counted flat, each of `updates` falls on; -1 for none."""
+    positions = np.arange(operand.size, dtype=np.int32).reshape(operand.shape)
+    if eqn.primitive.name == "dynamic_update_slice":
+        return np.asarray(lax.dynamic_slice(positions, indices, updates.shape))
+    numbers = eqn.params["dimension_numbers"]
+    batching = (*numbers.inserted_window_dims, *numbers.operand_batching_dims)
+    windows = iter(numbers.update_window_dims)
+    sizes = []
+    for axis in range(operand.ndim):
+        sizes.append(1 if axis in batching else updates.shape[next(windows)])
+    where = lax.gather(
+        positions,
+        indices[0],
+        lax.GatherDimensionNumbers(
+            offset_dims=numbers.update_window_dims,
+            collapsed_slice_dims=numbers.inserted_window_dims,
+            start_index_map=numbers.scatter_dims_to_operand_dims,
+            operand_batching_dims=numbers.operand_batching_dims,
+            start_indices_batching_dims=numbers.scatter_indices_batching_dims,
+        ),
+        tuple(sizes),
+        mode=lax.GatherScatterMode.FILL_OR_DROP,
+        fill_value=-1,
+    )
+    return np.asarray(where)
+
+
+def _bind(eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
+    """Return what an operation gives for `inputs`, carried out now."""
+    results = eqn.primitive.bind(*map(jnp.asarray, inputs), **eqn.params)
+    if eqn.primitive.multiple_results:
+        return list(results)
+    return [results]
+
+
+def _broadcast(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    shape = [1] * len(params["shape"])
+    for axis, size in zip(params["broadcast_dimensions"], inputs[0].shape, strict=True):
+        shape[axis] = size
+    return [np.broadcast_to(inputs[0].reshape(shape), params["shape"])]
+
+
+def _concatenated(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    return [np.concatenate(inputs, axis=params["dimension"])]
+
+
+def _unchanged(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    return inputs
+
+
+def _expanded(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    return [np.expand_dims(inputs[0], params["dimensions"])]
+
+
+def _reshaped(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    if params.get("dimensions") is not None:
+        raise UnsupportedError("reshape of transposed axes")
+    return [inputs[0].reshape(params["new_sizes"])]
+
+
+def _reversed(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    return [np.flip(inputs[0], params["dimensions"])]
+
+
+def _sliced(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    steps = params["strides"] or (1,) * inputs[0].ndim
+    ends = zip(params["start_indices"], params["limit_indices"], steps, strict=True)
+    return [inputs[0][tuple(slice(first, last, step) for first, last, step in ends)]]
+
+
+def _split(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    bounds = np.cumsum(params["sizes"])[:-1]
+    return np.split(inputs[0], bounds, axis=params["axis"])
+
+
+def _squeezed(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    return [np.squeeze(inputs[0], axis=tuple(params["dimensions"]))]
+
+
+def _transposed(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    return [np.transpose(inputs[0], params["permutation"])]
+
+
+def _tiled(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    return [np.tile(inputs[0], params["reps"])]
+
+
+def _stacked(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    return [np.stack(inputs, axis=params["axis"])]
+
+
+def _unstacked(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
+    return list(np.moveaxis(inputs[0], params["axis"], 0))
+
+
+MOVES: dict[str, Callable[[list[Addresses], dict[str, Any]], list[Addresses]]] = {
+    "broadcast_in_dim": _broadcast,
+    "concatenate": _concatenated,
+    "copy": _unchanged,
+    "copy_p": _unchanged,
+    "expand_dims": _expanded,
+    "reshape": _reshaped,
+    "rev": _reversed,
+    "slice": _sliced,
+    "split": _split,
+    "squeeze": _squeezed,
+    "stack": _stacked,
+    "stop_gradient": _unchanged,
+    "tile": _tiled,
+    "transpose": _transposed,
+    "unstack": _unstacked,
+}
+"""What moves data and computes nothing, done to the addresses."""

@@ -1,0 +1,111 @@
+"""What a program must do to be an emulator: what JAX does of a thousand states, to the rounding of float32."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from neuroanimator.emulator.emulator import Emulator, rollout, step
+from neuroanimator.errors import NeuroAnimatorError
+
+MOTIONS = 40
+"""Random motions whose states are tried."""
+
+STEPS = 25
+"""Super steps of each: a thousand states in all."""
+
+STRETCHES = (1.0, 1.0, 1.5, 3.0)
+"""How far states are taken from rest: beyond the domain's borders, where features are cut off, too."""
+
+LARGEST = 1e4
+"""States with larger numbers are no test of anything but rounding."""
+
+TOLERANCE = 1e-4
+"""Relative to the largest number of each entry: both sum float32 in orders of their own."""
+
+ROUNDING = 2.0**-22
+"""How much inputs are changed to see what rounding does in JAX alone."""
+
+DOUBTS = 10
+"""So many times what rounding does in JAX alone is no error: where a state hangs by a hair, it does much."""
+
+BORDERLINE = 0.01
+"""Share of states that may be covered in one and not in the other: a number at its border is rounded to either side."""
+
+
+class WrongProgramError(NeuroAnimatorError):
+    """A program that does not do what JAX does."""
+
+
+@dataclass(frozen=True)
+class Probes:
+    """States of random motions, some far beyond what training showed, with what JAX makes of them."""
+
+    states: Float[np.ndarray, "N S"]
+    controls: Float[np.ndarray, "N C"]
+    """Within the bounds and at them."""
+    expected: Float[np.ndarray, "N S"]
+    """One super step later."""
+    doubt: Float[np.ndarray, "N 1"]
+    """How much rounding changes that in JAX itself, over each entry's size."""
+    size: Float[np.ndarray, "N S"]
+    """What an error is compared with."""
+    is_covered: Bool[np.ndarray, " N"]
+
+    @classmethod
+    def of(cls, emulator: Emulator) -> Probes:
+        """Return the probes of `emulator`."""
+        rng = np.random.default_rng(0)
+        shape = (MOTIONS, STEPS, emulator.control.size)
+        shares = np.clip(rng.uniform(-1.5, 1.5, shape), -1, 1)
+        bounds = emulator.bounds
+        held = np.asarray(bounds.middle + shares * bounds.half, np.float32)
+        rest = np.asarray(emulator.rest, np.float32)
+        motions = jax.jit(jax.vmap(rollout, (None, None, 0)))(emulator, rest, held)
+        stretch = np.resize(STRETCHES, MOTIONS).astype(np.float32)[:, None, None]
+        stretched = rest + stretch * (np.array(motions)[:, :-1] - rest)
+        states = stretched.reshape(-1, len(rest))
+        controls = held.reshape(-1, held.shape[-1])
+        steps = jax.jit(jax.vmap(step, (None, 0, 0)))
+        rounded = states * (1 + ROUNDING * rng.uniform(-1, 1, states.shape)).astype(np.float32)
+        expected = np.asarray(steps(emulator, states, controls))
+        otherwise = np.asarray(steps(emulator, rounded, controls))
+        is_sound = np.isfinite(expected).all(axis=1) & np.isfinite(otherwise).all(axis=1)
+        is_sound &= (np.abs(states) < LARGEST).all(axis=1)
+        expected = expected[is_sound]
+        size = np.abs(expected) + np.abs(expected).max(axis=0, initial=1e-3)
+        doubt = np.abs(otherwise[is_sound] - expected) / size
+        covered = jax.jit(jax.vmap(state_is_covered, (None, 0)))(emulator, states[is_sound])
+        return cls(
+            states=states[is_sound],
+            controls=controls[is_sound],
+            expected=expected,
+            doubt=doubt.max(axis=1, keepdims=True),
+            size=size,
+            is_covered=np.asarray(covered) > 0,
+        )
+
+    def compare(self, computed: Float[np.ndarray, "N S"]) -> None:
+        """Raise WrongProgramError unless `computed` states are the expected ones."""
+        off = np.abs(computed - self.expected) / self.size
+        if not (off <= TOLERANCE + DOUBTS * self.doubt).all():
+            raise WrongProgramError("Generated C does not do what the emulator does in JAX.")
+
+    def compare_covered(self, computed: Bool[np.ndarray, " N"]) -> None:
+        """Raise WrongProgramError unless the same states are covered."""
+        if np.mean(computed != self.is_covered) > BORDERLINE:
+            raise WrongProgramError("Generated C covers other states than the emulator in JAX.")
+
+
+def latent_is_covered(emulator: Emulator, latent: Float[Array, " I"]) -> Float[Array, ""]:
+    """Return 1 for a latent state in the range of the training, 0 for others."""
+    return jnp.asarray(emulator.covers_encoded(latent), jnp.float32)
+
+
+def state_is_covered(emulator: Emulator, state: Float[Array, " S"]) -> Float[Array, ""]:
+    """Return the same of a state."""
+    return latent_is_covered(emulator, emulator.encode(state))
