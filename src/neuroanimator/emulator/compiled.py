@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
@@ -23,47 +25,99 @@ from neuroanimator.state.layout import Layout
 PROGRAMS = 256
 """Functions of structures that are kept compiled; each takes some megabytes."""
 
-Leaves = tuple[Array, ...]
+Leaves = tuple[Array | np.ndarray, ...]
+Shapes = tuple[tuple[int, ...], ...]
 
-_known: dict[int, tuple[weakref.ref[Any], Leaves, Any]] = {}
-"""By the address of a module that is alive: a reference to it, its arrays and its structure."""
+
+class Form(NamedTuple):
+    """A module without its arrays: hashable, so that its programs are found by it again."""
+
+    structure: Any
+    others: tuple[Any, ...]
+    """Leaves that are no arrays, such as a user's cost function; None where an array is."""
+
+    def filled(self, arrays: Leaves) -> Any:
+        """Return the module with these arrays."""
+        remaining = iter(arrays)
+        leaves = [next(remaining) if other is None else other for other in self.others]
+        return jax.tree_util.tree_unflatten(self.structure, leaves)
+
+
+@dataclass(frozen=True)
+class Program:
+    """A function of a module's arrays and of further arrays, compiled once for all their shapes."""
+
+    run: Callable[..., Any]
+    compiled_for: set[Shapes] = field(default_factory=set)
+    """Shapes of all arrays it was compiled for with `Compiled.compile`."""
+
+
+_known: dict[int, tuple[weakref.ref[Any], Leaves, Form]] = {}
+"""By the address of a module that is alive: a reference to it, its arrays and its form."""
+
+
+class Compiled:
+    """`function(module, *arrays)` for one module, by a program compiled once for the module's form and all shapes."""
+
+    def __init__(self, function: Callable[..., Any], module: Any):
+        self._leaves, form = _taken_apart(module)
+        self._leaf_shapes = _shapes_of(self._leaves)
+        self._program = _program(function, form)
+
+    def __call__(self, *arrays: Any) -> Any:
+        """Return what the function does."""
+        return self._program.run(self._leaves, *arrays)
+
+    def is_compiled_for(self, *arrays: Any) -> bool:
+        """Return whether `compile` was called for arrays of these shapes."""
+        return self._leaf_shapes + _shapes_of(arrays) in self._program.compiled_for
+
+    def compile(self, *arrays: Any) -> None:
+        """Compile for arrays of these shapes, by calling it once."""
+        jax.block_until_ready(self(*arrays))
+        self._program.compiled_for.add(self._leaf_shapes + _shapes_of(arrays))
+
+
+def _shapes_of(arrays: Leaves) -> Shapes:
+    return tuple(np.shape(array) for array in arrays)
 
 
 def call_compiled(function: Callable[..., Any], module: Any, *arrays: Any) -> Any:
-    """Return `function(module, *arrays)` by a program compiled once for the module's structure and the arrays' shapes.
+    """Return `function(module, *arrays)` by a program compiled once for the module's form and the arrays' shapes.
 
     Inside somebody else's `jax.jit`, `grad` or `vmap` it is part of their program.
     """
-    leaves, structure = _taken_apart(module)
-    return _program(function, structure)(leaves, *arrays)
+    leaves, form = _taken_apart(module)
+    return _program(function, form).run(leaves, *arrays)
 
 
-def _taken_apart(module: Any) -> tuple[Leaves, Any]:
-    """Return the arrays of a module and its structure; remembered as long as the module lives."""
+def _taken_apart(module: Any) -> tuple[Leaves, Form]:
+    """Return the arrays of a module and its form; remembered as long as the module lives."""
     address = id(module)
     known = _known.get(address)
     if known is not None and known[0]() is module:
         return known[1], known[2]
     flat, structure = jax.tree_util.tree_flatten(module)
-    leaves = tuple(flat)
+    leaves = tuple(leaf for leaf in flat if eqx.is_array(leaf))
+    others = tuple(None if eqx.is_array(leaf) else leaf for leaf in flat)
+    form = Form(structure, others)
     is_traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
     if not is_traced:
         reference = weakref.ref(module, lambda _: _known.pop(address, None))
-        _known[address] = (reference, leaves, structure)
-    return leaves, structure
+        _known[address] = (reference, leaves, form)
+    return leaves, form
 
 
 @lru_cache(maxsize=PROGRAMS)
-def _program(function: Callable[..., Any], structure: Any) -> Callable[..., Any]:
-    """Return `function` of a module's arrays and of further arrays, compiled at the first call."""
+def _program(function: Callable[..., Any], form: Form) -> Program:
+    """Return the program of `function` for modules of that form; it is compiled at the first call."""
 
     def run(leaves: Leaves, *arrays: Any) -> Any:
-        module = jax.tree_util.tree_unflatten(structure, leaves)
-        return function(module, *arrays)
+        return function(form.filled(leaves), *arrays)
 
     run.__name__ = getattr(function, "__name__", "run")
     # Inlined: inside a user's own jit it leaves no call behind that others would have to understand.
-    return jax.jit(run, inline=True)
+    return Program(jax.jit(run, inline=True))
 
 
 class Step:
