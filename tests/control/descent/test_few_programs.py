@@ -13,7 +13,7 @@ from neuroanimator import DescentOptions, Emulator, descend
 from neuroanimator.emulator.arrays import as_jax
 
 FEW = 5
-"""Of a descent: the objective alone, the start, the whole loop, the controls; and one to spare."""
+"""Of a descent: the objective alone, its quadratic model, J of several z, the controls; and one to spare."""
 
 
 def compiled_names(caplog: pytest.LogCaptureFixture) -> list[str]:

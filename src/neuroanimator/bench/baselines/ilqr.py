@@ -9,7 +9,13 @@ from jaxtyping import Float
 from neuroanimator.bench.baselines.budgeted_cost import BudgetedCost
 from neuroanimator.bench.baselines.cost_evaluator import CostEvaluator, Linearisation
 from neuroanimator.bench.baselines.fast_physics import MujocoPhysics, threads
-from neuroanimator.control.descent.methods import DAMPINGS, FIRST_DAMPING, MAX_DAMPING, MIN_DAMPING
+from neuroanimator.control.descent.methods import (
+    DAMPINGS,
+    FIRST_DAMPING,
+    MAX_DAMPING,
+    MIN_DAMPING,
+    damped_steps,
+)
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -70,7 +76,7 @@ def _descend(budget: BudgetedCost, z: Float[np.ndarray, " Z"]) -> None:
             cost = budget.cost(z)
         while True:
             dampings = np.clip(damping * np.array(DAMPINGS), MIN_DAMPING, MAX_DAMPING)
-            trials = z - _damped_steps(curvature, slope, dampings)
+            trials = z + damped_steps(curvature, slope, dampings)
             costs = budget.costs(trials)
             best = int(costs.argmin())
             if costs[best] < cost:
@@ -84,17 +90,6 @@ def _descend(budget: BudgetedCost, z: Float[np.ndarray, " Z"]) -> None:
         damping = dampings[best]
         if fall < MIN_FALL * (cost + fall):
             return
-
-
-def _damped_steps(
-    curvature: Float[np.ndarray, "Z Z"],
-    slope: Float[np.ndarray, " Z"],
-    dampings: Float[np.ndarray, " K"],
-) -> Float[np.ndarray, "K Z"]:
-    """Return a step for each damping, which is a share of the mean curvature."""
-    mean_curvature = np.trace(curvature) / len(slope) + np.finfo(float).tiny
-    damped = curvature + dampings[:, None, None] * mean_curvature * np.eye(len(slope))
-    return np.linalg.solve(damped, slope[None, :, None])[..., 0]
 
 
 def linearisation_steps(evaluator: CostEvaluator) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -13,6 +14,8 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.descent.defects import no_defects
+from neuroanimator.control.descent.evaluator import Evaluator
+from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.methods import METHODS, Method, Progress
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.parametrisation import Parametrisation
@@ -36,7 +39,7 @@ class Descent:
     cost: float
     """J on the emulator."""
     costs: tuple[float, ...]
-    """The least J at first and after each iteration that was watched, of the start that ended best."""
+    """The least J at first and after each backward sweep, of the start that ended best."""
     iterations: int
     """Backward sweeps of the start that ended best."""
     seconds: float
@@ -111,79 +114,67 @@ def _descend(
     problem: Problem, guesses: Float[np.ndarray, "K Z"], options: DescentOptions
 ) -> Descent:
     method = METHODS[options.method]
-    with phase("compiling"):
-        progress = begin(method, as_jax(guesses))
-        jax.block_until_ready(advance(method, problem, progress, np.int32(0)))
-        controls_of(problem.parametrisation, progress.best)
+    evaluator = JaxEvaluator(problem)
     began = time.perf_counter()
     with phase("descending"):
-        progress, history = _iterate(method, problem, progress, options)
-    candidates = np.asarray(controls_of(problem.parametrisation, progress.best), float)
-    costs = np.asarray(progress.least, float)
-    seconds = time.perf_counter() - began
+        starts, history = _iterate(method, evaluator, guesses, options)
+    best_zs = np.stack([start.best for start in starts])
+    seconds = time.perf_counter() - began - evaluator.compile_seconds
+    with phase("compiling"):
+        candidates = np.asarray(controls_of(problem.parametrisation, _in_float32(best_zs)), float)
+    costs = np.array([start.least for start in starts])
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
     best = order[0]
     return Descent(
         method=options.method,
         controls=candidates[best],
-        cost=float(costs[best]),
-        costs=tuple(float(row[best]) for row in history),
-        iterations=int(np.asarray(progress.sweeps)[best]),
+        cost=starts[best].least,
+        costs=tuple(row[best] for row in history),
+        iterations=starts[best].sweeps,
         seconds=seconds,
         candidates=candidates[order],
         candidate_costs=costs[order],
-        is_diverged=bool(np.asarray(progress.is_diverged)[best]),
+        is_diverged=starts[best].is_diverged,
     )
 
 
 def _iterate(
-    method: Method, problem: Problem, progress: Progress, options: DescentOptions
-) -> tuple[Progress, list[np.ndarray]]:
-    """Return the last progress, and (K,) the least J at first and whenever it was looked at."""
-    on_iteration = options.on_iteration
-    if on_iteration is None:
-        progress = advance(method, problem, progress, np.int32(options.iterations))
-        return progress, [np.asarray(progress.first), np.asarray(progress.least)]
-    history: list[np.ndarray] = []
-    for limit in range(1, options.iterations + 1):
-        progress = advance(method, problem, progress, np.int32(limit))
-        least = np.asarray(progress.least)
-        history.append(least)
-        on_iteration(limit, float(least.min()))
-        if np.asarray(progress.is_done).all():
-            break
-    return progress, [np.asarray(progress.first), *history]
-
-
-@eqx.filter_jit
-def begin(method: Method, guesses: Float[Array, "K Z"]) -> Progress:
-    """Return the progress of every first guess, before any iteration."""
-    return jax.vmap(method.begin)(guesses)
-
-
-@eqx.filter_jit
-def advance(
     method: Method,
-    problem: Problem,
-    progress: Progress,
-    limit: Array | np.integer,
-) -> Progress:
+    evaluator: Evaluator,
+    guesses: Float[np.ndarray, "K Z"],
+    options: DescentOptions,
+) -> tuple[list[Progress], list[list[float]]]:
+    """Return the last progress, and the least J of every start at first and after each sweep."""
+    starts = [method.begin(guess) for guess in guesses]
+    history: list[list[float]] = []
+    for limit in range(1, options.iterations + 1):
+        starts = advance(method, evaluator, starts, limit)
+        least = [start.least for start in starts]
+        history.append(least)
+        if options.on_iteration is not None:
+            options.on_iteration(limit, min(least))
+        if all(start.is_done for start in starts):
+            break
+    return starts, [[start.first for start in starts], *history]
+
+
+def advance(
+    method: Method, evaluator: Evaluator, starts: Sequence[Progress], limit: int
+) -> list[Progress]:
     """Return the progress of all starts once each is done or has taken `limit` backward sweeps."""
-
-    def goes_on(progress: Progress) -> Array:
-        return ~progress.is_done & (progress.sweeps < limit)
-
-    def iterate(progress: Progress) -> Progress:
-        return method.iterate(problem, progress)
-
-    def advance_one(progress: Progress) -> Progress:
-        return jax.lax.while_loop(goes_on, iterate, progress)
-
-    if len(progress.z) > 1:
-        return jax.vmap(advance_one)(progress)
-    # Alone, without vmap: traced and compiled in about half the time, and a first controller has one start.
-    alone = jax.tree_util.tree_map(lambda leaf: leaf[0], progress)
-    return jax.tree_util.tree_map(lambda leaf: leaf[None], advance_one(alone))
+    starts = list(starts)
+    # A start may diverge: its numbers show that, and it ends.
+    with np.errstate(over="ignore", invalid="ignore"):
+        while True:
+            going = []
+            for number, start in enumerate(starts):
+                if not start.is_done and start.sweeps < limit:
+                    going.append(number)
+            if not going:
+                return starts
+            following = method.iterate(evaluator, [starts[number] for number in going])
+            for number, progress in zip(going, following, strict=True):
+                starts[number] = progress
 
 
 @eqx.filter_jit
@@ -192,3 +183,8 @@ def controls_of(
 ) -> Float[Array, "K T C"]:
     """Return the controls each row of z stands for."""
     return jax.vmap(parametrisation.controls)(jnp.asarray(z))
+
+
+def _in_float32(zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, "K Z"]:
+    with np.errstate(over="ignore"):
+        return zs.astype(np.float32)

@@ -9,16 +9,15 @@ from dataclasses import dataclass, field, replace
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from neuroanimator.control.descent.defects import no_defects
-from neuroanimator.control.descent.descend import advance, begin
+from neuroanimator.control.descent.descend import advance, pose_problem
+from neuroanimator.control.descent.evaluator import Evaluator
+from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.descent.options import DEFAULT_METHOD, check_method
 from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation
-from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.objective import Objective, check_objective
-from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.state.layout import Bounds
@@ -49,15 +48,16 @@ class Plan:
 
 @dataclass(frozen=True)
 class Planner:
-    """Finds controls from any state in one compiled call; made by `Planner.of`."""
+    """Finds controls from any state, with nothing left to compile; made by `Planner.of`."""
 
     emulator: Emulator
     objective: Objective
     parametrisation: Parametrisation
-    _search: Callable[..., tuple[Array, Array, Array]] = field(repr=False)
-    """(state, z, numbers of the objective) → controls, states, J."""
-    _numbers: tuple[Array, ...] = field(repr=False)
-    """The objective's arrays, taken out once: taking a tree apart at every call costs more than a rollout."""
+    method: str
+    iterations: int
+    """Backward sweeps of a plan, at most."""
+    _evaluator: Evaluator = field(repr=False)
+    """Of motions from the emulator's rest."""
 
     @classmethod
     def of(
@@ -71,7 +71,7 @@ class Planner:
         bounds: Bounds | None = None,
         parametrisation: Parametrisation | None = None,
     ) -> Planner:
-        """Return a planner that looks `steps` super steps ahead, compiled: about ten seconds.
+        """Return a planner that looks `steps` super steps ahead, compiled: some seconds.
 
         Times in `objective` count from the state planned from, so a goal at `all_along` is one to stay at. `bounds`
         may be tighter than the emulator's own; `parametrisation` other than one value per super step bring their own.
@@ -90,8 +90,10 @@ class Planner:
                 f"parametrisation: wanted one of {steps} super steps, came {parametrisation.steps}."
             )
         check_objective(objective, emulator, emulator.rest, steps)
-        search = _compile(emulator, objective, parametrisation, method, iterations)
-        planner = cls(emulator, objective, parametrisation, search, _numbers_of(objective))
+        problem = pose_problem(emulator, objective, parametrisation, emulator.rest)
+        planner = cls(
+            emulator, objective, parametrisation, method, iterations, JaxEvaluator(problem)
+        )
         planner.plan(emulator.rest)
         return planner
 
@@ -103,15 +105,11 @@ class Planner:
         began = time.perf_counter()
         state = self.emulator.state.check(state, "state")
         guess = self.parametrisation.guess(first)
-        controls, states, cost = self._search(
-            state.astype(np.float32), guess.astype(np.float32), self._numbers
-        )
-        return Plan(
-            np.asarray(controls, float),
-            np.asarray(states, float),
-            float(cost),
-            time.perf_counter() - began,
-        )
+        evaluator = self._evaluator.at(state)
+        method = METHODS[self.method]
+        (progress,) = advance(method, evaluator, [method.begin(guess)], self.iterations)
+        motion = evaluator.motion(progress.best)
+        return Plan(motion.controls, motion.states, progress.least, time.perf_counter() - began)
 
     def towards(self, objective: Objective) -> Planner:
         """Return this planner for an objective of the same costs with other numbers: nothing is compiled anew."""
@@ -119,35 +117,8 @@ class Planner:
             raise ArgumentError(
                 "objective: wanted the planner's costs with other numbers. Make a new planner."
             )
-        return replace(self, objective=objective, _numbers=_numbers_of(objective))
-
-
-def _compile(
-    emulator: Emulator,
-    objective: Objective,
-    parametrisation: Parametrisation,
-    method: str,
-    iterations: int,
-) -> Callable[..., tuple[Array, Array, Array]]:
-    """Return the search, with all but the state, the guess and the objective's numbers bound as constants."""
-    costs, form = eqx.partition(objective, eqx.is_array)
-    shape = jax.tree.structure(costs)
-    control_scale = as_jax(emulator.bounds.magnitude)
-    defects = no_defects(emulator, parametrisation.steps)
-    descent = METHODS[method]
-
-    def search(state: Array, z: Array, numbers: tuple[Array, ...]) -> tuple[Array, Array, Array]:
-        objective = eqx.combine(jax.tree.unflatten(shape, numbers), form)
-        problem = Problem(emulator, objective, parametrisation, state, defects, control_scale)
-        progress = advance(descent, problem, begin(descent, z[None]), np.int32(iterations))
-        motion = problem.trajectory(progress.best[0])
-        return motion.controls, motion.states, progress.least[0]
-
-    return jax.jit(search)
-
-
-def _numbers_of(objective: Objective) -> tuple[Array, ...]:
-    return tuple(jax.tree.leaves(eqx.filter(objective, eqx.is_array)))
+        problem = pose_problem(self.emulator, objective, self.parametrisation, self.emulator.rest)
+        return replace(self, objective=objective, _evaluator=JaxEvaluator(problem))
 
 
 def _without_numbers(objective: Objective) -> Objective:

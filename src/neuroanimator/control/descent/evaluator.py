@@ -1,0 +1,63 @@
+"""What a method of descent asks for: J, how it changes, and the motion, all in NumPy; whatever computes them."""
+
+from __future__ import annotations
+
+import abc
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+
+class QuadraticModel(NamedTuple):
+    """J near some z: cost + slope · dz + dz · curvature · dz / 2, with Gauss-Newton's curvature."""
+
+    curvature: Float[np.ndarray, "Z Z"]
+    """JᵀJ of the residuals' Jacobian; costs that are no sum of squares add nothing to it.
+
+    In float32, in which it was computed: in float64 LAPACK would solve with it on several threads, which wait for each
+    other a hundred times as long as they compute where a machine is busy.
+    """
+    slope: Float[np.ndarray, " Z"]
+    """dJ/dz"""
+    cost: float
+    """J at z."""
+
+
+class EmulatedMotion(NamedTuple):
+    """What the controls of one z do on the emulator."""
+
+    states: Float[np.ndarray, "T+1 S"]
+    controls: Float[np.ndarray, "T C"]
+
+
+class Evaluator(abc.ABC):
+    """J of motions from one start on the emulator, and its derivatives, for as many z as are asked for side by side.
+
+    Numbers come in and go out in float64, unless said otherwise; the emulator computes in float32.
+    """
+
+    compile_seconds: float = 0.0
+    """Time taken to compile what was asked for [s]."""
+
+    @abc.abstractmethod
+    def costs(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:
+        """Return J of each z; not finite where the emulator or the objective diverges."""
+
+    @abc.abstractmethod
+    def gradients(
+        self, zs: Float[np.ndarray, "K Z"]
+    ) -> tuple[Float[np.ndarray, " K"], Float[np.ndarray, "K Z"]]:
+        """Return (J of each z, dJ/dz)."""
+
+    @abc.abstractmethod
+    def quadratic_models(self, zs: Float[np.ndarray, "K Z"]) -> list[QuadraticModel]:
+        """Return J near each z."""
+
+    @abc.abstractmethod
+    def motion(self, z: Float[np.ndarray, " Z"]) -> EmulatedMotion:
+        """Return the emulated motion under the controls of `z`."""
+
+    @abc.abstractmethod
+    def at(self, start: Float[np.ndarray, " S"]) -> Evaluator:
+        """Return the evaluator of motions from another start; nothing is compiled anew."""

@@ -1,0 +1,64 @@
+"""The step along a direction: steps are tried until one meets the Wolfe conditions, bracketed by those that do not.
+
+The bracketing is that of Lewis and Overton (Mathematical Programming 141, 2013); within it the next step is the
+minimum of a parabola, Nocedal and Wright's eq. 3.58.
+"""
+
+from __future__ import annotations
+
+import math
+
+SUFFICIENT_FALL = 1e-4
+"""J must fall by this share of what its first slope promises: Nocedal and Wright's c1."""
+
+FLATTENED = 0.9
+"""The slope must flatten to this share of the first one: Nocedal and Wright's c2 for quasi-Newton directions."""
+
+WIDENING = 2.0
+"""A step after which J still falls steeply is followed by one so many times as long."""
+
+MARGIN = 0.1
+"""The next step keeps this share of the bracket from either end."""
+
+
+class LineSearch:
+    """One search: try `step`, `learn` what came of it, until `is_met`."""
+
+    def __init__(self, cost: float, slope: float, step: float):
+        """`cost` is J where the search begins, `slope` how it changes along the direction, `step` the first to try."""
+        self.step = step
+        self.is_met = False
+        self._cost = cost
+        self._slope = slope
+        self._low = 0.0
+        self._low_cost = cost
+        self._low_slope = slope
+        self._high = math.inf
+        self._high_cost = math.inf
+
+    def learn(self, cost: float, slope: float) -> bool:
+        """Return whether J falls enough at `step`, where it is `cost` with `slope`; and choose the next step if need be."""
+        promised = SUFFICIENT_FALL * self.step * self._slope
+        falls = math.isfinite(slope) and cost <= self._cost + promised
+        if not falls:
+            self._high = self.step
+            self._high_cost = cost
+        elif slope < FLATTENED * self._slope:
+            self._low = self.step
+            self._low_cost = cost
+            self._low_slope = slope
+        else:
+            self.is_met = True
+            return True
+        self.step = self._next_step()
+        return falls
+
+    def _next_step(self) -> float:
+        if math.isinf(self._high):
+            return WIDENING * self._low
+        width = self._high - self._low
+        bend = self._high_cost - self._low_cost - self._low_slope * width
+        share = 0.5
+        if math.isfinite(bend) and bend > 0:
+            share = -self._low_slope * width / (2 * bend)
+        return self._low + width * min(max(share, MARGIN), 1 - MARGIN)
