@@ -62,6 +62,9 @@ MIN_ROWS_PER_PART = 4
 WORTH_A_LOOP = 3
 """So many equal stretches, one behind the other, are written as a loop."""
 
+DIGITS = 9
+"""Digits that tell every float32 from the next; C++ before 2017 reads no hexadecimal ones."""
+
 APART = 9
 """Any step that is no step to a neighbour."""
 
@@ -265,7 +268,7 @@ class Writer:
         address = loop.first[column]
         literal = self.program.constants.literals.get(address)
         if literal is not None and not loop.steps[column]:
-            return _number(literal)
+            return c_number(literal)
         index = _index(loop, column)
         if address < 0:
             return f"k[{index}]"
@@ -480,7 +483,7 @@ class Writer:
             yield from self.copied(total[: len(sums)], sums)
 
 
-EACH_LANE = "for (int l = 0; l < LANES; l++) "
+EACH_LANE = "NA_EACH_LANE "
 """How a statement begins that is carried out for every lane."""
 
 STATEMENTS_PER_LOOP = 24
@@ -546,14 +549,16 @@ def _index(loop: Loop, column: int) -> str:
     return text
 
 
-def _number(number: float) -> str:
+def c_number(number: float) -> str:
     """Return a number as C reads it to the last bit."""
     if math.isinf(number):
         return "INFINITY" if number > 0 else "-INFINITY"
     if math.isnan(number):
         return "NAN"
-    text = f"{float(np.float32(number)).hex()}f"
-    return f"({text})" if number < 0 else text
+    text = f"{np.float32(number):.{DIGITS}g}"
+    if text.lstrip("-").isdigit():
+        text += ".0"
+    return f"({text}f)" if number < 0 else f"{text}f"
 
 
 def _power(exponent: int) -> str:

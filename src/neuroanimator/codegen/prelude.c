@@ -5,6 +5,13 @@
 
 #define LANES 16
 
+/* Clang would write out each such loop before it looks for vectors in it, and take minutes for a program. */
+#if defined(__clang__)
+#define NA_EACH_LANE _Pragma("clang loop unroll(disable)") for (int l = 0; l < LANES; l++)
+#else
+#define NA_EACH_LANE for (int l = 0; l < LANES; l++)
+#endif
+
 #if defined(_MSC_VER)
 #define NA_RESTRICT __restrict
 #define NA_ALIGNED __declspec(align(64))

@@ -388,7 +388,8 @@ def _stacked(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]
 
 
 def _unstacked(inputs: list[Addresses], params: dict[str, Any]) -> list[Addresses]:
-    return list(np.moveaxis(inputs[0], params["axis"], 0))
+    parts = np.moveaxis(inputs[0], params["axis"], 0)
+    return [np.asarray(part) for part in parts]  # of a vector's parts NumPy makes plain numbers
 
 
 MOVES: dict[str, Callable[[list[Addresses], dict[str, Any]], list[Addresses]]] = {
