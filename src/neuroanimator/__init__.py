@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from neuroanimator.export.csv_file import read_clip, write_clip
     from neuroanimator.export.film.video import write_video
     from neuroanimator.export.gltf.scene import write_glb
+    from neuroanimator.export.programs.c_file import write_c_header
     from neuroanimator.export.programs.onnx_file import write_onnx
     from neuroanimator.state.layout import Bounds
     from neuroanimator.state.pose import read_heights, read_pose
@@ -111,6 +112,7 @@ _HOMES = {
     "write_glb": "export.gltf.scene",
     "write_comparison": "export.comparison",
     "write_video": "export.film.video",
+    "write_c_header": "export.programs.c_file",
     "write_onnx": "export.programs.onnx_file",
     "NeuroAnimatorError": "errors",
 }
@@ -173,6 +175,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "write_comparison",
     "write_video",
     # Use elsewhere.
+    "write_c_header",
     "write_onnx",
     # Errors.
     "NeuroAnimatorError",

@@ -60,7 +60,9 @@ def six_numbers(function: Callable) -> Definition:
     shape = jax.eval_shape(function, jnp.zeros(6), jnp.zeros(6)).shape
     six = Layout((Slice("six", 6, "1"),))
     output = Port("z", Layout((Slice("z", int(np.prod(shape)), "1"),)))
-    return Definition(function, (Port("x", six), Port("y", six)), output, {"kind": "function"})
+    return Definition(
+        "six", function, (Port("x", six), Port("y", six)), output, {"kind": "function"}
+    )
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -151,12 +153,13 @@ def test_a_file_says_what_its_numbers_are_and_vectors_lie_beside_it(tmp_path: Pa
     batch = model.graph.input[0].type.tensor_type.shape.dim[0]
     assert batch.dim_param == "batch"
 
-    vectors = json.loads(written.vectors_path.read_text())
+    (vectors_path,) = written.others
+    vectors = json.loads(vectors_path.read_text())["step"]
     feeds = {name: np.array(rows, np.float32) for name, rows in vectors["inputs"].items()}
     _, computed = run_onnx(path.read_bytes(), feeds)
     expected = np.array(vectors["outputs"]["next_state"])
     assert expected.shape == (KEPT, 6)
-    assert (np.abs(computed - expected) <= vectors["tolerance"]).all()
+    assert (np.abs(computed - expected) <= vectors["tolerance"]["next_state"]).all()
 
 
 def test_the_same_emulator_gives_the_same_bytes():
@@ -167,7 +170,8 @@ def test_the_same_emulator_gives_the_same_bytes():
 def test_inputs_lie_within_training_at_its_border_and_beyond():
     emulator = load_emulator("lander-50")
     vectors = make_vectors(definition_of(emulator), emulator)
-    states, controls = vectors.inputs
+    states = vectors.inputs["state"]
+    controls = vectors.inputs["control"]
     is_covered = np.asarray(emulator.covers_encoded(emulator.encode(states)))
     assert 0.6 < is_covered.mean() < 0.95
     assert (np.abs(np.linalg.norm(states[:, 3:7], axis=1) - 1) < 1e-6).all()
@@ -180,22 +184,22 @@ def test_a_program_that_does_something_else_is_refused():
     slow = load_emulator("pendulum-50")
     fast = load_emulator("pendulum-100")
     vectors = make_vectors(definition_of(slow), slow)
-    _, computed = run_onnx(onnx_bytes(definition_of(slow)), vectors.feeds)
-    assert vectors.check(computed, "It") < 1e-4
-    _, computed = run_onnx(onnx_bytes(definition_of(fast)), vectors.feeds)
+    _, computed = run_onnx(onnx_bytes(definition_of(slow)), vectors.inputs)
+    assert vectors.check({"next_state": computed}, "It") < 1e-4
+    _, computed = run_onnx(onnx_bytes(definition_of(fast)), vectors.inputs)
     with pytest.raises(NeuroAnimatorError, match="It does not do what JAX does, so nothing"):
-        vectors.check(computed, "It")
-    computed = vectors.expected.copy()
+        vectors.check({"next_state": computed}, "It")
+    computed = vectors.expected["next_state"].copy()
     computed[3, 2] = np.nan
     with pytest.raises(NeuroAnimatorError, match="of 1000 inputs 1 differ, the first in next_st"):
-        vectors.check(computed, "It")
+        vectors.check({"next_state": computed}, "It")
 
 
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["pendulum", "--out", "p.exe"], 2, "'p.exe' ends in none of .onnx"),
-        (["pendulum", "--out", "p.onnx", "--out", "p.exe"], 2, "'p.exe' ends in none of .onnx"),
+        (["pendulum", "--out", "p.exe"], 2, "'p.exe' ends in none of .onnx, .h"),
+        (["pendulum", "--out", "p.onnx", "--out", "p.exe"], 2, "'p.exe' ends in none of .onnx, .h"),
         (["pendulm", "--out", "p.onnx"], 3, "No emulator file 'pendulm'"),
         (["pendulum", "--policy", "--out", "p.onnx"], 3, "No policy file 'pendulum'"),
         (["swing.csv", "--out", "swing.glb"], 2, "a clip needs --emulator"),

@@ -33,6 +33,8 @@ class Port(NamedTuple):
 class Definition:
     """A function in JAX, of one example, and what to know of it."""
 
+    name: str
+    """What the function is called."""
     function: Callable[..., Array]
     """Of one array for each of `inputs`; it returns the one of `output`."""
     inputs: tuple[Port, ...]
@@ -61,7 +63,7 @@ def emulator_definition(emulator: Emulator, licence: str = "") -> Definition:
 
     inputs = (Port("state", emulator.state), Port("control", emulator.control))
     facts = _facts("emulator", emulator, licence)
-    return Definition(super_step, inputs, Port("next_state", emulator.state), facts)
+    return Definition("step", super_step, inputs, Port("next_state", emulator.state), facts)
 
 
 def policy_definition(policy: Policy, licence: str = "") -> Definition:
@@ -82,7 +84,7 @@ def policy_definition(policy: Policy, licence: str = "") -> Definition:
     facts["command_low"] = list(policy.ranges.low)
     facts["command_high"] = list(policy.ranges.high)
     facts["phase_per_step"] = policy.tick
-    return Definition(answer, inputs, Port("control", emulator.control), facts)
+    return Definition("control", answer, inputs, Port("control", emulator.control), facts)
 
 
 def definition_of(model: Emulator | Policy, licence: str = "") -> Definition:

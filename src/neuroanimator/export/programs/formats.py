@@ -8,10 +8,12 @@ from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import load_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.programs.onnx_file import Written, write_onnx
+from neuroanimator.export.programs.c_file import write_c_header
+from neuroanimator.export.programs.onnx_file import write_onnx
+from neuroanimator.export.programs.written import Written
 from neuroanimator.zoo import find_emulator, find_policy, licence_of
 
-WRITERS = {".onnx": write_onnx}
+WRITERS = {".onnx": write_onnx, ".h": write_c_header}
 """What writes a program, by how its file name ends."""
 
 POLICY_ENDING = ".policy.safetensors"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,8 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.programs.definition import Definition, Port, definition_of
 from neuroanimator.export.programs.onnx_graph import FLOAT, onnx_graph
-from neuroanimator.export.programs.vectors import make_vectors
+from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, make_vectors, save_vectors
+from neuroanimator.export.programs.written import Written
 from neuroanimator.storage.files import write_whole
 
 if TYPE_CHECKING:
@@ -31,29 +31,6 @@ BATCH = "batch"
 """Name of the first axis of every tensor."""
 
 
-@dataclass(frozen=True)
-class Written:
-    """What an export wrote, and how it was checked."""
-
-    path: Path
-    vectors_path: Path
-    size: int
-    """Of the program [bytes]."""
-    runtime: str
-    """What ran the program beside JAX."""
-    checked: int
-    """On so many inputs."""
-    difference: float
-    """The largest one, in units of the output."""
-
-    def summary(self) -> str:
-        """Return one line: what was written, its size, and how it was checked."""
-        return (
-            f"{self.path}: {self.size / 1e3:.0f} kB; in {self.runtime} {self.checked:,} inputs give what they give in "
-            f"JAX, to {self.difference:.0e} of the output's scale; {self.vectors_path.name} has some of them."
-        )
-
-
 def write_onnx(model: Emulator | Policy, path: Path, licence: str = "") -> Written:
     """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
 
@@ -67,12 +44,12 @@ def write_onnx(model: Emulator | Policy, path: Path, licence: str = "") -> Writt
     definition = definition_of(model, licence)
     content = onnx_bytes(definition)
     vectors = make_vectors(definition, model)
-    runtime, computed = run_onnx(content, vectors.feeds)
-    difference = vectors.check(computed, f"The ONNX graph in {runtime}")
-    vectors_path = path.with_suffix(".vectors.json")
-    vectors.save(vectors_path)
+    runtime, computed = run_onnx(content, vectors.inputs)
+    difference = vectors.check({definition.output.name: computed}, f"The ONNX graph in {runtime}")
+    vectors_path = path.with_suffix(VECTORS_SUFFIX)
+    save_vectors(vectors_path, definition, {definition.name: vectors})
     write_whole(path, content)
-    return Written(path, vectors_path, len(content), runtime, len(computed), difference)
+    return Written(path, (vectors_path,), len(content), runtime, vectors.count, difference)
 
 
 def onnx_bytes(definition: Definition) -> bytes:

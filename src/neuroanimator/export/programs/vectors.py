@@ -6,32 +6,36 @@ A program that does not do the same with a thousand of them is not kept; some of
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.definition import Definition
-from neuroanimator.state.layout import Bounds
+from neuroanimator.state.layout import Bounds, Layout
 from neuroanimator.storage.files import write_whole
 
-MOTIONS = 20
+MOTIONS = 24
 """Short random motions states are taken from."""
 
 STEPS = 49
 """Super steps of each motion: with its start fifty states."""
 
-COUNT = MOTIONS * (STEPS + 1)
-"""Inputs a program is held against JAX in."""
+COUNT = 1000
+"""Inputs a program is held against JAX in: of those of the motions that are a test."""
 
-KEPT = 100
+VECTORS_SUFFIX = ".vectors.json"
+"""How the name of the file ends that test vectors ship in, instead of the program's suffix."""
+
+KEPT = 50
 """Inputs that are written to a file."""
 
 FURTHEST = 16.0
@@ -43,6 +47,18 @@ HALVINGS = 12
 BEYOND = 1.1
 """Times the way to the border of states that lie beyond it: there the domain's clip is at work."""
 
+OFF_BOUNDS = 0.97
+"""Times the way from the middle to a bound that controls of gradients go."""
+
+NUDGE = 2.0**-22
+"""How much inputs are changed to see whether an output hangs on their last digits."""
+
+MAX_DOUBT = 2e-4
+"""Output that changes by more then, in its unit, is no test of a program."""
+
+MIN_SHARE = 0.5
+"""Share of `COUNT` that must be left."""
+
 TOLERANCE = 1e-3
 """Difference allowed, in units of the output: both sides are float32, and order their sums differently."""
 
@@ -52,79 +68,171 @@ ROUNDING = 4 * float(np.finfo(np.float32).eps)
 DIGITS = 9
 """Digits that tell every float32 from the next."""
 
+Arrays = dict[str, np.ndarray]
+"""Inputs or outputs (N, _) by name."""
+
 
 @dataclass(frozen=True, eq=False)
 class Vectors:
-    """Inputs of a program, and its outputs as JAX computes them."""
+    """Inputs of a function, by name, and its outputs as JAX computes them."""
 
-    definition: Definition
-    inputs: tuple[Float[np.ndarray, "N _"], ...]
-    expected: Float[np.ndarray, "N O"]
-    units: Float[np.ndarray, " O"]
-    """What an error in each entry of the output is measured in: the part's largest change, or half a control's range."""
-
-    @property
-    def feeds(self) -> dict[str, np.ndarray]:
-        """The inputs by their names."""
-        names = [port.name for port in self.definition.inputs]
-        return dict(zip(names, self.inputs, strict=True))
+    inputs: dict[str, Float[np.ndarray, "N _"]]
+    expected: dict[str, Float[np.ndarray, "N _"]]
+    units: dict[str, Float[np.ndarray, " _"]]
+    """What an error in each entry is measured in: a part's largest change, half a control's range, or the like."""
 
     @property
-    def tolerance(self) -> Float[np.ndarray, " O"]:
-        """The difference allowed in each entry of the output."""
-        return TOLERANCE * self.units + ROUNDING * np.abs(self.expected).max(axis=0)
+    def count(self) -> int:
+        """How many inputs there are."""
+        return len(next(iter(self.expected.values())))
 
-    def check(self, computed: Float[np.ndarray, "N O"], where: str) -> float:
-        """Return the largest difference of what was `computed` elsewhere, in units of the output.
+    def tolerance(self, output: str) -> Float[np.ndarray, " _"]:
+        """Return the difference allowed in each entry of an output."""
+        rounding = ROUNDING * np.abs(self.expected[output]).max(axis=0)
+        return TOLERANCE * self.units[output] + rounding
+
+    def check(self, computed: dict[str, Float[np.ndarray, "N _"]], where: str) -> float:
+        """Return the largest difference of what was `computed` elsewhere, in units of the outputs.
 
         Raises NeuroAnimatorError if one is larger than allowed.
         """
-        differences = np.abs(computed.astype(float) - self.expected)
-        is_wrong = ~(differences <= self.tolerance)  # NaN is wrong, too
-        if is_wrong.any():
-            row, entry = np.argwhere(is_wrong)[0]
-            raise NeuroAnimatorError(
-                f"{where} does not do what JAX does, so nothing was written: of {len(computed)} inputs "
-                f"{is_wrong.any(axis=1).sum()} differ, the first in {self.definition.output.name}[{entry}], "
-                f"{computed[row, entry]:g} for {self.expected[row, entry]:g}. Please report it."
-            )
-        return float((differences / np.maximum(self.units, ROUNDING)).max())
+        largest = 0.0
+        for output, expected in self.expected.items():
+            found = computed[output]
+            differences = np.abs(found.astype(float) - expected)
+            is_wrong = ~(differences <= self.tolerance(output))  # NaN is wrong, too
+            if is_wrong.any():
+                row, entry = np.argwhere(is_wrong)[0]
+                raise NeuroAnimatorError(
+                    f"{where} does not do what JAX does, so nothing was written: of {self.count} inputs "
+                    f"{is_wrong.any(axis=1).sum()} differ, the first in {output}[{entry}], "
+                    f"{found[row, entry]:g} for {expected[row, entry]:g}. Please report it."
+                )
+            share = differences / np.maximum(self.units[output], ROUNDING)
+            largest = max(largest, float(share.max()))
+        return largest
 
-    def save(self, path: Path) -> None:
-        """Write `KEPT` of the vectors to `path` as JSON: facts, inputs, the output, and what it may differ by."""
-        kept = np.linspace(0, len(self.expected) - 1, KEPT).astype(int)
-        inputs = {name: _rounded(array[kept]) for name, array in self.feeds.items()}
-        content = {
-            "facts": self.definition.facts,
-            "inputs": inputs,
-            "outputs": {self.definition.output.name: _rounded(self.expected[kept])},
-            "tolerance": _rounded(self.tolerance),
+    def to_json(self) -> dict[str, Any]:
+        """Return `KEPT` of the inputs and outputs, and what each entry of an output may differ by."""
+        kept = np.linspace(0, self.count - 1, KEPT).astype(int)
+        return {
+            "inputs": {name: _rounded(array[kept]) for name, array in self.inputs.items()},
+            "outputs": {name: _rounded(array[kept]) for name, array in self.expected.items()},
+            "tolerance": {name: _rounded(self.tolerance(name)) for name in self.expected},
         }
-        write_whole(path, json.dumps(content, separators=(",", ":"), allow_nan=False).encode())
+
+
+def save_vectors(path: Path, definition: Definition, functions: dict[str, Vectors]) -> None:
+    """Write the facts and the vectors of each function, by name, to `path` as JSON."""
+    content: dict[str, Any] = {"facts": definition.facts}
+    for name, vectors in functions.items():
+        content[name] = vectors.to_json()
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    write_whole(path, text.encode("ascii"))
 
 
 def make_vectors(definition: Definition, model: Emulator | Policy) -> Vectors:
     """Return `COUNT` inputs of `model`, the same each time, and what JAX makes of them in float32.
 
-    Raises NeuroAnimatorError where that is not finite.
+    Raises NeuroAnimatorError where that is not finite, or hangs on the last digits of the inputs, too often.
     """
     rng = np.random.default_rng(0)
     if isinstance(model, Policy):
-        inputs = _policy_inputs(model, rng)
+        arrays = _policy_inputs(model, rng)
     else:
-        inputs = _emulator_inputs(model, rng)
-    arrays = tuple(array.astype(np.float32) for array in inputs)
-    expected = np.asarray(jax.jit(jax.vmap(definition.function))(*arrays))
-    if not np.isfinite(expected).all():
-        raise NeuroAnimatorError(
-            f"{definition.facts['system']}: numbers that are not finite follow from states like those it was trained "
-            "on. Train it longer before exporting it."
-        )
-    if isinstance(model, Policy):
-        units = model.emulator.bounds.half
-    else:
-        units = _largest_changes(model, expected - arrays[0])
-    return Vectors(definition, arrays, expected, units)
+        arrays = _emulator_inputs(model, rng)
+    names = [port.name for port in definition.inputs]
+    inputs = {name: array.astype(np.float32) for name, array in zip(names, arrays, strict=True)}
+
+    def units(inputs: Arrays, outputs: Arrays) -> Arrays:
+        (output,) = outputs
+        if isinstance(model, Policy):
+            return {output: model.emulator.bounds.half}
+        return {output: _largest_in_part(model.state, outputs[output] - inputs["state"])}
+
+    def function(*arrays: Array) -> dict[str, Array]:
+        return {definition.output.name: definition.function(*arrays)}
+
+    return _steady_vectors(function, inputs, units, definition.facts["system"])
+
+
+def make_gradient_vectors(definition: Definition, emulator: Emulator, vectors: Vectors) -> Vectors:
+    """Return the inputs of `vectors` with random cotangents, and the vector-Jacobian products JAX makes of them.
+
+    Controls stay off their bounds: at a kink there are two gradients, and rounding chooses. Raises as `make_vectors`.
+    """
+    rng = np.random.default_rng(1)
+    states = vectors.inputs["state"]
+    bounds = emulator.bounds
+    controls = bounds.middle + OFF_BOUNDS * (vectors.inputs["control"] - bounds.middle)
+    inputs = {
+        "state": states,
+        "control": controls.astype(np.float32),
+        "cotangent": rng.normal(size=states.shape).astype(np.float32),
+    }
+
+    def units(inputs: Arrays, outputs: Arrays) -> Arrays:
+        return {
+            "by_state": _largest_in_part(emulator.state, outputs["by_state"]),
+            "by_control": _largest_in_part(emulator.control, outputs["by_control"]),
+        }
+
+    def gradient(
+        state: Float[Array, " S"], control: Float[Array, " C"], cotangent: Float[Array, " S"]
+    ) -> dict[str, Array]:
+        _, pull_back = jax.vjp(definition.function, state, control)
+        by_state, by_control = pull_back(cotangent)
+        return {"by_state": by_state, "by_control": by_control}
+
+    return _steady_vectors(gradient, inputs, units, emulator.system)
+
+
+def _steady_vectors(
+    function: Callable[..., dict[str, Array]],
+    inputs: Arrays,
+    units: Callable[[Arrays, Arrays], Arrays],
+    system: str,
+) -> Vectors:
+    """Return the vectors of `function`, at most `COUNT`, for those `inputs` that are a test of it.
+
+    They are none where JAX itself gives no number, or another one when the last digits of the inputs change.
+    """
+    rng = np.random.default_rng(2)
+    run = jax.jit(jax.vmap(function))
+    outputs = _as_numpy(run(*inputs.values()))
+    nudged = []
+    for array in inputs.values():
+        nudged.append(array * (1 + NUDGE * rng.uniform(-1, 1, array.shape)).astype(np.float32))
+    others = _as_numpy(run(*nudged))
+    is_steady = np.ones(len(next(iter(outputs.values()))), bool)
+    for name, output in outputs.items():
+        is_steady &= np.isfinite(output).all(axis=1) & np.isfinite(others[name]).all(axis=1)
+    inputs = _rows(inputs, is_steady)
+    outputs = _rows(outputs, is_steady)
+    others = _rows(others, is_steady)
+    if is_steady.any():
+        scales = units(inputs, outputs)
+        shares = [
+            np.abs(outputs[name] - others[name]) / np.maximum(scales[name], ROUNDING)
+            for name in outputs
+        ]
+        hangs = np.concatenate(shares, axis=1).max(axis=1)
+        chosen = np.flatnonzero(hangs < MAX_DOUBT)[:COUNT]
+        if len(chosen) >= MIN_SHARE * COUNT:
+            return Vectors(_rows(inputs, chosen), _rows(outputs, chosen), scales)
+    raise NeuroAnimatorError(
+        f"{system}: from most states like those it was trained on follows no number, or one that hangs on rounding. "
+        "Train it longer before exporting it."
+    )
+
+
+def _as_numpy(arrays: dict[str, Array]) -> Arrays:
+    return {name: np.asarray(array) for name, array in arrays.items()}
+
+
+def _rows(arrays: Arrays, chosen: np.ndarray) -> Arrays:
+    """Return some rows of every array, by a mask or by numbers, each row in one piece."""
+    return {name: np.ascontiguousarray(array[chosen]) for name, array in arrays.items()}
 
 
 def _emulator_inputs(emulator: Emulator, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
@@ -134,14 +242,14 @@ def _emulator_inputs(emulator: Emulator, rng: np.random.Generator) -> tuple[np.n
 
 def _policy_inputs(policy: Policy, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
     """Return states (N, S), phases (N, 1) and commands (N, 4)."""
-    phases = rng.uniform(0, 2 * np.pi, (COUNT, 1))
+    phases = rng.uniform(0, 2 * np.pi, (MOTIONS * (STEPS + 1), 1))
     return _states(policy.emulator), phases, _within(policy.ranges, rng)
 
 
 def _within(bounds: Bounds, rng: np.random.Generator) -> Float[np.ndarray, "N C"]:
     """Return random numbers between `bounds`, one in three rows at the bounds."""
-    share = rng.uniform(-1, 1, (COUNT, len(bounds.low)))
-    at_bounds = np.arange(COUNT) % 3 == 0
+    share = rng.uniform(-1, 1, (MOTIONS * (STEPS + 1), len(bounds.low)))
+    at_bounds = np.arange(len(share)) % 3 == 0
     share[at_bounds] = np.sign(share[at_bounds])
     return bounds.middle + share * bounds.half
 
@@ -181,14 +289,12 @@ def _stretched(
     return moved
 
 
-def _largest_changes(
-    emulator: Emulator, changes: Float[np.ndarray, "N S"]
-) -> Float[np.ndarray, " S"]:
-    """Return for each entry of a state how much its part changes at most."""
+def _largest_in_part(layout: Layout, numbers: Float[np.ndarray, "N S"]) -> Float[np.ndarray, " S"]:
+    """Return for each entry how large the numbers of its part are at most."""
     largest = []
-    for part in emulator.state.slices:
-        part_changes = emulator.state.part(changes, part.name)
-        largest.append(np.full(part.size, np.abs(part_changes).max(), float))
+    for part in layout.slices:
+        size = np.abs(layout.part(numbers, part.name)).max()
+        largest.append(np.full(part.size, size, float))
     return np.concatenate(largest)
 
 

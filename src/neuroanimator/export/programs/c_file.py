@@ -1,0 +1,149 @@
+"""Write an emulator or a policy as a C header, after its compiled functions have been held against JAX."""
+
+from __future__ import annotations
+
+import ctypes
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from neuroanimator.compiler.compiler import compiled_library, find_compiler
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.probes import BORDERLINE
+from neuroanimator.errors import NeuroAnimatorError, ResourceError
+from neuroanimator.export.programs.c_header import c_header, identifier
+from neuroanimator.export.programs.definition import definition_of
+from neuroanimator.export.programs.vectors import (
+    VECTORS_SUFFIX,
+    Vectors,
+    make_gradient_vectors,
+    make_vectors,
+    save_vectors,
+)
+from neuroanimator.export.programs.written import Written
+from neuroanimator.storage.files import write_whole
+
+FLAGS = (("-O1", "-Wall", "-Wextra", "-Werror"),)
+"""Flags a header is compiled with to be checked."""
+
+Call = Callable[..., int]
+"""A function of C that takes arrays and whole numbers, called by its name without the header's own."""
+
+
+def write_c_header(model: Emulator | Policy, path: Path, licence: str = "") -> Written:
+    """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
+
+    Its functions begin with the file's name: `fish_step` in `fish.h`. The header says what they take. `licence` is
+    named in it if there is one.
+
+    Raises ResourceError without a C compiler, UnsupportedError for an operation there is no C for, and
+    NeuroAnimatorError where a function does not do what JAX does; then nothing is written.
+    """
+    compiler = _compiler()
+    definition = definition_of(model, licence)
+    name = identifier(path.stem)
+    text = c_header(model, definition, name)
+    call = compiled_header(text, name)
+    functions = {definition.name: make_vectors(definition, model)}
+    differences = []
+    if isinstance(model, Policy):
+        differences.append(_check_policy(call, functions["control"]))
+    else:
+        functions["vjp"] = make_gradient_vectors(definition, model, functions["step"])
+        differences.append(check_steps(call, functions["step"]))
+        differences.append(check_gradients(call, functions["vjp"]))
+        check_covers(call, model, functions["step"])
+    vectors_path = path.with_suffix(VECTORS_SUFFIX)
+    save_vectors(vectors_path, definition, functions)
+    content = text.encode("ascii")
+    write_whole(path, content)
+    count = functions[definition.name].count
+    return Written(path, (vectors_path,), len(content), f"C by {compiler}", count, max(differences))
+
+
+def check_steps(call: Call, vectors: Vectors) -> float:
+    """Hold every way to make super steps against JAX; return the largest difference."""
+    states = vectors.inputs["state"]
+    controls = vectors.inputs["control"]
+    singles = _room(*states.shape)
+    rollouts = _room(len(states), 2, states.shape[1])
+    for row, (state, control) in enumerate(zip(states, controls, strict=True)):
+        call("step", state, control, singles[row])
+        call("rollout", state, control, 1, rollouts[row])
+    batch = _room(*states.shape)
+    call("step_batch", states, controls, len(states), batch)
+    ways = {"step": singles, "rollout": rollouts[:, 1], "step_batch": batch}
+    return max(vectors.check({"next_state": ways[name]}, f"{name} in C") for name in ways)
+
+
+def check_gradients(call: Call, vectors: Vectors) -> float:
+    """Hold vector-Jacobian products against JAX; return the largest difference."""
+    computed = {name: _room(*array.shape) for name, array in vectors.expected.items()}
+    arrays = [vectors.inputs[name] for name in ("state", "control", "cotangent")]
+    arrays += [computed[name] for name in ("by_state", "by_control")]
+    for rows in zip(*arrays, strict=True):
+        call("vjp", *rows)
+    return vectors.check(computed, "vjp in C")
+
+
+def check_covers(call: Call, emulator: Emulator, vectors: Vectors) -> None:
+    """Hold what is covered against JAX; a number at its border may be rounded to either side."""
+    states = vectors.inputs["state"]
+    controls = vectors.inputs["control"]
+    expected = np.asarray(emulator.covers_encoded(emulator.encode(states)))
+    computed = [call("covers", *row) == 1 for row in zip(states, controls, strict=True)]
+    if np.mean(expected != computed) > BORDERLINE:
+        raise NeuroAnimatorError(
+            "covers in C does not do what JAX does, so nothing was written. Please report it."
+        )
+
+
+def _check_policy(call: Call, vectors: Vectors) -> float:
+    computed = _room(*vectors.expected["control"].shape)
+    inputs = [vectors.inputs[name] for name in ("state", "phase", "command")]
+    for state, phase, command, control in zip(*inputs, computed, strict=True):
+        call("control", state, float(phase[0]), command, control)
+    return vectors.check({"control": computed}, "control in C")
+
+
+def _room(*shape: int) -> np.ndarray:
+    """Return an array for C to write to."""
+    return np.zeros(shape, np.float32)
+
+
+def _compiler() -> str:
+    compiler = find_compiler()
+    if compiler is None:
+        raise ResourceError(
+            "A header is compiled and compared with JAX before it is written, and there is no C compiler. Install gcc "
+            "or clang."
+        )
+    return Path(shlex.split(compiler)[0]).name
+
+
+def compiled_header(text: str, name: str) -> Call:
+    """Return what calls the compiled functions of a header."""
+    compiler = _compiler()
+    library = compiled_library(f"#define {name.upper()}_IMPLEMENTATION\n{text}", FLAGS)
+    if library is None:
+        raise NeuroAnimatorError(f"{compiler} does not compile {name}.h. Please report it.")
+
+    def call(function: str, *arguments: np.ndarray | float) -> int:
+        converted = [_converted(argument) for argument in arguments]
+        return getattr(library, f"{name}_{function}")(*converted)
+
+    return call
+
+
+def _converted(argument: np.ndarray | float) -> ctypes.c_void_p | ctypes.c_int | ctypes.c_float:
+    """Return an argument as C takes it; arrays must be of float32 and in C's order."""
+    if isinstance(argument, np.ndarray):
+        assert argument.dtype == np.float32
+        assert argument.flags.c_contiguous
+        return ctypes.c_void_p(argument.ctypes.data)
+    if isinstance(argument, int):
+        return ctypes.c_int(argument)
+    return ctypes.c_float(argument)

@@ -1,0 +1,236 @@
+"""A C header does what its emulator or policy does in JAX, compiles everywhere without a warning, or is not written."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import Cli
+
+from neuroanimator import (
+    NeuroAnimatorError,
+    load_emulator,
+    load_policy,
+    write_c_header,
+)
+from neuroanimator.compiler import compiler
+from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.errors import ResourceError
+from neuroanimator.export.programs.c_file import check_gradients, check_steps, compiled_header
+from neuroanimator.export.programs.c_header import c_header, identifier, part_names
+from neuroanimator.export.programs.definition import definition_of
+from neuroanimator.export.programs.vectors import (
+    KEPT,
+    make_gradient_vectors,
+    make_vectors,
+)
+from neuroanimator.state.layout import Layout, Slice
+from neuroanimator.zoo import POLICIES, SHIPPED
+
+needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+WARNINGS = ("-Wall", "-Wextra", "-Werror")
+
+COMPILERS: dict[str, list[str]] = {
+    "gcc": ["gcc", "-std=c99", "-pedantic"],
+    "gcc without vectors, as MSVC has none": ["gcc", "-std=c99", "-pedantic", "-DNA_PLAIN"],
+    "clang": ["clang", "-std=c99"],
+    "zig": [sys.executable, "-m", "ziglang", "cc", "-std=c99"],
+    "C++": ["g++", "-x", "c++", "-std=c++11"],
+    "C++ of today": ["g++", "-x", "c++"],
+}
+
+
+def has(command: list[str]) -> bool:
+    """Return whether the machine has this compiler."""
+    if "ziglang" in command:
+        return importlib.util.find_spec("ziglang") is not None
+    return shutil.which(command[0]) is not None
+
+
+@pytest.fixture(scope="module")
+def lander(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The header of the lander, whose state has a quaternion."""
+    path = tmp_path_factory.mktemp("header") / "lander.h"
+    write_c_header(load_emulator("lander-50"), path, "Apache-2.0")
+    return path
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", COMPILERS)
+def test_every_compiler_takes_it_without_a_warning(name: str, lander: Path, tmp_path: Path):
+    command = COMPILERS[name]
+    if not has(command):
+        pytest.skip(f"no {command[0]}")
+    source = tmp_path / "lander.c"
+    source.write_text(f'#define LANDER_IMPLEMENTATION\n#include "{lander}"\n')
+    made = [*command, *WARNINGS, "-c", str(source), "-o", str(tmp_path / "lander.o")]
+    result = subprocess.run(made, capture_output=True, text=True, cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+@needs_compiler
+def test_two_headers_go_into_one_file_and_functions_are_declared_in_others(
+    lander: Path, tmp_path: Path
+):
+    write_c_header(load_policy("fish"), tmp_path / "swim.h")
+    (tmp_path / "both.c").write_text(
+        "#define LANDER_IMPLEMENTATION\n#define SWIM_IMPLEMENTATION\n#define LANDER_WITHOUT_VJP\n"
+        f'#include "{lander}"\n#include "swim.h"\n'
+    )
+    (tmp_path / "main.c").write_text(
+        f'#include "{lander}"\n#include "swim.h"\n#include <stdio.h>\n'
+        "int main(void) {\n"
+        "    float state[LANDER_STATE], body[SWIM_STATE], control[SWIM_CONTROL];\n"
+        "    const float command[4] = {0.1f};\n"
+        "    lander_step(lander_rest, lander_control_high, state);\n"
+        "    for (int i = 0; i < SWIM_STATE; i++) body[i] = swim_rest[i];\n"
+        "    swim_control(body, 0.5f, command, control);\n"
+        '    printf("%.9g %.9g", state[LANDER_STATE_ROOT_VELOCITY + 2], control[0]);\n'
+        "    return 0;\n}\n"
+    )
+    build = ["gcc", *WARNINGS, "main.c", "both.c", "-o", "main", "-lm"]
+    subprocess.run(build, cwd=tmp_path, check=True)
+    said = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True).stdout
+    rising, muscle = map(float, said.split())
+
+    emulator = load_emulator("lander-50")
+    state = emulator.step(emulator.rest, np.array(emulator.bounds.high))
+    expected = emulator.state.part(np.asarray(state), "root.velocity")[2]
+    assert rising == pytest.approx(expected, rel=1e-4)
+    policy = load_policy("fish")
+    latent = policy.emulator.encode(jnp.asarray(policy.emulator.rest))
+    control = policy.control(latent, jnp.asarray(0.5), jnp.array([0.1, 0, 0, 0]))
+    assert muscle == pytest.approx(float(control[0]), rel=1e-4)
+
+
+@needs_compiler
+def test_vectors_of_value_and_gradient_lie_beside_it(lander: Path):
+    vectors = json.loads(lander.with_name("lander.vectors.json").read_text())
+    assert vectors["facts"]["system"] == "lander"
+    assert np.shape(vectors["step"]["outputs"]["next_state"]) == (KEPT, 13)
+    assert np.shape(vectors["vjp"]["outputs"]["by_control"]) == (KEPT, 4)
+    assert np.shape(vectors["vjp"]["tolerance"]["by_state"]) == (13,)
+    text = lander.read_text()
+    assert text.isascii()
+    assert "Weights: Apache-2.0." in text
+    assert "LANDER_STATE_ROOT_ORIENTATION = 3, /* 4 [quaternion] */" in text
+
+
+@needs_compiler
+def test_a_function_that_does_something_else_is_refused():
+    slow = load_emulator("pendulum-50")
+    fast = load_emulator("pendulum-100")
+    definition = definition_of(slow)
+    vectors = make_vectors(definition, slow)
+    gradients = make_gradient_vectors(definition, slow, vectors)
+    right = compiled_header(c_header(slow, definition, "it"), "it")
+    assert check_steps(right, vectors) < 1e-4
+    assert check_gradients(right, gradients) < 1e-4
+    wrong = compiled_header(c_header(fast, definition_of(fast), "it"), "it")
+    with pytest.raises(NeuroAnimatorError, match="^step in C does not do what JAX does, so not"):
+        check_steps(wrong, vectors)
+    with pytest.raises(NeuroAnimatorError, match="^vjp in C does not do what JAX does"):
+        check_gradients(wrong, gradients)
+
+
+@needs_compiler
+def test_a_batch_of_any_size_may_be_stepped_in_place_and_latent_states_go_on():
+    emulator = load_emulator("lander-50")
+    call = compiled_header(c_header(emulator, definition_of(emulator), "it"), "it")
+    rng = np.random.default_rng(0)
+    for count in (1, 15, 16, 33):
+        bounds = emulator.bounds
+        shares = rng.uniform(-1, 1, (3, count, 4))
+        controls = (bounds.middle + shares * bounds.half).astype(np.float32)
+        states = np.tile(emulator.rest.astype(np.float32), (count, 1))
+        latents = np.zeros((count, 13), np.float32)
+        for state, latent in zip(states, latents, strict=True):
+            call("encode", state, latent)
+        advanced = states.copy()
+        expected = np.asarray(emulator.rollout(states, controls.swapaxes(0, 1)))[:, -1]
+        for held in controls:
+            call("step_batch", states, held, count, states)
+            call("advance_batch", latents, held, count, advanced)
+        np.testing.assert_allclose(states, expected, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(advanced, expected, rtol=1e-4, atol=1e-4)
+
+
+@needs_compiler
+def test_covers_says_what_the_emulator_says():
+    emulator = load_emulator("pendulum-50")
+    call = compiled_header(c_header(emulator, definition_of(emulator), "it"), "it")
+    rest = emulator.rest.astype(np.float32)
+    torque = np.zeros(3, np.float32)
+    too_fast = rest + np.float32(100)
+    for state, control in [
+        (rest, torque),
+        (rest, np.float32([14, -14, 14])),
+        (rest, np.float32([14.1, 0, 0])),
+        (rest, np.float32([np.nan, 0, 0])),
+        (too_fast, torque),
+        (rest * np.float32(np.nan), torque),
+    ]:
+        assert (call("covers", state, control) == 1) == emulator.covers(state, control)
+
+
+def test_names_are_identifiers_whatever_a_file_calls_its_parts():
+    assert identifier("pendulum-passive") == "pendulum_passive"
+    assert identifier("3 legs") == "na_3_legs"
+    assert identifier("größe") == "gr_e"
+    assert identifier("*/ int main(") == "int_main"
+    assert identifier("...") == "na_"
+    layout = Layout(tuple(Slice(name, 1, "m") for name in ("a.b", "a b", "a_b", "A:B_1")))
+    names = part_names(layout)
+    assert len(set(names)) == 4
+    assert names[0] == "A_B"
+
+
+def test_no_text_of_an_emulator_reaches_the_header():
+    emulator = load_emulator("pendulum-50")
+    hostile = '*/\n#include "/etc/passwd"\n/*'
+    definition = definition_of(emulator, hostile)
+    definition = replace(definition, facts=definition.facts | {"system": hostile})
+    comment, _, rest = c_header(emulator, definition, "it").partition("*/")
+    assert comment.count("passwd") == 2
+    assert "passwd" not in rest
+
+
+def test_without_a_compiler_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(compiler.shutil, "which", lambda name: None)
+    monkeypatch.delenv("CC", raising=False)
+    with pytest.raises(ResourceError, match="there is no C compiler. Install gcc or clang."):
+        write_c_header(load_emulator("pendulum-50"), tmp_path / "p.h")
+    assert not list(tmp_path.iterdir())
+
+
+@needs_compiler
+def test_the_suffix_chooses_and_one_line_says_what_was_written(cli: Cli, tmp_path: Path):
+    result = cli("export", "pendulum", "--out", "p.h", "--out", "p.onnx", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    header, graph = result.stdout.splitlines()
+    assert header.startswith("p.h: ")
+    assert "in C by" in header
+    assert graph.startswith("p.onnx: ")
+
+
+@pytest.mark.endurance
+@needs_compiler
+@pytest.mark.parametrize(("system", "substeps"), SHIPPED)
+def test_every_emulator_that_ships_can_be_a_header(system: str, substeps: int, tmp_path: Path):
+    written = write_c_header(load_emulator(f"{system}-{substeps}"), tmp_path / "it.h")
+    assert written.difference < 1e-3
+
+
+@pytest.mark.endurance
+@needs_compiler
+@pytest.mark.parametrize("name", POLICIES)
+def test_every_policy_that_ships_can_be_a_header(name: str, tmp_path: Path):
+    assert write_c_header(load_policy(name), tmp_path / "it.h").difference < 1e-3
