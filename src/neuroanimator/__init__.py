@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from neuroanimator.export.gltf.scene import write_glb
     from neuroanimator.export.programs.c_file import write_c_header
     from neuroanimator.export.programs.onnx_file import write_onnx
+    from neuroanimator.export.programs.wasm_file import write_wasm
     from neuroanimator.state.layout import Bounds
     from neuroanimator.state.pose import read_heights, read_pose
     from neuroanimator.systems import load_system
@@ -114,6 +115,7 @@ _HOMES = {
     "write_video": "export.film.video",
     "write_c_header": "export.programs.c_file",
     "write_onnx": "export.programs.onnx_file",
+    "write_wasm": "export.programs.wasm_file",
     "NeuroAnimatorError": "errors",
 }
 
@@ -177,6 +179,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     # Use elsewhere.
     "write_c_header",
     "write_onnx",
+    "write_wasm",
     # Errors.
     "NeuroAnimatorError",
 ]

@@ -40,7 +40,7 @@ def build_library(
     text: str, command: list[str], flag_sets: tuple[tuple[str, ...], ...], folder: Path
 ) -> bytes:
     """Return the shared library of the C program `text`, made in `folder` with the first flags the compiler knows."""
-    with _build_folder(folder) as work_folder:
+    with build_folder(folder) as work_folder:
         source = work_folder / "program.c"
         unlinked = work_folder / "program.o"
         library = work_folder / "program.so"
@@ -50,7 +50,7 @@ def build_library(
         for flags in flag_sets:
             options = ["-std=gnu11", *flags, "-fPIC"]
             compile_ = [*command, *options, "-c", str(source), "-o", str(unlinked)]
-            is_made = _succeeds(compile_, work_folder) and _succeeds(link, work_folder)
+            is_made = succeeds(compile_, work_folder) and succeeds(link, work_folder)
             if is_made and library.is_file():
                 return library.read_bytes()
     raise CompilerError(f"{command[0]} failed")
@@ -64,11 +64,20 @@ def compiler_version(program: str) -> str:
     return said.decode(errors="replace")
 
 
-def _succeeds(command: list[str], work_folder: Path) -> bool:
+def succeeds(
+    command: list[str],
+    work_folder: Path,
+    patience: float = PATIENCE,
+    variables: dict[str, str] | None = None,
+) -> bool:
+    """Return whether `command` ends well in `work_folder`, with these environment variables besides.
+
+    Raises NoCompilerError if it cannot be started, or does not end within `patience` [s].
+    """
     # What a compiler leaves behind when it is killed lies in the folder that goes.
-    surroundings = os.environ | {"TMPDIR": str(work_folder), "LC_ALL": "C"}
+    surroundings = os.environ | {"TMPDIR": str(work_folder), "LC_ALL": "C"} | (variables or {})
     with _started(command, stdout=subprocess.DEVNULL, cwd=work_folder, env=surroundings) as process:
-        return process.wait(PATIENCE) == 0
+        return process.wait(patience) == 0
 
 
 @contextmanager
@@ -95,7 +104,7 @@ def _started(command: list[str], **options: Any) -> Iterator[subprocess.Popen[by
 
 
 @contextmanager
-def _build_folder(folder: Path) -> Iterator[Path]:
+def build_folder(folder: Path) -> Iterator[Path]:
     """Yield a folder to build in. While its builder lives it is locked, so that nobody else removes it."""
     temporary = tempfile.TemporaryDirectory(prefix=BUILD, dir=folder, ignore_cleanup_errors=True)
     with temporary as work_folder:

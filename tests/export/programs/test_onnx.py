@@ -198,8 +198,12 @@ def test_a_program_that_does_something_else_is_refused():
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["pendulum", "--out", "p.exe"], 2, "'p.exe' ends in none of .onnx, .h"),
-        (["pendulum", "--out", "p.onnx", "--out", "p.exe"], 2, "'p.exe' ends in none of .onnx, .h"),
+        (["pendulum", "--out", "p.exe"], 2, "'p.exe' ends in none of .h, .wasm, .onnx"),
+        (
+            ["pendulum", "--out", "p.onnx", "--out", "p.exe"],
+            2,
+            "'p.exe' ends in none of .h, .wasm, .onnx",
+        ),
         (["pendulm", "--out", "p.onnx"], 3, "No emulator file 'pendulm'"),
         (["pendulum", "--policy", "--out", "p.onnx"], 3, "No policy file 'pendulum'"),
         (["swing.csv", "--out", "swing.glb"], 2, "a clip needs --emulator"),

@@ -15,7 +15,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import BORDERLINE
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_header import c_header, identifier
-from neuroanimator.export.programs.definition import definition_of
+from neuroanimator.export.programs.definition import Definition, definition_of
 from neuroanimator.export.programs.vectors import (
     VECTORS_SUFFIX,
     Vectors,
@@ -29,7 +29,7 @@ from neuroanimator.storage.files import write_whole
 FLAGS = (("-O1", "-Wall", "-Wextra", "-Werror"),)
 """Flags a header is compiled with to be checked."""
 
-Call = Callable[..., int]
+Call = Callable[..., int | None]
 """A function of C that takes arrays and whole numbers, called by its name without the header's own."""
 
 
@@ -46,22 +46,29 @@ def write_c_header(model: Emulator | Policy, path: Path, licence: str = "") -> W
     definition = definition_of(model, licence)
     name = identifier(path.stem)
     text = c_header(model, definition, name)
-    call = compiled_header(text, name)
-    functions = {definition.name: make_vectors(definition, model)}
-    differences = []
-    if isinstance(model, Policy):
-        differences.append(_check_policy(call, functions["control"]))
-    else:
-        functions["vjp"] = make_gradient_vectors(definition, model, functions["step"])
-        differences.append(check_steps(call, functions["step"]))
-        differences.append(check_gradients(call, functions["vjp"]))
-        check_covers(call, model, functions["step"])
+    functions, difference = check_functions(compiled_header(text, name), model, definition)
     vectors_path = path.with_suffix(VECTORS_SUFFIX)
     save_vectors(vectors_path, definition, functions)
     content = text.encode("ascii")
     write_whole(path, content)
     count = functions[definition.name].count
-    return Written(path, (vectors_path,), len(content), f"C by {compiler}", count, max(differences))
+    return Written(path, (vectors_path,), len(content), f"C by {compiler}", count, difference)
+
+
+def check_functions(
+    call: Call, model: Emulator | Policy, definition: Definition
+) -> tuple[dict[str, Vectors], float]:
+    """Hold all functions of a header against JAX; return (vectors by function, the largest difference).
+
+    Raises NeuroAnimatorError where one does not do what JAX does.
+    """
+    values = make_vectors(definition, model)
+    if isinstance(model, Policy):
+        return {definition.name: values}, _check_policy(call, values)
+    gradients = make_gradient_vectors(definition, model, values)
+    check_covers(call, model, values)
+    difference = max(check_steps(call, values), check_gradients(call, gradients))
+    return {definition.name: values, "vjp": gradients}, difference
 
 
 def check_steps(call: Call, vectors: Vectors) -> float:
@@ -131,7 +138,7 @@ def compiled_header(text: str, name: str) -> Call:
     if library is None:
         raise NeuroAnimatorError(f"{compiler} does not compile {name}.h. Please report it.")
 
-    def call(function: str, *arguments: np.ndarray | float) -> int:
+    def call(function: str, *arguments: np.ndarray | float) -> int | None:
         converted = [_converted(argument) for argument in arguments]
         return getattr(library, f"{name}_{function}")(*converted)
 

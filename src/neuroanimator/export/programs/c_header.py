@@ -27,6 +27,7 @@ from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, step
 from neuroanimator.emulator.probes import latent_is_covered
 from neuroanimator.export.programs.definition import Definition
 from neuroanimator.state.layout import Layout
+from neuroanimator.text import printable
 
 NUMBERS_PER_LINE = 12
 """Numbers of an array that stand on one line."""
@@ -60,7 +61,7 @@ def c_header(model: Emulator | Policy, definition: Definition, name: str) -> str
         sizes, functions, constants = _emulator_parts(model, name)
     guard = name.upper()
     lines = [
-        f"/* {name}.h: {_about(definition)}",
+        f"/* {name}.h: {about(definition)}",
         "",
         f"   In one C or C++ file: #define {guard}_IMPLEMENTATION before it is included. No memory is allocated and",
         "   nothing is kept between calls, so threads may share it. SI units, radians, Z up, quaternions wxyz.",
@@ -143,7 +144,7 @@ def _emulator_parts(
 
     state = (emulator.state.size,)
     control = (emulator.control.size,)
-    latent = jax.eval_shape(emulator.encode, jnp.zeros(state)).shape
+    latent = (latent_size(emulator),)
     constants = SharedConstants()
 
     def write(suffix: str, function: Callable[..., Any], *inputs: Input) -> CFunction:
@@ -188,13 +189,19 @@ def _policy_parts(policy: Policy, name: str) -> tuple[dict[str, int], list[CFunc
     )
 
 
-def _about(definition: Definition) -> str:
+def latent_size(emulator: Emulator) -> int:
+    """Return the length of a latent state."""
+    return jax.eval_shape(emulator.encode, jnp.zeros(emulator.state.size)).shape[0]
+
+
+def about(definition: Definition) -> str:
+    """Return one line of ASCII that says what a program does, for a comment."""
     facts = definition.facts
-    about = f"the {facts['kind']} of {facts['system']}, one super step of {facts['dt']:g} s."
+    said = f"the {facts['kind']} of {facts['system']}, one super step of {facts['dt']:g} s."
     if "licence" in facts:
-        about += f" Weights: {facts['licence']}."
+        said += f" Weights: {facts['licence']}."
     # Whatever a caller in Python names a system or a licence, it stays within the comment.
-    return about.encode("ascii", "replace").decode("ascii").replace("*/", "* /")
+    return printable(said).encode("ascii", "replace").decode("ascii").replace("*/", "* /")
 
 
 def _sizes(

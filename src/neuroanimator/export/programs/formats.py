@@ -10,10 +10,11 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.programs.c_file import write_c_header
 from neuroanimator.export.programs.onnx_file import write_onnx
+from neuroanimator.export.programs.wasm_file import write_wasm
 from neuroanimator.export.programs.written import Written
 from neuroanimator.zoo import find_emulator, find_policy, licence_of
 
-WRITERS = {".onnx": write_onnx, ".h": write_c_header}
+WRITERS = {".h": write_c_header, ".wasm": write_wasm, ".onnx": write_onnx}
 """What writes a program, by how its file name ends."""
 
 POLICY_ENDING = ".policy.safetensors"

@@ -1,0 +1,154 @@
+"""Write an emulator or a policy as a WebAssembly module, with the ES module that calls it and its types."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import re
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from neuroanimator.compiler.build import CompilerError
+from neuroanimator.compiler.wasm import wasm_module
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import NeuroAnimatorError, ResourceError
+from neuroanimator.export.programs.c_file import check_functions
+from neuroanimator.export.programs.c_header import about, c_header, identifier, latent_size
+from neuroanimator.export.programs.definition import Definition, definition_of
+from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, save_vectors
+from neuroanimator.export.programs.written import Written
+from neuroanimator.storage.files import write_whole
+
+if TYPE_CHECKING:
+    import wasmtime
+
+FUNCTIONS = {
+    "emulator": ("step", "step_batch", "rollout", "encode", "advance_batch", "vjp", "covers"),
+    "policy": ("control",),
+}
+"""What a module exports, by the kind of what it does."""
+
+NUMBERS = ("rest", "control_low", "control_high")
+"""Arrays that it exports, too."""
+
+ALIGNMENT = 64
+"""Bytes to which arrays in a module's memory are aligned."""
+
+PAGE = 1 << 16
+"""Bytes by which a module's memory grows."""
+
+
+def write_wasm(model: Emulator | Policy, path: Path, licence: str = "") -> Written:
+    """Write `model` to `path`, after holding it against JAX, with `fish.js`, `fish.d.ts` and test vectors beside it.
+
+    The ES module says what there is to call. `licence` is named in it if there is one.
+
+    Raises ResourceError without Zig and wasmtime, UnsupportedError for an operation there is no C for, and
+    NeuroAnimatorError where a function does not do what JAX does; then nothing is written.
+    """
+    runtime = _import_wasmtime()
+    definition = definition_of(model, licence)
+    name = identifier(path.stem)
+    content = wasm_bytes(model, definition, name)
+    functions, difference = check_functions(Module(runtime, content, name).call, model, definition)
+    others = {
+        path.with_suffix(".js"): _filled("js", model, definition, name),
+        path.with_suffix(".d.ts"): _filled("d.ts", model, definition, name),
+    }
+    vectors_path = path.with_suffix(VECTORS_SUFFIX)
+    save_vectors(vectors_path, definition, functions)
+    for other, text in others.items():
+        write_whole(other, text.encode("ascii"))
+    write_whole(path, content)
+    count = functions[definition.name].count
+    return Written(path, (*others, vectors_path), len(content), "wasmtime", count, difference)
+
+
+def wasm_bytes(model: Emulator | Policy, definition: Definition, name: str) -> bytes:
+    """Return the module, whose functions begin with `name`."""
+    text = f"#define {name.upper()}_IMPLEMENTATION\n{c_header(model, definition, name)}"
+    exports = [*FUNCTIONS[definition.facts["kind"]], *NUMBERS]
+    try:
+        return wasm_module(text, [f"{name}_{export}" for export in exports])
+    except CompilerError as error:
+        raise NeuroAnimatorError(f"{name}.wasm: {error}. Please report it.") from error
+
+
+class Module:
+    """A module that runs in this process, where nothing else is within its reach."""
+
+    def __init__(self, runtime: Any, content: bytes, name: str):
+        self._name = name
+        self._store: wasmtime.Store = runtime.Store()
+        module = runtime.Module(self._store.engine, content)
+        self._exports = runtime.Instance(self._store, module, []).exports(self._store)
+        self._exports["_initialize"](self._store)
+
+    def call(self, function: str, *arguments: np.ndarray | float) -> int | None:
+        """Call a function with arrays, which are copied in and back, and numbers."""
+        top = self._exports["__heap_base"].value(self._store)
+        addresses = []
+        for argument in arguments:
+            if isinstance(argument, np.ndarray):
+                top = -(-top // ALIGNMENT) * ALIGNMENT
+                addresses.append(top)
+                top += argument.nbytes
+        self._make_room(top)
+        converted: list[float] = []
+        remaining = iter(addresses)
+        for argument in arguments:
+            if isinstance(argument, np.ndarray):
+                address = next(remaining)
+                ctypes.memmove(self._start() + address, argument.ctypes.data, argument.nbytes)
+                converted.append(address)
+            else:
+                converted.append(argument)
+        answer = self._exports[f"{self._name}_{function}"](self._store, *converted)
+        arrays = [argument for argument in arguments if isinstance(argument, np.ndarray)]
+        for array, address in zip(arrays, addresses, strict=True):
+            ctypes.memmove(array.ctypes.data, self._start() + address, array.nbytes)
+        return answer
+
+    def _start(self) -> int:
+        """Return the address in this process of the module's memory, which moves when it grows."""
+        pointer = self._exports["memory"].data_ptr(self._store)
+        return ctypes.cast(pointer, ctypes.c_void_p).value or 0
+
+    def _make_room(self, size: int) -> None:
+        memory = self._exports["memory"]
+        missing = size - memory.data_len(self._store)
+        if missing > 0:
+            memory.grow(self._store, -(-missing // PAGE))
+
+
+def _filled(suffix: str, model: Emulator | Policy, definition: Definition, name: str) -> str:
+    """Return the ES module, or its types, with names, sizes and facts filled in."""
+    facts = definition.facts
+    emulator = model.emulator if isinstance(model, Policy) else model
+    folder = resources.files("neuroanimator.export.programs")
+    text = (folder / f"{facts['kind']}.{suffix}").read_text(encoding="utf-8")
+    values = {
+        "about": about(definition),
+        "generator": facts["generator"],
+        "name": name,
+        "facts": json.dumps(facts),
+        "state": str(emulator.state.size),
+        "control": str(emulator.control.size),
+        "latent": str(latent_size(emulator)),
+    }
+    return re.sub(r"@(\w+)@", lambda found: values[found[1]], text)
+
+
+def _import_wasmtime() -> Any:
+    try:
+        import wasmtime
+    except ImportError:
+        raise ResourceError(
+            "A WebAssembly module is run before it is written, and wasmtime is missing. Install it with: "
+            "pip install 'neuroanimator[wasm]'"
+        ) from None
+    return wasmtime
