@@ -18,7 +18,10 @@ from neuroanimator.training.recipes import RECIPES
 from neuroanimator.zoo import SHIPPED, shipped_path
 
 
-def test_a_row_of_the_table_is_complete(cli_process, tmp_path: Path):
+def test_a_row_of_the_table_is_complete(
+    cli_process, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("NEUROANIMATOR_BACKEND", "auto")
     out = tmp_path / "bench"
     result = cli_process(
         "bench",

@@ -92,7 +92,7 @@ def test_a_function_is_the_same_in_c(name: str):
     function, shapes = FUNCTIONS[name]
     constants = Constants()
     written = c_function(
-        "it", without_module(function), None, *map(Input, shapes), constants=constants
+        "it", without_module(function), None, list(map(Input, shapes)), constants=constants
     )
     call = compiled(written, constants)
     for seed in range(3):
@@ -109,7 +109,7 @@ def test_sixteen_lanes_are_sixteen_calls(name: str):
     function, shapes = FUNCTIONS[name]
     constants = Constants()
     wide = [Input(shape, is_wide=True) for shape in shapes]
-    written = c_function("it", without_module(function), None, *wide, constants=constants)
+    written = c_function("it", without_module(function), None, wide, constants=constants)
     call = compiled(written, constants)
     lanes = [random_inputs(shapes, seed) for seed in range(WIDTH)]
     expected = np.stack([np.asarray(function(*map(jnp.asarray, lane))) for lane in lanes], axis=-1)
@@ -143,7 +143,7 @@ def test_a_gradient_is_the_same_in_c(name: str, is_wide: bool):
     constants = Constants()
     late = Input(value.shape, is_wide=is_wide, is_late=True)
     written = c_function(
-        "it", without_module(pull), None, *map(Input, shapes), late, constants=constants
+        "it", without_module(pull), None, [*map(Input, shapes), late], constants=constants
     )
     call = compiled(written, constants)
     tape = room(written.tape + WIDTH)
@@ -173,7 +173,9 @@ def test_an_elementary_function_is_right_to_a_few_units_of_the_last_place(
     exact = {"logistic": lambda x: 1 / (1 + np.exp(-x))}.get(name) or getattr(np, name)
     constants = Constants()
     count = 1000
-    written = c_function("it", without_module(function), None, Input((count,)), constants=constants)
+    written = c_function(
+        "it", without_module(function), None, [Input((count,))], constants=constants
+    )
     inputs = np.linspace(low, high, count, dtype=np.float32)
     found = room(count)
     compiled(written, constants)("it", [inputs, found])
@@ -185,7 +187,7 @@ def test_an_elementary_function_is_right_to_a_few_units_of_the_last_place(
 def test_what_is_not_a_number_stays_so():
     constants = Constants()
     function = lambda x: jnp.tanh(jnp.clip(x, -1, 1)) + jnp.exp(jnp.maximum(x, 0))  # noqa: E731
-    written = c_function("it", without_module(function), None, Input((20,)), constants=constants)
+    written = c_function("it", without_module(function), None, [Input((20,))], constants=constants)
     found = room(20)
     compiled(written, constants)("it", [np.full(20, np.nan, np.float32), found])
     assert np.isnan(found).all()
@@ -222,7 +224,7 @@ def test_weights_are_data_so_that_the_text_is_shared():
     def text_with(seed: int) -> str:
         matrix, shift, scale = random_inputs(((21, 37), (37,), ()), seed)
         weights = {"matrix": jnp.asarray(matrix), "shift": shift, "scale": jnp.asarray(scale)}
-        return c_function("it", function, weights, Input((21,)), constants=Constants()).text
+        return c_function("it", function, weights, [Input((21,))], constants=Constants()).text
 
     assert text_with(0) == text_with(1)
 
@@ -232,7 +234,7 @@ def test_loops_are_refused_by_name():
         return jax.lax.while_loop(lambda y: y.sum() < 9, lambda y: y + 1, x)
 
     with pytest.raises(UnsupportedError, match="'while'"):
-        c_function("it", function, None, Input((3,)), constants=Constants())
+        c_function("it", function, None, [Input((3,))], constants=Constants())
 
 
 @pytest.mark.parametrize(
@@ -240,7 +242,7 @@ def test_loops_are_refused_by_name():
 )
 def test_places_that_are_computed_are_refused(function: Callable):
     with pytest.raises(UnsupportedError):
-        c_function("it", function, None, Input((3,)), constants=Constants())
+        c_function("it", function, None, [Input((3,))], constants=Constants())
 
 
 @needs_compiler
@@ -250,7 +252,9 @@ def test_eigenvectors_are_those_of_jax():
         return vectors * jnp.sign(vectors[0])
 
     constants = Constants()
-    call = compiled(c_function("it", function, None, Input((4, 4)), constants=constants), constants)
+    call = compiled(
+        c_function("it", function, None, [Input((4, 4))], constants=constants), constants
+    )
     for seed in range(5):
         (matrix,) = random_inputs(((4, 4),), seed)
         found = room(4, 4)

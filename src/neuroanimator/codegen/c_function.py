@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
 from neuroanimator.codegen.c_text import Writer, fused
 from neuroanimator.codegen.program import (
+    EARLY,
+    FLOAT_BYTES,
     LATE,
     SPACES,
     TAPE,
     WIDE,
-    Addresses,
+    WIDTH,
     Constants,
-    Operation,
     Program,
-    spaces_of,
 )
 from neuroanimator.codegen.trace import Input, trace
 
@@ -44,100 +44,89 @@ def c_function(
     name: str,
     function: Callable[..., Any],
     module: Any,
-    *inputs: Input,
+    inputs: Sequence[Input],
     constants: Constants,
+    *,
+    values: int = 1,
+    is_public: bool = False,
 ) -> CFunction:
     """Return C text of `static void name(const float *k, const float *x0, ..., float *y0, ...)`.
 
     `function` (module, x0, ...) returns an array or a tuple of arrays; `k` are the `constants`, to which those of the
-    function are added. Arrays are in C's order; what is wide has its sixteen lanes last. With late inputs there are
-    two functions: `name_forward(k, early inputs, t, tv, early outputs)`, and `name_backward(k, t, tv, late inputs,
-    late outputs)` that goes on from the tape `t`, and `tv` of lanes. Nothing is kept between calls, so threads may
-    share them.
+    function are added. Arrays are in C's order; what is wide has its sixteen lanes last, and outputs are wide if an
+    input is. With late inputs there are two functions: `name_forward(k, early inputs, t, tv, early outputs)`, and
+    `name_backward(k, t, tv, late inputs, late outputs)` that goes on from the tape `t`, and `tv` of lanes; the first
+    `values` outputs, of which there may be none, are the early ones. Nothing is kept between calls, so threads may share them. What `is_public` can
+    be called from outside the library.
 
     Raises UnsupportedError for what there is no C for, such as loops.
     """
     program = trace(function, module, *inputs, constants=constants)
-    writer = Writer(program)
+    linkage = "" if is_public else "static "
     if not any(entry.is_late for entry in inputs):
-        body = _body(program, writer, program.operations, list(inputs), is_late=False)
-        head, scratch = _head(name, program, inputs, is_late=None)
-        return CFunction("\n".join([*head, *body, "}"]) + "\n", scratch=scratch)
-    early = [operation for operation in program.operations if not operation.is_late]
-    late = [operation for operation in program.operations if operation.is_late]
-    forward = _body(program, writer, early, list(inputs), is_late=False)
-    backward = _body(program, writer, late, list(inputs), is_late=True)
-    forward_head, forward_scratch = _head(f"{name}_forward", program, inputs, is_late=False)
-    backward_head, backward_scratch = _head(f"{name}_backward", program, inputs, is_late=True)
-    lines = [*forward_head, *forward, "}", *backward_head, *backward, "}"]
+        everything = _Part(program, inputs, range(len(program.outputs)), is_late=False)
+        lines, scratch = everything.write(f"{linkage}void {name}", tapes=())
+        return CFunction("\n".join(lines) + "\n", scratch=scratch)
+    forward = _Part(program, inputs, range(values), is_late=False)
+    backward = _Part(program, inputs, range(values, len(program.outputs)), is_late=True)
+    tapes = ("float *NA_RESTRICT t", "float *NA_RESTRICT tv")
+    lines, scratch = forward.write(f"{linkage}void {name}_forward", tapes)
+    read_only = tuple(f"const {tape}" for tape in tapes)
+    more, more_scratch = backward.write(f"{linkage}void {name}_backward", read_only)
     return CFunction(
-        "\n".join(lines) + "\n",
+        "\n".join([*lines, *more]) + "\n",
         tape=program.sizes.get(TAPE, 0),
         wide_tape=program.sizes.get(TAPE | WIDE, 0),
-        scratch=max(forward_scratch, backward_scratch),
+        scratch=max(scratch, more_scratch),
     )
 
 
-def _body(
-    program: Program,
-    writer: Writer,
-    operations: list[Operation],
-    inputs: list[Input],
-    *,
-    is_late: bool,
-) -> list[str]:
-    """Return what loads the inputs of one part, computes, and stores its outputs."""
-    lines: list[str] = []
-    for number, (addresses, entry) in enumerate(zip(program.inputs, inputs, strict=True)):
-        if entry.is_late == is_late:
-            lines += writer.loaded(f"x{number}", addresses.ravel())
-    for operation in operations:
-        lines += writer.write(operation)
-    for number, output in enumerate(program.outputs):
-        if _is_late(output) == is_late:
-            lines += writer.stored(output.ravel(), f"y{number}")
-    return list(fused(lines))
+@dataclass(frozen=True)
+class _Part:
+    """One of the functions a program becomes: all of it, what comes before the cotangents, or what comes after."""
 
+    program: Program
+    inputs: Sequence[Input]
+    outputs: range
+    is_late: bool
 
-def _head(
-    name: str, program: Program, inputs: tuple[Input, ...], *, is_late: bool | None
-) -> tuple[list[str], int]:
-    """Return (the first lines of a part, bytes of the arrays they declare); `is_late` is None for a whole function."""
-    parameters = ["const float *NA_RESTRICT k"]
-    xs = [
-        f"const float *x{number}"
-        for number, entry in enumerate(inputs)
-        if is_late is None or entry.is_late == is_late
-    ]
-    ys = [
-        f"float *y{number}"
-        for number, output in enumerate(program.outputs)
-        if is_late is None or _is_late(output) == is_late
-    ]
-    if is_late is None:
-        parameters += [*xs, *ys]
-    elif is_late:
-        tapes = ["const float *NA_RESTRICT t", "const float *NA_RESTRICT tv"]
-        parameters += [*tapes, *xs, *ys]
-    else:
-        tapes = ["float *NA_RESTRICT t", "float *NA_RESTRICT tv"]
-        parameters += [*xs, *tapes, *ys]
-    lines = [f"static void {name}({', '.join(parameters)}) {{"]
-    scratch = 0
-    for space in (0, WIDE):
-        number = space | (LATE if is_late else 0)
-        size = program.sizes.get(number, 0)
-        if size:
-            lanes = "LANES * " if space else ""
-            lines.append(f"NA_ALIGNED float {SPACES[number]}[{lanes}{size}];")
-            scratch += 4 * size * (16 if space else 1)
-    lines.append("(void)k;")
-    if is_late is not None:
-        lines.append("(void)t; (void)tv;")
-    return lines, scratch
+    def write(self, declared: str, tapes: tuple[str, ...]) -> tuple[list[str], int]:
+        """Return (the function's lines, bytes of the arrays it declares)."""
+        body = list(fused(self._body(Writer(self.program))))  # it may take more room
+        arrays, scratch = self._arrays()
+        unused = "".join(f"(void){name}; " for name in ("k", "t", "tv")[: 1 + len(tapes)])
+        head = f"{declared}({', '.join(self._parameters(tapes))}) {{"
+        return [head, *arrays, unused, *body, "}"], scratch
 
+    def _numbers(self) -> list[int]:
+        return [n for n, entry in enumerate(self.inputs) if entry.is_late == self.is_late]
 
-def _is_late(addresses: Addresses) -> bool:
-    """Return whether any entry depends on a late input."""
-    inside = addresses[addresses >= 0]
-    return bool((spaces_of(inside) & LATE).any())
+    def _parameters(self, tapes: tuple[str, ...]) -> list[str]:
+        xs = [f"const float *x{number}" for number in self._numbers()]
+        ys = [f"float *y{number}" for number in self.outputs]
+        between = [*tapes, *xs] if self.is_late else [*xs, *tapes]
+        return ["const float *NA_RESTRICT k", *between, *ys]
+
+    def _arrays(self) -> tuple[list[str], int]:
+        lines = []
+        scratch = 0
+        for space in (EARLY, WIDE):
+            number = space | (LATE if self.is_late else EARLY)
+            size = self.program.sizes.get(number, 0)
+            if size:
+                lanes = "LANES * " if space else ""
+                lines.append(f"NA_ALIGNED float {SPACES[number]}[{lanes}{size}];")
+                scratch += FLOAT_BYTES * size * (WIDTH if space else 1)
+        return lines, scratch
+
+    def _body(self, writer: Writer) -> Iterator[str]:
+        """Yield what loads the inputs, computes, and stores the outputs."""
+        for number in self._numbers():
+            yield from writer.loaded(f"x{number}", self.program.inputs[number].ravel())
+        for operation in self.program.operations:
+            if operation.is_late == self.is_late:
+                yield from writer.write(operation)
+        is_wide = any(self.inputs[number].is_wide for number in self._numbers())
+        for number in self.outputs:
+            output = self.program.outputs[number].ravel()
+            yield from writer.stored(output, f"y{number}", is_wide=is_wide)

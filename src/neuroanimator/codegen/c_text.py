@@ -120,9 +120,8 @@ class Writer:
         """Yield what copies `source` (N,) to `target` (N,)."""
         return self._elementwise("{0}", [source], target)
 
-    def stored(self, source: Addresses, name: str) -> Iterator[str]:
-        """Yield what copies `source` (N,) to the array `name`, which has lanes where any of the source has."""
-        is_wide = is_any_wide(source)
+    def stored(self, source: Addresses, name: str, *, is_wide: bool) -> Iterator[str]:
+        """Yield what copies `source` (N,) to the array `name`, which has lanes if it `is_wide`."""
         target = np.arange(len(source)) + OUTSIDE * SPACE
         for loop in self._loops([source, target]):
             text = self._term(loop, 0)

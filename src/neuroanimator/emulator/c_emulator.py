@@ -59,9 +59,9 @@ def c_program(emulator: Emulator) -> CProgram:
     constants = Constants()
     write = partial(c_function, constants=constants)
     functions = [
-        write("encode", encode, emulator, state),
-        write("super_step", super_step, emulator, latent, control),
-        write("latent_is_covered", latent_is_covered, emulator, latent),
+        write("encode", encode, emulator, [state]),
+        write("super_step", super_step, emulator, [latent, control]),
+        write("latent_is_covered", latent_is_covered, emulator, [latent]),
     ]
     texts = [function.text for function in functions]
     return CProgram(_library(emulator, texts, "rollout.c"), constants.data(), {})
@@ -74,8 +74,8 @@ def c_program_of_lanes(emulator: Emulator) -> CProgram:
     constants = Constants()
     write = partial(c_function, constants=constants)
     functions = [
-        write("encode", encode, emulator, state),
-        write("super_step_lanes", super_step, emulator, latent, control),
+        write("encode", encode, emulator, [state]),
+        write("super_step_lanes", super_step, emulator, [latent, control]),
     ]
     texts = [function.text for function in functions]
     return CProgram(_library(emulator, texts, "rollouts.c"), constants.data(), {})
@@ -114,10 +114,10 @@ class CEmulator:
         """Return the state one super step later."""
         following = np.empty(self.state_size, np.float32)
         self.program.library.step(
-            _pointer(self.program.constants),
-            _pointer(state),
-            _pointer(control),
-            _pointer(following),
+            pointer(self.program.constants),
+            pointer(state),
+            pointer(control),
+            pointer(following),
         )
         return following
 
@@ -127,11 +127,11 @@ class CEmulator:
         """Return the trajectory from `state`, it included."""
         states = np.empty((len(controls) + 1, self.state_size), np.float32)
         self.program.library.rollout(
-            _pointer(self.program.constants),
-            _pointer(state),
-            _pointer(controls),
+            pointer(self.program.constants),
+            pointer(state),
+            pointer(controls),
             ctypes.c_long(len(controls)),
-            _pointer(states),
+            pointer(states),
         )
         return states
 
@@ -146,12 +146,12 @@ class CEmulator:
         count, steps, _ = controls.shape
         result = np.empty((count, steps + 1, self.state_size), np.float32)
         lanes.library.rollouts(
-            _pointer(lanes.constants),
-            _pointer(states),
-            _pointer(controls),
+            pointer(lanes.constants),
+            pointer(states),
+            pointer(controls),
             ctypes.c_long(count),
             ctypes.c_long(steps),
-            _pointer(result),
+            pointer(result),
         )
         return result
 
@@ -159,10 +159,11 @@ class CEmulator:
         """Return whether `state` lies in the range of the training."""
         function = self.program.library.covers
         function.restype = ctypes.c_float
-        return bool(function(_pointer(self.program.constants), _pointer(state)))
+        return bool(function(pointer(self.program.constants), pointer(state)))
 
 
-def _pointer(array: np.ndarray) -> ctypes.c_void_p:
+def pointer(array: np.ndarray) -> ctypes.c_void_p:
+    """Return where an array lies, for C."""
     return ctypes.c_void_p(array.ctypes.data)
 
 

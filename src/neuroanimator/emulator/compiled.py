@@ -120,6 +120,13 @@ def _program(function: Callable[..., Any], form: Form) -> Program:
     return Program(jax.jit(run, inline=True))
 
 
+def as_numpy(numbers: Array) -> Float[AnyArray, ...]:
+    """Return an array of JAX as one of NumPy; as it is inside somebody's `jax.jit`, `grad` or `vmap`."""
+    if isinstance(numbers, jax.core.Tracer):
+        return numbers
+    return np.array(numbers)
+
+
 class Step:
     """A super step to call: from Python, and inside `jax.jit`, `jax.grad` and `jax.vmap`.
 
@@ -169,7 +176,7 @@ class Step:
             return call_compiled(self._function, self._emulator, state, control)
         program = self._program_of(self._emulator)
         if program is None:
-            return np.array(call_compiled(self._function, self._emulator, state, control))
+            return as_numpy(call_compiled(self._function, self._emulator, state, control))
         return program.step(state, control)
 
     def _checked(

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.backend import backend
 from neuroanimator.emulator.arrays import as_jax
-from neuroanimator.emulator.compiled import Step, call_compiled
+from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.features import Features
@@ -203,8 +203,8 @@ class Emulator(eqx.Module):
         """Return the trajectory (T+1, S) from `state` (S,) under `controls` (T, C), the start included.
 
         A batch is `state` (B, S) with `controls` (B, T, C). With `may_diverge`, numbers that are not finite are
-        returned where the motion comes to that. Of arrays of JAX it is one of JAX, and can be transformed; of all else
-        it is one of NumPy, computed by the `backend`.
+        returned where the motion comes to that. Of arrays of JAX it is one of JAX; of all else it is one of
+        NumPy, computed by the `backend`.
 
         Raises ArgumentError for wrong shapes, for numbers that are not finite or larger than `MAX_MAGNITUDE`, and
         for states no motion follows from; DivergedError where a motion ends in numbers that are not finite.
@@ -226,7 +226,7 @@ class Emulator(eqx.Module):
             return call_compiled(function, self, state, controls)
         program = program_of(self)
         if program is None:
-            return np.array(call_compiled(function, self, state, controls))
+            return as_numpy(call_compiled(function, self, state, controls))
         if state.ndim == 2:
             return program.rollouts(state, controls)
         return program.rollout(state, controls)

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
+from neuroanimator.backend import backend
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.body_frame import Frame
@@ -34,9 +35,19 @@ def no_defects(emulator: Emulator, steps: int) -> Float[Array, "T V"]:
 def find_defects(emulator: Emulator, states: ArrayLike, controls: ArrayLike) -> Float[Array, "T V"]:
     """Return what must be added to every super step for the emulator to go through `states` of the physics.
 
-    `states` (T+1, S) are those that `controls` (T, C) led to.
+    `states` (T+1, S) are those that `controls` (T, C) led to. Computed by the `backend`.
     """
-    return _find_defects(emulator, as_jax(states), as_jax(controls))
+    chain = None
+    if backend() != "jax":
+        # It is written in terms of this module.
+        from neuroanimator.control.descent.chain import chain_of
+
+        chain = chain_of(emulator)
+    if chain is None:
+        return _find_defects(emulator, as_jax(states), as_jax(controls))
+    latent = np.ascontiguousarray(emulator.encode(np.asarray(states, np.float32)), np.float32)
+    predicted = chain.apart(latent[:-1], np.ascontiguousarray(controls, np.float32))
+    return as_jax(still_frame(emulator).difference(predicted, latent[1:]))
 
 
 @eqx.filter_jit

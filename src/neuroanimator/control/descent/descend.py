@@ -6,16 +6,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.evaluator import Evaluator
-from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
+from neuroanimator.control.descent.evaluators import controls_of, evaluator_of
 from neuroanimator.control.descent.methods import METHODS, Method, Progress
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.parametrisation import Parametrisation
@@ -114,14 +111,14 @@ def _descend(
     problem: Problem, guesses: Float[np.ndarray, "K Z"], options: DescentOptions
 ) -> Descent:
     method = METHODS[options.method]
-    evaluator = JaxEvaluator(problem)
+    evaluator = evaluator_of(problem)
     began = time.perf_counter()
     with phase("descending"):
         starts, history = _iterate(method, evaluator, guesses, options)
     best_zs = np.stack([start.best for start in starts])
     seconds = time.perf_counter() - began - evaluator.compile_seconds
     with phase("compiling"):
-        candidates = np.asarray(controls_of(problem.parametrisation, _in_float32(best_zs)), float)
+        candidates = controls_of(problem.parametrisation, best_zs)
     costs = np.array([start.least for start in starts])
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
     best = order[0]
@@ -175,16 +172,3 @@ def advance(
             following = method.iterate(evaluator, [starts[number] for number in going])
             for number, progress in zip(going, following, strict=True):
                 starts[number] = progress
-
-
-@eqx.filter_jit
-def controls_of(
-    parametrisation: Parametrisation, z: Float[Array | np.ndarray, "K Z"]
-) -> Float[Array, "K T C"]:
-    """Return the controls each row of z stands for."""
-    return jax.vmap(parametrisation.controls)(jnp.asarray(z))
-
-
-def _in_float32(zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, "K Z"]:
-    with np.errstate(over="ignore"):
-        return zs.astype(np.float32)

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.descent.descend import controls_of, pose_problem
+from neuroanimator.backend import backend
+from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.objective import Objective, cost_and_slopes
@@ -138,7 +139,7 @@ def difference_gradient(
     starts = np.broadcast_to(start, (2 * len(shifts), len(start)))
     with jax.enable_x64(True):
         points = np.concatenate([z + shifts, z - shifts])
-        controls = np.asarray(controls_of(parametrisation, points))
+        controls = np.asarray(_controls_of(parametrisation, points))
         states = simulate(starts, controls)
         costs = np.asarray(_costs(objective, states, controls, bounds.magnitude, dt))
     above, below = np.split(costs, 2)
@@ -155,10 +156,16 @@ def _simulate(system: System, starts: np.ndarray, controls: np.ndarray, dt: floa
 
 
 def emulated_gradient(problem: Problem, z: np.ndarray) -> Float[np.ndarray, " Z"]:
-    """Return dJ/dz (Z,) on the emulator.
+    """Return dJ/dz (Z,) on the emulator, by the `backend`.
 
-    In two programs, of which only the objective's own is compiled anew for other costs.
+    In JAX by two programs, of which only the objective's own is compiled anew for other costs.
     """
+    if backend() != "jax":
+        from neuroanimator.control.descent.c_evaluator import c_evaluator
+
+        in_c = c_evaluator(problem)
+        if in_c is not None:
+            return in_c.gradients(np.asarray(z, float)[None])[1][0]
     point = as_jax(z)
     motion = replace(problem, objective=Objective.of())
     _, slopes = cost_and_slopes(problem.objective, _emulated_motion(motion, point))
@@ -169,9 +176,17 @@ def _emulated_motion(problem: Problem, z: Array) -> Trajectory:
     """Return the motion on the emulator; by the program everybody uses, unless it has defects."""
     if np.asarray(problem.defects).any():
         return _trajectory(problem, z)
-    controls = controls_of(problem.parametrisation, z[None])[0]
+    controls = _controls_of(problem.parametrisation, z[None])[0]
     states = problem.emulator.rollout(problem.start, controls)
     return Trajectory(states, controls, problem.control_scale, problem.emulator.dt)
+
+
+@eqx.filter_jit
+def _controls_of(
+    parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
+) -> Float[Array, "K T C"]:
+    """Return the controls of each z, in float64 where JAX has it."""
+    return jax.vmap(parametrisation.controls)(jnp.asarray(zs))
 
 
 @eqx.filter_jit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from neuroanimator.backend import backend
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
@@ -82,7 +83,10 @@ class Objective(eqx.Module):
 def objective_cost(
     objective: Objective, emulator: Emulator, states: np.ndarray, controls: np.ndarray
 ) -> float:
-    """Return J of `states` (T+1, S) under `controls` (T, C)."""
+    """Return J of `states` (T+1, S) under `controls` (T, C), by the `backend`."""
+    in_c = _in_c(objective, emulator, len(controls))
+    if in_c is not None:
+        return in_c.cost(_single(states), _single(controls))
     control_scale = as_jax(emulator.bounds.magnitude)
     motion = Trajectory(as_jax(states), as_jax(controls), control_scale, emulator.dt)
     return float(_cost(objective, motion))
@@ -91,6 +95,21 @@ def objective_cost(
 @eqx.filter_jit
 def _cost(objective: Objective, trajectory: Trajectory) -> Array:
     return objective(trajectory)
+
+
+def _in_c(objective: Objective, emulator: Emulator, steps: int) -> Any:
+    """Return the `CObjective` that judges motions of so many super steps, if the `backend` is C and there is one."""
+    if backend() == "jax":
+        return None
+    # It is written in terms of this module.
+    from neuroanimator.control.objective.c_objective import MotionShape, c_objective
+
+    shape = MotionShape(steps, emulator.state.size, emulator.control.size, emulator.dt)
+    return c_objective(objective, shape, _single(emulator.bounds.magnitude), emulator.rest)
+
+
+def _single(numbers: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(numbers, np.float32)
 
 
 def check_objective(
@@ -108,10 +127,7 @@ def check_objective(
         )
     for term in objective.terms:
         check_times(term, steps, emulator.dt)
-    trajectory = _resting(emulator, start, steps)
-    for function in objective.functions:
-        _check_function(function, trajectory)
-    cost, slopes = cost_and_slopes(objective, trajectory)
+    cost, slopes = _of_resting(objective, emulator, start, steps)
     if not np.isfinite(cost):
         raise ArgumentError(
             "objective: J of staying at the start is not finite. Mend the term that makes it."
@@ -120,6 +136,21 @@ def check_objective(
         raise ArgumentError(
             "objective: J has no finite slope, like a square root at zero. Smooth the term that makes it."
         )
+
+
+def _of_resting(
+    objective: Objective, emulator: Emulator, start: np.ndarray, steps: int
+) -> tuple[Any, tuple[Any, Any]]:
+    """Return J and its slopes of a motion that stays at its start; its functions are tried first."""
+    in_c = _in_c(objective, emulator, steps)
+    if in_c is not None:
+        states = np.broadcast_to(start, (steps + 1, len(start)))
+        controls = np.broadcast_to(emulator.bounds.middle, (steps, emulator.control.size))
+        return in_c.cost_and_slopes(_single(states), _single(controls))
+    trajectory = _resting(emulator, start, steps)
+    for function in objective.functions:
+        _check_function(function, trajectory)
+    return cost_and_slopes(objective, trajectory)
 
 
 @eqx.filter_jit

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.control.descent.defects import find_defects
-from neuroanimator.control.descent.descend import Descent, controls_of, descend
+from neuroanimator.control.descent.descend import Descent, descend
+from neuroanimator.control.descent.evaluators import controls_of
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective
@@ -128,6 +129,9 @@ def is_gap_large(cost_emulator: float, cost_physics: float) -> bool:
 
 def make_attempt(search: Search, emulator: Emulator, options: DescentOptions) -> Attempt:
     """Return the best of the descents once corrected: of the physics' best, and where that fails of the next ones."""
+    # One for all descents: what was compiled for it is found again.
+    parametrisation = options.parametrisation_of(emulator, search.steps)
+    options = replace(options, parametrisation=parametrisation)
     descent = descend(emulator, search.objective, search.start, steps=search.steps, options=options)
     motions = search.replay(emulator, descent.candidates[:MAX_REPLAYED])
     spent = SearchCost.of_descent(descent) + search.cost_of_replays(emulator, len(motions))
@@ -190,4 +194,4 @@ def between(
     first = parametrisation.guess(old)
     difference = parametrisation.guess(new) - first
     z = first + np.array(LINE_SHARES)[:, None] * difference
-    return np.asarray(controls_of(parametrisation, z.astype(np.float32)), float)
+    return controls_of(parametrisation, z)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from neuroanimator.control.descent.descend import advance, pose_problem
 from neuroanimator.control.descent.evaluator import Evaluator
-from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
+from neuroanimator.control.descent.evaluators import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.descent.options import DEFAULT_METHOD, check_method
 from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation
@@ -92,7 +92,7 @@ class Planner:
         check_objective(objective, emulator, emulator.rest, steps)
         problem = pose_problem(emulator, objective, parametrisation, emulator.rest)
         planner = cls(
-            emulator, objective, parametrisation, method, iterations, JaxEvaluator(problem)
+            emulator, objective, parametrisation, method, iterations, evaluator_of(problem)
         )
         planner.plan(emulator.rest)
         return planner
@@ -118,7 +118,7 @@ class Planner:
                 "objective: wanted the planner's costs with other numbers. Make a new planner."
             )
         problem = pose_problem(self.emulator, objective, self.parametrisation, self.emulator.rest)
-        return replace(self, objective=objective, _evaluator=JaxEvaluator(problem))
+        return replace(self, objective=objective, _evaluator=evaluator_of(problem))
 
 
 def _without_numbers(objective: Objective) -> Objective:

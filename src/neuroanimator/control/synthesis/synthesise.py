@@ -87,7 +87,9 @@ def synthesise(
     attempt = make_attempt(search, emulator, options)
     attempt = restart(search, attempt, restarts)
     attempt = finetune(search, attempt, refinements, data, on_refine)
-    trust = _measure_trust(search, emulator) if measures_trust else None
+    trust = None
+    if measures_trust:
+        trust = _measure_trust(emulator, system, objective, state, steps, options)
     return Synthesis(
         attempt.emulator, attempt.descent, attempt.controls, attempt.outcome, attempt.spent, trust
     )
@@ -155,16 +157,23 @@ def _better(search: Search, old: Attempt, new: Attempt) -> Attempt:
     return min(old, new, key=rank)
 
 
-def _measure_trust(search: Search, emulator: Emulator) -> GradientTrust:
+def _measure_trust(
+    emulator: Emulator,
+    system: System,
+    objective: Objective,
+    start: np.ndarray,
+    steps: int,
+    options: DescentOptions,
+) -> GradientTrust:
     """Return how far the gradient of the emulator that was given can be trusted, at random controls."""
     rng = np.random.default_rng(0)
-    controls = sample_control_runs(rng, 1, search.steps, emulator.dt, search.system)[0]
+    controls = sample_control_runs(rng, 1, steps, emulator.dt, system)[0]
     return gradient_trust(
         emulator,
-        search.system,
-        search.objective,
-        search.options.parametrisation_of(emulator, search.steps),
-        search.start,
+        system,
+        objective,
+        options.parametrisation_of(emulator, steps),
+        start,
         controls,
         directions=TRUST_DIRECTIONS,
     )
@@ -198,7 +207,8 @@ def synthesise_goal(
 ) -> Synthesis:
     """Return the controller that reaches the goal called `name` from `start` (S,) in `seconds`; the rest as `synthesise`.
 
-    `start` and `seconds` default to what the goal itself says is sensible. `goals_from` is the emulator's system with
+    `start` and `seconds` default to what the goal itself says is sensible. The gradient is not measured where the goal
+    is reached on the physics: there it led to what was wanted. `goals_from` is the emulator's system with
     other goals: they may be written after training.
     """
     system = system_of(emulator)
@@ -214,19 +224,24 @@ def synthesise_goal(
         raise ArgumentError(
             f"seconds: wanted between {emulator.dt:g} and {MAX_SECONDS:g}, came {seconds:g}."
         )
+    objective = goal_objective(named, name, effort_weight)
+    begin = emulator.state.check(goal_start(named, name) if start is None else start, "state")
+    steps = round(seconds / emulator.dt)
     synthesis = synthesise(
         emulator,
         system,
-        goal_objective(named, name, effort_weight),
-        goal_start(named, name) if start is None else start,
-        steps=round(seconds / emulator.dt),
+        objective,
+        begin,
+        steps=steps,
         options=options,
         corrections=corrections,
         restarts=restarts,
         refinements=refinements,
         data=data,
-        measures_trust=measures_trust,
         on_refine=on_refine,
     )
-    end = synthesis.outcome.physics_states[-1]
-    return replace(synthesis, is_reached=is_reached(named, goal, end))
+    reached = is_reached(named, goal, synthesis.outcome.physics_states[-1])
+    trust = None
+    if measures_trust and not reached:
+        trust = _measure_trust(emulator, system, objective, begin, steps, options)
+    return replace(synthesis, is_reached=reached, trust=trust)

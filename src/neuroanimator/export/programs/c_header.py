@@ -148,7 +148,8 @@ def _emulator_parts(
     constants = SharedConstants()
 
     def write(suffix: str, function: Callable[..., Any], *inputs: Input) -> CFunction:
-        return c_function(f"{name}_{suffix}", function, emulator, *inputs, constants=constants)
+        # A gradient alone has no values of its own; other functions have no cotangents.
+        return c_function(f"{name}_{suffix}", function, emulator, inputs, constants, values=0)
 
     derivative = write(
         "gradient", gradient, Input(state), Input(control), Input(state, is_late=True)
@@ -184,7 +185,7 @@ def _policy_parts(policy: Policy, name: str) -> tuple[dict[str, int], list[CFunc
     inputs = [Input((policy.emulator.state.size,)), Input(()), Input((policy.ranges.middle.size,))]
     return (
         {},
-        [c_function(f"{name}_answer", answer, policy, *inputs, constants=constants)],
+        [c_function(f"{name}_answer", answer, policy, inputs, constants)],
         constants,
     )
 
