@@ -56,8 +56,8 @@ def c_function(
     function are added. Arrays are in C's order; what is wide has its sixteen lanes last, and outputs are wide if an
     input is. With late inputs there are two functions: `name_forward(k, early inputs, t, tv, early outputs)`, and
     `name_backward(k, t, tv, late inputs, late outputs)` that goes on from the tape `t`, and `tv` of lanes; the first
-    `values` outputs, of which there may be none, are the early ones. Nothing is kept between calls, so threads may share them. What `is_public` can
-    be called from outside the library.
+    `values` outputs, of which there may be none, are the early ones. Nothing is kept between calls, so threads may
+    share them. What `is_public` can be called from outside the library.
 
     Raises UnsupportedError for what there is no C for, such as loops.
     """
