@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -40,6 +42,15 @@ BORDERLINE = 0.01
 """Share of states that may be covered in one and not in the other: a number at its border is rounded to either side."""
 
 
+UNOPTIMISED = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+"""Options of XLA, with which it compiles in a fifth of the time: what runs once is not worth optimising."""
+
+
+def compiled_quickly(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function` compiled by JAX without optimising it."""
+    return jax.jit(function, compiler_options=UNOPTIMISED)
+
+
 class WrongProgramError(NeuroAnimatorError):
     """A program that does not do what JAX does."""
 
@@ -68,12 +79,12 @@ class Probes:
         bounds = emulator.bounds
         held = np.asarray(bounds.middle + shares * bounds.half, np.float32)
         rest = np.asarray(emulator.rest, np.float32)
-        motions = jax.jit(jax.vmap(rollout, (None, None, 0)))(emulator, rest, held)
+        motions = compiled_quickly(jax.vmap(rollout, (None, None, 0)))(emulator, rest, held)
         stretch = np.resize(STRETCHES, MOTIONS).astype(np.float32)[:, None, None]
         stretched = rest + stretch * (np.array(motions)[:, :-1] - rest)
         states = stretched.reshape(-1, len(rest))
         controls = held.reshape(-1, held.shape[-1])
-        steps = jax.jit(jax.vmap(step, (None, 0, 0)))
+        steps = compiled_quickly(jax.vmap(step, (None, 0, 0)))
         rounded = states * (1 + ROUNDING * rng.uniform(-1, 1, states.shape)).astype(np.float32)
         expected = np.asarray(steps(emulator, states, controls))
         otherwise = np.asarray(steps(emulator, rounded, controls))
@@ -82,7 +93,9 @@ class Probes:
         expected = expected[is_sound]
         size = np.abs(expected) + np.abs(expected).max(axis=0, initial=1e-3)
         doubt = np.abs(otherwise[is_sound] - expected) / size
-        covered = jax.jit(jax.vmap(state_is_covered, (None, 0)))(emulator, states[is_sound])
+        covered = compiled_quickly(jax.vmap(state_is_covered, (None, 0)))(
+            emulator, states[is_sound]
+        )
         return cls(
             states=states[is_sound],
             controls=controls[is_sound],

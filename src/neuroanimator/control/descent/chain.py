@@ -21,7 +21,12 @@ from neuroanimator.control.descent.defects import step_with_defect
 from neuroanimator.control.objective.c_objective import aligned_room
 from neuroanimator.emulator.c_emulator import load_checked, pointer
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.probes import GRADIENT_TOLERANCE, Probes, WrongProgramError
+from neuroanimator.emulator.probes import (
+    GRADIENT_TOLERANCE,
+    Probes,
+    WrongProgramError,
+    compiled_quickly,
+)
 
 CHECKED_GRADIENTS = 64
 """Probes whose gradients are compared, sixteen cotangents each: a thousand."""
@@ -204,7 +209,7 @@ def _check(emulator: Emulator, probes: Probes, program: LoadedProgram) -> None:
     """Compare a super step from each probe, sixteen at a time, and the gradients of some, with random defects."""
     chain = Chain(program)
     rng = np.random.default_rng(1)
-    latents = np.asarray(jax.jit(jax.vmap(emulator.encode))(probes.states), np.float32)
+    latents = np.asarray(compiled_quickly(jax.vmap(emulator.encode))(probes.states), np.float32)
     state = probes.states.shape[1]
     no_defect = np.zeros((1, program.sizes["DEFECT"]), np.float32)
     found = np.empty_like(probes.states)
@@ -218,7 +223,9 @@ def _check(emulator: Emulator, probes: Probes, program: LoadedProgram) -> None:
     count = min(CHECKED_GRADIENTS, len(latents))
     defects = 0.01 * rng.normal(size=(count, 1, no_defect.shape[1])).astype(np.float32)
     cotangents = rng.normal(size=(count, WIDTH, state)).astype(np.float32)
-    pull = jax.jit(jax.vmap(jax.vmap(_pull_state, (None, None, None, None, 0)), (None, 0, 0, 0, 0)))
+    pull = compiled_quickly(
+        jax.vmap(jax.vmap(_pull_state, (None, None, None, None, 0)), (None, 0, 0, 0, 0))
+    )
     chosen = np.linspace(0, len(latents) - 1, count).astype(int)
     expected = np.asarray(
         pull(emulator, latents[chosen], probes.controls[chosen], defects[:, 0], cotangents)
