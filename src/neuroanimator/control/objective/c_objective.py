@@ -7,7 +7,7 @@ another goal of the same kind needs no other program. Costs that are any JAX fun
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -24,7 +24,11 @@ from neuroanimator.codegen.trace import Input, UnsupportedError, numbers_compute
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.c_emulator import pointer
-from neuroanimator.emulator.probes import GRADIENT_TOLERANCE, WrongProgramError
+from neuroanimator.emulator.probes import (
+    GRADIENT_TOLERANCE,
+    WrongProgramError,
+    compiled_quickly,
+)
 from neuroanimator.terminal import phase, warn_once
 
 OURS = "neuroanimator."
@@ -249,6 +253,8 @@ class _Form:
         """Compare residuals and their gradients about random motions with JAX."""
         rng = np.random.default_rng(0)
         numbers = jnp.asarray(in_c.numbers)
+        judge_states = pulled_in_jax(partial(self.of_states, numbers))
+        judge_controls = pulled_in_jax(partial(self.of_controls, numbers))
         for _ in range(TRIED):
             noise = rng.normal(size=(self.shape.steps + 1, self.shape.state))
             states = (rest + 0.1 * noise).astype(np.float32)
@@ -257,14 +263,12 @@ class _Form:
             of = random_lanes(rng, len(residuals))
             found = (lanes(*states.shape), lanes(*controls.shape))
             in_c.pull_states(tape, of, *found)
-            compare_pulled(
-                partial(self.of_states, numbers), (states, controls), residuals, of, found
-            )
+            compare_pulled((residuals, *found), judge_states(states, controls, of))
             residuals, tape = in_c.of_controls(controls)
             of = random_lanes(rng, len(residuals))
-            found = (lanes(*controls.shape),)
-            in_c.pull_controls(tape, of, *found)
-            compare_pulled(partial(self.of_controls, numbers), (controls,), residuals, of, found)
+            of_controls = lanes(*controls.shape)
+            in_c.pull_controls(tape, of, of_controls)
+            compare_pulled((residuals, of_controls), judge_controls(controls, of))
 
 
 def program_of_parts(
@@ -285,20 +289,22 @@ def random_lanes(rng: np.random.Generator, *shape: int) -> Lanes:
     return result
 
 
-def compare_pulled(
-    function: Callable[..., Any],
-    inputs: tuple[np.ndarray, ...],
-    value: np.ndarray,
-    of: Lanes,
-    pulled: tuple[np.ndarray, ...],
-) -> None:
-    """Raise WrongProgramError unless `value` and what cotangents say of the inputs, `pulled`, are those of JAX."""
-    expected, pull = jax.vjp(function, *map(jnp.asarray, inputs))
-    expected_pulled = jax.vmap(pull, in_axes=-1, out_axes=-1)(jnp.asarray(of))
-    pairs = zip((value, *pulled), (expected, *expected_pulled), strict=True)
-    for found, wanted in pairs:
+def pulled_in_jax(function: Callable[..., Any]) -> Callable[..., tuple[Array, ...]]:
+    """Return (inputs..., sixteen cotangents of the value) → (value, what they say of each input), compiled."""
+
+    def value_and_pulled(*arrays: Array) -> tuple[Array, ...]:
+        *inputs, of = arrays
+        value, pull = jax.vjp(function, *inputs)
+        return value, *jax.vmap(pull, in_axes=-1, out_axes=-1)(of)
+
+    return compiled_quickly(value_and_pulled)
+
+
+def compare_pulled(found: Iterable[np.ndarray], expected: Iterable[Array]) -> None:
+    """Raise WrongProgramError unless a value and what cotangents say of its inputs are those of JAX."""
+    for mine, wanted in zip(found, expected, strict=True):
         size = float(np.abs(wanted).max(initial=1e-6))
-        off = np.abs(found - np.asarray(wanted)).max(initial=0)
+        off = np.abs(mine - np.asarray(wanted)).max(initial=0)
         if not off <= GRADIENT_TOLERANCE * size:
             raise WrongProgramError("Generated C has another cost, or other gradients, than JAX.")
 
