@@ -9,7 +9,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -118,6 +118,29 @@ def _program(function: Callable[..., Any], form: Form) -> Program:
     run.__name__ = getattr(function, "__name__", "run")
     # Inlined: inside a user's own jit it leaves no call behind that others would have to understand.
     return Program(jax.jit(run, inline=True))
+
+
+class _PlainMethod:
+    """A method that equinox does not wrap."""
+
+    def __init__(self, function: Callable[..., Any]):
+        self._function = function
+        self.__name__ = function.__name__
+        self.__doc__ = function.__doc__
+
+    def __get__(self, instance: Any, owner: Any = None) -> Any:
+        if instance is None:
+            return self._function
+        return partial(self._function, instance)  # equinox wraps what is a bound method
+
+
+def plain_method(function: Callable[..., Any]) -> Any:
+    """Return a method of a module for callers in Python.
+
+    One as equinox makes it takes its module apart at every call, which takes longer than a hundred super steps. It is
+    no pytree: what is to be transformed is a function of the module.
+    """
+    return _PlainMethod(function)
 
 
 def as_numpy(numbers: Array) -> Float[AnyArray, ...]:

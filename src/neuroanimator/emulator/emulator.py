@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.backend import backend
 from neuroanimator.emulator.arrays import as_jax
-from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled
+from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled, plain_method
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.features import Features
@@ -197,6 +197,7 @@ class Emulator(eqx.Module):
         """Return `raw_features` (..., K) of a state (..., S) and a control (..., C) as the system has them."""
         return self.raw_features(self.encode(state), self.encode_control(control))
 
+    @plain_method
     def rollout(
         self, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool = False
     ) -> Float[AnyArray, "*B F S"]:
@@ -209,47 +210,15 @@ class Emulator(eqx.Module):
         Raises ArgumentError for wrong shapes, for numbers that are not finite or larger than `MAX_MAGNITUDE`, and
         for states no motion follows from; DivergedError where a motion ends in numbers that are not finite.
         """
-        start, held = self._checked(state, controls)
+        start, held = _checked(self, state, controls)
         if not held.shape[-2]:
             return start[..., None, :]
-        trajectory = self._rollout(start, held)
+        trajectory = _rollout(self, start, held)
         if not may_diverge:
-            self._check_finite(np.asarray(trajectory))
+            _check_finite(self, np.asarray(trajectory))
         return trajectory
 
-    def _rollout(
-        self, state: Float[AnyArray, "*B S"], controls: Float[AnyArray, "*B T C"]
-    ) -> Float[AnyArray, "*B F S"]:
-        """Return `rollout` of what has been checked, in arrays of the same library."""
-        function = _quick_rollouts if state.ndim == 2 else _quick_rollout
-        if isinstance(state, jax.Array):
-            return call_compiled(function, self, state, controls)
-        program = program_of(self)
-        if program is None:
-            return as_numpy(call_compiled(function, self, state, controls))
-        if state.ndim == 2:
-            return program.rollouts(state, controls)
-        return program.rollout(state, controls)
-
-    def _check_finite(self, trajectory: Float[np.ndarray, "*B F S"]) -> None:
-        """Refuse a trajectory (..., T+1, S) with numbers that are not finite, by the first of them."""
-        broken = np.argwhere(~np.isfinite(trajectory))
-        if not len(broken):
-            return
-        first = broken[np.argmin(broken[:, -2])]
-        step = first[-2]
-        entry = first[-1]
-        name = self.state.names[entry]
-        if step <= 1:
-            raise ArgumentError(
-                f"state: no motion follows from it: after one super step {name} is not finite. Give a state that the "
-                "system can be in, such as its rest; `covers` says which the emulator knows."
-            )
-        raise DivergedError(
-            f"The motion diverged: {name} is not finite from super step {step} on. Start nearer to what the emulator "
-            "was trained on (`covers` says what that is), or train it longer."
-        )
-
+    @plain_method
     def covers(self, state: ArrayLike, control: ArrayLike) -> bool:
         """Return whether `state` (S,) with `control` (C,) lies in the range this emulator was trained on.
 
@@ -296,33 +265,69 @@ class Emulator(eqx.Module):
             f"{spec.state.size} states, {spec.control.size} controls, {network} {widths})"
         )
 
-    def _checked(
-        self, state: ArrayLike, controls: ArrayLike
-    ) -> tuple[Float[AnyArray, "*B S"], Float[AnyArray, "*B T C"]]:
-        """Return both in the emulator's own numbers: as arrays of JAX where one of them is, else of NumPy."""
-        is_for_jax = isinstance(state, jax.Array) or isinstance(controls, jax.Array)
-        state = self.state.check(state, "state")
-        controls = self.control.check(controls, "control")
-        if (
-            state.ndim not in (1, 2)
-            or controls.ndim != state.ndim + 1
-            or state.shape[:-1] != controls.shape[:-2]
-        ):
-            raise ArgumentError(
-                f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "
-                f"came {state.shape} with {controls.shape}."
-            )
-        too_large = np.abs(state) > MAX_MAGNITUDE
-        if too_large.any():
-            index = tuple(np.argwhere(too_large)[0])
-            raise ArgumentError(
-                f"state: {self.state.names[index[-1]]} is {state[index]:g}; wanted a magnitude of at most "
-                f"{MAX_MAGNITUDE:g}. Start nearer to where you look."
-            )
-        dtype = self.normaliser.change_scale.dtype
-        if is_for_jax:
-            return as_jax(state, dtype), as_jax(controls, dtype)
-        return np.ascontiguousarray(state, dtype), np.ascontiguousarray(controls, dtype)
+
+def _rollout(
+    emulator: Emulator, state: Float[AnyArray, "*B S"], controls: Float[AnyArray, "*B T C"]
+) -> Float[AnyArray, "*B F S"]:
+    """Return `rollout` of what has been checked, in arrays of the same library."""
+    function = _quick_rollouts if state.ndim == 2 else _quick_rollout
+    if isinstance(state, jax.Array):
+        return call_compiled(function, emulator, state, controls)
+    program = program_of(emulator)
+    if program is None:
+        return as_numpy(call_compiled(function, emulator, state, controls))
+    if state.ndim == 2:
+        return program.rollouts(state, controls)
+    return program.rollout(state, controls)
+
+
+def _check_finite(emulator: Emulator, trajectory: Float[np.ndarray, "*B F S"]) -> None:
+    """Refuse a trajectory (..., T+1, S) with numbers that are not finite, by the first of them."""
+    broken = np.argwhere(~np.isfinite(trajectory))
+    if not len(broken):
+        return
+    first = broken[np.argmin(broken[:, -2])]
+    step = first[-2]
+    entry = first[-1]
+    name = emulator.state.names[entry]
+    if step <= 1:
+        raise ArgumentError(
+            f"state: no motion follows from it: after one super step {name} is not finite. Give a state that the "
+            "system can be in, such as its rest; `covers` says which the emulator knows."
+        )
+    raise DivergedError(
+        f"The motion diverged: {name} is not finite from super step {step} on. Start nearer to what the emulator "
+        "was trained on (`covers` says what that is), or train it longer."
+    )
+
+
+def _checked(
+    emulator: Emulator, state: ArrayLike, controls: ArrayLike
+) -> tuple[Float[AnyArray, "*B S"], Float[AnyArray, "*B T C"]]:
+    """Return both in the emulator's own numbers: as arrays of JAX where one of them is, else of NumPy."""
+    is_for_jax = isinstance(state, jax.Array) or isinstance(controls, jax.Array)
+    state = emulator.state.check(state, "state")
+    controls = emulator.control.check(controls, "control")
+    if (
+        state.ndim not in (1, 2)
+        or controls.ndim != state.ndim + 1
+        or state.shape[:-1] != controls.shape[:-2]
+    ):
+        raise ArgumentError(
+            f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "
+            f"came {state.shape} with {controls.shape}."
+        )
+    too_large = np.abs(state) > MAX_MAGNITUDE
+    if too_large.any():
+        index = tuple(np.argwhere(too_large)[0])
+        raise ArgumentError(
+            f"state: {emulator.state.names[index[-1]]} is {state[index]:g}; wanted a magnitude of at most "
+            f"{MAX_MAGNITUDE:g}. Start nearer to where you look."
+        )
+    dtype = emulator.normaliser.change_scale.dtype
+    if is_for_jax:
+        return as_jax(state, dtype), as_jax(controls, dtype)
+    return np.ascontiguousarray(state, dtype), np.ascontiguousarray(controls, dtype)
 
 
 def step(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ class Layout:
 
     slices: tuple[Slice, ...]
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Length of the vector."""
         return sum(part.size for part in self.slices)
