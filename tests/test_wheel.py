@@ -76,7 +76,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(wheel: Path):
         names = archive.namelist()
     expected = {
         f"neuroanimator/{path.relative_to(PACKAGE).as_posix()}"
-        for pattern in ("*.py", "*.c", "*.toml", "*.xml", "*.safetensors")
+        for pattern in ("*.py", "*.c", "*.h", "*.js", "*.ts", "*.toml", "*.xml", "*.safetensors")
         for path in PACKAGE.rglob(pattern)
     }
     assert {f"neuroanimator/emulators/{shipped_path(*row).name}" for row in SHIPPED} <= expected

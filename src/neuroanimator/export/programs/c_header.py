@@ -13,7 +13,6 @@ from importlib import resources
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -23,7 +22,7 @@ from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.c_emulator import encode, super_step
-from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, step
+from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, latent_size, step
 from neuroanimator.emulator.probes import latent_is_covered
 from neuroanimator.export.programs.definition import Definition
 from neuroanimator.state.layout import Layout
@@ -188,11 +187,6 @@ def _policy_parts(policy: Policy, name: str) -> tuple[dict[str, int], list[CFunc
         [c_function(f"{name}_answer", answer, policy, inputs, constants)],
         constants,
     )
-
-
-def latent_size(emulator: Emulator) -> int:
-    """Return the length of a latent state."""
-    return jax.eval_shape(emulator.encode, jnp.zeros(emulator.state.size)).shape[0]
 
 
 def about(definition: Definition) -> str:

@@ -14,10 +14,10 @@ import numpy as np
 from neuroanimator.compiler.build import CompilerError
 from neuroanimator.compiler.wasm import wasm_module
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.emulator import Emulator, latent_size
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_file import check_functions
-from neuroanimator.export.programs.c_header import about, c_header, identifier, latent_size
+from neuroanimator.export.programs.c_header import about, c_header, identifier
 from neuroanimator.export.programs.definition import Definition, definition_of
 from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, save_vectors
 from neuroanimator.export.programs.written import Written
@@ -131,9 +131,11 @@ def _filled(suffix: str, model: Emulator | Policy, definition: Definition, name:
     emulator = model.emulator if isinstance(model, Policy) else model
     folder = resources.files("neuroanimator.export.programs")
     text = (folder / f"{facts['kind']}.{suffix}").read_text(encoding="utf-8")
+    loading = (folder / "loading.js").read_text(encoding="utf-8")
     values = {
         "about": about(definition),
         "generator": facts["generator"],
+        "loading": loading,
         "name": name,
         "facts": json.dumps(facts),
         "state": str(emulator.state.size),
