@@ -18,10 +18,12 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.codegen.program import ALIGNMENT
+from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.compiler.compiler import compiled_library, compiler_facts
 from neuroanimator.errors import BadFileError, NeuroAnimatorError
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.storage.private_folder import kept_folder
+from neuroanimator.terminal import phase, warn_once
 
 OPTIMISED = ("-O1", "-ftree-vectorize", "-ffp-contract=fast", "-fno-math-errno")
 """What is not a number stays so, unlike with -ffast-math. With -O2 programs compile twice as long and run no faster."""
@@ -38,6 +40,10 @@ SOURCES = ("codegen", "emulator", "state", "control")
 
 RECORD = "program"
 """The kind of file a record is."""
+
+
+class WrongProgramError(NeuroAnimatorError):
+    """A program that does not do what JAX does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +71,21 @@ def load_program(
 ) -> LoadedProgram | None:
     """Return the program that `about` says all of, made by `make` and passed by `check` once on this machine.
 
-    None where nothing can be compiled. `check` raises NeuroAnimatorError for a program that is wrong; such a one is
-    not kept.
+    None where nothing can be compiled, and where `make` raises UnsupportedError. `check` raises WrongProgramError for a
+    program that is wrong: such a one is not kept, which is said once.
     """
+    try:
+        return _load(about, make, check)
+    except UnsupportedError:
+        return None
+    except WrongProgramError as error:
+        warn_once(f"{error} JAX is used instead of C.")
+        return None
+
+
+def _load(
+    about: str, make: Callable[[], CProgram], check: Callable[[LoadedProgram], None]
+) -> LoadedProgram | None:
     facts = compiler_facts()
     if facts is None:
         return None
@@ -75,16 +93,22 @@ def load_program(
     folder = kept_folder("c-programs")
     record = None if folder is None else folder / f"{key}.safetensors"
     kept = None if record is None else _read(record)
-    program = make() if kept is None else kept
+    program = _made(make) if kept is None else kept
     library = compiled_library(program.text, FLAGS)
     if library is None:
         return None
     loaded = LoadedProgram(library, aligned(program.constants), program.sizes)
     if kept is None:
-        check(loaded)
+        with phase("comparing C with JAX"):
+            check(loaded)
         if record is not None:
             _write(record, program)
     return loaded
+
+
+def _made(make: Callable[[], CProgram]) -> CProgram:
+    with phase("generating C"):
+        return make()
 
 
 def aligned(numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:

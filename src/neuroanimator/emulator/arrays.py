@@ -1,4 +1,4 @@
-"""Arrays of users on their way into JAX."""
+"""Arrays of users on their way into JAX and C."""
 
 from __future__ import annotations
 
@@ -11,6 +11,17 @@ from jaxtyping import Array, Num
 from numpy.typing import ArrayLike
 
 
+def too_large_is_infinite() -> np.errstate:
+    """Return the block in which what is too large for float32 becomes infinite without a warning, as in JAX."""
+    return np.errstate(over="ignore")
+
+
+def as_float32(numbers: ArrayLike) -> np.ndarray:
+    """Return `numbers`, of any shape, as float32 in C's order; not copied if they are so already."""
+    with too_large_is_infinite():
+        return np.asarray(numbers, np.float32, order="C")
+
+
 def as_jax(numbers: ArrayLike, dtype: Any = np.float32) -> Num[Array, ...]:
     """Return `numbers`, of any shape, as a JAX array of the type `dtype`, converted by NumPy.
 
@@ -18,6 +29,6 @@ def as_jax(numbers: ArrayLike, dtype: Any = np.float32) -> Num[Array, ...]:
     """
     if isinstance(numbers, jax.Array):
         return jnp.asarray(numbers, dtype)
-    with np.errstate(over="ignore"):  # too large for float32 is infinite, as in JAX
+    with too_large_is_infinite():
         # A copy: JAX may keep the memory it is given, and users write into theirs.
         return jax.device_put(np.array(numbers, dtype))

@@ -13,22 +13,21 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, load_program
 from neuroanimator.codegen.program import Constants
-from neuroanimator.codegen.trace import Input, UnsupportedError
+from neuroanimator.codegen.trace import Input
 from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.description import describe
-from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.probes import Probes, WrongProgramError, latent_is_covered
+from neuroanimator.emulator.emulator import Emulator, latent_size
+from neuroanimator.emulator.probes import Probes, latent_is_covered, probes_of
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.storage.files import canonical_json, digest
-from neuroanimator.terminal import phase, warn_once
+from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 FEWEST_LANES = 4
 """With fewer motions than this, one after the other is faster."""
@@ -83,8 +82,7 @@ def c_program_of_lanes(emulator: Emulator) -> CProgram:
 
 def _inputs(emulator: Emulator, *, is_wide: bool) -> tuple[Input, Input, Input]:
     """Return what a latent state, a control and a state are."""
-    size = jax.eval_shape(emulator.encode, jnp.zeros(emulator.state.size)).shape
-    latent = Input(size, is_wide)
+    latent = Input((latent_size(emulator),), is_wide)
     control = Input((emulator.control.size,), is_wide)
     return latent, control, Input((emulator.state.size,), is_wide)
 
@@ -106,7 +104,6 @@ class CEmulator:
     lanes: Callable[[], LoadedProgram | None]
     """Loads the program of sixteen motions side by side, which not everybody needs."""
     state_size: int
-    control_size: int
 
     def step(
         self, state: Float[np.ndarray, " S"], control: Float[np.ndarray, " C"]
@@ -167,8 +164,8 @@ def pointer(array: np.ndarray) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
-_known: dict[int, tuple[weakref.ref[Emulator], CEmulator | None]] = {}
-"""By the address of an emulator that is alive: a reference to it and its program."""
+_known: Remembered[CEmulator | None] = Remembered()
+"""The program of each emulator."""
 
 
 def c_emulator(emulator: Emulator) -> CEmulator | None:
@@ -177,19 +174,17 @@ def c_emulator(emulator: Emulator) -> CEmulator | None:
     None where there is no C compiler, no C for what the emulator does, or where JAX is transforming it. A program that
     does not do what JAX does is refused, which is said once.
     """
-    address = id(emulator)
-    known = _known.get(address)
-    if known is not None and known[0]() is emulator:
-        return known[1]
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(emulator)):
+    known = _known.of(emulator)
+    if known is not UNKNOWN:
+        return known
+    if is_traced(emulator):
         return None
     program = load_checked(emulator, c_program, _check)
     result = None
     if program is not None:
         lanes = _Lanes(weakref.ref(emulator))
-        result = CEmulator(program, lanes, emulator.state.size, emulator.control.size)
-    _known[address] = (weakref.ref(emulator, lambda _: _known.pop(address, None)), result)
-    return result
+        result = CEmulator(program, lanes, emulator.state.size)
+    return _known.keep(result, emulator)
 
 
 class _Lanes:
@@ -219,26 +214,15 @@ def load_checked(
         return None
     facts = [write.__name__, canonical_json(describe(emulator)), digest(emulator_tensors(emulator))]
 
-    def make() -> CProgram:
-        with phase("generating C"):
-            return write(emulator)
-
     def check_it(program: LoadedProgram) -> None:
-        with phase("comparing C with JAX"):
-            check(Probes.of(emulator), program)
+        check(probes_of(emulator), program)
 
-    try:
-        return load_program("\n".join(facts), make, check_it)
-    except UnsupportedError:
-        return None
-    except WrongProgramError as error:
-        warn_once(f"{error} JAX is used instead of C.")
-        return None
+    return load_program("\n".join(facts), partial(write, emulator), check_it)
 
 
 def _check(probes: Probes, program: LoadedProgram) -> None:
     """Compare a super step from each probe, and whether it is covered."""
-    in_c = CEmulator(program, lambda: None, probes.states.shape[1], probes.controls.shape[1])
+    in_c = CEmulator(program, lambda: None, probes.states.shape[1])
     pairs = zip(probes.states, probes.controls, strict=True)
     probes.compare(np.stack([in_c.step(state, control) for state, control in pairs]))
     probes.compare_covered(np.array([in_c.covers(state) for state in probes.states]))
@@ -246,5 +230,5 @@ def _check(probes: Probes, program: LoadedProgram) -> None:
 
 def _check_lanes(probes: Probes, program: LoadedProgram) -> None:
     """Compare a super step from each probe, all at a time."""
-    in_c = CEmulator(program, lambda: program, probes.states.shape[1], probes.controls.shape[1])
+    in_c = CEmulator(program, lambda: program, probes.states.shape[1])
     probes.compare(in_c.rollouts(probes.states, probes.controls[:, None])[:, 1])

@@ -6,7 +6,6 @@ hundreds of named numbers. Here a module is taken apart once, and its arrays go 
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Layout
+from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 PROGRAMS = 256
 """Functions of structures that are kept compiled; each takes some megabytes."""
@@ -52,8 +52,8 @@ class Program:
     """Shapes of all arrays it was compiled for with `Compiled.compile`."""
 
 
-_known: dict[int, tuple[weakref.ref[Any], Leaves, Form]] = {}
-"""By the address of a module that is alive: a reference to it, its arrays and its form."""
+_known: Remembered[tuple[Leaves, Form]] = Remembered()
+"""The arrays and the form of each module."""
 
 
 class Compiled:
@@ -93,19 +93,21 @@ def call_compiled(function: Callable[..., Any], module: Any, *arrays: Any) -> An
 
 def _taken_apart(module: Any) -> tuple[Leaves, Form]:
     """Return the arrays of a module and its form; remembered as long as the module lives."""
-    address = id(module)
-    known = _known.get(address)
-    if known is not None and known[0]() is module:
-        return known[1], known[2]
+    known = _known.of(module)
+    if known is not UNKNOWN:
+        return known
     flat, structure = jax.tree_util.tree_flatten(module)
     leaves = tuple(leaf for leaf in flat if eqx.is_array(leaf))
     others = tuple(None if eqx.is_array(leaf) else leaf for leaf in flat)
     form = Form(structure, others)
-    is_traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
-    if not is_traced:
-        reference = weakref.ref(module, lambda _: _known.pop(address, None))
-        _known[address] = (reference, leaves, form)
-    return leaves, form
+    if is_traced(leaves):
+        return leaves, form
+    return _known.keep((leaves, form), module)
+
+
+def is_traced(module: Any) -> bool:
+    """Return whether JAX is transforming any array of a module."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree_util.tree_leaves(module))
 
 
 @lru_cache(maxsize=PROGRAMS)

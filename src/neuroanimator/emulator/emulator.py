@@ -387,6 +387,11 @@ def _quick_rollouts(
     return jax.vmap(lambda state, held: _quick_rollout(emulator, state, held))(states, controls)
 
 
+def latent_size(emulator: Emulator) -> int:
+    """Return the length of a latent state."""
+    return jax.eval_shape(emulator.encode, jnp.zeros(emulator.state.size)).shape[0]
+
+
 def program_of(emulator: Emulator) -> Any:
     """Return the `CEmulator` that runs `emulator` in C, if the `backend` is C and there is such a program.
 

@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from neuroanimator.codegen.kept import WrongProgramError
 from neuroanimator.emulator.emulator import Emulator, rollout, step
-from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 MOTIONS = 40
 """Random motions whose states are tried."""
@@ -49,10 +50,6 @@ UNOPTIMISED = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters
 def compiled_quickly(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return `function` compiled by JAX without optimising it."""
     return jax.jit(function, compiler_options=UNOPTIMISED)
-
-
-class WrongProgramError(NeuroAnimatorError):
-    """A program that does not do what JAX does."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +112,18 @@ class Probes:
         """Raise WrongProgramError unless the same states are covered."""
         if np.mean(computed != self.is_covered) > BORDERLINE:
             raise WrongProgramError("Generated C covers other states than the emulator in JAX.")
+
+
+_known: Remembered[Probes] = Remembered()
+"""The probes of each emulator: several programs are held against them."""
+
+
+def probes_of(emulator: Emulator) -> Probes:
+    """Return the probes of `emulator`, remembered as long as it lives."""
+    known = _known.of(emulator)
+    if known is not UNKNOWN:
+        return known
+    return _known.keep(Probes.of(emulator), emulator)
 
 
 def latent_is_covered(emulator: Emulator, latent: Float[Array, " I"]) -> Float[Array, ""]:

@@ -9,7 +9,6 @@ Costs that are any JAX function are left to JAX.
 from __future__ import annotations
 
 import ctypes
-import weakref
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import c_function
-from neuroanimator.codegen.kept import CProgram, LoadedProgram, aligned
+from neuroanimator.codegen.kept import CProgram, LoadedProgram, aligned, load_program
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.control.descent.chain import Chain, chain_of
@@ -39,15 +38,16 @@ from neuroanimator.control.objective.c_objective import (
     cotangents,
     forward,
     half_squares,
+    in_first_lane,
     lanes,
-    load_quietly,
     program_of_parts,
     pulled_in_jax,
     random_lanes,
 )
+from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import pointer
 from neuroanimator.storage.files import digest
-from neuroanimator.terminal import phase
+from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 TRIED = 3
 """Random z a parametrisation's program is compared with JAX on."""
@@ -99,7 +99,9 @@ class CEvaluator(Evaluator):
     def costs(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:
         result = np.empty(len(zs))
         for first in range(0, len(zs), WIDTH):
-            result[first : first + WIDTH] = self._costs_of_few(_single(zs[first : first + WIDTH]))
+            result[first : first + WIDTH] = self._costs_of_few(
+                as_float32(zs[first : first + WIDTH])
+            )
         return result
 
     def _costs_of_few(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:
@@ -117,22 +119,19 @@ class CEvaluator(Evaluator):
     ) -> tuple[Float[np.ndarray, " K"], Float[np.ndarray, "K Z"]]:
         costs = np.empty(len(zs))
         slopes = np.empty(zs.shape)
-        for number, z in enumerate(_single(zs)):
+        for number, z in enumerate(as_float32(zs)):
             motion = self._forward(z)
             costs[number] = motion.cost
-            of_states = lanes(len(motion.of_states))
-            of_states[:, 0] = motion.of_states
-            of_controls = lanes(len(motion.of_controls))
-            of_controls[:, 0] = motion.of_controls
-            slope = self._pull_states(motion, of_states) + self._pull_controls(motion, of_controls)
-            slopes[number] = slope[:, 0]
+            by_states = self._pull_states(motion, in_first_lane(motion.of_states))
+            by_controls = self._pull_controls(motion, in_first_lane(motion.of_controls))
+            slopes[number] = by_states[:, 0] + by_controls[:, 0]
         return costs, slopes
 
     def quadratic_models(self, zs: Float[np.ndarray, "K Z"]) -> list[QuadraticModel]:
-        return [self._quadratic_model(z) for z in _single(zs)]
+        return [self._quadratic_model(z) for z in as_float32(zs)]
 
     def motion(self, z: Float[np.ndarray, " Z"]) -> EmulatedMotion:
-        motion = self._forward(_single(z))
+        motion = self._forward(as_float32(z))
         return EmulatedMotion(motion.states.astype(float), motion.controls.astype(float))
 
     def _forward(self, z: Float[np.ndarray, " Z"]) -> _Pass:
@@ -179,9 +178,9 @@ class CEvaluator(Evaluator):
         count = len(residuals)
         rows = np.empty((count, len(z)), np.float32)
         for first, of in _units(len(motion.of_states)):
-            self._fill(rows[: len(motion.of_states)], first, self._pull_states(motion, of))
+            _fill(rows[: len(motion.of_states)], first, self._pull_states(motion, of))
         for first, of in _units(len(motion.of_controls)):
-            self._fill(rows[len(motion.of_states) :], first, self._pull_controls(motion, of))
+            _fill(rows[len(motion.of_states) :], first, self._pull_controls(motion, of))
         curvature = np.empty((len(z), len(z)), np.float32)
         slope = np.empty(len(z), np.float32)
         # Not by NumPy, whose threads wait for each other where a machine is busy.
@@ -195,12 +194,11 @@ class CEvaluator(Evaluator):
         )
         return QuadraticModel(curvature, slope.astype(float), motion.cost)
 
-    def _fill(
-        self, rows: Float[np.ndarray, "R Z"], first: int, of_z: Float[np.ndarray, "Z 16"]
-    ) -> None:
-        """Write sixteen rows of a Jacobian, or as many as are left."""
-        present = min(WIDTH, len(rows) - first)
-        rows[first : first + present] = of_z.T[:present]
+
+def _fill(rows: Float[np.ndarray, "R Z"], first: int, of_z: Float[np.ndarray, "Z 16"]) -> None:
+    """Write sixteen rows of a Jacobian, or as many as are left."""
+    present = min(WIDTH, len(rows) - first)
+    rows[first : first + present] = of_z.T[:present]
 
 
 def _units(count: int) -> Iterator[tuple[int, Float[np.ndarray, "R 16"]]]:
@@ -210,11 +208,6 @@ def _units(count: int) -> Iterator[tuple[int, Float[np.ndarray, "R 16"]]]:
         present = np.arange(min(WIDTH, count - first))
         of[first + present, present] = 1
         yield first, of
-
-
-def _single(numbers: Float[np.ndarray, ...]) -> Float[np.ndarray, ...]:
-    with np.errstate(over="ignore"):  # too large for float32 is infinite, as in JAX
-        return np.ascontiguousarray(numbers, np.float32)
 
 
 def c_evaluator(problem: Problem) -> CEvaluator | None:
@@ -233,26 +226,23 @@ def c_evaluator(problem: Problem) -> CEvaluator | None:
     return CEvaluator(problem, chain, objective, varied)
 
 
-_known: dict[int, tuple[weakref.ref[Parametrisation], LoadedProgram | None]] = {}
-"""By the address of a parametrisation that is alive: a reference to it and its program."""
+_known: Remembered[LoadedProgram | None] = Remembered()
+"""The program of each parametrisation."""
 
 
 def _varied_of(parametrisation: Parametrisation) -> LoadedProgram | None:
     """Return the program of `controls`, forward and backward, and of `quadratic_model`."""
-    address = id(parametrisation)
-    known = _known.get(address)
-    if known is not None and known[0]() is parametrisation:
-        return known[1]
+    known = _known.of(parametrisation)
+    if known is not UNKNOWN:
+        return known
     program = None
     if type(parametrisation).__module__.startswith(OURS):
         leaves, structure = jax.tree.flatten(parametrisation)
         numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(leaves)}
         about = "\n".join(["controls", str(structure), digest(numbers)])
         make = partial(_write_controls, parametrisation)
-        program = load_quietly(about, make, partial(_check_controls, parametrisation))
-    reference = weakref.ref(parametrisation, lambda _: _known.pop(address, None))
-    _known[address] = (reference, program)
-    return program
+        program = load_program(about, make, partial(_check_controls, parametrisation))
+    return _known.keep(program, parametrisation)
 
 
 def controls_in_c(
@@ -277,11 +267,10 @@ def _write_controls(parametrisation: Parametrisation) -> CProgram:
         value, pull = jax.vjp(parametrisation.controls, z)
         return value, *pull(of)
 
-    with phase("generating C"):
-        part = c_function(
-            "controls", pull, parametrisation, [z, cotangents(*shape)], constants, is_public=True
-        )
-        program = program_of_parts({"controls": part}, constants, {})
+    part = c_function(
+        "controls", pull, parametrisation, [z, cotangents(*shape)], constants, is_public=True
+    )
+    program = program_of_parts({"controls": part}, constants, {})
     model = (resources.files("neuroanimator.control.descent") / "model.c").read_text(
         encoding="utf-8"
     )

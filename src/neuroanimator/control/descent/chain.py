@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import weakref
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
@@ -14,19 +13,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import c_function, prelude
-from neuroanimator.codegen.kept import CProgram, LoadedProgram
+from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.control.descent.defects import step_with_defect
-from neuroanimator.control.objective.c_objective import aligned_room
+from neuroanimator.control.objective.c_objective import aligned_room, lanes
 from neuroanimator.emulator.c_emulator import load_checked, pointer
-from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.probes import (
-    GRADIENT_TOLERANCE,
-    Probes,
-    WrongProgramError,
-    compiled_quickly,
-)
+from neuroanimator.emulator.compiled import is_traced
+from neuroanimator.emulator.emulator import Emulator, latent_size
+from neuroanimator.emulator.probes import GRADIENT_TOLERANCE, Probes, compiled_quickly
+from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 CHECKED_GRADIENTS = 64
 """Probes whose gradients are compared, sixteen cotangents each: a thousand."""
@@ -70,7 +66,7 @@ def chain_program(emulator: Emulator) -> CProgram:
     latent, control, defect, state = (
         sizes[name] for name in ("LATENT", "CONTROL", "DEFECT", "STATE")
     )
-    lanes = write(
+    in_lanes = write(
         "advance_lanes",
         advance,
         inputs=(Input((latent,), is_wide=True), Input((control,), is_wide=True), Input((defect,))),
@@ -92,14 +88,13 @@ def chain_program(emulator: Emulator) -> CProgram:
     calls = (resources.files("neuroanimator.control.descent") / "chain.c").read_text(
         encoding="utf-8"
     )
-    text = "\n".join([prelude(), *defines, lanes.text, pulled.text, calls])
+    text = "\n".join([prelude(), *defines, in_lanes.text, pulled.text, calls])
     return CProgram(text, constants.data(), sizes)
 
 
 def _sizes(emulator: Emulator) -> dict[str, int]:
-    latent = jax.eval_shape(emulator.encode, jnp.zeros(emulator.state.size))
     return {
-        "LATENT": latent.shape[0],
+        "LATENT": latent_size(emulator),
         "CONTROL": emulator.control.size,
         "DEFECT": emulator.normaliser.change_scale.shape[0],
         "STATE": emulator.state.size,
@@ -187,22 +182,19 @@ class Chain:
         )
 
 
-_known: dict[int, tuple[weakref.ref[Emulator], Chain | None]] = {}
-"""By the address of an emulator that is alive: a reference to it and its chain."""
+_known: Remembered[Chain | None] = Remembered()
+"""The chain of each emulator."""
 
 
 def chain_of(emulator: Emulator) -> Chain | None:
     """Return the chain of `emulator` in C, remembered as long as it lives; None where there is no such program."""
-    address = id(emulator)
-    known = _known.get(address)
-    if known is not None and known[0]() is emulator:
-        return known[1]
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(emulator)):
+    known = _known.of(emulator)
+    if known is not UNKNOWN:
+        return known
+    if is_traced(emulator):
         return None
     program = load_checked(emulator, chain_program, partial(_check, emulator))
-    chain = None if program is None else Chain(program)
-    _known[address] = (weakref.ref(emulator, lambda _: _known.pop(address, None)), chain)
-    return chain
+    return _known.keep(None if program is None else Chain(program), emulator)
 
 
 def _check(emulator: Emulator, probes: Probes, program: LoadedProgram) -> None:
@@ -233,9 +225,9 @@ def _check(emulator: Emulator, probes: Probes, program: LoadedProgram) -> None:
     for number, row in enumerate(chosen):
         states = aligned_room(2 * state).reshape(2, state)
         tapes = chain.forward(latents[row], probes.controls[row][None], defects[number], states)
-        of_states = aligned_room(2 * state * WIDTH).reshape(2, state, WIDTH)
+        of_states = lanes(2, state)
         of_states[1] = cotangents[number].T
-        of_controls = aligned_room(probes.controls.shape[1] * WIDTH).reshape(1, -1, WIDTH)
+        of_controls = lanes(1, probes.controls.shape[1])
         chain.backward(tapes, of_states, 1, of_controls)
         off = np.abs(of_controls[0].T - expected[number])
         if not (off <= GRADIENT_TOLERANCE * (np.abs(expected[number]).max() + 1e-6)).all():

@@ -13,14 +13,14 @@ from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
+from neuroanimator.emulator.arrays import as_float32
 
 
 def controls_of(
     parametrisation: Parametrisation, zs: Float[np.ndarray, "K Z"]
 ) -> Float[np.ndarray, "K T C"]:
     """Return the controls each row of `zs` stands for, by the `backend`."""
-    with np.errstate(over="ignore"):  # too large for float32 is infinite, as in JAX
-        single = np.asarray(zs, np.float32)
+    single = as_float32(zs)
     if backend() != "jax":
         from neuroanimator.control.descent.c_evaluator import controls_in_c
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
 from neuroanimator.control.descent.problem import Problem
+from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.compiled import Compiled
 from neuroanimator.terminal import phase
 
@@ -72,8 +73,7 @@ class JaxEvaluator(Evaluator):
         if program is None:
             program = Compiled(function, self._problem)
             self._programs[function] = program
-        with np.errstate(over="ignore"):  # too large for float32 is infinite, as in JAX
-            single = numbers.astype(np.float32)
+        single = as_float32(numbers)
         if not program.is_compiled_for(self._start, single):
             self._compile(program, single)
         return program(self._start, single)

@@ -6,7 +6,6 @@ another goal of the same kind needs no other program. Costs that are any JAX fun
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
@@ -18,18 +17,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.codegen.c_function import CFunction, c_function, prelude
-from neuroanimator.codegen.kept import CProgram, LoadedProgram, aligned, load_program
+from neuroanimator.codegen.kept import (
+    CProgram,
+    LoadedProgram,
+    WrongProgramError,
+    aligned,
+    load_program,
+)
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input, UnsupportedError, numbers_computed
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.c_emulator import pointer
-from neuroanimator.emulator.probes import (
-    GRADIENT_TOLERANCE,
-    WrongProgramError,
-    compiled_quickly,
-)
-from neuroanimator.terminal import phase, warn_once
+from neuroanimator.emulator.probes import GRADIENT_TOLERANCE, compiled_quickly
+from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 OURS = "neuroanimator."
 """Cost terms of the package: their code is part of what a program is known by; others' is not."""
@@ -108,14 +109,14 @@ class CObjective:
         efforts, effort_tape = self.of_controls(controls)
         by_states = lanes(*states.shape)
         by_controls = lanes(*controls.shape)
-        self.pull_states(tape, _in_first_lane(residuals), by_states, by_controls)
+        self.pull_states(tape, in_first_lane(residuals), by_states, by_controls)
         by_effort = lanes(*controls.shape)
-        self.pull_controls(effort_tape, _in_first_lane(efforts), by_effort)
+        self.pull_controls(effort_tape, in_first_lane(efforts), by_effort)
         slopes = (by_states[..., 0], by_controls[..., 0] + by_effort[..., 0])
         return half_squares(residuals) + half_squares(efforts), slopes
 
 
-def _in_first_lane(residuals: Float[np.ndarray, " R"]) -> Lanes:
+def in_first_lane(residuals: Float[np.ndarray, " R"]) -> Lanes:
     """Return the cotangents that make J's slope of residuals: these themselves, in one lane."""
     result = lanes(len(residuals))
     result[:, 0] = residuals
@@ -309,8 +310,8 @@ def compare_pulled(found: Iterable[np.ndarray], expected: Iterable[Array]) -> No
             raise WrongProgramError("Generated C has another cost, or other gradients, than JAX.")
 
 
-_known: dict[tuple[int, MotionShape], tuple[weakref.ref[Objective], CObjective | None]] = {}
-"""By the address of an objective that is alive: a reference to it and its program."""
+_known: Remembered[CObjective | None] = Remembered()
+"""The program of each objective, by the motions it judges."""
 
 
 def c_objective(
@@ -325,13 +326,11 @@ def c_objective(
     are not the package's own. A program that does not do what JAX does about the state `rest` is refused, which is
     said once.
     """
-    key = (id(objective), shape)
-    known = _known.get(key)
-    if known is not None and known[0]() is objective:
-        return known[1]
-    result = _load(_Form(objective, shape), scale, rest)
-    _known[key] = (weakref.ref(objective, lambda _: _known.pop(key, None)), result)
-    return result
+    key = (shape,)
+    known = _known.of(objective, *key)
+    if known is not UNKNOWN:
+        return known
+    return _known.keep(_load(_Form(objective, shape), scale, rest), objective, *key)
 
 
 def _load(
@@ -345,26 +344,8 @@ def _load(
     leaves = [np.ravel(leaf) for leaf in jax.tree.leaves(objective)]
     numbers = aligned(np.concatenate([*leaves, scale]).astype(np.float32))
 
-    def make() -> CProgram:
-        with phase("generating C"):
-            return form.write()
-
     def check(program: LoadedProgram) -> None:
-        with phase("comparing C with JAX"):
-            form.check(rest, CObjective(program, numbers))
+        form.check(rest, CObjective(program, numbers))
 
-    program = load_quietly(form.about(), make, check)
+    program = load_program(form.about(), form.write, check)
     return None if program is None else CObjective(program, numbers)
-
-
-def load_quietly(
-    about: str, make: Callable[[], CProgram], check: Callable[[LoadedProgram], None]
-) -> LoadedProgram | None:
-    """Return what `load_program` does; None, too, where there is no C for it, or where C is wrong, which is said once."""
-    try:
-        return load_program(about, make, check)
-    except UnsupportedError:
-        return None
-    except WrongProgramError as error:
-        warn_once(f"{error} JAX is used instead of C.")
-        return None

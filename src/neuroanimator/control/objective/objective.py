@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.backend import backend
 from neuroanimator.control.objective.trajectory import Trajectory
-from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.arrays import as_float32, as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 
@@ -86,7 +86,7 @@ def objective_cost(
     """Return J of `states` (T+1, S) under `controls` (T, C), by the `backend`."""
     in_c = _in_c(objective, emulator, len(controls))
     if in_c is not None:
-        return in_c.cost(_single(states), _single(controls))
+        return in_c.cost(as_float32(states), as_float32(controls))
     control_scale = as_jax(emulator.bounds.magnitude)
     motion = Trajectory(as_jax(states), as_jax(controls), control_scale, emulator.dt)
     return float(_cost(objective, motion))
@@ -105,11 +105,7 @@ def _in_c(objective: Objective, emulator: Emulator, steps: int) -> Any:
     from neuroanimator.control.objective.c_objective import MotionShape, c_objective
 
     shape = MotionShape(steps, emulator.state.size, emulator.control.size, emulator.dt)
-    return c_objective(objective, shape, _single(emulator.bounds.magnitude), emulator.rest)
-
-
-def _single(numbers: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(numbers, np.float32)
+    return c_objective(objective, shape, as_float32(emulator.bounds.magnitude), emulator.rest)
 
 
 def check_objective(
@@ -146,7 +142,7 @@ def _of_resting(
     if in_c is not None:
         states = np.broadcast_to(start, (steps + 1, len(start)))
         controls = np.broadcast_to(emulator.bounds.middle, (steps, emulator.control.size))
-        return in_c.cost_and_slopes(_single(states), _single(controls))
+        return in_c.cost_and_slopes(as_float32(states), as_float32(controls))
     trajectory = _resting(emulator, start, steps)
     for function in objective.functions:
         _check_function(function, trajectory)
