@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -100,6 +101,17 @@ def test_another_start_and_other_numbers_need_no_other_program(emulator: na.Emul
     elsewhere = emulator.rest - 0.3
     assert_close(first.at(elsewhere).costs(z), JaxEvaluator(posed).at(elsewhere).costs(z))
     assert set(folder.iterdir()) == before
+
+
+def test_one_objective_is_judged_by_the_scale_of_each_problems_controls(emulator: na.Emulator):
+    """Full effort is another for every emulator: what was made for one is not what another needs."""
+    posed = problem(emulator, objective())
+    z = np.random.default_rng(0).normal(size=(1, posed.parametrisation.size))
+    before = in_c(posed).costs(z)
+    weaker = dataclasses.replace(posed, control_scale=posed.control_scale / 3)
+    found = in_c(weaker).costs(z)
+    assert found > before
+    assert_close(found, JaxEvaluator(weaker).costs(z))
 
 
 def test_a_controller_is_found_as_with_jax(emulator: na.Emulator, monkeypatch: pytest.MonkeyPatch):

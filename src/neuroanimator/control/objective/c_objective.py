@@ -311,7 +311,7 @@ def compare_pulled(found: Iterable[np.ndarray], expected: Iterable[Array]) -> No
 
 
 _known: Remembered[CObjective | None] = Remembered()
-"""The program of each objective, by the motions it judges."""
+"""The program of each objective, by the motions it judges and the scale of their controls."""
 
 
 def c_objective(
@@ -326,7 +326,7 @@ def c_objective(
     are not the package's own. A program that does not do what JAX does about the state `rest` is refused, which is
     said once.
     """
-    key = (shape,)
+    key = (shape, scale.tobytes())
     known = _known.of(objective, *key)
     if known is not UNKNOWN:
         return known
