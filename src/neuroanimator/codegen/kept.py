@@ -94,7 +94,8 @@ def _load(
     record = None if folder is None else folder / f"{key}.safetensors"
     kept = None if record is None else _read(record)
     program = _made(make) if kept is None else kept
-    library = compiled_library(program.text, FLAGS)
+    with phase("compiling C"):
+        library = compiled_library(program.text, FLAGS)
     if library is None:
         return None
     loaded = LoadedProgram(library, aligned(program.constants), program.sizes)
