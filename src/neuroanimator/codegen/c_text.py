@@ -18,6 +18,7 @@ from neuroanimator.codegen.program import (
     Addresses,
     Operation,
     Program,
+    ordered_axes,
 )
 from neuroanimator.codegen.trace import UnsupportedError
 
@@ -344,8 +345,8 @@ class Writer:
     def _products(self, operation: Operation) -> Iterator[str]:
         """Yield products of (M, K) and (K, N), one for each entry of a batch."""
         (left_sum, right_sum), (left_batch, right_batch) = operation.params["dimension_numbers"]
-        left = _ordered(operation.inputs[0], left_batch, left_sum, ends_with_sum=True)
-        right = _ordered(operation.inputs[1], right_batch, right_sum, ends_with_sum=False)
+        left = ordered_axes(operation.inputs[0], left_batch, left_sum, ends_with_sum=True)
+        right = ordered_axes(operation.inputs[1], right_batch, right_sum, ends_with_sum=False)
         outputs = operation.output.reshape(len(left), left.shape[1], right.shape[2])
         rest: list[tuple[Addresses, Addresses, Addresses]] = []
         for left_matrix, right_matrix, output in zip(left, right, outputs, strict=True):
@@ -565,12 +566,3 @@ def _power(exponent: int) -> str:
     if exponent < 0:
         return f"1.0f / ({product})"
     return product
-
-
-def _ordered(value: Addresses, batch: tuple, summed: tuple, *, ends_with_sum: bool) -> Addresses:
-    """Return (B, M, K), or (B, K, N)."""
-    free = [axis for axis in range(value.ndim) if axis not in (*batch, *summed)]
-    groups = (batch, free, summed) if ends_with_sum else (batch, summed, free)
-    shape = [math.prod(value.shape[axis] for axis in axes) for axes in groups]
-    order = [*groups[0], *groups[1], *groups[2]]
-    return value.transpose(order).reshape(shape)

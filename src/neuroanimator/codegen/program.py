@@ -118,6 +118,17 @@ def spaces_of(addresses: Addresses) -> np.ndarray:
     return np.asarray(addresses // SPACE)
 
 
+def ordered_axes(
+    value: Addresses, batch: tuple, summed: tuple, *, ends_with_sum: bool
+) -> Addresses:
+    """Return a factor of `dot_general` as matrices: (B, M, K) if it `ends_with_sum`, or else (B, K, N)."""
+    free = [axis for axis in range(value.ndim) if axis not in (*batch, *summed)]
+    groups = (batch, free, summed) if ends_with_sum else (batch, summed, free)
+    shape = [math.prod(value.shape[axis] for axis in axes) for axes in groups]
+    order = [*groups[0], *groups[1], *groups[2]]
+    return value.transpose(order).reshape(shape)
+
+
 @dataclass
 class Program:
     """(inputs) → outputs by `operations`."""

@@ -5,14 +5,13 @@ Every tensor is (batch, N): whatever only moves numbers about within an example 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from neuroanimator.codegen.program import Addresses, Operation, Program
+from neuroanimator.codegen.program import Addresses, Operation, Program, ordered_axes
 from neuroanimator.codegen.trace import UnsupportedError
 
 OPERATORS = {
@@ -250,8 +249,8 @@ class _Writer:
     def _products(self, operation: Operation) -> None:
         """Write products of (M, K) and (K, N), one for each entry of a batch of JAX' own."""
         (left_sum, right_sum), (left_batch, right_batch) = operation.params["dimension_numbers"]
-        left = _ordered(operation.inputs[0], left_batch, left_sum, ends_with_sum=True)
-        right = _ordered(operation.inputs[1], right_batch, right_sum, ends_with_sum=False)
+        left = ordered_axes(operation.inputs[0], left_batch, left_sum, ends_with_sum=True)
+        right = ordered_axes(operation.inputs[1], right_batch, right_sum, ends_with_sum=False)
         output = operation.output.reshape(len(left), left.shape[1], right.shape[2])
         if (left < 0).all():
             left, right = right.swapaxes(1, 2), left.swapaxes(1, 2)
@@ -312,15 +311,6 @@ COMPOSED: dict[str, Callable[..., str]] = {
     "square": _square,
 }
 """What writes an operation that takes several operators, or other inputs."""
-
-
-def _ordered(value: Addresses, batch: tuple, summed: tuple, *, ends_with_sum: bool) -> Addresses:
-    """Return (B, M, K), or (B, K, N)."""
-    free = [axis for axis in range(value.ndim) if axis not in (*batch, *summed)]
-    groups = (batch, free, summed) if ends_with_sum else (batch, summed, free)
-    shape = [math.prod(value.shape[axis] for axis in axes) for axes in groups]
-    order = [*groups[0], *groups[1], *groups[2]]
-    return value.transpose(order).reshape(shape)
 
 
 def _needed(graph: Graph, output: str) -> Graph:
