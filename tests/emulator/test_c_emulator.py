@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import equinox as eqx
@@ -15,7 +17,7 @@ from neuroanimator.compiler import compiler
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.emulator import c_emulator as module
 from neuroanimator.emulator.c_emulator import c_emulator, c_program
-from neuroanimator.errors import ArgumentError, ResourceError
+from neuroanimator.errors import ArgumentError, NeuroAnimatorError, ResourceError
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
@@ -74,6 +76,48 @@ def test_a_batch_is_its_motions_whatever_their_number(in_c: None):
 
 
 @needs_compiler
+def test_numbers_may_lie_in_memory_in_any_way(in_c: None):
+    emulator = load_emulator("pendulum-50")
+    state, controls = motion(emulator, 3, 0)
+    expected = emulator.rollout(state.astype(np.float32), controls.astype(np.float32))
+    spread = np.repeat(state, 2)[::2]
+    transposed = np.asfortranarray(controls)
+    transposed.flags.writeable = False
+    for start, held in ((state, controls), (spread, transposed), (list(state), controls.tolist())):
+        np.testing.assert_array_equal(emulator.rollout(start, held), expected)
+        np.testing.assert_array_equal(emulator.step(start, held[0]), expected[1])
+
+
+def faults(name: str, number: float) -> Iterator[str]:
+    """Yield what is said of a start, and of controls, with `number` among them, alone and among others."""
+    set_backend(name)
+    emulator = load_emulator("pendulum-50")
+    state, controls = motion(emulator, 3, 0)
+    for spoilt in (state, controls):
+        before = spoilt.flat[-1]
+        spoilt.flat[-1] = number
+        for call in (
+            lambda: emulator.step(state, controls[-1]),
+            lambda: emulator.rollout(state, controls),
+            lambda: emulator.rollout(np.tile(state, (5, 1)), np.tile(controls, (5, 1, 1))),
+        ):
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "overflow", RuntimeWarning)
+                try:
+                    call()
+                    yield "nothing"
+                except NeuroAnimatorError as error:
+                    yield str(error)
+        spoilt.flat[-1] = before
+
+
+@needs_compiler
+@pytest.mark.parametrize("number", [np.nan, -np.inf, 1e6, np.nextafter(1e6, 2e6), -1e300])
+def test_faults_are_found_and_said_as_in_jax(number: float, in_c: None):
+    assert list(faults("c", number)) == list(faults("jax", number))
+
+
+@needs_compiler
 def test_arrays_of_jax_stay_with_jax(in_c: None):
     emulator = load_emulator("pendulum-50")
     state, controls = motion(emulator, 3, 0)
@@ -116,7 +160,8 @@ def test_a_program_is_made_once_a_machine_and_a_damaged_one_anew(
     def last_state() -> np.ndarray:
         program = c_emulator(load_emulator("pendulum-passive-50"))
         assert program is not None
-        return program.rollout(state.astype(np.float32), controls.astype(np.float32))[-1]
+        trajectory, _ = program.rollout(state.astype(np.float32), controls.astype(np.float32))
+        return trajectory[-1]
 
     first = last_state()
     np.testing.assert_array_equal(last_state(), first)

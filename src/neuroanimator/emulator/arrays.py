@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -16,8 +16,19 @@ def too_large_is_infinite() -> np.errstate:
     return np.errstate(over="ignore")
 
 
+def is_plain(numbers: object) -> TypeGuard[np.ndarray]:
+    """Return whether `numbers` are an array of NumPy, and of floats: what users mostly give."""
+    return type(numbers) is np.ndarray and numbers.dtype.kind == "f"
+
+
 def as_float32(numbers: ArrayLike) -> np.ndarray:
     """Return `numbers`, of any shape, as float32 in C's order; not copied if they are so already."""
+    if (
+        isinstance(numbers, np.ndarray)
+        and numbers.dtype == np.float32
+        and numbers.flags.c_contiguous
+    ):
+        return numbers
     with too_large_is_infinite():
         return np.asarray(numbers, np.float32, order="C")
 

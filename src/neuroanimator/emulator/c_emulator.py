@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 
@@ -23,7 +22,7 @@ from neuroanimator.codegen.trace import Input
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.description import describe
-from neuroanimator.emulator.emulator import Emulator, latent_size
+from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, latent_size
 from neuroanimator.emulator.probes import Probes, latent_is_covered, probes_of
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.storage.files import canonical_json, digest
@@ -92,76 +91,126 @@ def _library(emulator: Emulator, functions: list[str], template: str) -> str:
     latent, control, state = _inputs(emulator, is_wide=False)
     sizes = {"STATE": state, "CONTROL": control, "LATENT": latent}
     defines = [f"#define {name} {entry.shape[0]}" for name, entry in sizes.items()]
-    calls = (resources.files("neuroanimator.emulator") / template).read_text(encoding="utf-8")
-    return "\n".join([prelude(), *defines, *functions, calls])
+    defines.append(f"#define MAX_MAGNITUDE {MAX_MAGNITUDE:.1f}f")
+    folder = resources.files("neuroanimator.emulator")
+    calls = [(folder / name).read_text(encoding="utf-8") for name in ("sound.c", template)]
+    return "\n".join([prelude(), *defines, *functions, *calls])
 
 
-@dataclass(frozen=True, eq=False)
 class CEmulator:
-    """An emulator's program, loaded. All arrays are float32; threads may share it."""
+    """An emulator's program, loaded. All arrays are float32 in C's order; threads may share it.
 
-    program: LoadedProgram
-    lanes: Callable[[], LoadedProgram | None]
-    """Loads the program of sixteen motions side by side, which not everybody needs."""
-    state_size: int
+    What it computes comes with whether it is sound: whether what went in is what `Emulator` accepts, and what came out
+    of a rollout is finite.
+    """
+
+    def __init__(
+        self,
+        program: LoadedProgram,
+        lanes: Callable[[], LoadedProgram | None],
+        state_size: int,
+        control_size: int,
+    ):
+        """`lanes` loads the program of sixteen motions side by side, which not everybody needs."""
+        self._constants = program.constants
+        self._constants_at = address(program.constants)
+        self._lanes = lanes
+        self._state_size = state_size
+        self._control_size = control_size
+        self._step = _function(program, "step", 4)
+        self._rollout = _function(program, "rollout", 5)
+        self._covers = _function(program, "covers", 2)
+
+    def takes_step(self, state: np.ndarray, control: np.ndarray) -> bool:
+        """Return whether these are of the shapes `step` takes."""
+        return state.shape == (self._state_size,) and control.shape == (self._control_size,)
+
+    def takes_rollout(self, state: np.ndarray, controls: np.ndarray) -> bool:
+        """Return whether these are of the shapes `rollout` takes."""
+        has_controls = controls.ndim == 2 and controls.shape[1] == self._control_size
+        return has_controls and state.shape == (self._state_size,)
+
+    def takes_rollouts(self, states: np.ndarray, controls: np.ndarray) -> bool:
+        """Return whether these are of the shapes `rollouts` takes, of one motion or more."""
+        if controls.ndim != 3 or not len(controls):
+            return False
+        has_states = states.shape == (len(controls), self._state_size)
+        return has_states and controls.shape[2] == self._control_size
 
     def step(
         self, state: Float[np.ndarray, " S"], control: Float[np.ndarray, " C"]
-    ) -> Float[np.ndarray, " S"]:
-        """Return the state one super step later."""
-        following = np.empty(self.state_size, np.float32)
-        self.program.library.step(
-            pointer(self.program.constants),
-            pointer(state),
-            pointer(control),
-            pointer(following),
+    ) -> tuple[Float[np.ndarray, " S"], bool]:
+        """Return (the state one super step later, whether what went in is finite)."""
+        following = np.empty(self._state_size, np.float32)
+        is_sound = self._step(
+            self._constants_at, address(state), address(control), address(following)
         )
-        return following
+        return following, bool(is_sound)
 
     def rollout(
         self, state: Float[np.ndarray, " S"], controls: Float[np.ndarray, "T C"]
-    ) -> Float[np.ndarray, "T+1 S"]:
-        """Return the trajectory from `state`, it included."""
-        states = np.empty((len(controls) + 1, self.state_size), np.float32)
-        self.program.library.rollout(
-            pointer(self.program.constants),
-            pointer(state),
-            pointer(controls),
-            ctypes.c_long(len(controls)),
-            pointer(states),
+    ) -> tuple[Float[np.ndarray, "T+1 S"], bool]:
+        """Return (the trajectory from `state`, it included, whether it is sound)."""
+        steps = len(controls)
+        states = np.empty((steps + 1, self._state_size), np.float32)
+        is_sound = self._rollout(
+            self._constants_at, address(state), address(controls), steps, address(states)
         )
-        return states
+        return states, bool(is_sound)
 
     def rollouts(
         self, states: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
-    ) -> Float[np.ndarray, "B T+1 S"]:
-        """Return the trajectories from each of `states`, sixteen at a time."""
-        lanes = self.lanes() if len(states) >= FEWEST_LANES else None
+    ) -> tuple[Float[np.ndarray, "B T+1 S"], bool]:
+        """Return (the trajectories from each of `states`, whether all are sound), sixteen at a time."""
+        lanes = self._lanes() if len(states) >= FEWEST_LANES else None
         if lanes is None:
             pairs = zip(states, controls, strict=True)
-            return np.stack([self.rollout(state, held) for state, held in pairs])
-        count, steps, _ = controls.shape
-        result = np.empty((count, steps + 1, self.state_size), np.float32)
-        lanes.library.rollouts(
-            pointer(lanes.constants),
-            pointer(states),
-            pointer(controls),
-            ctypes.c_long(count),
-            ctypes.c_long(steps),
-            pointer(result),
-        )
-        return result
+            motions = [self.rollout(state, held) for state, held in pairs]
+            are_sound = all(is_sound for _, is_sound in motions)
+            return np.stack([motion for motion, _ in motions]), are_sound
+        return _rollouts(lanes, states, controls)
 
     def covers(self, state: Float[np.ndarray, " S"]) -> bool:
         """Return whether `state` lies in the range of the training."""
-        function = self.program.library.covers
-        function.restype = ctypes.c_float
-        return bool(function(pointer(self.program.constants), pointer(state)))
+        return bool(self._covers(self._constants_at, address(state)))
+
+
+def _rollouts(
+    lanes: LoadedProgram,
+    states: Float[np.ndarray, "B S"],
+    controls: Float[np.ndarray, "B T C"],
+) -> tuple[Float[np.ndarray, "B T+1 S"], bool]:
+    """Return (the trajectories by the program of sixteen motions side by side, whether all are sound)."""
+    count, steps, _ = controls.shape
+    motions = np.empty((count, steps + 1, states.shape[1]), np.float32)
+    are_sound = _function(lanes, "rollouts", 6)(
+        address(lanes.constants),
+        address(states),
+        address(controls),
+        count,
+        steps,
+        address(motions),
+    )
+    return motions, bool(are_sound)
+
+
+def _function(program: LoadedProgram, name: str, parameters: int) -> Callable[..., int]:
+    """Return a program's function of so many addresses and counts."""
+    function = program.library[name]
+    function.argtypes = [ctypes.c_void_p] * parameters  # counts are as long as addresses
+    return function
+
+
+def address(array: np.ndarray) -> int:
+    """Return where an array in C's order lies; C may use it as long as the array lives."""
+    if array.nbytes and array.flags.writeable:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))  # in a quarter of the time
+    return array.ctypes.data
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:
-    """Return where an array lies, for C."""
-    return ctypes.c_void_p(array.ctypes.data)
+    """Return `address` as C takes it from ctypes where a function's parameters are not declared."""
+    return ctypes.c_void_p(address(array))
 
 
 _known: Remembered[CEmulator | None] = Remembered()
@@ -183,7 +232,7 @@ def c_emulator(emulator: Emulator) -> CEmulator | None:
     result = None
     if program is not None:
         lanes = _Lanes(weakref.ref(emulator))
-        result = CEmulator(program, lanes, emulator.state.size)
+        result = CEmulator(program, lanes, emulator.state.size, emulator.control.size)
     return _known.keep(result, emulator)
 
 
@@ -222,13 +271,13 @@ def load_checked(
 
 def _check(probes: Probes, program: LoadedProgram) -> None:
     """Compare a super step from each probe, and whether it is covered."""
-    in_c = CEmulator(program, lambda: None, probes.states.shape[1])
+    in_c = CEmulator(program, lambda: None, probes.states.shape[1], probes.controls.shape[1])
     pairs = zip(probes.states, probes.controls, strict=True)
-    probes.compare(np.stack([in_c.step(state, control) for state, control in pairs]))
+    probes.compare(np.stack([in_c.step(state, control)[0] for state, control in pairs]))
     probes.compare_covered(np.array([in_c.covers(state) for state in probes.states]))
 
 
 def _check_lanes(probes: Probes, program: LoadedProgram) -> None:
     """Compare a super step from each probe, all at a time."""
-    in_c = CEmulator(program, lambda: program, probes.states.shape[1])
-    probes.compare(in_c.rollouts(probes.states, probes.controls[:, None])[:, 1])
+    motions, _ = _rollouts(program, probes.states, probes.controls[:, None])
+    probes.compare(motions[:, 1])

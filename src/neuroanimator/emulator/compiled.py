@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
+from neuroanimator.emulator.arrays import as_float32, is_plain
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Layout
@@ -163,29 +164,18 @@ class Step:
         function: Callable[..., Array],
         program_of: Callable[[Any], Any],
         emulator: Any,
-        state: Layout,
-        control: Layout,
-        dtype: np.dtype,
     ):
-        """`function` (emulator, state, control) → the next state; `program_of` (emulator) does it in C, or is None.
-
-        `dtype` is the type of the emulator's numbers.
-        """
+        """`function` (emulator, state, control) → the next state; `program_of` (emulator) does it in C, or is None."""
         self._function = function
         self._program_of = program_of
         self._emulator = emulator
-        self._state = state
-        self._state_shape = (state.size,)
-        self._control = control
-        self._control_shape = (control.size,)
-        self._dtype = dtype
         self.__name__ = "step"
         self.__doc__ = type(self).__call__.__doc__
 
     def __repr__(self) -> str:
-        return (
-            f"step(state {self._state_shape}, control {self._control_shape}) of {self._emulator!r}"
-        )
+        emulator = self._emulator
+        shapes = f"state ({emulator.state.size},), control ({emulator.control.size},)"
+        return f"step({shapes}) of {emulator!r}"
 
     def __call__(self, state: ArrayLike, control: ArrayLike) -> Float[AnyArray, " S"]:
         """Return the state (S,) one super step after `state` (S,) under `control` (C,).
@@ -194,19 +184,26 @@ class Step:
 
         Raises ArgumentError for wrong shapes, and for numbers that are not finite where they do not come from JAX.
         """
+        emulator = self._emulator
+        if is_plain(state) and is_plain(control):
+            program = self._program_of(emulator)
+            if program is not None and program.takes_step(state, control):
+                following, is_sound = program.step(as_float32(state), as_float32(control))
+                if is_sound:
+                    return following
         is_for_jax = isinstance(state, jax.Array) or isinstance(control, jax.Array)
-        state = self._checked(state, self._state, self._state_shape, "state")
-        control = self._checked(control, self._control, self._control_shape, "control")
+        state = self._checked(state, emulator.state, "state")
+        control = self._checked(control, emulator.control, "control")
         if is_for_jax:
-            return call_compiled(self._function, self._emulator, state, control)
-        program = self._program_of(self._emulator)
+            return call_compiled(self._function, emulator, state, control)
+        program = self._program_of(emulator)
         if program is None:
-            return as_numpy(call_compiled(self._function, self._emulator, state, control))
-        return program.step(state, control)
+            return as_numpy(call_compiled(self._function, emulator, state, control))
+        following, _ = program.step(state, control)
+        return following
 
-    def _checked(
-        self, vector: ArrayLike, layout: Layout, shape: tuple[int, ...], label: str
-    ) -> Any:
+    def _checked(self, vector: ArrayLike, layout: Layout, label: str) -> Any:
+        shape = (layout.size,)
         if isinstance(vector, jax.Array) and vector.shape == shape:
             return vector  # Looking at its numbers would wait for them, and a tracer has none.
         if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:
@@ -214,4 +211,4 @@ class Step:
                 f"{label}: wanted {shape[0]} numbers, came shape {np.shape(vector)}. "
                 "For many at once use jax.vmap(emulator.step), or rollout."
             )
-        return layout.check(vector, label).astype(self._dtype)
+        return layout.check(vector, label).astype(self._emulator.normaliser.change_scale.dtype)

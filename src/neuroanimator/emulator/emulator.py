@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.backend import backend
-from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.arrays import as_float32, as_jax, is_plain
 from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled, plain_method
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
@@ -117,8 +117,7 @@ class Emulator(eqx.Module):
         A function that can be called from Python, and given to `jax.jit`,
         `jax.grad` and `jax.vmap`.
         """
-        dtype = self.normaliser.change_scale.dtype
-        return Step(step, program_of, self, self.state, self.control, dtype)
+        return Step(step, program_of, self)
 
     def step_latent(
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
@@ -210,6 +209,10 @@ class Emulator(eqx.Module):
         Raises ArgumentError for wrong shapes, for numbers that are not finite or larger than `MAX_MAGNITUDE`, and
         for states no motion follows from; DivergedError where a motion ends in numbers that are not finite.
         """
+        if is_plain(state) and is_plain(controls):
+            sound = _sound_rollout(self, state, controls)
+            if sound is not None:
+                return sound
         start, held = _checked(self, state, controls)
         if not held.shape[-2]:
             return start[..., None, :]
@@ -266,6 +269,25 @@ class Emulator(eqx.Module):
         )
 
 
+def _sound_rollout(
+    emulator: Emulator, state: Float[np.ndarray, ...], controls: Float[np.ndarray, ...]
+) -> Float[np.ndarray, "*B F S"] | None:
+    """Return `rollout` in C, where all shapes and numbers are found in order there.
+
+    None where they are not, or where there is no C: then the long way has to be gone, which says what is wrong.
+    """
+    program = program_of(emulator)
+    if program is None:
+        return None
+    if program.takes_rollout(state, controls):
+        trajectory, is_sound = program.rollout(as_float32(state), as_float32(controls))
+        return trajectory if is_sound else None
+    if program.takes_rollouts(state, controls):
+        trajectories, are_sound = program.rollouts(as_float32(state), as_float32(controls))
+        return trajectories if are_sound else None
+    return None
+
+
 def _rollout(
     emulator: Emulator, state: Float[AnyArray, "*B S"], controls: Float[AnyArray, "*B T C"]
 ) -> Float[AnyArray, "*B F S"]:
@@ -276,9 +298,9 @@ def _rollout(
     program = program_of(emulator)
     if program is None:
         return as_numpy(call_compiled(function, emulator, state, controls))
-    if state.ndim == 2:
-        return program.rollouts(state, controls)
-    return program.rollout(state, controls)
+    run = program.rollouts if state.ndim == 2 else program.rollout
+    trajectory, _ = run(state, controls)
+    return trajectory
 
 
 def _check_finite(emulator: Emulator, trajectory: Float[np.ndarray, "*B F S"]) -> None:

@@ -1,25 +1,29 @@
 /* What callers of one emulator use. Numbers are in the units of its state and control; arrays are in C's order. */
 
-/* The state (S,) one super step after `state` (S,) under `control` (C,). */
-void step(const float *k, const float *state, const float *control, float *next) {
+/* The state (S,) one super step after `state` (S,) under `control` (C,); returns whether both are finite. */
+int step(const float *k, const float *state, const float *control, float *next) {
     NA_ALIGNED float latent[LATENT];
     encode(k, state, latent);
     super_step(k, latent, control, latent, next);
+    return all_finite(state, STATE) & all_finite(control, CONTROL);
 }
 
-/* `states` (T+1, S): `state` (S,), and the ones after each of `steps` super steps under `controls` (T, C). */
-void rollout(const float *k, const float *state, const float *controls, long steps, float *states) {
+/* `states` (T+1, S): `state` (S,), and the ones after each of `steps` super steps under `controls` (T, C). Returns
+   whether `state` is small enough and all else is finite. */
+int rollout(const float *k, const float *state, const float *controls, long steps, float *states) {
     NA_ALIGNED float latent[LATENT];
     memcpy(states, state, STATE * sizeof(float));
     encode(k, state, latent);
     for (long t = 0; t < steps; t++) super_step(k, latent, controls + t * CONTROL, latent, states + (t + 1) * STATE);
+    const int is_given_sound = all_below(state, STATE, MAX_MAGNITUDE) & all_finite(controls, steps * CONTROL);
+    return is_given_sound & all_finite(states, (steps + 1) * STATE);
 }
 
 /* Whether `state` (S,) lies in the range of the training. */
-float covers(const float *k, const float *state) {
+int covers(const float *k, const float *state) {
     NA_ALIGNED float latent[LATENT];
     float is_covered;
     encode(k, state, latent);
     latent_is_covered(k, latent, &is_covered);
-    return is_covered;
+    return is_covered != 0;
 }

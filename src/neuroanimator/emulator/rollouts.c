@@ -1,7 +1,8 @@
 /* Sixteen motions side by side. Numbers are in the units of the emulator's state and control. */
 
-/* `states` (B, T+1, S): `count` motions of `steps` super steps from `starts` (B, S) under `controls` (B, T, C). */
-void rollouts(const float *k, const float *starts, const float *controls, long count, long steps, float *states) {
+/* `states` (B, T+1, S): `count` motions of `steps` super steps from `starts` (B, S) under `controls` (B, T, C).
+   Returns whether all starts are small enough and all else is finite. */
+int rollouts(const float *k, const float *starts, const float *controls, long count, long steps, float *states) {
     NA_ALIGNED float latent[LATENT * LANES], state[STATE * LANES], control[CONTROL * LANES], one[LATENT];
     for (long first = 0; first < count; first += LANES) {
         const long present = count - first < LANES ? count - first : LANES;
@@ -24,4 +25,6 @@ void rollouts(const float *k, const float *starts, const float *controls, long c
             }
         }
     }
+    const int are_given_sound = all_below(starts, count * STATE, MAX_MAGNITUDE) & all_finite(controls, count * steps * CONTROL);
+    return are_given_sound & all_finite(states, count * (steps + 1) * STATE);
 }
