@@ -52,6 +52,35 @@ def compiled_quickly(function: Callable[..., Any]) -> Callable[..., Any]:
     return jax.jit(function, compiler_options=UNOPTIMISED)
 
 
+def rounded(numbers: Float[np.ndarray, ...]) -> Float[np.ndarray, ...]:
+    """Return `numbers` changed at random in their last places, to see what rounding does in JAX alone."""
+    rng = np.random.default_rng(0)
+    return numbers * (1 + ROUNDING * rng.uniform(-1, 1, numbers.shape)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Rows of numbers as JAX computes them, and how nearly a program must."""
+
+    rows: Float[np.ndarray, "N M"]
+    size: Float[np.ndarray, "N M"]
+    """What an error is compared with."""
+    doubt: Float[np.ndarray, "N 1"]
+    """How much rounding changes a row in JAX itself, over each entry's size."""
+
+    @classmethod
+    def of(cls, rows: Float[np.ndarray, "N M"], otherwise: Float[np.ndarray, "N M"]) -> Expected:
+        """Return it from what JAX makes of inputs, and of the same `rounded`."""
+        size = np.abs(rows) + np.abs(rows).max(axis=0, initial=1e-3)
+        doubt = np.abs(otherwise - rows) / size
+        return cls(rows, size, doubt.max(axis=1, keepdims=True))
+
+    def agrees(self, computed: Float[np.ndarray, "N M"]) -> bool:
+        """Return whether the rows `computed` by a program are these."""
+        off = np.abs(computed - self.rows) / self.size
+        return bool((off <= TOLERANCE + DOUBTS * self.doubt).all())
+
+
 @dataclass(frozen=True)
 class Probes:
     """States of random motions, some far beyond what training showed, with what JAX makes of them."""
@@ -59,12 +88,8 @@ class Probes:
     states: Float[np.ndarray, "N S"]
     controls: Float[np.ndarray, "N C"]
     """Within the bounds and at them."""
-    expected: Float[np.ndarray, "N S"]
+    expected: Expected
     """One super step later."""
-    doubt: Float[np.ndarray, "N 1"]
-    """How much rounding changes that in JAX itself, over each entry's size."""
-    size: Float[np.ndarray, "N S"]
-    """What an error is compared with."""
     is_covered: Bool[np.ndarray, " N"]
 
     @classmethod
@@ -82,30 +107,23 @@ class Probes:
         states = stretched.reshape(-1, len(rest))
         controls = held.reshape(-1, held.shape[-1])
         steps = compiled_quickly(jax.vmap(step, (None, 0, 0)))
-        rounded = states * (1 + ROUNDING * rng.uniform(-1, 1, states.shape)).astype(np.float32)
         expected = np.asarray(steps(emulator, states, controls))
-        otherwise = np.asarray(steps(emulator, rounded, controls))
+        otherwise = np.asarray(steps(emulator, rounded(states), controls))
         is_sound = np.isfinite(expected).all(axis=1) & np.isfinite(otherwise).all(axis=1)
         is_sound &= (np.abs(states) < LARGEST).all(axis=1)
-        expected = expected[is_sound]
-        size = np.abs(expected) + np.abs(expected).max(axis=0, initial=1e-3)
-        doubt = np.abs(otherwise[is_sound] - expected) / size
         covered = compiled_quickly(jax.vmap(state_is_covered, (None, 0)))(
             emulator, states[is_sound]
         )
         return cls(
             states=states[is_sound],
             controls=controls[is_sound],
-            expected=expected,
-            doubt=doubt.max(axis=1, keepdims=True),
-            size=size,
+            expected=Expected.of(expected[is_sound], otherwise[is_sound]),
             is_covered=np.asarray(covered) > 0,
         )
 
     def compare(self, computed: Float[np.ndarray, "N S"]) -> None:
         """Raise WrongProgramError unless `computed` states are the expected ones."""
-        off = np.abs(computed - self.expected) / self.size
-        if not (off <= TOLERANCE + DOUBTS * self.doubt).all():
+        if not self.expected.agrees(computed):
             raise WrongProgramError("Generated C does not do what the emulator does in JAX.")
 
     def compare_covered(self, computed: Bool[np.ndarray, " N"]) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.policies.behaviours import Behaviour
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward
+from neuroanimator.control.policies.super_step import make_super_step
 from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.system import Runs, System
 
@@ -76,9 +77,6 @@ def _rollout_on_emulator(
     return jnp.concatenate([starts[:, None], states], axis=1)
 
 
-_choose_controls = eqx.filter_jit(choose_controls)
-
-
 def rollout_on_physics(
     policy: Policy,
     system: System,
@@ -95,8 +93,8 @@ def rollout_on_physics(
     has_diverged = np.zeros(len(starts), bool)
     phase = np.zeros(len(starts))
     for _ in range(steps):
-        latent = jnp.asarray(policy.emulator.encode(states[-1]), jnp.float32)
-        chosen = _choose_controls(policy, latent, jnp.asarray(phase, jnp.float32), target)
+        latent = policy.emulator.encode(states[-1])
+        chosen = make_super_step(policy, latent, phase, target).controls
         held = system.bounds.clip(np.asarray(chosen, float))  # float32 may round beyond a bound
         runs = system.simulate_fastest(states[-1], held[:, None], policy.dt)
         has_diverged |= runs.has_diverged

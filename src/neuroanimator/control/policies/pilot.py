@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, final
 
-import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.interpolate import interpolate_hermite
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import load_policy
-from neuroanimator.control.policies.steering import SteeringTarget, command_toward
+from neuroanimator.control.policies.steering import SteeringTarget
+from neuroanimator.control.policies.super_step import make_super_step
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import Pose, read_pose
@@ -59,7 +59,12 @@ class Pilot:
     def __init__(self, policy: Policy | str | Path):
         """Make it from a policy, its file, or a shipped one's name, such as `fish`; it stands at rest."""
         self.policy = policy if isinstance(policy, Policy) else load_policy(policy)
-        self._structure = self.policy.emulator.state_structure
+        # Asking a module of equinox for its facts takes longer than a super step.
+        emulator = self.policy.emulator
+        self._structure = emulator.state_structure
+        self._rates = emulator.rates
+        self._super_step = emulator.dt
+        self._tick = self.policy.tick
         self.reset()
 
     @property
@@ -118,7 +123,7 @@ class Pilot:
             )
         if state is not None:
             self._go_on_from(self._checked(np.array(state, float)))
-        super_step = self.policy.dt
+        super_step = self._super_step
         left = dt
         while left > TINY:
             if self._since_begin > super_step - TINY:
@@ -165,25 +170,25 @@ class Pilot:
             level * math.sin(self._heading),
             math.sin(steepness),
         ]
-        forward_speed = np.array(max(speed, 0.0), np.float32)
-        target = SteeringTarget(np.array(direction, np.float32), forward_speed)
-        phase = np.array(self._phase, np.float32)
-        self._next_latent, end, controls = _super_step(self.policy, self._latent, phase, target)
-        self._end = np.asarray(end, float)
-        self._controls = np.asarray(controls, float)
+        target = SteeringTarget(np.array([direction]), np.array([max(speed, 0.0)]))
+        phase = np.array([self._phase])
+        made = make_super_step(self.policy, self._latent[None], phase, target)
+        self._next_latent = made.latent[0]
+        self._end = np.asarray(made.states[0], float)
+        self._controls = np.asarray(made.controls[0], float)
 
     def _finish_super_step(self) -> None:
         """Begin the next super step where this one ends."""
         assert self._end is not None
         self._begin = self._end
         self._latent = self._next_latent
-        self._phase = (self._phase + self.policy.tick) % (2 * math.pi)
+        self._phase = (self._phase + self._tick) % (2 * math.pi)
         self._since_begin = 0.0
         self._end = None
 
     def _go_on_from(self, state: Float[np.ndarray, " S"]) -> None:
         """Put the body where it really is; its clock goes on."""
-        passed = self.policy.tick * self._since_begin / self.policy.dt
+        passed = self._tick * self._since_begin / self._super_step
         self._phase = (self._phase + passed) % (2 * math.pi)
         self._begin = state
         self._latent = np.asarray(self.policy.emulator.encode(state), np.float32)
@@ -193,11 +198,10 @@ class Pilot:
     def _interpolated(self) -> Float[np.ndarray, " S"]:
         """Return the state at this moment of the super step."""
         assert self._end is not None
-        emulator = self.policy.emulator
+        dt = self._super_step
         ends = np.stack([self._begin, self._end])
-        now = np.array([min(self._since_begin, emulator.dt)])
-        orientations = emulator.state_structure.orientations
-        return interpolate_hermite(ends, emulator.dt, now, emulator.rates, orientations)[0]
+        now = np.array([min(self._since_begin, dt)])
+        return interpolate_hermite(ends, dt, now, self._rates, self._structure.orientations)[0]
 
     def _pose(self, state: Float[np.ndarray, " S"]) -> Pose:
         return read_pose(self._structure, state)
@@ -209,21 +213,6 @@ class Pilot:
                 f"state: wanted one of {checked.shape[-1]} numbers, came shape {checked.shape}."
             )
         return checked
-
-
-@eqx.filter_jit
-def _super_step(
-    policy: Policy,
-    latent: Float[AnyArray, " I"],
-    phase: Float[AnyArray, ""],
-    target: SteeringTarget,
-) -> tuple[Float[Array, " I"], Float[Array, " S"], Float[Array, " C"]]:
-    """Return the latent state and the state a super step later, and the controls held on the way."""
-    emulator = policy.emulator
-    command = command_toward(target, policy.pose(latent))
-    controls = policy.control(latent, phase, command)
-    following = emulator.step_latent(latent, emulator.encode_control(controls))
-    return following, emulator.decode(following), controls
 
 
 def _heading(pose: Pose) -> float:

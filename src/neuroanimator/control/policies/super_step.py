@@ -1,0 +1,92 @@
+"""A policy's super step: it looks at a body, sets its muscles, and the emulator leaps. In C where the `backend` is C."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.policy_file import describe_policy, policy_leaves
+from neuroanimator.control.policies.steering import SteeringTarget, command_toward
+from neuroanimator.emulator.arrays import as_float32
+from neuroanimator.emulator.c_rows import c_rows
+from neuroanimator.emulator.compiled import call_compiled
+from neuroanimator.emulator.probes import probes_of
+from neuroanimator.emulator.tensors import to_numpy
+from neuroanimator.storage.files import canonical_json, digest
+
+EXCESS = 0.2
+"""Share of a policy's range of speeds by which those that a program is tried on go beyond it."""
+
+
+class SuperStep(NamedTuple):
+    """What bodies do in a super step."""
+
+    latent: Float[np.ndarray, "B I"]
+    """The latent states it ends in."""
+    states: Float[np.ndarray, "B S"]
+    """The states it ends in."""
+    controls: Float[np.ndarray, "B C"]
+    """The controls held on the way."""
+
+
+def make_super_step(
+    policy: Policy,
+    latent: Float[np.ndarray, "B I"],
+    phase: Float[np.ndarray, " B"],
+    target: SteeringTarget,
+) -> SuperStep:
+    """Return what bodies in the states `latent`, at `phase` [rad] of their clocks, do to reach `target` (B)."""
+    inputs = [
+        as_float32(latent),
+        as_float32(phase)[:, None],
+        as_float32(target.direction),
+        as_float32(target.speed)[:, None],
+    ]
+    in_c = c_rows(policy_super_step, policy, lambda: _about(policy), lambda: _samples(policy))
+    if in_c is None:
+        return SuperStep(*map(np.asarray, call_compiled(_super_steps, policy, *inputs)))
+    return SuperStep(*in_c(*inputs))
+
+
+def policy_super_step(
+    policy: Policy,
+    latent: Float[Array, " I"],
+    phase: Float[Array, " 1"],
+    direction: Float[Array, " 3"],
+    speed: Float[Array, " 1"],
+) -> tuple[Float[Array, " I"], Float[Array, " S"], Float[Array, " C"]]:
+    """Return (the latent state a super step later, the state, the controls held on the way), of one body."""
+    emulator = policy.emulator
+    command = command_toward(SteeringTarget(direction, speed[0]), policy.pose(latent))
+    controls = policy.control(latent, phase[0], command)
+    following = emulator.step_latent(latent, emulator.encode_control(controls))
+    return following, emulator.decode(following), controls
+
+
+def _super_steps(policy: Policy, *inputs: Float[Array, "B _"]) -> tuple[Array, ...]:
+    of_row = (None, *[0] * len(inputs))
+    return jax.vmap(policy_super_step, of_row)(policy, *inputs)
+
+
+def _about(policy: Policy) -> list[str]:
+    """Return what a policy does, in words and numbers."""
+    return [canonical_json(describe_policy(policy)), digest(to_numpy(policy_leaves(policy)))]
+
+
+def _samples(policy: Policy) -> list[Float[np.ndarray, "N _"]]:
+    """Return a thousand bodies, clocks and targets: some far beyond what training showed."""
+    rng = np.random.default_rng(0)
+    states = probes_of(policy.emulator).states
+    count = len(states)
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    slowest, fastest = policy.ranges.low[0], policy.ranges.high[0]
+    excess = EXCESS * (fastest - slowest)
+    speeds = rng.uniform(slowest - excess, fastest + excess, (count, 1))
+    phases = rng.uniform(0, 2 * np.pi, (count, 1))
+    latent = policy.emulator.encode(states)
+    return [as_float32(array) for array in (latent, phases, directions, speeds)]

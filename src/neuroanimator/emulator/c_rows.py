@@ -1,0 +1,158 @@
+"""Functions of a module that take and give rows of numbers, such as a policy's, as programs in C.
+
+There is one definition, in JAX. The program is generated from it, and held against it before its first use on a machine.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Shaped
+
+from neuroanimator.backend import backend
+from neuroanimator.codegen.c_function import c_function, prelude
+from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, load_program
+from neuroanimator.codegen.program import Constants
+from neuroanimator.codegen.trace import Input
+from neuroanimator.emulator.c_emulator import address
+from neuroanimator.emulator.compiled import is_traced
+from neuroanimator.emulator.probes import BORDERLINE, Expected, compiled_quickly, rounded
+from neuroanimator.storage.remembered import UNKNOWN, Remembered
+
+SOUND_SHARE = 0.5
+"""Share of the inputs a program is tried on of which JAX must make finite numbers: or the trial would say little."""
+
+Function = Callable[..., tuple[Array, ...]]
+"""Of a module and some vectors; it returns vectors, and of truth values 0 or 1."""
+
+
+class CRows:
+    """A function of rows, loaded. Arrays are float32 in C's order; threads may share it."""
+
+    def __init__(self, program: LoadedProgram):
+        self._constants = program.constants
+        self._constants_at = address(program.constants)
+        sizes = program.sizes
+        self._widths = [sizes[f"y{number}"] for number in range(sizes["outputs"])]
+        self._run = program.library["rows"]
+        parameters = 2 + sizes["inputs"] + sizes["outputs"]
+        self._run.argtypes = [ctypes.c_void_p] * parameters
+
+    def __call__(self, *inputs: Float[np.ndarray, "B _"]) -> list[Float[np.ndarray, "B _"]]:
+        """Return what the function does of each row of `inputs`: an array for each of its outputs."""
+        count = len(inputs[0])
+        outputs = [np.empty((count, width), np.float32) for width in self._widths]
+        addresses = [address(array) for array in (*inputs, *outputs)]
+        self._run(self._constants_at, count, *addresses)
+        return outputs
+
+
+_known: Remembered[CRows | None] = Remembered()
+"""The programs of each module, by their functions' names."""
+
+
+def c_rows(
+    function: Function,
+    module: Any,
+    about: Callable[[], list[str]],
+    samples: Callable[[], Sequence[Float[np.ndarray, "N _"]]],
+) -> CRows | None:
+    """Return `function` of `module` in C, remembered as long as the module lives.
+
+    `about` says what a program depends on besides the code of the package; `samples` are a thousand rows or more of each
+    input, for which C must do what JAX does. None where the backend is JAX or does not come to C, as for `c_emulator`.
+    """
+    if backend() == "jax":
+        return None
+    name = function.__name__
+    known = _known.of(module, name)
+    if known is not UNKNOWN:
+        return known
+    if is_traced(module) or not _is_float32(module):
+        return None
+    inputs = cache(samples)  # not needed for a program that is kept
+
+    def make() -> CProgram:
+        return _program(function, module, [array.shape[1] for array in inputs()])
+
+    def check(program: LoadedProgram) -> None:
+        _check(function, module, inputs(), CRows(program))
+
+    program = load_program("\n".join([name, *about()]), make, check)
+    return _known.keep(None if program is None else CRows(program), module, name)
+
+
+def _is_float32(module: Any) -> bool:
+    """Return whether JAX computes what the module computes in float32, as C does."""
+    dtypes = {leaf.dtype for leaf in jax.tree.leaves(module) if eqx.is_inexact_array(leaf)}
+    return dtypes <= {np.dtype(np.float32)}
+
+
+def _program(function: Function, module: Any, lengths: list[int]) -> CProgram:
+    """Return the program, `rows(k, count, inputs, outputs)`, of inputs of these lengths."""
+    outputs = jax.eval_shape(function, module, *map(jnp.zeros, lengths))
+    widths = {f"x{number}": length for number, length in enumerate(lengths)}
+    sizes = {"inputs": len(lengths), "outputs": len(outputs)}
+    for number, output in enumerate(outputs):
+        widths[f"y{number}"] = math.prod(output.shape)
+        sizes[f"y{number}"] = math.prod(output.shape)
+    constants = Constants()
+    inputs = [Input((length,)) for length in lengths]
+    row = c_function("row", _in_floats(function), module, inputs, constants)
+    parameters = [f"const float *x{number}" for number in range(len(lengths))]
+    parameters += [f"float *y{number}" for number in range(len(outputs))]
+    arguments = [f"{name} + b * {width}" for name, width in widths.items()]
+    loop = [
+        f"void rows(const float *k, long count, {', '.join(parameters)}) {{",
+        f"    for (long b = 0; b < count; b++) row(k, {', '.join(arguments)});",
+        "}",
+        "",
+    ]
+    return CProgram("\n".join([prelude(), row.text, *loop]), constants.data(), sizes)
+
+
+def _in_floats(function: Function) -> Function:
+    """Return `function` with 0 and 1 for truth values."""
+
+    def in_floats(module: Any, *inputs: Array) -> tuple[Array, ...]:
+        outputs = function(module, *inputs)
+        return tuple(jnp.asarray(output, jnp.float32) for output in outputs)
+
+    return in_floats
+
+
+def _check(
+    function: Function, module: Any, inputs: Sequence[Float[np.ndarray, "N _"]], in_c: CRows
+) -> None:
+    """Raise WrongProgramError unless C does to every row what JAX does, to within rounding."""
+    in_jax = compiled_quickly(jax.vmap(function, (None, *[0] * len(inputs))))
+    nearby = [rounded(array) for array in inputs]
+    exact = [np.asarray(output) for output in in_jax(module, *inputs)]
+    rerun = [np.asarray(output) for output in in_jax(module, *nearby)]
+    are_sound = np.ones(len(inputs[0]), bool)
+    for values in (*exact, *rerun):
+        are_sound &= np.isfinite(_as_rows(values)).all(axis=1)
+    name = function.__name__
+    if are_sound.mean() < SOUND_SHARE:
+        raise WrongProgramError(f"{name}: too few of the inputs it is tried on are sound.")
+    computed = in_c(*[array[are_sound] for array in inputs])
+    for values, expected, otherwise in zip(computed, exact, rerun, strict=True):
+        wanted = _as_rows(expected[are_sound])
+        if expected.dtype == bool:
+            agrees = np.mean((values > 0) != wanted) <= BORDERLINE
+        else:
+            agrees = Expected.of(wanted, _as_rows(otherwise[are_sound])).agrees(values)
+        if not agrees:
+            raise WrongProgramError(f"Generated C does not do what {name} does in JAX.")
+
+
+def _as_rows(values: Shaped[np.ndarray, "N ..."]) -> Shaped[np.ndarray, "N M"]:
+    return values.reshape(len(values), -1)
