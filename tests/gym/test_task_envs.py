@@ -14,7 +14,7 @@ from neuroanimator.control.objective.objective import objective_cost
 from neuroanimator.control.policies.pilot import Pilot
 from neuroanimator.export.film.video import graphics_backend
 from neuroanimator.gym import TASK_NAMES, EmulatorEnv
-from neuroanimator.gym.episodes import MAX_OBSERVATION
+from neuroanimator.gym.rows import MAX_OBSERVATION
 from neuroanimator.gym.task_envs import TASKS, TRIALS, TaskEnv, TaskVectorEnv
 
 KINDS = ["pendulum-swing-up", "truck-park", "lander-land", "fish-reach"]
@@ -121,7 +121,7 @@ def test_the_target_is_seen_from_the_body():
     inside = env._row
     for number in range(5):
         observation, _ = env.reset(options={"trial": number})
-        trial, scale = inside._draw(number), inside._scale
+        trial, scale = inside._draw(number), inside._observer.scale
         pose = Pilot("fish").policy.pose(np.asarray(inside.emulator.encode(trial.start)))
         way = np.array(trial.aim.position) - pose.position
         position, direction, up = observation[-10:-7], observation[-7:-4], observation[-4:-1]

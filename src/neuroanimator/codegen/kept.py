@@ -35,7 +35,7 @@ FLAGS = (
 )
 """Flags of the compiler, the first set it knows."""
 
-SOURCES = ("codegen", "emulator", "state", "control")
+SOURCES = ("codegen", "emulator", "state", "control", "gym")
 """Folders of the package whose code says what a program does: when it changes, programs are made anew."""
 
 RECORD = "program"

@@ -22,8 +22,9 @@ from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, load_program
 from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input
+from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import address
-from neuroanimator.emulator.compiled import is_traced
+from neuroanimator.emulator.compiled import call_compiled, is_traced
 from neuroanimator.emulator.probes import BORDERLINE, Expected, compiled_quickly, rounded
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
@@ -90,6 +91,32 @@ def c_rows(
     return _known.keep(None if program is None else CRows(program), module, name)
 
 
+def call_rows(
+    function: Function,
+    module: Any,
+    about: Callable[[], list[str]],
+    samples: Callable[[], Sequence[Float[np.ndarray, "N _"]]],
+    *inputs: Float[np.ndarray, "B _"],
+) -> list[Float[np.ndarray, "B _"]]:
+    """Return what `function` of `module` does of each row of `inputs`: in C where `c_rows` has it, or else in JAX."""
+    in_c = c_rows(function, module, about, samples)
+    inputs = tuple(as_float32(array) for array in inputs)
+    if in_c is not None:
+        return in_c(*inputs)
+    outputs = call_compiled(_of_rows(function), module, *inputs)
+    return [_as_rows(np.array(output, np.float32)) for output in outputs]
+
+
+@cache
+def _of_rows(function: Function) -> Function:
+    """Return the function of many rows, always the same one."""
+
+    def of_rows(module: Any, *inputs: Array) -> tuple[Array, ...]:
+        return jax.vmap(function, (None, *[0] * len(inputs)))(module, *inputs)
+
+    return of_rows
+
+
 def _is_float32(module: Any) -> bool:
     """Return whether JAX computes what the module computes in float32, as C does."""
     dtypes = {leaf.dtype for leaf in jax.tree.leaves(module) if eqx.is_inexact_array(leaf)}
@@ -133,7 +160,7 @@ def _check(
     function: Function, module: Any, inputs: Sequence[Float[np.ndarray, "N _"]], in_c: CRows
 ) -> None:
     """Raise WrongProgramError unless C does to every row what JAX does, to within rounding."""
-    in_jax = compiled_quickly(jax.vmap(function, (None, *[0] * len(inputs))))
+    in_jax = compiled_quickly(_of_rows(function))
     nearby = [rounded(array) for array in inputs]
     exact = [np.asarray(output) for output in in_jax(module, *inputs)]
     rerun = [np.asarray(output) for output in in_jax(module, *nearby)]

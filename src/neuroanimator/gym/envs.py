@@ -18,9 +18,10 @@ from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.gym.episodes import is_near_training
+from neuroanimator.gym.rows import step_rows
 from neuroanimator.gym.single_env import SingleEnv
 from neuroanimator.gym.vector_env import EmulatedVectorEnv, check_reset_options
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.zoo import find_emulator
 
 SECONDS = 10.0
@@ -59,35 +60,27 @@ class RunningCost(eqx.Module):
     ) -> Float[Array, ""]:
         """Return the reward of going from `state` to `following`."""
         if self.objective is None:
-            return -self.dt * jnp.sum((control / self.control_scale) ** 2) / 2
+            return effort_reward(control, self.control_scale, self.dt)
         states = jnp.stack([state, following])
         trajectory = Trajectory(states, control[None], self.control_scale, 1.0)
         return -self.dt * self.objective(trajectory)
 
 
-def _step_row(
-    emulator: Emulator,
+def effort_reward(
+    control: Float[AnyArray, "*B C"], scale: Float[AnyArray, " C"], dt: float
+) -> Float[AnyArray, "*B"]:
+    """Return −Δt/2 |u|², the controls measured in `scale`."""
+    return -dt * ((control / scale) ** 2).sum(axis=-1) / 2
+
+
+@eqx.filter_jit
+def _rewards(
     reward: Reward,
-    state: Float[Array, " S"],
-    latent: Float[Array, " I"],
-    control: Float[Array, " C"],
-) -> tuple[Float[Array, " S"], Float[Array, " I"], Any, Bool[Array, ""], Bool[Array, ""]]:
-    """Return (next state, its latent state, reward, whether training covered the step, whether it was far away).
-
-    A step is far away by where it begins, too: what it ends in is kept within the range of training.
-    """
-    held = emulator.encode_control(control)
-    next_latent = emulator.step_latent(latent, held)
-    next_state = emulator.decode(next_latent)
-    features = jnp.stack(
-        [emulator.raw_features(latent, held), emulator.raw_features(next_latent, held)]
-    )
-    is_near = is_near_training(emulator, features) & jnp.all(jnp.isfinite(next_state))
-    earned = reward(state, control, next_state)
-    return next_state, next_latent, earned, emulator.covers_encoded(latent), ~is_near
-
-
-_step_rows = eqx.filter_jit(eqx.filter_vmap(_step_row, in_axes=(None, None, 0, 0, 0)))
+    states: Float[AnyArray, "B S"],
+    controls: Float[AnyArray, "B C"],
+    following: Float[AnyArray, "B S"],
+) -> Any:
+    return eqx.filter_vmap(reward)(states, controls, following)
 
 
 @final
@@ -147,24 +140,33 @@ class EmulatorVectorEnv(EmulatedVectorEnv):
     ]:
         """Return (states, rewards, terminated, truncated, info) after `actions` (B, C) were held for a super step."""
         controls = self._checked_actions(actions).astype(np.float32)
-        states, latent, rewards, is_covered, is_far = _step_rows(
-            self.emulator, self.reward, self._states, self._latent, controls
-        )
+        made = step_rows(self.emulator, self._latent, controls)
+        rewards = self._rewards(controls, made.states)
+        is_far = made.begins_far | made.ends_far
         is_new = self._has_ended
-        self._states = np.array(states)
-        self._latent = np.array(latent)
+        self._states = made.states
+        self._latent = made.latent
         for row in np.flatnonzero(is_new):
             self._states[row] = start_near_rest(self.emulator, self.noise, self._random[row])
             self._latent[row] = self.emulator.encode(self._states[row])
         self._steps = np.where(is_new, 0, self._steps + 1)
-        terminated = np.asarray(is_far) & ~is_new
+        terminated = is_far & ~is_new
         truncated = self._steps >= self.steps
         self._has_ended = terminated | truncated
-        info = {"covered": np.asarray(is_covered) & ~is_new, "_covered": ~is_new}
+        info = {"covered": made.is_covered & ~is_new, "_covered": ~is_new}
         return self._states.copy(), np.where(is_new, 0.0, rewards), terminated, truncated, info
 
     def shown_states(self) -> Float[np.ndarray, "B S"]:
         return self._states
+
+    def _rewards(
+        self, controls: Float[np.ndarray, "B C"], following: Float[np.ndarray, "B S"]
+    ) -> Float[np.ndarray, " B"]:
+        """Return the rewards of going from the present states to the `following` ones."""
+        reward = self.reward
+        if isinstance(reward, RunningCost) and reward.objective is None:
+            return effort_reward(controls, np.asarray(reward.control_scale), reward.dt)
+        return np.asarray(_rewards(reward, self._states, controls, following))
 
     def _begin(self, states: Float[np.ndarray, "*B S"]) -> None:
         """Begin an episode in each row at `states` (S,) or (B, S)."""
@@ -173,7 +175,7 @@ class EmulatorVectorEnv(EmulatedVectorEnv):
             raise ArgumentError(f"state: wanted shape {shape[1:]} or {shape}, came {states.shape}.")
         self._states = np.broadcast_to(states, shape).astype(np.float32)
         # Kept from step to step: a latent state, decoded and encoded again, is no longer quite the same.
-        self._latent = self.emulator.encode(self._states)
+        self._latent = np.array(self.emulator.encode(self._states), np.float32)
         self._steps = np.zeros(self.num_envs, int)
         self._has_ended = np.zeros(self.num_envs, bool)
 
@@ -183,7 +185,7 @@ class EmulatorEnv(SingleEnv):
     """One emulated system; a step is a super step, an observation the state, an action the control, SI units.
 
     An episode starts near rest, or where `reset(options={"state": ...})` says. It is truncated after
-    `seconds`, and terminated where the state is no number or far (`episodes.FAR`) outside what the emulator was
+    `seconds`, and terminated where the state is no number or far (`rows.FAR`) outside what the emulator was
     trained on. `info["covered"]` says whether training covered the step. Actions are clipped to the bounds.
     Observations have no bounds, since a free body may go anywhere: `emulator.state` names each
     number and its unit. The tasks of `task_envs` see the body from its own frame, within bounds.

@@ -8,20 +8,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium.spaces import Box
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.gym.episodes import (
-    MAX_OBSERVATION,
-    AimArrays,
-    observe,
-    start_episodes,
-    step_episodes,
-)
+from neuroanimator.gym.episodes import start_episodes, step_episodes
+from neuroanimator.gym.rows import MAX_OBSERVATION, Aims, Observer, observe_rows
 from neuroanimator.gym.single_env import SingleEnv
 from neuroanimator.gym.vector_env import EmulatedVectorEnv, check_reset_options
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.systems import load_system
 from neuroanimator.tasks.rigid import RIGID_TASKS
 from neuroanimator.tasks.swimmers import SWIMMER_TASKS
@@ -61,9 +57,10 @@ class TaskVectorEnv(EmulatedVectorEnv):
         super().__init__(emulator, num_envs, render_mode)
         self.system = load_system(self.task.system)
         self.steps = round(self.task.seconds / emulator.dt)
-        self._scale = self.system.body_length or RIGID_SCALE
         self._drawn: dict[int, Trial] = {}
         self._begin([0] * num_envs)
+        scale = self.system.body_length or RIGID_SCALE
+        self._observer = Observer(emulator, scale, self._trials[0].aim.is_in_a_fixed_world)
         size = self._observe().shape[1]
         self.set_observation_space(Box(-MAX_OBSERVATION, MAX_OBSERVATION, (size,), np.float32))
 
@@ -96,19 +93,19 @@ class TaskVectorEnv(EmulatedVectorEnv):
             self.emulator,
             self._objectives,
             self._episodes,
-            jnp.asarray(self._steps),
-            _as_float32(self._checked_actions(actions)),
+            self._steps,
+            self._checked_actions(actions).astype(np.float32),
         )
         self._steps = self._steps + 1
         self._episodes = episodes
-        has_succeeded, has_failed = self._judge(~is_new, np.asarray(is_far))
-        earned = np.nan_to_num(np.asarray(rewards)) + BONUS * has_succeeded - BONUS * has_failed
+        has_succeeded, has_failed = self._judge(~is_new, is_far)
+        earned = np.nan_to_num(rewards) + BONUS * has_succeeded - BONUS * has_failed
         self._restart(np.flatnonzero(is_new))
         terminated = has_succeeded | has_failed
         truncated = (self._steps >= self.steps) & ~terminated
         self._has_ended = terminated | truncated
         info = {
-            "covered": np.asarray(is_covered) & ~is_new,
+            "covered": is_covered & ~is_new,
             "success": has_succeeded,
             "trial": np.array(self._numbers),
         }
@@ -122,7 +119,7 @@ class TaskVectorEnv(EmulatedVectorEnv):
         )
 
     def shown_states(self) -> Float[np.ndarray, "B S"]:
-        states = np.asarray(self._episodes.states)
+        states = self._episodes.states
         return states[np.arange(self.num_envs), self._steps]
 
     def _judge(
@@ -147,12 +144,9 @@ class TaskVectorEnv(EmulatedVectorEnv):
         self._steps = np.zeros(self.num_envs, int)
         self._has_ended = np.zeros(self.num_envs, bool)
         self._objectives = _stacked([trial.objective for trial in self._trials])
-        self._aims = _stacked([AimArrays.from_aim(trial.aim) for trial in self._trials])
-        starts = np.stack([trial.start for trial in self._trials])
-        latent = _as_float32(self.emulator.encode(np.asarray(starts, float)))
-        self._episodes = start_episodes(
-            self.emulator, self._objectives, latent, _as_float32(starts), self.steps
-        )
+        self._aims = Aims.of([trial.aim for trial in self._trials])
+        starts = np.stack([np.asarray(trial.start, float) for trial in self._trials])
+        self._episodes = start_episodes(self.emulator, self._objectives, starts, self.steps)
 
     def _restart(self, rows: Int[np.ndarray, " R"]) -> None:
         """Begin a new trial in each of `rows`, and let the others be."""
@@ -166,8 +160,9 @@ class TaskVectorEnv(EmulatedVectorEnv):
         self._begin(numbers)
         goes_on = ~np.isin(np.arange(self.num_envs), rows)
 
-        def pick(old: Array, new: Array) -> Array:
-            return jnp.where(goes_on.reshape(-1, *(1,) * (new.ndim - 1)), old, new)
+        def pick(old: AnyArray, new: AnyArray) -> AnyArray:
+            where = np.where if isinstance(new, np.ndarray) else jnp.where
+            return where(goes_on.reshape(-1, *(1,) * (new.ndim - 1)), old, new)
 
         after = (self._episodes, self._objectives, self._aims)
         self._episodes, self._objectives, self._aims = jax.tree.map(pick, before, after)
@@ -181,15 +176,8 @@ class TaskVectorEnv(EmulatedVectorEnv):
         return self._drawn[number]
 
     def _observe(self) -> Float[np.ndarray, "B O"]:
-        observations = observe(
-            self.emulator,
-            self._episodes.latent,
-            self._aims,
-            jnp.asarray(1 - self._steps / self.steps, jnp.float32),
-            self._scale,
-            self._trials[0].aim.is_in_a_fixed_world,
-        )
-        return np.array(observations, np.float32)
+        time_left = 1 - self._steps / self.steps
+        return observe_rows(self._observer, self._episodes.latent, self._aims, time_left)
 
 
 @final
@@ -232,10 +220,6 @@ def _checked_numbers(trial: ArrayLike) -> Int[np.ndarray, ...]:
     if not is_whole or not ((numbers >= 0) & (numbers < TRIALS)).all():
         raise ArgumentError(f"trial: wanted numbers from 0 to {TRIALS - 1}, came {trial}.")
     return numbers
-
-
-def _as_float32(numbers: ArrayLike) -> Float[Array, ...]:
-    return jnp.asarray(numbers, jnp.float32)
 
 
 def _stacked(rows: list[Any]) -> Any:

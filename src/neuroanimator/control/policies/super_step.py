@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -12,8 +11,7 @@ from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import describe_policy, policy_leaves
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward
 from neuroanimator.emulator.arrays import as_float32
-from neuroanimator.emulator.c_rows import c_rows
-from neuroanimator.emulator.compiled import call_compiled
+from neuroanimator.emulator.c_rows import call_rows
 from neuroanimator.emulator.probes import probes_of
 from neuroanimator.emulator.tensors import to_numpy
 from neuroanimator.storage.files import canonical_json, digest
@@ -40,16 +38,17 @@ def make_super_step(
     target: SteeringTarget,
 ) -> SuperStep:
     """Return what bodies in the states `latent`, at `phase` [rad] of their clocks, do to reach `target` (B)."""
-    inputs = [
-        as_float32(latent),
-        as_float32(phase)[:, None],
-        as_float32(target.direction),
-        as_float32(target.speed)[:, None],
-    ]
-    in_c = c_rows(policy_super_step, policy, lambda: _about(policy), lambda: _samples(policy))
-    if in_c is None:
-        return SuperStep(*map(np.asarray, call_compiled(_super_steps, policy, *inputs)))
-    return SuperStep(*in_c(*inputs))
+    outputs = call_rows(
+        policy_super_step,
+        policy,
+        lambda: _about(policy),
+        lambda: _samples(policy),
+        latent,
+        np.asarray(phase)[:, None],
+        np.asarray(target.direction),
+        np.asarray(target.speed)[:, None],
+    )
+    return SuperStep(*outputs)
 
 
 def policy_super_step(
@@ -65,11 +64,6 @@ def policy_super_step(
     controls = policy.control(latent, phase[0], command)
     following = emulator.step_latent(latent, emulator.encode_control(controls))
     return following, emulator.decode(following), controls
-
-
-def _super_steps(policy: Policy, *inputs: Float[Array, "B _"]) -> tuple[Array, ...]:
-    of_row = (None, *[0] * len(inputs))
-    return jax.vmap(policy_super_step, of_row)(policy, *inputs)
 
 
 def _about(policy: Policy) -> list[str]:

@@ -1,0 +1,176 @@
+"""What environments ask of an emulator, row by row: a super step, and what an agent observes. In C if the `backend` is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from neuroanimator.control.policies.policy import latent_structure
+from neuroanimator.control.policies.steering import leftward, unit
+from neuroanimator.emulator.arrays import as_float32
+from neuroanimator.emulator.c_rows import call_rows
+from neuroanimator.emulator.description import describe
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.probes import probes_of
+from neuroanimator.emulator.tensors import emulator_tensors
+from neuroanimator.state.pose import read_pose
+from neuroanimator.state.segments import Position
+from neuroanimator.storage.files import canonical_json, digest
+from neuroanimator.tasks.task import Aim
+
+MAX_OBSERVATION = 10.0
+"""Observations are kept within ± this: body and goal are of order one, and no episode goes far beyond training."""
+
+FAR = 1.0
+"""An episode ends this many widths of the training range outside it: there the emulator only guesses."""
+
+
+class Steps(NamedTuple):
+    """What a super step does to each row."""
+
+    states: Float[np.ndarray, "B S"]
+    latent: Float[np.ndarray, "B I"]
+    is_covered: Bool[np.ndarray, " B"]
+    """Whether training covered where the step begins."""
+    begins_far: Bool[np.ndarray, " B"]
+    """Whether the step begins where the emulator only guesses."""
+    ends_far: Bool[np.ndarray, " B"]
+    """Whether it ends there, or in what is no number."""
+
+
+def step_rows(
+    emulator: Emulator, latent: Float[np.ndarray, "B I"], controls: Float[np.ndarray, "B C"]
+) -> Steps:
+    """Return what a super step under `controls` does to rows in the states `latent`."""
+    states, following, *flags = call_rows(
+        step_row,
+        emulator,
+        lambda: _about(emulator),
+        lambda: _step_samples(emulator),
+        latent,
+        controls,
+    )
+    return Steps(states, following, *[flag[:, 0] > 0 for flag in flags])
+
+
+def step_row(
+    emulator: Emulator, latent: Float[Array, " I"], control: Float[Array, " C"]
+) -> tuple[Array, ...]:
+    """Return the same of one row, in the order of `Steps`."""
+    held = emulator.encode_control(control)
+    following = emulator.step_latent(latent, held)
+    state = emulator.decode(following)
+    begins_near = is_near_training(emulator, emulator.raw_features(latent, held))
+    ends_near = is_near_training(emulator, emulator.raw_features(following, held))
+    ends_near &= jnp.all(jnp.isfinite(state))
+    return state, following, emulator.covers_encoded(latent), ~begins_near, ~ends_near
+
+
+def is_near_training(emulator: Emulator, features: Float[Array, " K"]) -> Bool[Array, ""]:
+    """Return whether all `features`, as `Emulator.raw_features` gives them, are finite and at most `FAR` outside of training."""
+    low, high = emulator.domain.widened(FAR, slice(None))
+    return jnp.all((features >= low) & (features <= high) & jnp.isfinite(features))
+
+
+class Aims(NamedTuple):
+    """Aims as arrays: what is observed of them."""
+
+    position: Float[np.ndarray, "B 3"]
+    """Where the goals are in the world [m]; 0 along axes that do not matter."""
+    matters: Float[np.ndarray, "B 3"]
+    """1 for each axis along which the position matters, else 0."""
+    direction: Float[np.ndarray, "B 3"]
+    """The unit vectors in the world where the bodies shall point or go; zeros if it does not matter."""
+
+    @classmethod
+    def of(cls, aims: Sequence[Aim]) -> Aims:
+        """Return `aims` as arrays, a row each."""
+        position = np.array([aim.position for aim in aims], np.float32)
+        matters = np.isfinite(position)
+        direction = np.array([aim.direction for aim in aims], np.float32)
+        return cls(np.where(matters, position, 0), matters.astype(np.float32), direction)
+
+
+class Observer(eqx.Module):
+    """What an agent sees of an emulator's state and of its aim."""
+
+    emulator: Emulator
+    scale: float = eqx.field(static=True)
+    """The length distances are counted in [m]."""
+    is_in_a_fixed_world: bool = eqx.field(static=True)
+    """Whether the position in the world is observed, too."""
+
+
+def observe_rows(
+    observer: Observer,
+    latent: Float[np.ndarray, "B I"],
+    aims: Aims,
+    time_left: Float[np.ndarray, " B"],
+) -> Float[np.ndarray, "B O"]:
+    """Return the observations, see `TaskEnv`; `time_left` is the share of the episodes' time that is left."""
+    (observations,) = call_rows(
+        observe_row,
+        observer,
+        lambda: [*_about(observer.emulator), f"{observer.scale} {observer.is_in_a_fixed_world}"],
+        lambda: _observer_samples(observer),
+        latent,
+        *aims,
+        time_left[:, None],
+    )
+    return observations
+
+
+def observe_row(
+    observer: Observer,
+    latent: Float[Array, " I"],
+    position: Float[Array, " 3"],
+    matters: Float[Array, " 3"],
+    direction: Float[Array, " 3"],
+    time_left: Float[Array, " 1"],
+) -> tuple[Float[Array, " O"]]:
+    """Return the same of one row, whose aim is given as in `Aims`."""
+    emulator = observer.emulator
+    relaxed = emulator.encode_control(jnp.asarray(emulator.bounds.middle, latent.dtype))
+    features = emulator.normaliser.forward(emulator.raw_features(latent, relaxed))
+    odd, even = emulator.features.streams(latent, features)
+    goal: list[Array] = []
+    structure = latent_structure(emulator)
+    if any(isinstance(segment, Position) for segment in structure.segments):
+        pose = read_pose(structure, latent)
+        left = leftward(pose)
+        axes = jnp.stack([pose.forward, left, unit(jnp.cross(pose.forward, left))])
+        offset = (position - pose.position) * matters / observer.scale
+        goal = [axes @ offset, axes @ direction, axes[:, 2]]
+        if observer.is_in_a_fixed_world:
+            goal += [pose.position / observer.scale, pose.forward]
+    observation = jnp.concatenate([odd, even, *goal, time_left])
+    return (jnp.clip(jnp.nan_to_num(observation), -MAX_OBSERVATION, MAX_OBSERVATION),)
+
+
+def _about(emulator: Emulator) -> list[str]:
+    """Return what an emulator does, in words and numbers."""
+    return [canonical_json(describe(emulator)), digest(emulator_tensors(emulator))]
+
+
+def _step_samples(emulator: Emulator) -> list[Float[np.ndarray, "N _"]]:
+    """Return a thousand latent states and controls: some far beyond what training showed."""
+    probes = probes_of(emulator)
+    return [as_float32(emulator.encode(probes.states)), probes.controls]
+
+
+def _observer_samples(observer: Observer) -> list[Float[np.ndarray, "N _"]]:
+    """Return a thousand latent states, aims and times."""
+    rng = np.random.default_rng(0)
+    latent, _ = _step_samples(observer.emulator)
+    count = len(latent)
+    positions = rng.normal(scale=3 * observer.scale, size=(count, 3))
+    matters = rng.integers(0, 2, (count, 3))
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    times = rng.uniform(0, 1, (count, 1))
+    return [latent, *map(as_float32, (matters * positions, matters, directions, times))]
