@@ -68,12 +68,16 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("state", summary_of(model.state)),
         ("control", summary_of(model.control)),
         ("control bounds", bounds_of(*metadata["bounds"])),
-        ("network", f"{network['kind']} {widths}"),
+        ("network", f"{network['kind']} {widths}{_strides(model.strides)}"),
         ("numbers stored", f"{stored_numbers:,}"),
         ("runs in", backend_in_words()),
         ("sha256", metadata["sha256"]),
     ]
     return metadata, rows
+
+
+def _strides(count: int) -> str:
+    return f", {count} times in a super step" if count > 1 else ""
 
 
 def _policy(path: Path) -> tuple[dict[str, Any], Rows]:

@@ -11,7 +11,7 @@ import numpy as np
 from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
 from neuroanimator.definitions.carried import check_carried
 from neuroanimator.emulator.domain import Domain
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.emulator import MAX_STRIDES, Emulator
 from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.networks import MAX_LAYER, NETWORKS, make_network
@@ -64,7 +64,13 @@ def describe(emulator: Emulator) -> dict[str, Any]:
         "frame": _describe_frame(emulator.frame),
         "features": _describe_features(emulator.features),
         "network": _describe_network(emulator.network),
+        **_describe_strides(emulator.strides),
     }
+
+
+def _describe_strides(strides: int) -> dict[str, int]:
+    """Return the strides if there is more than one: files from before there were any stay what they are."""
+    return {"strides": strides} if strides > 1 else {}
 
 
 def _describe_spec(spec: EmulatorSpec) -> dict[str, Any]:
@@ -124,7 +130,7 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     controls = spec.control.size
     encoding = _encoding(metadata["modes"], spec)
     latent_size = encoding.layout.size
-    frame = _frame(metadata["frame"], latent_size, controls, spec.dt)
+    frame = _frame(metadata["frame"], latent_size, controls, spec.dt / spec.strides)
     others = frame.local_size + frame.control_size(controls)
     changes = frame.change_size(latent_size)
     features = _features(metadata["features"], latent_size, others)
@@ -216,6 +222,7 @@ def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
         dt=dt,
         skeleton=Skeleton.from_json(metadata["skeleton"], state.size),
         rates=tuple((position, rate) for position, rate in rates),
+        strides=whole(metadata.get("strides", 1), "strides", 1, MAX_STRIDES),
     )
 
 

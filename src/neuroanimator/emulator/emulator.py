@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,9 @@ from neuroanimator.zoo import find_emulator, is_name
 UNROLL = 4
 """Super steps compiled into one loop body: 10 % faster than one; eight gain nothing more."""
 
+
+MAX_STRIDES = 16
+"""Most strides of a super step: each is compiled one by one."""
 
 MAX_MAGNITUDE = 1e6
 """Largest number of a state: beyond it a super step's change is lost in the rounding of float32."""
@@ -86,6 +90,11 @@ class Emulator(eqx.Module):
         return self.spec.substeps
 
     @property
+    def strides(self) -> int:
+        """So many times the network is asked in a super step: see `in_strides`."""
+        return self.spec.strides
+
+    @property
     def skeleton(self) -> Skeleton:
         """Bones to draw a state with."""
         return self.spec.skeleton
@@ -134,11 +143,37 @@ class Emulator(eqx.Module):
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
     ) -> Float[Array, " I"]:
         """Return what the network makes of `latent`: `step_latent` before anything is kept within bounds."""
+        for _ in range(self.strides):
+            latent = self._stride(latent, control)
+        return latent
+
+    def _stride(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> Float[Array, " I"]:
+        """Return the latent state one stride later: the network is asked once."""
         raw = self.domain.clip(self.raw_features(latent, control))
         plain = self.normaliser.forward(raw)
         odd, even = self.features.streams(latent, plain)
         change = self.normaliser.inverse(self.network(odd, even))
         return self.frame.apply(latent, change, control)
+
+    def in_strides(self, count: int) -> Emulator:
+        """Return the emulator whose super step is `count` of this one's in a row, under one control: its strides.
+
+        It costs `count` times as much, and is nearer to the physics than one leap as long wherever a shorter one is easier to
+        learn: see `docs/decisions/0017-strides.md`.
+
+        Raises ArgumentError if that are more strides than a file may have.
+        """
+        strides = self.strides * count
+        if not 1 <= strides <= MAX_STRIDES:
+            raise ArgumentError(f"count: wanted 1 to {MAX_STRIDES} strides in all, came {strides}.")
+        spec = replace(
+            self.spec, substeps=self.substeps * count, dt=self.dt * count, strides=strides
+        )
+        # Neighbouring strides change the state alike, so that their changes add up.
+        normaliser = replace(self.normaliser, unit=self.normaliser.unit * count)
+        return replace(self, spec=spec, normaliser=normaliser)
 
     def rest_streams(self) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
         """Return what the network sees at rest without control; left and right are alike there, to the last bit."""
@@ -263,9 +298,10 @@ class Emulator(eqx.Module):
         spec = self.spec
         network = type(self.network).__name__.lower()
         widths = "x".join(map(str, self.network.widths))
+        strides = f" in {spec.strides} strides" if spec.strides > 1 else ""
         return (
             f'Emulator("{spec.system}", {spec.substeps} substeps, dt {spec.dt:g} s, '
-            f"{spec.state.size} states, {spec.control.size} controls, {network} {widths})"
+            f"{spec.state.size} states, {spec.control.size} controls, {network} {widths}{strides})"
         )
 
 

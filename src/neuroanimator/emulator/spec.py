@@ -34,3 +34,5 @@ class EmulatorSpec(eqx.Module):
     """JSON text the system can be made from again; empty for one that comes with the package."""
     gait: Gait | None = eqx.field(static=True, default=None)
     """How the system moves along if nothing else is said."""
+    strides: int = eqx.field(static=True, default=1)
+    """So many equal strides of the network make a super step: see `Emulator.in_strides`."""
