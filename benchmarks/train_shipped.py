@@ -2,6 +2,7 @@
 
 python benchmarks/train_shipped.py                    every one, about two hours on 2 cores
 python benchmarks/train_shipped.py pendulum 50        one of them
+python benchmarks/train_shipped.py pendulum 50 large  the same in its large size
 """
 
 from __future__ import annotations
@@ -10,12 +11,16 @@ import sys
 from pathlib import Path
 
 from neuroanimator.training.recipes import cook
-from neuroanimator.zoo import SHIPPED, shipped_path
+from neuroanimator.zoo import LARGE, SHIPPED, shipped_path
 
 WORKPLACE = Path("out/shipped")
 
 if __name__ == "__main__":
-    chosen = [(sys.argv[1], int(sys.argv[2]))] if len(sys.argv) > 2 else SHIPPED
-    for system, substeps in chosen:
-        _, made = cook(system, substeps, WORKPLACE, on_report=print)
-        shipped_path(system, substeps).write_bytes(made.read_bytes())
+    usual = [(system, substeps, "") for system, substeps in SHIPPED]
+    large = [(system, substeps, "large") for system, substeps in LARGE]
+    chosen = usual + large
+    if len(sys.argv) > 2:
+        chosen = [(sys.argv[1], int(sys.argv[2]), "".join(sys.argv[3:]))]
+    for system, substeps, size in chosen:
+        _, made = cook(system, substeps, WORKPLACE, size=size, on_report=print)
+        shipped_path(system, substeps, size).write_bytes(made.read_bytes())

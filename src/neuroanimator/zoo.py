@@ -12,16 +12,31 @@ SHIPPED = [
     for system in ("cube", "dolphin", "fish", "lander", "pendulum", "pendulum-passive", "truck")
     for substeps in (50, 100, 25)
 ]
-"""(system, substeps) of each."""
+"""(system, substeps) of each in its usual size."""
+
+LARGE = [(system, 50) for system in ("lander",)]
+"""(system, substeps) of those that ship in a large size too: slower and more exact."""
 
 
-def shipped_path(system: str, substeps: int = 50) -> Path:
-    """Return where the shipped emulator of `system` at `substeps` lies."""
+def shipped_path(system: str, substeps: int = 50, size: str = "") -> Path:
+    """Return where the shipped emulator of `system` at `substeps` lies; `size` is "large", or empty for the usual one."""
+    name = emulator_name(system, substeps, size)
     return (
-        Path(str(resources.files("neuroanimator")))
-        / "emulators"
-        / f"{system}-{substeps}.emulator.safetensors"
+        Path(str(resources.files("neuroanimator"))) / "emulators" / f"{name}.emulator.safetensors"
     )
+
+
+def emulator_name(system: str, substeps: int, size: str = "") -> str:
+    """Return the name an emulator ships under: `pendulum-50` or `pendulum-50-large`."""
+    name = f"{system}-{substeps}"
+    return f"{name}-{size}" if size else name
+
+
+def shipped_emulators() -> dict[str, Path]:
+    """Return where every emulator that ships lies, by its name."""
+    usual = {emulator_name(*row): shipped_path(*row) for row in SHIPPED}
+    large = {emulator_name(*row, "large"): shipped_path(*row, "large") for row in LARGE}
+    return usual | large
 
 
 def is_name(reference: str) -> bool:
@@ -30,14 +45,16 @@ def is_name(reference: str) -> bool:
 
 
 def find_emulator(name: str) -> Path:
-    """Return the file `name` is, or the shipped emulator it names: `pendulum` or `pendulum-100`."""
+    """Return the file `name` is, or the shipped emulator it names: `pendulum`, `pendulum-100` or `pendulum-50-large`."""
     path = Path(name)
     if path.is_file():
         return path
-    for system, substeps in SHIPPED:
-        if name in (f"{system}-{substeps}", system) and shipped_path(system, substeps).is_file():
-            return shipped_path(system, substeps)
-    names = ", ".join(sorted(f"{system}-{substeps}" for system, substeps in SHIPPED))
+    shipped = shipped_emulators()
+    usual = {system: shipped_path(system) for system, _ in SHIPPED}
+    found = (shipped | usual).get(name)
+    if found is not None and found.is_file():
+        return found
+    names = ", ".join(sorted(shipped))
     raise BadFileError(f"No emulator file '{name}', and none of that name ships. Shipped: {names}.")
 
 

@@ -204,11 +204,13 @@ def break_even_hours(emulator: Emulator, evaluation: Evaluation, chunk_seconds: 
     recipe = RECIPES[evaluation.system]
     speed = evaluation.speed
     system = system_of(emulator)
-    runs = recipe.data(evaluation.system, evaluation.substeps).runs
+    stride = recipe.stride(evaluation.substeps)
+    runs = recipe.data(evaluation.system, stride).runs
     teacher = next(timed for timed in speed.opponents if timed.scheme == system.truth)
     per_step = teacher.seconds / system.truth.steps(emulator.dt)
-    data_seconds = runs * RUN_STEPS * system.truth.steps(emulator.dt) * per_step
-    updates = recipe.training(evaluation.substeps).updates
+    teacher_steps = system.truth.steps(stride * system.physics_dt)
+    data_seconds = runs * RUN_STEPS * teacher_steps * per_step
+    updates = recipe.training(stride).updates
     training_seconds = chunk_seconds * updates / UPDATES_PER_CHUNK
     saved = (speed.physics_seconds * evaluation.substeps - speed.emulator_seconds) / emulator.dt
     return (data_seconds + training_seconds) / saved / 3600

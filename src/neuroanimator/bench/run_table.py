@@ -49,7 +49,9 @@ def run_table(
                 emulator, _ = cook(system, n, out, seed=seed)
                 emulators.append(emulator)
             if system not in chunk_seconds:
-                chunk_seconds[system] = time_chunk(emulators[0], RECIPES[system].training(n))
+                recipe = RECIPES[system]
+                config = recipe.training(recipe.stride(n))
+                chunk_seconds[system] = time_chunk(emulators[0], config)
             rows.append(measure_row(emulators, chunk_seconds[system], budget))
     figures = [row.figures for row in rows]
     evaluations = [evaluation for row in rows for evaluation in row.evaluations]

@@ -9,7 +9,7 @@ def run() -> None:
     """List the systems and the ready-made emulators and policies."""
     from neuroanimator.systems import SYSTEMS, goal_names
     from neuroanimator.terminal import print_rows
-    from neuroanimator.zoo import POLICIES, SHIPPED, shipped_path, shipped_policy
+    from neuroanimator.zoo import LARGE, POLICIES, SHIPPED, shipped_path, shipped_policy
 
     print("Systems")
     print_rows((f"  {name}", text) for name, text in SYSTEMS.items())
@@ -22,6 +22,10 @@ def run() -> None:
         if shipped_path(system, substeps).is_file():
             emulator_rows.append(
                 (f"  {system}-{substeps}", f"leaps {substeps} physics steps at a time")
+            )
+        if (system, substeps) in LARGE and shipped_path(system, substeps, "large").is_file():
+            emulator_rows.append(
+                (f"  {system}-{substeps}-large", "the same, slower and more exact")
             )
     print_rows(emulator_rows)
     print("\nReady-made policies (Python: load_policy)")

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.store import read_transitions
+from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems.loading import USUAL_SUBSTEPS
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import Report, train
-from neuroanimator.zoo import shipped_path
+from neuroanimator.zoo import emulator_name, shipped_path
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,19 @@ class Recipe:
     """Share of runs whose controls cease; nothing to learn where the mirror keeps rest at rest."""
     modes: tuple[int, int] = (1, 1)
     """How many shape modes describe positions and velocities; of deformable bodies."""
+    longest_stride: int = 1000
+    """So many physics steps the network leaps at most: a longer super step is made in strides, see `Emulator.in_strides`."""
+
+    def strides(self, substeps: int) -> int:
+        """Return how many strides make a super step of `substeps` physics steps."""
+        return -(-substeps // self.longest_stride)
+
+    def stride(self, substeps: int) -> int:
+        """Return how many physics steps a stride of such a super step is."""
+        return substeps // self.strides(substeps)
 
     def data(self, system: str, substeps: int) -> DatasetConfig:
-        """Return the dataset to train on."""
+        """Return the dataset to train on, whose super steps are strides of `substeps` physics steps."""
         count = round(self.transitions * self._share(substeps))
         return DatasetConfig(
             system=system,
@@ -51,7 +62,7 @@ class Recipe:
         return 1.0 if substeps == USUAL_SUBSTEPS else self.aside
 
     def training(self, substeps: int, seed: int = 0) -> TrainingConfig:
-        """Return how to train; `seed` 0 is the emulator that ships."""
+        """Return how to train on strides of `substeps` physics steps; `seed` 0 is the emulator that ships."""
         return TrainingConfig(
             network=self.network,
             widths=self.widths,
@@ -73,6 +84,8 @@ RECIPES = {
         rare_share=0.5,
         modes=(18, 18),
         aside=0.5,
+        # In 0.2 s it may turn by more than half a turn, which no rotation vector can say.
+        longest_stride=50,
     ),
     "dolphin": Recipe(
         (96, 64),
@@ -101,19 +114,37 @@ RECIPES = {
 }
 
 
+LARGE_RECIPES = {
+    # The network of lander-25, twice.
+    "lander": replace(RECIPES["lander"], longest_stride=25),
+}
+"""Those of the large size."""
+
+
 def cook(
     system: str,
     substeps: int,
     folder: Path,
     *,
+    size: str = "",
     seed: int = 0,
     on_report: Callable[[Report], None] = lambda report: None,
 ) -> tuple[Emulator, Path]:
-    """Return the emulator the recipe makes in `folder` and its file; a killed run goes on where it stopped."""
-    recipe, data = RECIPES[system], folder / f"{system}-{substeps}"
-    generate(recipe.data(system, substeps), data)
-    name = shipped_path(system, substeps).name
+    """Return the emulator the recipe makes in `folder` and its file; a killed run goes on where it stopped.
+
+    `size` is "large", or empty for the usual one.
+    """
+    recipe = LARGE_RECIPES[system] if size == "large" else RECIPES[system]
+    strides = recipe.strides(substeps)
+    stride = recipe.stride(substeps)
+    data = folder / emulator_name(system, stride, size)
+    generate(recipe.data(system, stride), data)
+    name = shipped_path(system, substeps, size).name
     out = folder / (name if seed == 0 else name.replace(".emulator", f"-seed-{seed}.emulator"))
-    return train(
-        read_transitions(data), recipe.training(substeps, seed), out, on_report=on_report
-    ), out
+    of_stride = out if strides == 1 else out.with_name(f"stride-of-{out.name}")
+    config = recipe.training(stride, seed)
+    emulator = train(read_transitions(data), config, of_stride, on_report=on_report)
+    if strides > 1:
+        emulator = emulator.in_strides(strides)
+        save(emulator, out, read_metadata(of_stride)["provenance"])
+    return emulator, out

@@ -1,0 +1,105 @@
+"""A super step in strides is so many super steps of the shorter emulator, whatever runs it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from neuroanimator import Emulator, load_emulator
+from neuroanimator.emulator.artifact import load, read_metadata
+from neuroanimator.emulator.c_emulator import c_emulator
+from neuroanimator.emulator.description import blank, describe
+from neuroanimator.emulator.emulator import MAX_STRIDES
+from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.evaluation.held_out import held_out_runs
+from neuroanimator.zoo import LARGE, emulator_name, shipped_path
+
+STEPS = 12
+CLOSE = 1e-4
+"""Of the largest number of a state: both are float32, and differences add up over a motion."""
+
+
+def controls_for(emulator: Emulator) -> np.ndarray:
+    """Return random controls (STEPS, C)."""
+    shares = np.random.default_rng(0).uniform(-1, 1, (STEPS, emulator.control.size))
+    return emulator.bounds.middle + shares * emulator.bounds.half
+
+
+def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(found, expected, atol=CLOSE * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["pendulum-25", "lander-25", "fish-25"])
+def test_two_strides_are_two_super_steps_under_one_control(name: str):
+    short = load_emulator(name)
+    long = short.in_strides(2)
+    controls = controls_for(long)
+    one_by_one = short.rollout(short.rest, np.repeat(controls, 2, axis=0))
+    assert_close(long.rollout(long.rest, controls), one_by_one[::2])
+    assert (long.substeps, long.dt) == (50, pytest.approx(2 * short.dt))
+
+
+def test_in_c_strides_are_those_of_jax():
+    emulator = load_emulator("pendulum-25").in_strides(3)
+    if c_emulator(emulator) is None:
+        pytest.skip("no C compiler")
+    controls = controls_for(emulator).astype(np.float32)
+    start = emulator.rest.astype(np.float32)
+    in_jax = np.asarray(emulator.rollout(jax.numpy.asarray(start), jax.numpy.asarray(controls)))
+    assert_close(emulator.rollout(start, controls), in_jax)
+
+
+def test_strides_survive_a_file(tmp_path: Path):
+    emulator = load_emulator("lander-25").in_strides(2)
+    emulator.save(tmp_path / "it.safetensors")
+    loaded = load(tmp_path / "it.safetensors")
+    assert loaded.strides == 2
+    assert "in 2 strides" in repr(loaded)
+    controls = controls_for(emulator)
+    np.testing.assert_array_equal(
+        loaded.rollout(loaded.rest, controls), emulator.rollout(emulator.rest, controls)
+    )
+
+
+def test_a_single_stride_is_not_written_down():
+    assert "strides" not in describe(load_emulator("pendulum-25"))
+
+
+def test_there_are_not_too_many_strides():
+    emulator = load_emulator("pendulum-25")
+    for count in (0, MAX_STRIDES + 1):
+        with pytest.raises(ArgumentError, match="strides in all"):
+            emulator.in_strides(count)
+    metadata = describe(emulator)
+    for strides in (0, MAX_STRIDES + 1, "2", 1.5, True):
+        with pytest.raises((ValueError, TypeError)):
+            blank(json.loads(json.dumps(metadata | {"strides": strides})))
+
+
+def error_of(emulator: Emulator) -> float:
+    test = held_out_runs(emulator, count=8, seconds=2.0)
+    return float(root_mean_square(one_step_error(emulator, test)))
+
+
+@pytest.mark.parametrize(("system", "substeps"), LARGE)
+def test_the_large_size_is_more_exact(system: str, substeps: int):
+    usual = load_emulator(emulator_name(system, substeps))
+    large = load_emulator(emulator_name(system, substeps, "large"))
+    assert (large.system, large.substeps) == (system, substeps)
+    assert error_of(large) < error_of(usual)
+
+
+def test_the_large_size_ships_small():
+    for row in LARGE:
+        path = shipped_path(*row, "large")
+        assert path.stat().st_size < 1_000_000
+        assert read_metadata(path)["provenance"]["training"]["seed"] == 0
+
+
+def test_a_cube_that_turns_far_in_a_super_step_is_followed():
+    assert error_of(load_emulator("cube-100")) < 0.3
