@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 
-from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.compiler.compiler import HOW_TO_GET_ONE, find_compiler
 from neuroanimator.errors import ArgumentError
 from neuroanimator.text import printable, quoted
 
@@ -43,7 +43,7 @@ def backend_in_words() -> str:
     if asked == "jax":
         return f"JAX ({SWITCH} or set_backend says so)"
     if compiler is None:
-        return "JAX (no C compiler was found: install gcc or clang for speed)"
+        return f"JAX (no C compiler was found; for speed {HOW_TO_GET_ONE})"
     return f"generated C, compiled by {printable(compiler)}"
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+import shlex
 import shutil
 import signal
 import stat
@@ -15,8 +17,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from neuroanimator.backend import backend_in_words
+from neuroanimator.codegen import kept
 from neuroanimator.compiler import build, compiler
-from neuroanimator.compiler.compiler import compiled_library, find_compiler
+from neuroanimator.compiler.compiler import compiled_library, compiler_facts, find_compiler
+from neuroanimator.compiler.zig import zig_cc
 from neuroanimator.systems import load_system
 from neuroanimator.terminal import warn_once
 
@@ -249,3 +254,51 @@ def test_what_a_killed_compile_left_is_removed_next_time(
     assert does_it(*program())
     assert not position.exists()
     assert own.exists()
+
+
+@pytest.fixture
+def only_zig(home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A machine without a compiler of its own, on which the extra `[compiler]` is installed."""
+    if zig_cc() is None:
+        pytest.skip("no Zig: pip install 'neuroanimator[compiler]'")
+    monkeypatch.setenv("PATH", str(home))
+    monkeypatch.setattr(compiler, "FLAGS", kept.FLAGS)
+    monkeypatch.setattr("neuroanimator.backend._chosen", ["auto"])
+    return home
+
+
+def test_without_a_compiler_of_its_own_a_machine_compiles_by_zig(only_zig: Path):
+    assert find_compiler() == shlex.join(zig_cc() or [])
+    text = (
+        "#include <math.h>\n#include <string.h>\n"
+        "void it(const float *x, float *y) { float z[2]; memcpy(z, x, sizeof z); y[0] = powf(z[0], z[1]); }\n"
+    )
+    library = compiled_library(text)
+    assert library is not None
+    power = ctypes.c_float()
+    library.it((ctypes.c_float * 2)(3, 4), ctypes.byref(power))
+    assert power.value == pytest.approx(81)
+    facts = compiler_facts()
+    assert facts is not None
+    assert "clang version" in facts
+    assert "zig cc" in backend_in_words()
+
+
+def test_a_zig_that_fails_costs_one_line(
+    only_zig: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    broken = only_zig / "zig"
+    broken.write_text(f"#!{sys.executable}\nraise SystemExit(1)\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr(compiler, "zig_cc", lambda: [str(broken), "cc"])
+    for _ in range(2):
+        assert compiled_library(program()[0]) is None
+    assert capsys.readouterr().err.count("Nothing could be compiled") == 1
+
+
+def test_without_any_compiler_the_extra_is_named(home: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("PATH", str(home))
+    monkeypatch.setattr(compiler, "zig_cc", lambda: None)
+    monkeypatch.setattr("neuroanimator.backend._chosen", ["auto"])
+    assert find_compiler() is None
+    assert "pip install 'neuroanimator[compiler]'" in backend_in_words()

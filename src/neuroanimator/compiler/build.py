@@ -15,6 +15,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from neuroanimator.compiler.zig import zig_cc, zig_folders
+
 PATIENCE = 120
 """Time a compiler may take [s]: the largest program takes ten on one slow core."""
 
@@ -46,20 +48,31 @@ def build_library(
         library = work_folder / "program.so"
         source.write_text(text, encoding="utf-8")
         # Linked apart, without -ffast-math: with it the library would flush small numbers in the whole process.
-        link = [*command, "-shared", str(unlinked), "-o", str(library), "-lm"]
+        link = [*command, "-shared", str(unlinked), "-o", str(library), _libraries(command)]
+        caches = zig_folders(work_folder, work_folder)
         for flags in flag_sets:
             options = ["-std=gnu11", *flags, "-fPIC"]
             compile_ = [*command, *options, "-c", str(source), "-o", str(unlinked)]
-            is_made = succeeds(compile_, work_folder) and succeeds(link, work_folder)
+            is_made = all(
+                succeeds(line, work_folder, variables=caches) for line in (compile_, link)
+            )
             if is_made and library.is_file():
                 return library.read_bytes()
     raise CompilerError(f"{command[0]} failed")
 
 
+def _libraries(command: list[str]) -> str:
+    """Return what to link a library with.
+
+    Zig would first build a C library of its own, for half a minute; that of the process will do.
+    """
+    return "-nostdlib" if command == zig_cc() else "-lm"
+
+
 @cache
-def compiler_version(program: str) -> str:
-    """Return what `program --version` says; NoCompilerError if it is no program or does not end."""
-    with _started([program, "--version"], stdout=subprocess.PIPE) as process:
+def compiler_version(*command: str) -> str:
+    """Return what `command --version` says; NoCompilerError if it is no program or does not end."""
+    with _started([*command, "--version"], stdout=subprocess.PIPE) as process:
         said, _ = process.communicate(timeout=VERSION_PATIENCE)
     return said.decode(errors="replace")
 

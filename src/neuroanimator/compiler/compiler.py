@@ -23,12 +23,16 @@ from neuroanimator.compiler.build import (
     compiler_version,
     remove_abandoned_builds,
 )
+from neuroanimator.compiler.zig import zig_cc
 from neuroanimator.storage.private_folder import private_folders
 from neuroanimator.storage.unfinished import replace_whole
 from neuroanimator.terminal import warn_once
 
 COMPILERS = ("cc", "gcc", "clang")
 """Commands that are looked for, in this order."""
+
+HOW_TO_GET_ONE = "install gcc or clang, or: pip install 'neuroanimator[compiler]'"
+"""What helps where there is no C compiler."""
 
 FLAGS = (
     ("-O3", "-march=native", "-ffast-math", "-mprefer-vector-width=512"),
@@ -67,7 +71,7 @@ def compiler_facts() -> str | None:
     if compiler is None or compiler in _given_up:
         return None
     try:
-        version = compiler_version(shlex.split(compiler)[0])
+        version = compiler_version(*shlex.split(compiler))
     except NoCompilerError as error:
         _give_up(compiler, error)
         return None
@@ -77,14 +81,13 @@ def compiler_facts() -> str | None:
 def find_compiler() -> str | None:
     """Return the command of a C compiler, None where there is none (or one without the flags above: Windows).
 
-    `$CC` is used if it is set, arguments and all.
+    `$CC` is used if it is set, arguments and all; next the machine's own, and then the one of the extra `[compiler]`.
     """
     if os.name != "posix":
         return None
     asked = os.environ.get("CC", "").strip()
     if not asked:
-        paths = [path for path in map(shutil.which, COMPILERS) if path]
-        return shlex.quote(paths[0]) if paths else None
+        return _machines_own() or _zig()
     try:
         program = shutil.which(shlex.split(asked)[0])
     except ValueError:  # a quotation mark without its partner
@@ -95,6 +98,16 @@ def find_compiler() -> str | None:
     return asked
 
 
+def _machines_own() -> str | None:
+    paths = [path for path in map(shutil.which, COMPILERS) if path]
+    return shlex.quote(paths[0]) if paths else None
+
+
+def _zig() -> str | None:
+    command = zig_cc()
+    return None if command is None else shlex.join(command)
+
+
 @cache
 def _compiled(text: str, compiler: str, flag_sets: FlagSets) -> ctypes.CDLL | None:
     """Return the library of the program `text`; made once for a processor and a compiler, None if that fails."""
@@ -102,7 +115,7 @@ def _compiled(text: str, compiler: str, flag_sets: FlagSets) -> ctypes.CDLL | No
     if compiler in _given_up:
         return None
     try:
-        about = [text, compiler, compiler_version(command[0]), _processor(), str(flag_sets)]
+        about = [text, compiler, compiler_version(*command), _processor(), str(flag_sets)]
         key = hashlib.sha256("\n".join(about).encode()).hexdigest()[:KEY_DIGITS]
         return _found_or_made(text, command, flag_sets, key)
     except (CompilerError, OSError) as error:

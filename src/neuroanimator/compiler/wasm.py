@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 
 from neuroanimator.compiler.build import CompilerError, build_folder, succeeds
+from neuroanimator.compiler.zig import zig_cc, zig_folders
 from neuroanimator.errors import ResourceError
 from neuroanimator.storage.private_folder import kept_folder, private_folders
 
@@ -28,38 +27,25 @@ def wasm_module(text: str, exports: list[str]) -> bytes:
 
     Raises ResourceError without Zig, and CompilerError where it fails.
     """
-    if importlib.util.find_spec("ziglang") is None:
+    zig = zig_cc()
+    if zig is None:
         raise ResourceError(
             "A WebAssembly module is made by the Zig compiler. Install it with: pip install 'neuroanimator[wasm]'"
         )
     for folder in private_folders("wasm"):
-        return _built(text, exports, folder)
+        return _built(text, exports, zig, folder)
     raise ResourceError("There is no folder to compile in that nobody else can write to.")
 
 
-def _built(text: str, exports: list[str], folder: Path) -> bytes:
+def _built(text: str, exports: list[str], zig: list[str], folder: Path) -> bytes:
     with build_folder(folder) as work_folder:
         source = work_folder / "program.c"
         module = work_folder / "program.wasm"
         source.write_text(text, encoding="utf-8")
         wanted = [f"-Wl,--export={name}" for name in exports]
-        command = [
-            sys.executable,
-            "-m",
-            "ziglang",
-            "cc",
-            *FLAGS,
-            *wanted,
-            str(source),
-            "-o",
-            str(module),
-        ]
+        command = [*zig, *FLAGS, *wanted, str(source), "-o", str(module)]
         # What Zig builds of its own library is worth keeping; the home folder may be missing.
-        kept = kept_folder("zig") or work_folder
-        caches = {
-            "ZIG_GLOBAL_CACHE_DIR": str(kept),
-            "ZIG_LOCAL_CACHE_DIR": str(work_folder / "cache"),
-        }
+        caches = zig_folders(kept_folder("zig") or work_folder, work_folder)
         if not succeeds(command, work_folder, PATIENCE, caches) or not module.is_file():
             raise CompilerError("the Zig compiler failed")
         return module.read_bytes()

@@ -464,7 +464,8 @@ def program_of(emulator: Emulator) -> Any:
     program = c_emulator(emulator)
     if program is None and asked == "c":
         raise ResourceError(
-            "backend: wanted C, but this emulator has no program in C here. Install a C compiler, or use the backend auto."
+            "backend: wanted C, but this emulator has no program in C here. Install a C compiler (pip install "
+            "'neuroanimator[compiler]' brings one), or use the backend auto."
         )
     return program
 

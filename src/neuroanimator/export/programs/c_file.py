@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neuroanimator.compiler.compiler import compiled_library, find_compiler
+from neuroanimator.compiler.compiler import HOW_TO_GET_ONE, compiled_library, find_compiler
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import BORDERLINE
@@ -125,8 +125,8 @@ def _compiler() -> str:
     compiler = find_compiler()
     if compiler is None:
         raise ResourceError(
-            "A header is compiled and compared with JAX before it is written, and there is no C compiler. Install gcc "
-            "or clang."
+            "A header is compiled and compared with JAX before it is written, and there is no C compiler: "
+            f"{HOW_TO_GET_ONE}."
         )
     return Path(shlex.split(compiler)[0]).name
 
