@@ -31,8 +31,10 @@ def run(
     """Check an emulator, a policy or a dataset and show what it is; --json says all, with every column."""
     from json import dumps
 
+    from neuroanimator.cli.quick_start import import_jax
     from neuroanimator.terminal import print_rows
 
+    import_jax()
     everything, rows = _read(file)
     if json:
         print(dumps(everything, indent=2, sort_keys=True))

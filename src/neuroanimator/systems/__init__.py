@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import tomllib
 from importlib import resources
+from typing import TYPE_CHECKING
 
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.systems.system import System
 from neuroanimator.text import quoted
+
+if TYPE_CHECKING:  # whoever asks for names waits for no physics
+    from neuroanimator.systems.system import System
 
 SYSTEMS = {
     "cube": "an elastic cube: 8 mass points, 28 springs, pushed about on hard ground",
