@@ -115,8 +115,9 @@ RECIPES = {
 
 
 LARGE_RECIPES = {
-    # The network of lander-25, twice.
+    # The networks of lander-25 and pendulum-passive-25, twice.
     "lander": replace(RECIPES["lander"], longest_stride=25),
+    "pendulum-passive": replace(RECIPES["pendulum-passive"], longest_stride=25),
 }
 """Those of the large size."""
 
