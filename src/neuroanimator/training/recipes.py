@@ -118,6 +118,13 @@ LARGE_RECIPES = {
     # The networks of lander-25 and pendulum-passive-25, twice.
     "lander": replace(RECIPES["lander"], longest_stride=25),
     "pendulum-passive": replace(RECIPES["pendulum-passive"], longest_stride=25),
+    "pendulum": Recipe(
+        (96, 64, 64),
+        transitions=900_000,
+        updates=300_000,
+        samples_per_run=36,
+        longest_stride=25,
+    ),
 }
 """Those of the large size."""
 
