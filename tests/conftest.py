@@ -19,8 +19,14 @@ from tally import Tally, tally_line
 
 # Most of the tests' time went into compiling programs that run once. Unoptimised they compile in a fifth of the time;
 # processes the tests start inherit it. `XLA_FLAGS= make test` compiles as users do.
-XLA_FLAGS = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+# One thread a compilation: there is a process for every core already.
+XLA_FLAGS = (
+    "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false "
+    "--xla_cpu_parallel_codegen_split_count=1"
+)
 os.environ.setdefault("XLA_FLAGS", XLA_FLAGS)
+# Cutting JAX' own frames out of tracebacks takes ten times as long as refusing a file does.
+os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")
 # Emulators that tests train live for one test: their programs in C would take longer to make than to run.
 # tests/emulator/test_c_emulator.py and the examples run in C; `NEUROANIMATOR_BACKEND=auto make test` runs all of it so.
 os.environ.setdefault("NEUROANIMATOR_BACKEND", "jax")

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from functools import update_wrapper, wraps
+from types import FunctionType
 from typing import Any, get_args, get_origin
 
+import jaxtyping
 from beartype import BeartypeConf, FrozenDict, beartype
-from jaxtyping import install_import_hook
+from jaxtyping import install_import_hook, jaxtyped
 from numpy.typing import ArrayLike
 
 NESTED = [part for part in get_args(ArrayLike) if "NestedSequence" in str(get_origin(part))]
@@ -25,9 +28,62 @@ RULES = BeartypeConf(
 is checked by the function itself, whose message they read."""
 
 
-def checked(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function`, checking what it is given and what it returns."""
+def guarded(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function`, held against its annotations."""
     return beartype(function, conf=RULES)
+
+
+def checked(function: Any) -> Callable[..., Any]:
+    """Return `function`, checking what it is given and what it returns.
+
+    What jaxtyping makes of a function binds every call's arguments by name and checks them twice, for a better
+    message; a quarter of the tests' time went there. Only axes computed from arguments, such as "{rows}", need it.
+    """
+    if any("{" in str(annotation) for annotation in function.__annotations__.values()):
+        return jaxtyped(typechecker=guarded)(function)
+    quick = guarded(with_known_annotations(function))
+
+    @wraps(function)
+    def in_its_own_scope(*arguments: Any, **named: Any) -> Any:
+        with jaxtyped("context"):  # where names of axes begin anew
+            return quick(*arguments, **named)
+
+    return in_its_own_scope
+
+
+def with_known_annotations(function: FunctionType) -> Any:
+    """Return `function` without the annotations whose names are not there yet, or only for type checkers."""
+    same: Any = FunctionType(
+        function.__code__,
+        function.__globals__,
+        function.__name__,
+        function.__defaults__,
+        function.__closure__,
+    )
+    update_wrapper(same, function)
+    del same.__wrapped__
+    same.__kwdefaults__ = function.__kwdefaults__
+    same.__annotations__ = {}
+    for name, annotation in function.__annotations__.items():
+        known = annotation
+        if isinstance(annotation, str):
+            try:
+                known = eval(annotation, function.__globals__)
+            except NameError:
+                continue
+        same.__annotations__[name] = known
+    return same
+
+
+def decorated(*, typechecker: object) -> Callable[[Any], Any]:
+    """Return the decorator the import hook gives everything: classes get jaxtyping's own, functions `checked`."""
+
+    def decorate(thing: Any) -> Any:
+        if inspect.isfunction(thing):
+            return checked(thing)
+        return jaxtyped(typechecker=typechecker)(thing)
+
+    return decorate
 
 
 def unchecked(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -37,4 +93,5 @@ def unchecked(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def check_shapes() -> None:
     """Check every function of the package that is imported from now on."""
+    jaxtyping.jaxtyped = decorated
     install_import_hook("neuroanimator", "shapes.checked")

@@ -60,7 +60,7 @@ def check_tensors(path: Path, tensors: dict[str, np.ndarray], specs: dict[str, T
 
 
 def check_range(
-    path: Path, name: str, array: Int[np.ndarray, ...], minimum: int, maximum: int
+    path: Path, name: str, array: Int[np.ndarray, " ..."], minimum: int, maximum: int
 ) -> None:
     """Refuse whole numbers outside `minimum` to `maximum`: negative ones would count from the end."""
     if array.size and (array.min() < minimum or array.max() > maximum):

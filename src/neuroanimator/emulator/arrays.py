@@ -33,7 +33,7 @@ def as_float32(numbers: ArrayLike) -> np.ndarray:
         return np.asarray(numbers, np.float32, order="C")
 
 
-def as_jax(numbers: ArrayLike, dtype: Any = np.float32) -> Num[Array, ...]:
+def as_jax(numbers: ArrayLike, dtype: Any = np.float32) -> Num[Array, " ..."]:
     """Return `numbers`, of any shape, as a JAX array of the type `dtype`, converted by NumPy.
 
     `jnp.asarray` compiles a program for every shape it converts; this compiles nothing.

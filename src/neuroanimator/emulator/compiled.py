@@ -146,7 +146,7 @@ def plain_method(function: Callable[..., Any]) -> Any:
     return _PlainMethod(function)
 
 
-def as_numpy(numbers: Array) -> Float[AnyArray, ...]:
+def as_numpy(numbers: Array) -> Float[AnyArray, " ..."]:
     """Return an array of JAX as one of NumPy; as it is inside somebody's `jax.jit`, `grad` or `vmap`."""
     if isinstance(numbers, jax.core.Tracer):
         return numbers

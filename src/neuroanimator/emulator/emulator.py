@@ -306,7 +306,7 @@ class Emulator(eqx.Module):
 
 
 def _sound_rollout(
-    emulator: Emulator, state: Float[np.ndarray, ...], controls: Float[np.ndarray, ...]
+    emulator: Emulator, state: Float[np.ndarray, " ..."], controls: Float[np.ndarray, " ..."]
 ) -> Float[np.ndarray, "*B F S"] | None:
     """Return `rollout` in C, where all shapes and numbers are found in order there.
 

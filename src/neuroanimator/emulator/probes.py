@@ -52,7 +52,7 @@ def compiled_quickly(function: Callable[..., Any]) -> Callable[..., Any]:
     return jax.jit(function, compiler_options=UNOPTIMISED)
 
 
-def rounded(numbers: Float[np.ndarray, ...]) -> Float[np.ndarray, ...]:
+def rounded(numbers: Float[np.ndarray, " ..."]) -> Float[np.ndarray, " ..."]:
     """Return `numbers` changed at random in their last places, to see what rounding does in JAX alone."""
     rng = np.random.default_rng(0)
     return numbers * (1 + ROUNDING * rng.uniform(-1, 1, numbers.shape)).astype(np.float32)

@@ -14,8 +14,8 @@ from neuroanimator.systems.system import Runs, Scheme
 
 
 def root_mean_square(
-    values: Float[np.ndarray, ...], axis: int | tuple[int, ...] = 0
-) -> Float[np.ndarray, ...]:
+    values: Float[np.ndarray, " ..."], axis: int | tuple[int, ...] = 0
+) -> Float[np.ndarray, " ..."]:
     """Return the root of the mean square along `axis`."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=axis)))
 

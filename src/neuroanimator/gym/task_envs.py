@@ -213,7 +213,7 @@ def draw_number(rng: np.random.Generator) -> int:
     return int(rng.integers(TRIALS))
 
 
-def _checked_numbers(trial: ArrayLike) -> Int[np.ndarray, ...]:
+def _checked_numbers(trial: ArrayLike) -> Int[np.ndarray, " ..."]:
     """Return the number of a trial, or those of each row, as an array; ArgumentError if there are no such trials."""
     numbers = np.asarray(trial)
     is_whole = numbers.ndim <= 1 and numbers.dtype.kind in "iu"

@@ -261,18 +261,18 @@ class Frame(eqx.Module):
 # Roots instead of tanh and softplus, whose compiled forms take one number at a time and half a super step together.
 
 
-def _below_ceiling(height: Float[AnyArray, ...]) -> Float[AnyArray, ...]:
+def _below_ceiling(height: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
     """Return `height` [m] where it is small, the ceiling where it is large."""
     xp = height.__array_namespace__()
     return height / xp.sqrt(1 + (height / PROBE_CEILING) ** 2)
 
 
-def _near_surface(height: Float[AnyArray, ...]) -> Float[AnyArray, ...]:
+def _near_surface(height: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
     """Return `height` [m] over the water's surface, at most the ceiling above or below it."""
     return height.__array_namespace__().clip(height, -PROBE_CEILING, PROBE_CEILING)
 
 
-def _depth(height: Float[AnyArray, ...]) -> Float[AnyArray, ...]:
+def _depth(height: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
     """Return how far below the ground `height` [m] is, its kink rounded, at most the ceiling."""
     xp = height.__array_namespace__()
     near = xp.clip(height, -PROBE_CEILING, PROBE_CEILING)

@@ -34,7 +34,7 @@ class Pose(NamedTuple):
     """Unit vector along the body's Z."""
 
     @property
-    def roll(self) -> Float[AnyArray, ...]:
+    def roll(self) -> Float[AnyArray, " ..."]:
         """How far (...) [rad] the body is rolled over to its right about its own axis: 0 upright, ±π belly up.
 
         Pitch and heading do not count. A body that points straight up or down has none to speak of.

@@ -152,13 +152,13 @@ def two_axes(quaternion: Float[AnyArray, "... 4"]) -> Float[AnyArray, "... 6"]:
     return xp.stack([rows[i][j] for j in range(2) for i in range(3)], axis=-1)
 
 
-def heading_of(quaternion: Float[AnyArray, "... 4"]) -> Float[AnyArray, ...]:
+def heading_of(quaternion: Float[AnyArray, "... 4"]) -> Float[AnyArray, " ..."]:
     """Return the angle (...) between the world's X axis and the body's, seen from above [rad]."""
     rows = rotation_rows(quaternion)
     return quaternion.__array_namespace__().atan2(rows[1][0], rows[0][0])
 
 
-def facing(heading: Float[AnyArray, ...]) -> Float[AnyArray, "... 4"]:
+def facing(heading: Float[AnyArray, " ..."]) -> Float[AnyArray, "... 4"]:
     """Return the quaternion (..., 4) that turns by `heading` (...) [rad] about Z."""
     xp = heading.__array_namespace__()
     zero = xp.zeros_like(heading)

@@ -64,7 +64,7 @@ class JaxEvaluator(Evaluator):
         rows = np.arange(most).clip(max=count - 1)
         return self._run(function, zs[rows])
 
-    def _run(self, function: Callable[..., Any], numbers: Float[np.ndarray, ...]) -> Any:
+    def _run(self, function: Callable[..., Any], numbers: Float[np.ndarray, " ..."]) -> Any:
         """Return `function` of the problem, the start and `numbers`.
 
         The start goes in apart: planners change it all the time, and taking a problem apart takes as long as a rollout.
@@ -78,14 +78,14 @@ class JaxEvaluator(Evaluator):
             self._compile(program, single)
         return program(self._start, single)
 
-    def _compile(self, program: Compiled, numbers: Float[np.ndarray, ...]) -> None:
+    def _compile(self, program: Compiled, numbers: Float[np.ndarray, " ..."]) -> None:
         began = time.perf_counter()
         with phase("compiling"):
             program.compile(self._start, numbers)
         self.compile_seconds += time.perf_counter() - began
 
 
-def _as_float64(numbers: Array) -> Float[np.ndarray, ...]:
+def _as_float64(numbers: Array) -> Float[np.ndarray, " ..."]:
     return np.asarray(numbers, float)
 
 

@@ -79,7 +79,9 @@ def _length(vectors: Float[AnyArray, "*B 3"]) -> Float[AnyArray, "*B"]:
     return vectors.__array_namespace__().sqrt(_dot(vectors, vectors) + EPSILON**2)
 
 
-def _dot(left: Float[AnyArray, "*#B 3"], right: Float[AnyArray, "*#B 3"]) -> Float[AnyArray, ...]:
+def _dot(
+    left: Float[AnyArray, "*#B 3"], right: Float[AnyArray, "*#B 3"]
+) -> Float[AnyArray, " ..."]:
     return left.__array_namespace__().sum(left * right, axis=-1)
 
 
