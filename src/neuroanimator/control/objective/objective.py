@@ -32,6 +32,30 @@ class CostTerm(eqx.Module):
         """Return numbers that are zero where the motion does it, and one where it is off by a sizeable error."""
 
 
+class StateTerm(CostTerm):
+    """A term that looks at single states of a motion: it observes each for itself, and compares what it saw.
+
+    So generated C observes states as it goes, and whole states, which are hundreds of numbers, need not be made.
+    """
+
+    @abc.abstractmethod
+    def rows(self, steps: int, dt: float) -> list[int]:
+        """Return which states of a motion of so many super steps of `dt` [s] it looks at; 0 is the start."""
+
+    @abc.abstractmethod
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " O"]:
+        """Return what it looks at in a state."""
+
+    @abc.abstractmethod
+    def compare(self, observed: Float[Array, "K O"], dt: float) -> Float[Array, " R"]:
+        """Return the residuals of what was `observed` of the states at `rows`, `dt` [s] apart."""
+
+    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+        rows = self.rows(len(trajectory.states) - 1, trajectory.dt)
+        observed = jax.vmap(self.observe)(trajectory.states[jnp.array(rows)])
+        return self.compare(observed, trajectory.dt)
+
+
 CostFunction = Callable[[Trajectory], Float[Array, ""]]
 """A cost of one's own: any differentiable JAX function that makes one number of a trajectory, weight included."""
 
@@ -102,10 +126,9 @@ def _in_c(objective: Objective, emulator: Emulator, steps: int) -> Any:
     if backend() == "jax":
         return None
     # It is written in terms of this module.
-    from neuroanimator.control.objective.c_objective import MotionShape, c_objective
+    from neuroanimator.control.objective.c_objective import c_objective
 
-    shape = MotionShape(steps, emulator.state.size, emulator.control.size, emulator.dt)
-    return c_objective(objective, shape, as_float32(emulator.bounds.magnitude), emulator.rest)
+    return c_objective(objective, emulator, steps, as_float32(emulator.bounds.magnitude))
 
 
 def check_objective(

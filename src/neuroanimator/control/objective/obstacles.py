@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.objective import CostTerm
-from neuroanimator.control.objective.terms import as_weight
-from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.control.objective.objective import StateTerm
+from neuroanimator.control.objective.terms import as_weight, rows_since
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
@@ -56,7 +55,7 @@ def footprint(structure: Structure, states: AnyArray, probes: AnyArray) -> AnyAr
     return pose.position[..., None, :2] + shift
 
 
-class Avoid(CostTerm):
+class Avoid(StateTerm):
     """Keep discs about a body's probes out of zones: ∫ of how far they are in, over the margin."""
 
     weight: Float[Array, ""]
@@ -66,10 +65,15 @@ class Avoid(CostTerm):
     margin: Float[Array, ""]
     """[m] Radius of the discs: half the body's width and some room."""
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        points = footprint(self.structure, trajectory.states[1:], self.probes)
-        inside = jnp.maximum(self.margin - distances(self.zones, points), 0) / self.margin
-        return math.sqrt(trajectory.dt) * inside.ravel()
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return rows_since((), steps, dt)
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " O"]:
+        points = footprint(self.structure, state, self.probes)
+        return jnp.maximum(self.margin - distances(self.zones, points), 0).ravel()
+
+    def compare(self, observed: Float[Array, "T O"], dt: float) -> Float[Array, " R"]:
+        return math.sqrt(dt) * (observed / self.margin).ravel()
 
 
 def avoid(

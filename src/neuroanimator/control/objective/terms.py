@@ -6,12 +6,11 @@ import math
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.objective import CostTerm
+from neuroanimator.control.objective.objective import CostTerm, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.state.body_frame import Frame
@@ -25,11 +24,19 @@ NEARLY_UPRIGHT = 1e-3
 """[rad] Less counts as this much, so that an upright body has a finite slope."""
 
 
-def rows_at(times: tuple[float, ...], trajectory: Trajectory) -> list[int]:
+def rows_at(times: tuple[float, ...], steps: int, dt: float) -> list[int]:
     """Return which states are those at `times` [s]; the last one for `END`."""
     if times == END:
-        return [len(trajectory.states) - 1]
-    return [round(time / trajectory.dt) for time in times]
+        return [steps]
+    return [round(time / dt) for time in times]
+
+
+def rows_since(times: tuple[float, ...], steps: int, dt: float) -> list[int]:
+    """Return which states are those from the first of `times` on, all but the start if there is none; at least the last one."""
+    first = 1
+    if times:
+        first = round(times[0] / dt)
+    return list(range(max(1, min(first, steps)), steps + 1))
 
 
 class Effort(CostTerm):
@@ -54,13 +61,13 @@ class Smoothness(CostTerm):
         return jumps.ravel() / math.sqrt(trajectory.dt)
 
 
-class ReachState(CostTerm):
+class ReachState(StateTerm):
     """Be in a state, or in part of one, seen from the goal: in a parking bay, lengthwise and sideways."""
 
     weight: Float[Array, ""]
     frame: Frame
     goal: Float[Array, " S"]
-    compare: Float[Array, "R V"]
+    judged: Float[Array, "R V"]
     """Turns the difference from the goal into numbers of which one is a sizeable error."""
     times: tuple[float, ...] = eqx.field(static=True)
 
@@ -69,23 +76,24 @@ class ReachState(CostTerm):
         cls,
         frame: Frame,
         goal: ArrayLike,
-        compare: ArrayLike,
+        judged: ArrayLike,
         weight: float,
         times: tuple[float, ...],
     ) -> ReachState:
-        """Return the cost of not being at `goal` (S,); `compare` (R, V) makes residuals of the difference."""
-        return cls(as_weight(weight), frame, as_jax(goal), as_jax(compare), times)
+        """Return the cost of not being at `goal` (S,); `judged` (R, V) makes residuals of the difference."""
+        return cls(as_weight(weight), frame, as_jax(goal), as_jax(judged), times)
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return rows_at(self.times, steps, dt)
 
-        def residuals_of(state: Array) -> Array:
-            return self.compare @ self.frame.difference(self.goal, state)
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " R"]:
+        return self.judged @ self.frame.difference(self.goal, state)
 
-        return jax.vmap(residuals_of)(states).ravel()
+    def compare(self, observed: Float[Array, "K O"], dt: float) -> Float[Array, " R"]:
+        return observed.ravel()
 
 
-class ReachPositions(CostTerm):
+class ReachPositions(StateTerm):
     """Be at positions at given times: keyframes, or one position at the end."""
 
     weight: Float[Array, ""]
@@ -96,13 +104,17 @@ class ReachPositions(CostTerm):
     axes: tuple[int, ...] = eqx.field(static=True)
     times: tuple[float, ...] = eqx.field(static=True)
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
-        position = read_pose(self.structure, states).position[:, self.axes]
-        return ((position - self.positions) / self.within).ravel()
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return rows_at(self.times, steps, dt)
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
+        return _along(self.axes, read_pose(self.structure, state).position)
+
+    def compare(self, observed: Float[Array, "K A"], dt: float) -> Float[Array, " R"]:
+        return ((observed - self.positions) / self.within).ravel()
 
 
-class ReachHeight(CostTerm):
+class ReachHeight(StateTerm):
     """Be up with all of the body at given times: the rms of how far mass points are below a height."""
 
     weight: Float[Array, ""]
@@ -112,14 +124,18 @@ class ReachHeight(CostTerm):
     within: Float[Array, ""]
     times: tuple[float, ...] = eqx.field(static=True)
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
-        heights = read_heights(self.structure, states)
-        below = jnp.maximum(self.height - heights, 0) / self.within
-        return (below / math.sqrt(heights.shape[-1])).ravel()
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return rows_at(self.times, steps, dt)
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " N"]:
+        return read_heights(self.structure, state)
+
+    def compare(self, observed: Float[Array, "K N"], dt: float) -> Float[Array, " R"]:
+        below = jnp.maximum(self.height - observed, 0) / self.within
+        return (below / math.sqrt(observed.shape[-1])).ravel()
 
 
-class FollowPath(CostTerm):
+class FollowPath(StateTerm):
     """Be where a path says all along, passed at a steady pace."""
 
     weight: Float[Array, ""]
@@ -130,15 +146,20 @@ class FollowPath(CostTerm):
     within: Float[Array, ""]
     axes: tuple[int, ...] = eqx.field(static=True)
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        position = read_pose(self.structure, trajectory.states[1:]).position[:, self.axes]
-        share = jnp.arange(1, len(position) + 1) / len(position)
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return rows_since((), steps, dt)
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
+        return _along(self.axes, read_pose(self.structure, state).position)
+
+    def compare(self, observed: Float[Array, "T A"], dt: float) -> Float[Array, " R"]:
+        share = jnp.arange(1, len(observed) + 1) / len(observed)
         columns = [jnp.interp(share, self.shares, column) for column in self.points.T]
         wanted = jnp.stack(columns, axis=-1)
-        return math.sqrt(trajectory.dt) * ((position - wanted) / self.within).ravel()
+        return math.sqrt(dt) * ((observed - wanted) / self.within).ravel()
 
 
-class Travel(CostTerm):
+class Travel(StateTerm):
     """Come `distance` [m] forward along `direction` by the end; further than possible means as far as possible."""
 
     weight: Float[Array, ""]
@@ -147,14 +168,18 @@ class Travel(CostTerm):
     distance: Float[Array, ""]
     within: Float[Array, ""]
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        ends = trajectory.states[jnp.array([0, -1])]
-        position = read_pose(self.structure, ends).position
-        travelled = (position[1] - position[0]) @ self.direction
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return [0, steps]
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " 3"]:
+        return read_pose(self.structure, state).position
+
+    def compare(self, observed: Float[Array, "2 3"], dt: float) -> Float[Array, " 1"]:
+        travelled = (observed[1] - observed[0]) @ self.direction
         return ((self.distance - travelled) / self.within)[None]
 
 
-class KeepVelocity(CostTerm):
+class KeepVelocity(StateTerm):
     """Move with a velocity, from a given time on."""
 
     weight: Float[Array, ""]
@@ -164,14 +189,18 @@ class KeepVelocity(CostTerm):
     axes: tuple[int, ...] = eqx.field(static=True)
     times: tuple[float, ...] = eqx.field(static=True)
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        states = _from(self.times, trajectory)
-        velocity = read_pose(self.structure, states).velocity[:, self.axes]
-        off = (velocity - self.velocity) / self.within
-        return math.sqrt(trajectory.dt) * off.ravel()
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return rows_since(self.times, steps, dt)
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
+        return _along(self.axes, read_pose(self.structure, state).velocity)
+
+    def compare(self, observed: Float[Array, "K A"], dt: float) -> Float[Array, " R"]:
+        off = (observed - self.velocity) / self.within
+        return math.sqrt(dt) * off.ravel()
 
 
-class KeepSpeed(CostTerm):
+class KeepSpeed(StateTerm):
     """Move forward, where the body points, at a speed, from a given time on."""
 
     weight: Float[Array, ""]
@@ -180,13 +209,18 @@ class KeepSpeed(CostTerm):
     within: Float[Array, ""]
     times: tuple[float, ...] = eqx.field(static=True)
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        pose = read_pose(self.structure, _from(self.times, trajectory))
-        speed = jnp.sum(pose.velocity * pose.forward, axis=-1)
-        return math.sqrt(trajectory.dt) * (speed - self.speed) / self.within
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return rows_since(self.times, steps, dt)
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " 1"]:
+        pose = read_pose(self.structure, state)
+        return jnp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True)
+
+    def compare(self, observed: Float[Array, "K 1"], dt: float) -> Float[Array, " K"]:
+        return math.sqrt(dt) * (observed[:, 0] - self.speed) / self.within
 
 
-class Point(CostTerm):
+class Point(StateTerm):
     """Point forward, or stand upright, along `direction`: at given times, or from the only one on if `lasts`."""
 
     weight: Float[Array, ""]
@@ -199,20 +233,21 @@ class Point(CostTerm):
     lasts: bool = eqx.field(static=True)
     times: tuple[float, ...] = eqx.field(static=True)
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+    def rows(self, steps: int, dt: float) -> list[int]:
         if self.lasts:
-            states = _from(self.times, trajectory)
-            share = math.sqrt(trajectory.dt)
-        else:
-            states = trajectory.states[jnp.array(rows_at(self.times, trajectory))]
-            share = 1.0
-        pose = read_pose(self.structure, states)
-        axis = getattr(pose, self.axis)
-        off = (axis - self.direction) / self.within
+            return rows_since(self.times, steps, dt)
+        return rows_at(self.times, steps, dt)
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " 3"]:
+        return getattr(read_pose(self.structure, state), self.axis)
+
+    def compare(self, observed: Float[Array, "K 3"], dt: float) -> Float[Array, " R"]:
+        share = math.sqrt(dt) if self.lasts else 1.0
+        off = (observed - self.direction) / self.within
         return share * off.ravel()
 
 
-class StayUpright(CostTerm):
+class StayUpright(StateTerm):
     """Keep the body's up near the world's, from a given time on: ∫ of the angle beyond a tolerance."""
 
     weight: Float[Array, ""]
@@ -225,14 +260,18 @@ class StayUpright(CostTerm):
     """Whether only rolling counts, so that the body may dive and leap."""
     times: tuple[float, ...] = eqx.field(static=True)
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        pose = read_pose(self.structure, _from(self.times, trajectory))
-        angle = lean(pose, may_pitch=self.may_pitch)
-        beyond = jnp.maximum(angle - self.tolerance, 0)
-        return math.sqrt(trajectory.dt) * beyond / self.within
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return rows_since(self.times, steps, dt)
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " 1"]:
+        return lean(read_pose(self.structure, state), may_pitch=self.may_pitch)[None]
+
+    def compare(self, observed: Float[Array, "K 1"], dt: float) -> Float[Array, " K"]:
+        beyond = jnp.maximum(observed[:, 0] - self.tolerance, 0)
+        return math.sqrt(dt) * beyond / self.within
 
 
-def lean(pose: Pose, *, may_pitch: bool) -> Float[Array, " T"]:
+def lean(pose: Pose, *, may_pitch: bool) -> Float[Array, "*B"]:
     """Return by how much [rad] bodies lean: 0 upright, π upside down; by rolling alone if they `may_pitch`."""
     if may_pitch:
         aside = jnp.cross(pose.upward, pose.forward)[..., 2] ** 2
@@ -244,7 +283,7 @@ def lean(pose: Pose, *, may_pitch: bool) -> Float[Array, " T"]:
     return jnp.atan2(jnp.sqrt(aside + NEARLY_UPRIGHT**2), above)
 
 
-class StayWithin(CostTerm):
+class StayWithin(StateTerm):
     """Keep state entries between bounds, such as joints: ∫ of what is beyond."""
 
     weight: Float[Array, ""]
@@ -253,12 +292,17 @@ class StayWithin(CostTerm):
     within: Float[Array, ""]
     entries: tuple[int, ...] = eqx.field(static=True)
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        values = trajectory.states[1:, self.entries]
-        above = jnp.maximum(values - self.high, 0)
-        below = jnp.maximum(self.low - values, 0)
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return rows_since((), steps, dt)
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " E"]:
+        return state[jnp.array(self.entries)]
+
+    def compare(self, observed: Float[Array, "T E"], dt: float) -> Float[Array, " R"]:
+        above = jnp.maximum(observed - self.high, 0)
+        below = jnp.maximum(self.low - observed, 0)
         beyond = (above + below) / self.within
-        return math.sqrt(trajectory.dt) * beyond.ravel()
+        return math.sqrt(dt) * beyond.ravel()
 
 
 def as_weight(weight: float) -> Array:
@@ -266,10 +310,5 @@ def as_weight(weight: float) -> Array:
     return as_jax(weight)
 
 
-def _from(times: tuple[float, ...], trajectory: Trajectory) -> Float[Array, "K S"]:
-    """Return the states from the first of `times` on, all but the start if there is none; at least the last one."""
-    first = 1
-    if times:
-        first = round(times[0] / trajectory.dt)
-    last = len(trajectory.states) - 1
-    return trajectory.states[max(1, min(first, last)) :]
+def _along(axes: tuple[int, ...], vector: Float[Array, " 3"]) -> Float[Array, " A"]:
+    return vector[jnp.array(axes)]
