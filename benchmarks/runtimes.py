@@ -3,9 +3,9 @@
 python benchmarks/runtimes.py            table, and results/runtimes.csv (two minutes)
 
 `rollout_*` is `emulator.rollout` of 200 super steps and `step_*` is `emulator.step`, as users call them from Python;
-`kernel_c` is the same rollout without Python around it. `gradient_c` is forward and backward over 100 super steps,
-sixteen cotangents at a time, and `batch_*` what one motion of many costs. Times are nanoseconds a super step, but for
-`step_*`, which are microseconds a call.
+`kernel_c` is the same rollout without Python around it. `gradient_c` is J and its gradient over 100 super
+steps, as a descent asks for it, and `batch_*` what one motion of many costs. Times are nanoseconds a super step, but
+for `step_*`, which are microseconds a call.
 """
 
 from __future__ import annotations
@@ -20,12 +20,15 @@ import numpy as np
 
 from neuroanimator import Emulator, load_emulator, set_backend
 from neuroanimator.bench.csv_table import describe_machine, write_csv
-from neuroanimator.codegen.program import WIDTH
-from neuroanimator.control.descent.chain import chain_of
-from neuroanimator.control.objective.c_objective import aligned_room, lanes
+from neuroanimator.control.descent.c_evaluator import c_evaluator
+from neuroanimator.control.descent.descend import pose_problem
+from neuroanimator.control.descent.parametrisation import EachStep
+from neuroanimator.control.objective.costs import effort, stay_within
+from neuroanimator.control.objective.objective import Objective
 from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.speed import one_core
+from neuroanimator.systems import load_system
 from neuroanimator.terminal import print_table, progress_bar
 
 SYSTEMS = ("pendulum", "pendulum-passive", "truck", "lander", "fish", "dolphin", "cube")
@@ -59,8 +62,7 @@ def calls_of(emulator: Emulator) -> dict[str, tuple[Call, int]]:
     controls = np.asarray(bounds.middle + shares * bounds.half, np.float32)
     rest = emulator.rest.astype(np.float32)
     program = c_emulator(emulator)
-    chain = chain_of(emulator)
-    if program is None or chain is None:
+    if program is None:
         raise ResourceError("runtimes: there is no program in C here. Install a C compiler.")
     rollout = partial(emulator.rollout, rest, controls)
     step = partial(emulator.step, rest, controls[0])
@@ -71,17 +73,14 @@ def calls_of(emulator: Emulator) -> dict[str, tuple[Call, int]]:
         "step_c": (in_backend("c", step), 1),
         "step_jax": (in_backend("jax", step), 1),
     }
-    latent = np.ascontiguousarray(emulator.encode(rest), np.float32)
-    held = controls[:GRADIENT_STEPS]
-    defects = np.zeros((GRADIENT_STEPS, chain.program.sizes["DEFECT"]), np.float32)
-    states = np.tile(rest, (GRADIENT_STEPS + 1, 1))
-    of_states = aligned_room(states.size * WIDTH).reshape(*states.shape, WIDTH)
-    of_states[-1] = 1
-
-    def gradient() -> None:
-        tapes = chain.forward(latent, held, defects, states)
-        chain.backward(tapes, of_states, GRADIENT_STEPS, lanes(*held.shape))
-
+    varied = EachStep.of(GRADIENT_STEPS, bounds)
+    system = load_system(emulator.spec.system)
+    nearly_still = stay_within(system, system.state.slices[0].name, -1.0, 1.0, within=1.0)
+    problem = pose_problem(emulator, Objective.of(effort(), nearly_still), varied, rest)
+    evaluator = c_evaluator(problem)
+    if evaluator is None:
+        raise ResourceError("runtimes: there is no descent in C here.")
+    gradient = partial(evaluator.gradients, np.zeros((1, varied.size)))
     calls["gradient_c"] = (gradient, GRADIENT_STEPS)
     for batch in BATCHES:
         starts = np.tile(rest, (batch, 1))

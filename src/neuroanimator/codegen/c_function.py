@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any
+from typing import Any, NamedTuple
 
 from neuroanimator.codegen.c_text import Writer, fused
 from neuroanimator.codegen.program import (
@@ -17,6 +17,7 @@ from neuroanimator.codegen.program import (
     WIDE,
     WIDTH,
     Constants,
+    Operation,
     Program,
 )
 from neuroanimator.codegen.trace import Input, trace
@@ -40,6 +41,16 @@ class CFunction:
     """Bytes it needs on the stack."""
 
 
+class LatePart(NamedTuple):
+    """A function that goes on from the tape; late inputs and outputs belong to such parts in their order."""
+
+    name: str
+    """What is added to the name of the whole function."""
+    inputs: int
+    """How many late inputs are its own."""
+    outputs: int
+
+
 def c_function(
     name: str,
     function: Callable[..., Any],
@@ -48,45 +59,60 @@ def c_function(
     constants: Constants,
     *,
     values: int = 1,
+    late: Sequence[LatePart] = (),
     is_public: bool = False,
 ) -> CFunction:
     """Return C text of `static void name(const float *k, const float *x0, ..., float *y0, ...)`.
 
     `function` (module, x0, ...) returns an array or a tuple of arrays; `k` are the `constants`, to which those of the
     function are added. Arrays are in C's order; what is wide has its sixteen lanes last, and outputs are wide if an
-    input is. With late inputs there are two functions: `name_forward(k, early inputs, t, tv, early outputs)`, and
-    `name_backward(k, t, tv, late inputs, late outputs)` that goes on from the tape `t`, and `tv` of lanes; the first
-    `values` outputs, of which there may be none, are the early ones. Nothing is kept between calls, so threads may
-    share them. What `is_public` can be called from outside the library.
+    input is. With late inputs there are several functions: `name_forward(k, early inputs, t, tv, early outputs)`, and
+    for each part of `late` a `name_part(k, t, tv, its inputs, its outputs)` that goes on from the tape `t`, and `tv` of
+    lanes; the first `values` outputs, of which there may be none, are the early ones. Without `late` there is one such
+    part, `backward`. Nothing is kept between calls, so threads may share them. What `is_public` can be called from
+    outside the library.
 
     Raises UnsupportedError for what there is no C for, such as loops.
     """
     program = trace(function, module, *inputs, constants=constants)
     linkage = "" if is_public else "static "
-    if not any(entry.is_late for entry in inputs):
-        everything = _Part(program, inputs, range(len(program.outputs)), is_late=False)
-        lines, scratch = everything.write(f"{linkage}void {name}", tapes=())
+    everything = range(len(program.outputs))
+    early_inputs = [number for number, entry in enumerate(inputs) if not entry.is_late]
+    late_inputs = [number for number, entry in enumerate(inputs) if entry.is_late]
+    if not late_inputs:
+        whole = _Part(program, inputs, early_inputs, everything, is_late=False)
+        lines, scratch = whole.write(f"{linkage}void {name}", tapes=())
         return CFunction("\n".join(lines) + "\n", scratch=scratch)
-    forward = _Part(program, inputs, range(values), is_late=False)
-    backward = _Part(program, inputs, range(values, len(program.outputs)), is_late=True)
     tapes = ("float *NA_RESTRICT t", "float *NA_RESTRICT tv")
-    lines, scratch = forward.write(f"{linkage}void {name}_forward", tapes)
+    forward = _Part(program, inputs, early_inputs, everything[:values], is_late=False)
+    lines, most_scratch = forward.write(f"{linkage}void {name}_forward", tapes)
     read_only = tuple(f"const {tape}" for tape in tapes)
-    more, more_scratch = backward.write(f"{linkage}void {name}_backward", read_only)
+    late_outputs = everything[values:]
+    for part in late or [LatePart("backward", len(late_inputs), len(late_outputs))]:
+        own_inputs = late_inputs[: part.inputs]
+        own_outputs = late_outputs[: part.outputs]
+        late_inputs = late_inputs[part.inputs :]
+        late_outputs = late_outputs[part.outputs :]
+        going_on = _Part(program, inputs, own_inputs, own_outputs, is_late=True)
+        more, scratch = going_on.write(f"{linkage}void {name}_{part.name}", read_only)
+        lines += more
+        most_scratch = max(most_scratch, scratch)
     return CFunction(
-        "\n".join([*lines, *more]) + "\n",
+        "\n".join(lines) + "\n",
         tape=program.sizes.get(TAPE, 0),
         wide_tape=program.sizes.get(TAPE | WIDE, 0),
-        scratch=max(scratch, more_scratch),
+        scratch=most_scratch,
     )
 
 
 @dataclass(frozen=True)
 class _Part:
-    """One of the functions a program becomes: all of it, what comes before the cotangents, or what comes after."""
+    """One of the functions a program becomes: all of it, what comes before the late inputs, or what comes after some."""
 
     program: Program
     inputs: Sequence[Input]
+    """Those of the whole program."""
+    own_inputs: Sequence[int]
     outputs: range
     is_late: bool
 
@@ -98,11 +124,8 @@ class _Part:
         head = f"{declared}({', '.join(self._parameters(tapes))}) {{"
         return [head, *arrays, unused, *body, "}"], scratch
 
-    def _numbers(self) -> list[int]:
-        return [n for n, entry in enumerate(self.inputs) if entry.is_late == self.is_late]
-
     def _parameters(self, tapes: tuple[str, ...]) -> list[str]:
-        xs = [f"const float *x{number}" for number in self._numbers()]
+        xs = [f"const float *x{number}" for number in self.own_inputs]
         ys = [f"float *y{number}" for number in self.outputs]
         between = [*tapes, *xs] if self.is_late else [*xs, *tapes]
         return ["const float *NA_RESTRICT k", *between, *ys]
@@ -119,14 +142,20 @@ class _Part:
                 scratch += FLOAT_BYTES * size * (WIDTH if space else 1)
         return lines, scratch
 
+    def _operations(self) -> list[Operation]:
+        """Return what this part computes: the early part all that is early, a late one what its own outputs depend on."""
+        operations = self.program.operations
+        if self.is_late:
+            operations = self.program.needed_by([self.program.outputs[n] for n in self.outputs])
+        return [operation for operation in operations if operation.is_late == self.is_late]
+
     def _body(self, writer: Writer) -> Iterator[str]:
         """Yield what loads the inputs, computes, and stores the outputs."""
-        for number in self._numbers():
+        for number in self.own_inputs:
             yield from writer.loaded(f"x{number}", self.program.inputs[number].ravel())
-        for operation in self.program.operations:
-            if operation.is_late == self.is_late:
-                yield from writer.write(operation)
-        is_wide = any(self.inputs[number].is_wide for number in self._numbers())
+        for operation in self._operations():
+            yield from writer.write(operation)
+        is_wide = any(self.inputs[number].is_wide for number in self.own_inputs)
         for number in self.outputs:
             output = self.program.outputs[number].ravel()
             yield from writer.stored(output, f"y{number}", is_wide=is_wide)

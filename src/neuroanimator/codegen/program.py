@@ -172,10 +172,14 @@ class Program:
 
     def keep_needed(self) -> None:
         """Drop the operations that no output depends on."""
-        self.operations = list(reversed(list(self._needed())))
+        self.operations = self.needed_by(self.outputs)
 
-    def _needed(self) -> Iterator[Operation]:
-        """Yield the operations that outputs depend on, the last one first."""
+    def needed_by(self, outputs: list[Addresses]) -> list[Operation]:
+        """Return the operations that `outputs` depend on."""
+        return list(reversed(list(self._needed_by(outputs))))
+
+    def _needed_by(self, outputs: list[Addresses]) -> Iterator[Operation]:
+        """Yield them, the last one first."""
         needed = {space: np.zeros(size, bool) for space, size in self.sizes.items()}
 
         def mark(addresses: Addresses) -> None:
@@ -183,7 +187,7 @@ class Program:
                 inside = addresses[(addresses >= 0) & (spaces_of(addresses) == space)]
                 wanted[inside - space * SPACE] = True
 
-        for output in self.outputs:
+        for output in outputs:
             mark(output)
         for operation in reversed(self.operations):
             space = int(spaces_of(operation.output.ravel()[:1])[0])

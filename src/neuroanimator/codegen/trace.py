@@ -152,8 +152,10 @@ class _Tracer:
             return self._jaxpr(inner, [], inputs)
         if all(isinstance(operand, _Known) for operand in inputs):
             is_literal = all(operand.is_literal for operand in inputs)
-            results = _bind(eqn, [operand.numbers for operand in inputs])
-            return [_Known(np.asarray(result), is_literal) for result in results]
+            numbers = [operand.numbers for operand in inputs]
+            # Not by JAX, which would compile a program for it.
+            moved = MOVES[name](numbers, eqn.params) if name in MOVES else _bind(eqn, numbers)
+            return [_Known(np.asarray(result), is_literal) for result in moved]
         if name in MOVES:
             addresses = [self._addresses(operand) for operand in inputs]
             return [np.asarray(result) for result in MOVES[name](addresses, eqn.params)]
@@ -189,9 +191,21 @@ class _Tracer:
     def _padded(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Addresses]:
         source = self._addresses(inputs[0])
         filling = self._addresses(inputs[1])
-        positions = np.arange(1, source.size + 1, dtype=np.int32).reshape(source.shape)
-        padded = np.asarray(lax.pad(positions, np.int32(0), eqn.params["padding_config"]))
-        return [np.asarray(np.append(filling.ravel(), source.ravel())[padded])]
+        inside = []
+        within = []
+        shape = []
+        for size, (low, high, between) in zip(
+            source.shape, eqn.params["padding_config"], strict=True
+        ):
+            places = low + np.arange(size) * (between + 1)
+            length = max(0, low + high + size + max(0, size - 1) * between)
+            is_inside = (places >= 0) & (places < length)
+            inside.append(places[is_inside])
+            within.append(np.flatnonzero(is_inside))
+            shape.append(length)
+        padded = np.full(shape, int(filling.flat[0]))
+        padded[np.ix_(*inside)] = source[np.ix_(*within)]
+        return [padded]
 
     def _scattered(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Addresses]:
         """Return the first input with entries replaced by, or added to, those of the updates."""

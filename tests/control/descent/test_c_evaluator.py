@@ -11,6 +11,7 @@ import pytest
 from jaxtyping import Array, Float
 
 import neuroanimator as na
+from neuroanimator.bench.run_control import TASKS
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.control.descent.c_evaluator import c_evaluator
 from neuroanimator.control.descent.defects import find_defects
@@ -89,6 +90,27 @@ def test_cost_slope_and_quadratic_model_are_those_of_jax(emulator: na.Emulator, 
     assert_close(found.motion(zs[0]).states, expected.motion(zs[0]).states)
 
 
+@pytest.mark.parametrize("name", ["fish-turn", "dolphin-swim", "truck-park"])
+def test_what_terms_observe_of_bodies_and_obstacles_is_what_jax_sees(name: str):
+    """Swimmers are observed from their few latent numbers, but for the start; obstacles in every state."""
+    task = TASKS[name]
+    system = na.load_system(task.system)
+    emulator = na.load_emulator(f"{task.system}-{task.substeps}")
+    trial = task.draw(system, np.random.default_rng(0), STEPS, emulator.dt)
+    varied = Spline.of(STEPS, 5, emulator.bounds)
+    posed = pose_problem(emulator, trial.objective, varied, trial.start)
+    z = 0.1 * np.random.default_rng(0).normal(size=(1, varied.size))
+    found = in_c(posed)
+    expected = JaxEvaluator(posed)
+    assert_close(found.costs(z), expected.costs(z))
+    assert_close(found.motion(z[0]).states, expected.motion(z[0]).states)
+    (mine,) = found.quadratic_models(z)
+    (wanted,) = expected.quadratic_models(z)
+    assert_close(mine.slope, wanted.slope)
+    assert_close(mine.curvature, wanted.curvature)
+    assert_close(found.gradients(z)[1][0], mine.slope)
+
+
 def test_another_start_and_other_numbers_need_no_other_program(emulator: na.Emulator):
     posed = problem(emulator, objective())
     first = in_c(posed)
@@ -160,9 +182,9 @@ def test_costs_of_a_users_own_are_left_to_jax(emulator: na.Emulator, cost: objec
     assert c_evaluator(problem(emulator, asked)) is None
 
 
-def test_an_objective_too_large_to_compile_is_left_to_jax(
+def test_a_map_too_large_for_the_stack_is_left_to_jax(
     emulator: na.Emulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("neuroanimator.control.objective.c_objective.MOST_NUMBERS", 10)
+    monkeypatch.setattr("neuroanimator.codegen.c_map.MOST_SCRATCH", 10)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert c_evaluator(problem(emulator, objective())) is None

@@ -1,292 +1,275 @@
-"""J and its derivatives in generated C.
+"""J and its derivatives in generated C: one call of `descent.c` for each thing a method asks for.
 
-    z → controls → chain → states → residuals r,    J = |r|²/2
-    dJ/dz and dr/dz: cotangents of sixteen residuals at a time, back to the states, through the chain to the controls, to z
+    z → controls → chain of super steps → what the objective's terms observe of latent states → residuals r,  J = |r|²/2
 
+Derivatives go along sixteen tangents of z at a time, or back from sixteen residuals at a time, whichever is less work.
 Costs that are any JAX function are left to JAX.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
+import math
 from copy import copy
-from dataclasses import dataclass
-from functools import partial
-from importlib import resources
-from typing import Any
+from functools import cache, partial
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.codegen.c_function import c_function
-from neuroanimator.codegen.kept import CProgram, LoadedProgram, aligned, load_program
-from neuroanimator.codegen.program import WIDTH, Constants
-from neuroanimator.codegen.trace import Input
-from neuroanimator.control.descent.chain import Chain, chain_of
+from neuroanimator.codegen.c_map import (
+    CMap,
+    MapDefinition,
+    MapStruct,
+    callers,
+    check_maps,
+    judge_of,
+    program_of_maps,
+)
+from neuroanimator.codegen.kept import FLAGS, LoadedProgram, aligned, load_program
+from neuroanimator.codegen.program import WIDTH
+from neuroanimator.codegen.rooms import Rooms
+from neuroanimator.compiler.compiler import compiled_library
+from neuroanimator.control.descent.chain import link_of
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator, QuadraticModel
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import (
+    CALLER,
     OURS,
     CObjective,
-    MotionShape,
-    backward,
+    ObjectiveStruct,
     c_objective,
-    compare_pulled,
-    cotangents,
-    forward,
-    half_squares,
-    in_first_lane,
-    lanes,
-    program_of_parts,
-    pulled_in_jax,
-    random_lanes,
 )
 from neuroanimator.emulator.arrays import as_float32
-from neuroanimator.emulator.c_emulator import pointer
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.probes import compiled_quickly
 from neuroanimator.storage.files import digest
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
-TRIED = 3
-"""Random z a parametrisation's program is compared with JAX on."""
+CALLERS = (CALLER, ("neuroanimator.control.descent", "descent.c"))
+"""The C that calls the maps of a problem."""
+
+CONTROLS = "controls"
+"""What the map of a parametrisation is called in C."""
 
 
-@dataclass(frozen=True)
-class _Pass:
-    """A motion with what is needed to go back along it."""
+class ProblemStruct(ctypes.Structure):
+    """`na_problem` of `descent.c`."""
 
-    z: Float[np.ndarray, " Z"]
-    controls: Float[np.ndarray, "T C"]
-    states: Float[np.ndarray, "T1 S"]
-    of_states: Float[np.ndarray, " R"]
-    """Residuals of the terms that look at states."""
-    of_controls: Float[np.ndarray, " Q"]
-    """Residuals of the terms that look at controls alone."""
-    tapes: dict[str, np.ndarray]
+    _fields_ = (
+        ("objective", ObjectiveStruct),
+        ("controls", MapStruct),
+        ("link", MapStruct),
+        ("defect", ctypes.c_long),
+        ("pushes_residuals", ctypes.c_long),
+        ("pushes_efforts", ctypes.c_long),
+        ("has_few_inputs", ctypes.c_long),
+    )
 
-    @property
-    def cost(self) -> float:
-        """J"""
-        return half_squares(self.of_states) + half_squares(self.of_controls)
+
+class BeginStruct(ctypes.Structure):
+    """`na_begin` of `descent.c`."""
+
+    _fields_ = (
+        ("latent", ctypes.c_void_p),
+        ("observed", ctypes.c_void_p),
+        ("defects", ctypes.c_void_p),
+    )
 
 
 class CEvaluator(Evaluator):
-    """An evaluator that calls generated C; made by `c_evaluator`."""
+    """An evaluator that calls generated C; made by `c_evaluator`. Threads may share it."""
 
     def __init__(
-        self, problem: Problem, chain: Chain, objective: CObjective, varied: LoadedProgram
+        self,
+        problem: Problem,
+        library: ctypes.CDLL,
+        objective: CObjective,
+        controls: CMap,
+        link: CMap,
     ):
-        self._emulator = problem.emulator
-        self._chain = chain
+        self._emulator: Emulator = problem.emulator
+        self._library = library
         self._objective = objective
-        self._varied = varied
-        self._shape_of_controls = (problem.parametrisation.steps, problem.emulator.control.size)
-        self._shape_of_states = (problem.parametrisation.steps + 1, problem.emulator.state.size)
-        self._defects = aligned(np.ravel(problem.defects)).reshape(np.shape(problem.defects))
-        self._begin_at(np.asarray(problem.start, np.float32))
+        self._controls = controls
+        self._link = link
+        self._defects = as_float32(problem.defects)
+        struct = ProblemStruct(
+            objective.struct,
+            controls.struct(),
+            link.struct(),
+            self._defects.shape[1],
+            *_plan(objective, controls, link),
+        )
+        self._struct = struct
+        self._problem = ctypes.addressof(struct)
+        self._rooms = Rooms(library.room_of_problem(self._problem))
+        self._begin_at(as_float32(problem.start))
 
     def _begin_at(self, start: Float[np.ndarray, " S"]) -> None:
+        """Remember where motions begin, and what the terms observe of that."""
         self._start = start
-        self._latent = np.ascontiguousarray(self._emulator.encode(start), np.float32)
+        self._latent = start
+        if self._objective.encoding is not None:
+            self._latent = as_float32(self._emulator.encode(start))
+        self._observed = np.zeros(self._objective.residuals.inputs, np.float32)
+        if self._objective.looks_at_start:
+            with self._rooms.borrowed() as room:
+                self._library.observe_start(
+                    self._problem, start.ctypes.data, self._observed.ctypes.data, room
+                )
+        begin = (self._latent, self._observed, self._defects)
+        self._begin_struct = BeginStruct(*(array.ctypes.data for array in begin))
+        self._begin = ctypes.addressof(self._begin_struct)
 
     def at(self, start: Float[np.ndarray, " S"]) -> CEvaluator:
         other = copy(self)
-        other._begin_at(start.astype(np.float32))
+        other._begin_at(as_float32(start))
         return other
 
     def costs(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:
-        result = np.empty(len(zs))
-        for first in range(0, len(zs), WIDTH):
-            result[first : first + WIDTH] = self._costs_of_few(
-                as_float32(zs[first : first + WIDTH])
+        rows = as_float32(zs)
+        costs = np.empty(len(rows))
+        with self._rooms.borrowed() as room:
+            self._library.costs(
+                self._problem, self._begin, rows.ctypes.data, len(rows), costs.ctypes.data, room
             )
-        return result
-
-    def _costs_of_few(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:
-        controls = np.empty((len(zs), *self._shape_of_controls), np.float32)
-        states = np.empty((len(zs), *self._shape_of_states), np.float32)
-        for z, held in zip(zs, controls, strict=True):
-            forward(self._varied, "controls", [z], held)
-        states[:, 0] = self._start
-        self._chain.lanes(self._latent, controls, self._defects, states)
-        motions = zip(states, controls, strict=True)
-        return np.array([self._objective.cost(*motion) for motion in motions])
+        return costs
 
     def gradients(
         self, zs: Float[np.ndarray, "K Z"]
     ) -> tuple[Float[np.ndarray, " K"], Float[np.ndarray, "K Z"]]:
-        costs = np.empty(len(zs))
-        slopes = np.empty(zs.shape)
-        for number, z in enumerate(as_float32(zs)):
-            motion = self._forward(z)
-            costs[number] = motion.cost
-            by_states = self._pull_states(motion, in_first_lane(motion.of_states))
-            by_controls = self._pull_controls(motion, in_first_lane(motion.of_controls))
-            slopes[number] = by_states[:, 0] + by_controls[:, 0]
-        return costs, slopes
+        rows = as_float32(zs)
+        costs = np.empty(len(rows))
+        slopes = np.empty(rows.shape, np.float32)
+        with self._rooms.borrowed() as room:
+            for number, (z, slope) in enumerate(zip(rows, slopes, strict=True)):
+                costs[number] = self._library.gradient(
+                    self._problem, self._begin, z.ctypes.data, slope.ctypes.data, room
+                )
+        return costs, slopes.astype(float)
 
     def quadratic_models(self, zs: Float[np.ndarray, "K Z"]) -> list[QuadraticModel]:
         return [self._quadratic_model(z) for z in as_float32(zs)]
 
-    def motion(self, z: Float[np.ndarray, " Z"]) -> EmulatedMotion:
-        motion = self._forward(as_float32(z))
-        return EmulatedMotion(motion.states.astype(float), motion.controls.astype(float))
-
-    def _forward(self, z: Float[np.ndarray, " Z"]) -> _Pass:
-        """Return the motion of z, ready to go back along."""
-        controls = np.empty(self._shape_of_controls, np.float32)
-        states = np.empty(self._shape_of_states, np.float32)
-        states[0] = self._start
-        tapes = {"controls": forward(self._varied, "controls", [z], controls)}
-        tapes["chain"] = self._chain.forward(self._latent, controls, self._defects, states)
-        of_states, tapes["states"] = self._objective.of_states(states, controls)
-        of_controls, tapes["efforts"] = self._objective.of_controls(controls)
-        return _Pass(z, controls, states, of_states, of_controls, tapes)
-
-    def _pull_states(
-        self, motion: _Pass, of: Float[np.ndarray, "R 16"]
-    ) -> Float[np.ndarray, "Z 16"]:
-        """Return what sixteen cotangents of the states' residuals say of z."""
-        of_states = lanes(*self._shape_of_states)
-        of_controls = lanes(*self._shape_of_controls)
-        self._objective.pull_states(motion.tapes["states"], of, of_states, of_controls)
-        touched = np.flatnonzero(of_states.any(axis=(1, 2)))
-        last = int(touched[-1]) if len(touched) else 0
-        self._chain.backward(motion.tapes["chain"], of_states, last, of_controls)
-        return self._pull_z(motion, of_controls)
-
-    def _pull_controls(
-        self, motion: _Pass, of: Float[np.ndarray, "Q 16"]
-    ) -> Float[np.ndarray, "Z 16"]:
-        """Return what sixteen cotangents of the controls' residuals say of z."""
-        of_controls = lanes(*self._shape_of_controls)
-        self._objective.pull_controls(motion.tapes["efforts"], of, of_controls)
-        return self._pull_z(motion, of_controls)
-
-    def _pull_z(
-        self, motion: _Pass, of_controls: Float[np.ndarray, "T C 16"]
-    ) -> Float[np.ndarray, "Z 16"]:
-        of_z = lanes(len(motion.z))
-        backward(self._varied, "controls", motion.tapes["controls"], of_controls, of_z)
-        return of_z
-
     def _quadratic_model(self, z: Float[np.ndarray, " Z"]) -> QuadraticModel:
-        motion = self._forward(z)
-        residuals = np.concatenate([motion.of_states, motion.of_controls])
-        count = len(residuals)
-        rows = np.empty((count, len(z)), np.float32)
-        for first, of in _units(len(motion.of_states)):
-            _fill(rows[: len(motion.of_states)], first, self._pull_states(motion, of))
-        for first, of in _units(len(motion.of_controls)):
-            _fill(rows[len(motion.of_states) :], first, self._pull_controls(motion, of))
         curvature = np.empty((len(z), len(z)), np.float32)
         slope = np.empty(len(z), np.float32)
-        # Not by NumPy, whose threads wait for each other where a machine is busy.
-        self._varied.library.quadratic_model(
-            pointer(rows),
-            pointer(residuals),
-            ctypes.c_long(count),
-            ctypes.c_long(len(z)),
-            pointer(curvature),
-            pointer(slope),
-        )
-        return QuadraticModel(curvature, slope.astype(float), motion.cost)
+        arrays = [array.ctypes.data for array in (z, curvature, slope)]
+        with self._rooms.borrowed() as room:
+            cost = self._library.quadratic_model(self._problem, self._begin, *arrays, room)
+        return QuadraticModel(curvature, slope.astype(float), cost)
+
+    def motion(self, z: Float[np.ndarray, " Z"]) -> EmulatedMotion:
+        z = as_float32(z)
+        controls = np.empty(self._controls.outputs, np.float32)
+        latents = np.empty((len(controls) + 1, len(self._latent)), np.float32)
+        arrays = [array.ctypes.data for array in (z, controls, latents)]
+        with self._rooms.borrowed() as room:
+            self._library.motion(self._problem, self._begin, *arrays, room)
+        states = latents
+        if self._objective.encoding is not None:
+            states = self._emulator.decode(latents)
+            states[0] = self._start
+        return EmulatedMotion(states.astype(float), controls.astype(float))
 
 
-def _fill(rows: Float[np.ndarray, "R Z"], first: int, of_z: Float[np.ndarray, "Z 16"]) -> None:
-    """Write sixteen rows of a Jacobian, or as many as are left."""
-    present = min(WIDTH, len(rows) - first)
-    rows[first : first + present] = of_z.T[:present]
+def _plan(objective: CObjective, controls: CMap, link: CMap) -> tuple[bool, bool, bool]:
+    """Return (whether residuals are pushed forward, whether efforts are, whether links are differentiated first).
+
+    That is what takes the fewest sweeps. Links with few inputs or outputs take few to differentiate, and then all other
+    sweeps are small.
+    """
+    (varied,) = map(_sweeps, controls.inputs)
+    (residuals,) = map(_sweeps, objective.residuals.outputs)
+    (efforts,) = map(_sweeps, objective.efforts.outputs)
+    of_link = min(map(_sweeps, (*link.inputs, *link.outputs)))
+    return varied < residuals, varied < efforts, of_link < min(varied, residuals)
 
 
-def _units(count: int) -> Iterator[tuple[int, Float[np.ndarray, "R 16"]]]:
-    """Yield (the first of them, unit cotangents of `count` residuals), sixteen at a time."""
-    for first in range(0, count, WIDTH):
-        of = lanes(count)
-        present = np.arange(min(WIDTH, count - first))
-        of[first + present, present] = 1
-        yield first, of
+def _sweeps(count: int) -> int:
+    return math.ceil(count / WIDTH)
+
+
+@cache
+def _library() -> ctypes.CDLL | None:
+    """Return the library of `descent.c`; None where nothing can be compiled."""
+    library = compiled_library(callers(*CALLERS), FLAGS)
+    if library is None:
+        return None
+    address = ctypes.c_void_p
+    library.room_of_problem.argtypes = [address]
+    library.room_of_problem.restype = ctypes.c_long
+    library.observe_start.argtypes = [address] * 4
+    library.quadratic_model.argtypes = [address] * 6
+    library.quadratic_model.restype = ctypes.c_double
+    library.gradient.argtypes = [address] * 5
+    library.gradient.restype = ctypes.c_double
+    library.motion.argtypes = [address] * 6
+    library.costs.argtypes = [address, address, address, ctypes.c_long, address, address]
+    return library
 
 
 def c_evaluator(problem: Problem) -> CEvaluator | None:
     """Return the evaluator of `problem` in C; None where there is none, for costs that are any JAX function too."""
-    emulator = problem.emulator
     steps = problem.parametrisation.steps
-    shape = MotionShape(steps, emulator.state.size, emulator.control.size, emulator.dt)
-    scale = np.asarray(problem.control_scale, np.float32)
-    objective = c_objective(problem.objective, shape, scale, emulator.rest)
+    scale = as_float32(problem.control_scale)
+    objective = c_objective(problem.objective, problem.emulator, steps, scale)
     if objective is None:
         return None
-    varied = _varied_of(problem.parametrisation)
-    chain = chain_of(emulator)
-    if varied is None or chain is None:
+    controls = controls_map(problem.parametrisation)
+    link = link_of(problem.emulator)
+    library = _library()
+    if controls is None or link is None or library is None:
         return None
-    return CEvaluator(problem, chain, objective, varied)
+    return CEvaluator(problem, library, objective, controls, link)
 
 
-_known: Remembered[LoadedProgram | None] = Remembered()
-"""The program of each parametrisation."""
+_known: Remembered[CMap | None] = Remembered()
+"""The map of each parametrisation."""
 
 
-def _varied_of(parametrisation: Parametrisation) -> LoadedProgram | None:
-    """Return the program of `controls`, forward and backward, and of `quadratic_model`."""
+def controls_map(parametrisation: Parametrisation) -> CMap | None:
+    """Return z → controls (T, C) in C; None where there is no such program."""
     known = _known.of(parametrisation)
     if known is not UNKNOWN:
         return known
-    program = None
-    if type(parametrisation).__module__.startswith(OURS):
-        leaves, structure = jax.tree.flatten(parametrisation)
-        numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(leaves)}
-        about = "\n".join(["controls", str(structure), digest(numbers)])
-        make = partial(_write_controls, parametrisation)
-        program = load_program(about, make, partial(_check_controls, parametrisation))
-    return _known.keep(program, parametrisation)
+    if not type(parametrisation).__module__.startswith(OURS):
+        return _known.keep(None, parametrisation)
+    leaves, structure = jax.tree.flatten(parametrisation)
+    numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(leaves)}
+    about = "\n".join([CONTROLS, str(structure), digest(numbers)])
+    definitions = {CONTROLS: MapDefinition(_controls, parametrisation, (parametrisation.size,))}
+    make = partial(program_of_maps, definitions, len(NO_NUMBERS))
+    program = load_program(about, make, partial(_check_controls, definitions[CONTROLS]))
+    if program is None:
+        return _known.keep(None, parametrisation)
+    in_c = CMap.of(program, CONTROLS, definitions[CONTROLS], NO_NUMBERS)
+    return _known.keep(in_c, parametrisation)
+
+
+NO_NUMBERS = aligned(np.zeros(0, np.float32))
+"""All numbers of a parametrisation are constants of its program: spline bases are sparse, which the program uses."""
+
+
+def _controls(
+    parametrisation: Parametrisation, _: Float[Array, " 0"], z: Float[Array, " Z"]
+) -> Float[Array, "T C"]:
+    return parametrisation.controls(z)
+
+
+def _check_controls(definition: MapDefinition, program: LoadedProgram) -> None:
+    """Compare controls and their derivatives about random z with JAX."""
+    in_c = CMap.of(program, CONTROLS, definition, NO_NUMBERS)
+    zs = np.random.default_rng(0).normal(size=(WIDTH, *definition.shape)).astype(np.float32)
+    judge = compiled_quickly(judge_of([definition.with_numbers(NO_NUMBERS)]))
+    check_maps([in_c], judge, [zs])
 
 
 def controls_in_c(
     parametrisation: Parametrisation, zs: Float[np.ndarray, "K Z"]
 ) -> Float[np.ndarray, "K T C"] | None:
     """Return the controls each row of `zs` stands for; None where there is no program for it."""
-    program = _varied_of(parametrisation)
-    if program is None:
-        return None
-    controls = np.empty((len(zs), parametrisation.steps, len(parametrisation.middle)), np.float32)
-    for z, held in zip(zs, controls, strict=True):
-        forward(program, "controls", [z], held)
-    return controls
-
-
-def _write_controls(parametrisation: Parametrisation) -> CProgram:
-    constants = Constants()
-    z = Input((parametrisation.size,))
-    shape = (parametrisation.steps, len(parametrisation.middle))
-
-    def pull(parametrisation: Parametrisation, z: Array, of: Array) -> Any:
-        value, pull = jax.vjp(parametrisation.controls, z)
-        return value, *pull(of)
-
-    part = c_function(
-        "controls", pull, parametrisation, [z, cotangents(*shape)], constants, is_public=True
-    )
-    program = program_of_parts({"controls": part}, constants, {})
-    model = (resources.files("neuroanimator.control.descent") / "model.c").read_text(
-        encoding="utf-8"
-    )
-    return CProgram(program.text + model, program.constants, program.sizes)
-
-
-def _check_controls(parametrisation: Parametrisation, program: LoadedProgram) -> None:
-    """Compare controls and their gradients about random z with JAX."""
-    rng = np.random.default_rng(0)
-    shape = (parametrisation.steps, len(parametrisation.middle))
-    judge = pulled_in_jax(parametrisation.controls)
-    for _ in range(TRIED):
-        z = rng.normal(size=parametrisation.size).astype(np.float32)
-        controls = np.empty(shape, np.float32)
-        tape = forward(program, "controls", [z], controls)
-        of = random_lanes(rng, *shape)
-        found = lanes(len(z))
-        backward(program, "controls", tape, of, found)
-        compare_pulled((controls, found), judge(z, of))
+    in_c = controls_map(parametrisation)
+    return None if in_c is None else in_c.of_rows(zs)

@@ -37,16 +37,17 @@ def find_defects(emulator: Emulator, states: ArrayLike, controls: ArrayLike) -> 
 
     `states` (T+1, S) are those that `controls` (T, C) led to. Computed by the `backend`.
     """
-    chain = None
+    link = None
     if backend() != "jax":
         # It is written in terms of this module.
-        from neuroanimator.control.descent.chain import chain_of
+        from neuroanimator.control.descent.chain import link_of
 
-        chain = chain_of(emulator)
-    if chain is None:
+        link = link_of(emulator)
+    if link is None:
         return _find_defects(emulator, as_jax(states), as_jax(controls))
     latent = np.ascontiguousarray(emulator.encode(np.asarray(states, np.float32)), np.float32)
-    predicted = chain.apart(latent[:-1], np.ascontiguousarray(controls, np.float32))
+    held = np.asarray(controls, np.float32)
+    predicted = link.of_rows(np.concatenate([latent[:-1], held], axis=1))
     return as_jax(still_frame(emulator).difference(predicted, latent[1:]))
 
 

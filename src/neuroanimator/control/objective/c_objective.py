@@ -1,4 +1,4 @@
-"""An objective in generated C: residuals of a motion, and what cotangents of them say of its states and controls.
+"""An objective in generated C: what its terms observe of single states, the residuals of that, and those of the controls.
 
 The program is known by the objective's form: its numbers (weights, goals, tolerances) go in with every call, so that
 another goal of the same kind needs no other program. Costs that are any JAX function are left to JAX.
@@ -6,9 +6,11 @@ another goal of the same kind needs no other program. Costs that are any JAX fun
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from functools import partial
+import ctypes
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
 from typing import Any
 
 import jax
@@ -16,36 +18,38 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.codegen.c_function import CFunction, c_function, prelude
-from neuroanimator.codegen.kept import (
-    CProgram,
-    LoadedProgram,
-    WrongProgramError,
-    aligned,
-    load_program,
+from neuroanimator.codegen.c_map import (
+    CMap,
+    MapDefinition,
+    MapStruct,
+    callers,
+    check_maps,
+    judge_of,
+    program_of_maps,
 )
-from neuroanimator.codegen.program import WIDTH, Constants
-from neuroanimator.codegen.trace import Input, UnsupportedError, numbers_computed
-from neuroanimator.control.objective.objective import Objective
+from neuroanimator.codegen.kept import FLAGS, CProgram, LoadedProgram, aligned, load_program
+from neuroanimator.codegen.program import WIDTH
+from neuroanimator.codegen.rooms import Rooms
+from neuroanimator.compiler.compiler import compiled_library
+from neuroanimator.control.objective.objective import CostTerm, Objective, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
-from neuroanimator.emulator.c_emulator import pointer
-from neuroanimator.emulator.probes import GRADIENT_TOLERANCE, compiled_quickly
+from neuroanimator.emulator.emulator import Emulator, latent_size
+from neuroanimator.emulator.encoding import Encoding
+from neuroanimator.emulator.probes import compiled_quickly
+from neuroanimator.storage.files import digest
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 OURS = "neuroanimator."
 """Cost terms of the package: their code is part of what a program is known by; others' is not."""
 
-MOST_SCRATCH = 2**22
-"""Bytes a program may need on the stack: half of what threads have."""
+CALLER = ("neuroanimator.control.objective", "objective.c")
+"""The C that calls the maps of an objective."""
 
-MOST_NUMBERS = 10_000
-"""An objective that computes more is left to JAX: terms that look at all points of a body all along become programs that
-take a minute to compile."""
+NOISE = 0.1
+"""Maps are compared with JAX at states that are off rest by so much in every number."""
 
-TRIED = 3
-"""Random motions a program is compared with JAX on."""
-
-Lanes = Float[np.ndarray, "... 16"]
+START = 0
+"""The row of a motion that is its start."""
 
 
 @dataclass(frozen=True)
@@ -61,109 +65,120 @@ class MotionShape:
     """[s]"""
 
 
+class TermStruct(ctypes.Structure):
+    """`na_term` of `objective.c`."""
+
+    _fields_ = (
+        ("of_latent", MapStruct),
+        ("of_state", MapStruct),
+        ("rows", ctypes.c_void_p),
+        ("count", ctypes.c_long),
+    )
+
+
+class ObjectiveStruct(ctypes.Structure):
+    """`na_objective` of `objective.c`."""
+
+    _fields_ = (
+        ("terms", ctypes.c_void_p),
+        ("count", ctypes.c_long),
+        ("residuals", MapStruct),
+        ("efforts", MapStruct),
+        ("steps", ctypes.c_long),
+        ("state", ctypes.c_long),
+    )
+
+
 @dataclass(frozen=True, eq=False)
-class CObjective:
-    """The program of an objective's form with one objective's numbers. Arrays are float32 in C's order."""
+class CTerm:
+    """A term that looks at states."""
 
-    program: LoadedProgram
-    numbers: Float[np.ndarray, " P"]
-    """Those of the objective, then the scale of each control."""
+    of_latent: CMap
+    """(Numbers, latent state) → what it observes of that."""
+    of_state: CMap
+    """The same of a state as it is."""
+    rows: np.ndarray
+    """Which states of a motion it looks at, as C's `long`."""
 
-    def of_states(
-        self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]
-    ) -> tuple[Float[np.ndarray, " R"], np.ndarray]:
-        """Return (the residuals of the terms that look at states, the tape)."""
-        residuals = np.empty(self.program.sizes["of_states"], np.float32)
-        return residuals, forward(
-            self.program, "states", [self.numbers, states, controls], residuals
+    def struct(self) -> TermStruct:
+        """Return what C calls it by."""
+        return TermStruct(
+            self.of_latent.struct(), self.of_state.struct(), self.rows.ctypes.data, len(self.rows)
         )
 
-    def of_controls(
-        self, controls: Float[np.ndarray, "T C"]
-    ) -> tuple[Float[np.ndarray, " Q"], np.ndarray]:
-        """Return (the residuals of the terms that look at controls alone, the tape)."""
-        residuals = np.empty(self.program.sizes["of_controls"], np.float32)
-        return residuals, forward(self.program, "efforts", [self.numbers, controls], residuals)
 
-    def pull_states(
-        self, tape: np.ndarray, cotangents: Lanes, of_states: Lanes, of_controls: Lanes
-    ) -> None:
-        """Fill the last two with what cotangents of the states' residuals say of states and controls."""
-        backward(self.program, "states", tape, cotangents, of_states, of_controls)
+@dataclass(frozen=True, eq=False)
+class CObjective:
+    """The program of an objective's form with one objective's numbers; threads may share it."""
 
-    def pull_controls(self, tape: np.ndarray, cotangents: Lanes, of_controls: Lanes) -> None:
-        """Fill the last one with what cotangents of the controls' residuals say of the controls."""
-        backward(self.program, "efforts", tape, cotangents, of_controls)
+    library: ctypes.CDLL
+    """Of `objective.c`."""
+    shape: MotionShape
+    encoding: Encoding | None
+    """Of the latent states that are observed; None where these are the states themselves."""
+    terms: tuple[CTerm, ...]
+    residuals: CMap
+    """(Numbers, what all terms observed) → residuals of the terms that look at states."""
+    efforts: CMap
+    """(Numbers, controls) → residuals of the terms that look at controls alone."""
+
+    @property
+    def looks_at_start(self) -> bool:
+        """Whether a term looks at the start of motions."""
+        return any((term.rows == START).any() for term in self.terms)
+
+    @cached_property
+    def struct(self) -> ObjectiveStruct:
+        """What C calls it by; it points into this objective, which must live as long."""
+        return ObjectiveStruct(
+            ctypes.addressof(self._terms),
+            len(self.terms),
+            self.residuals.struct(),
+            self.efforts.struct(),
+            self.shape.steps,
+            self.shape.state,
+        )
+
+    @cached_property
+    def _terms(self) -> Any:
+        structs = [term.struct() for term in self.terms]
+        return (TermStruct * len(structs))(*structs)
+
+    @cached_property
+    def _rooms(self) -> Rooms:
+        return Rooms(self.library.room_of_objective(ctypes.addressof(self.struct)))
 
     def cost(self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]) -> float:
         """Return J of a motion."""
-        of_states, _ = self.of_states(states, controls)
-        of_controls, _ = self.of_controls(controls)
-        return half_squares(of_states) + half_squares(of_controls)
+        motion = (states.ctypes.data, controls.ctypes.data)
+        with self._rooms.borrowed() as room:
+            return self.library.cost_of_states(ctypes.addressof(self.struct), *motion, room)
 
     def cost_and_slopes(
         self, states: Float[np.ndarray, "T1 S"], controls: Float[np.ndarray, "T C"]
     ) -> tuple[float, tuple[Float[np.ndarray, "T1 S"], Float[np.ndarray, "T C"]]]:
         """Return (J, (how it changes with the states, how it changes with the controls))."""
-        residuals, tape = self.of_states(states, controls)
-        efforts, effort_tape = self.of_controls(controls)
-        by_states = lanes(*states.shape)
-        by_controls = lanes(*controls.shape)
-        self.pull_states(tape, in_first_lane(residuals), by_states, by_controls)
-        by_effort = lanes(*controls.shape)
-        self.pull_controls(effort_tape, in_first_lane(efforts), by_effort)
-        slopes = (by_states[..., 0], by_controls[..., 0] + by_effort[..., 0])
-        return half_squares(residuals) + half_squares(efforts), slopes
+        slopes = (np.empty_like(states), np.empty_like(controls))
+        arrays = [array.ctypes.data for array in (states, controls, *slopes)]
+        with self._rooms.borrowed() as room:
+            cost = self.library.slopes_of_states(ctypes.addressof(self.struct), *arrays, room)
+        return cost, slopes
 
 
-def in_first_lane(residuals: Float[np.ndarray, " R"]) -> Lanes:
-    """Return the cotangents that make J's slope of residuals: these themselves, in one lane."""
-    result = lanes(len(residuals))
-    result[:, 0] = residuals
-    return result
-
-
-def half_squares(residuals: Float[np.ndarray, " R"]) -> float:
-    """Return half the sum of squares."""
-    exact = residuals.astype(float)
-    return float(exact @ exact) / 2
-
-
-def forward(
-    program: LoadedProgram, name: str, inputs: list[np.ndarray], output: np.ndarray
-) -> np.ndarray:
-    """Fill `output` with the value of a differentiated function, and return the tape that `backward` needs."""
-    tape = aligned_room(program.sizes[name] + WIDTH)
-    arrays = [program.constants, *inputs, tape, NOTHING, output]
-    getattr(program.library, f"{name}_forward")(*map(pointer, arrays))
-    return tape
-
-
-def backward(
-    program: LoadedProgram, name: str, tape: np.ndarray, cotangents: Lanes, *outputs: np.ndarray
-) -> None:
-    """Fill `outputs` with what sixteen cotangents of the function's value say of its inputs."""
-    arrays = [program.constants, tape, NOTHING, cotangents, *outputs]
-    getattr(program.library, f"{name}_backward")(*map(pointer, arrays))
-
-
-def aligned_room(count: int) -> Float[np.ndarray, " N"]:
-    """Return `count` zeros that begin where the widest register may."""
-    return aligned(np.zeros(count, np.float32))
-
-
-def lanes(*shape: int) -> Lanes:
-    """Return zeros with sixteen lanes."""
-    return aligned_room(int(np.prod(shape)) * WIDTH).reshape(*shape, WIDTH)
-
-
-NOTHING = aligned_room(WIDTH)
-"""Stands for a tape of lanes where there is none."""
-
-
-def cotangents(*shape: int) -> Input:
-    """Return the input of sixteen cotangents of a value of this shape."""
-    return Input(shape, is_wide=True, is_late=True)
+@cache
+def _library() -> ctypes.CDLL | None:
+    """Return the library of `objective.c`; None where nothing can be compiled."""
+    library = compiled_library(callers(CALLER), FLAGS)
+    if library is None:
+        return None
+    address = ctypes.c_void_p
+    library.room_of_objective.argtypes = [address]
+    library.room_of_objective.restype = ctypes.c_long
+    library.cost_of_states.argtypes = [address] * 4
+    library.cost_of_states.restype = ctypes.c_double
+    library.slopes_of_states.argtypes = [address] * 6
+    library.slopes_of_states.restype = ctypes.c_double
+    return library
 
 
 @dataclass(frozen=True)
@@ -171,7 +186,17 @@ class _Form:
     """An objective without its numbers, and the motions it judges."""
 
     objective: Objective
+    """With terms that look at states and terms of controls, and no functions."""
     shape: MotionShape
+    encoding: Encoding | None
+    """Of latent states; None where these are the states themselves."""
+    latent: int
+    """Numbers of a latent state."""
+
+    @property
+    def terms(self) -> list[StateTerm]:
+        """The terms that look at states."""
+        return [term for term in self.objective.terms if isinstance(term, StateTerm)]
 
     @property
     def sizes(self) -> list[int]:
@@ -182,132 +207,138 @@ class _Form:
         """Return all that the program depends on."""
         shapes = [np.shape(leaf) for leaf in jax.tree.leaves(self.objective)]
         structure = jax.tree.structure(self.objective)
-        return "\n".join(["objective", str(structure), str(shapes), str(self.shape)])
+        facts = ["objective", str(structure), str(shapes), str(self.shape)]
+        if self.encoding is not None:
+            leaves, encoding = jax.tree.flatten(self.encoding)
+            numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(leaves)}
+            facts += [str(encoding), digest(numbers)]
+        return "\n".join(facts)
 
-    def _judge(
-        self, numbers: Float[Array, " P"], states: Array, controls: Array
-    ) -> tuple[Objective, Trajectory]:
-        """Return the objective with these numbers, and the motion it judges."""
+    def rows(self, term: StateTerm) -> list[int]:
+        """Return which states of a motion `term` looks at."""
+        return term.rows(self.shape.steps, self.shape.dt)
+
+    def observed_size(self, term: StateTerm) -> int:
+        """Return how many numbers `term` observes of a state."""
+        state = jax.ShapeDtypeStruct((self.shape.state,), np.float32)
+        (size,) = jax.eval_shape(term.observe, state).shape
+        return size
+
+    def definitions(self) -> dict[str, MapDefinition]:
+        """Return every map by its name."""
+        result = {}
+        observed = 0
+        for number, term in enumerate(self.terms):
+            of_state = partial(self._observe, number)
+            result[f"state_{number}"] = MapDefinition(of_state, None, (self.shape.state,))
+            if self.encoding is not None:
+                of_latent = partial(self._observe_latent, number)
+                definition = MapDefinition(of_latent, self.encoding, (self.latent,))
+                result[f"latent_{number}"] = definition
+            observed += len(self.rows(term)) * self.observed_size(term)
+        result["residuals"] = MapDefinition(self._residuals, None, (observed,))
+        motion = (self.shape.steps, self.shape.control)
+        result["efforts"] = MapDefinition(self._efforts, None, motion)
+        return result
+
+    def _judge(self, numbers: Float[Array, " P"]) -> tuple[Objective, Float[Array, " C"]]:
+        """Return the objective with these numbers, and the scale of the controls."""
         leaves, structure = jax.tree.flatten(self.objective)
         *parts, scale = jnp.split(numbers, np.cumsum(self.sizes)[:-1])
         shaped = [part.reshape(np.shape(leaf)) for part, leaf in zip(parts, leaves, strict=True)]
-        objective = jax.tree.unflatten(structure, shaped)
-        return objective, Trajectory(states, controls, scale, self.shape.dt)
+        return jax.tree.unflatten(structure, shaped), scale
 
-    def of_states(
+    def _state_terms(self, numbers: Float[Array, " P"]) -> list[StateTerm]:
+        return replace(self, objective=self._judge(numbers)[0]).terms
+
+    def _observe(
+        self, number: int, _: None, numbers: Float[Array, " P"], state: Float[Array, " S"]
+    ) -> Float[Array, " O"]:
+        return self._state_terms(numbers)[number].observe(state)
+
+    def _observe_latent(
         self,
+        number: int,
+        encoding: Encoding,
         numbers: Float[Array, " P"],
-        states: Float[Array, "T1 S"],
-        controls: Float[Array, "T C"],
-    ) -> Float[Array, " R"]:
-        """Return the residuals of the terms that look at states."""
-        objective, motion = self._judge(numbers, states, controls)
-        return objective.apart()[0].residuals(motion)
+        latent: Float[Array, " I"],
+    ) -> Float[Array, " O"]:
+        return self._observe(number, None, numbers, encoding.decode(latent))
 
-    def of_controls(
-        self, numbers: Float[Array, " P"], controls: Float[Array, "T C"]
+    def _residuals(
+        self, _: None, numbers: Float[Array, " P"], observed: Float[Array, " N"]
+    ) -> Float[Array, " R"]:
+        """Return the residuals of the terms that look at states, as `Objective.residuals` does."""
+        terms = self._state_terms(numbers)
+        shapes = [(len(self.rows(term)), self.observed_size(term)) for term in terms]
+        ends = np.cumsum([math.prod(shape) for shape in shapes])
+        parts = []
+        for term, shape, flat in zip(terms, shapes, jnp.split(observed, ends[:-1]), strict=True):
+            residuals = term.compare(flat.reshape(shape), self.shape.dt)
+            parts.append(jnp.sqrt(term.weight) * residuals)
+        return jnp.concatenate(parts)
+
+    def _efforts(
+        self, _: None, numbers: Float[Array, " P"], controls: Float[Array, "T C"]
     ) -> Float[Array, " Q"]:
         """Return the residuals of the terms that look at controls alone."""
+        objective, scale = self._judge(numbers)
         still = jnp.zeros((self.shape.steps + 1, self.shape.state))
-        objective, motion = self._judge(numbers, still, controls)
+        motion = Trajectory(still, controls, scale, self.shape.dt)
         return objective.apart()[1].residuals(motion)
 
     def write(self) -> CProgram:
-        """Return the program of both, forward and backward with sixteen cotangents."""
-        self._check_size()
-        constants = Constants()
-        numbers = Input((sum(self.sizes),))
-        states = Input((self.shape.steps + 1, self.shape.state))
-        controls = Input((self.shape.steps, self.shape.control))
-        zeros = [jnp.zeros(entry.shape) for entry in (numbers, states, controls)]
-        states_count = jax.eval_shape(self.of_states, *zeros).shape[0]
-        controls_count = jax.eval_shape(self.of_controls, zeros[0], zeros[2]).shape[0]
+        """Return the program of all maps."""
+        return program_of_maps(self.definitions(), sum(self.sizes))
 
-        def pull_states(_: None, numbers: Array, states: Array, controls: Array, of: Array) -> Any:
-            value, pull = jax.vjp(partial(self.of_states, numbers), states, controls)
-            return value, *pull(of)
+    def maps(self, program: LoadedProgram, numbers: Float[np.ndarray, " P"]) -> dict[str, CMap]:
+        """Return the maps of `program` with these numbers."""
+        result = {}
+        for name, definition in self.definitions().items():
+            result[name] = CMap.of(program, name, definition, numbers)
+        return result
 
-        def pull_controls(_: None, numbers: Array, controls: Array, of: Array) -> Any:
-            value, pull = jax.vjp(partial(self.of_controls, numbers), controls)
-            return value, *pull(of)
-
-        write = partial(c_function, module=None, constants=constants, is_public=True)
-        parts = {
-            "states": write(
-                "states", pull_states, inputs=[numbers, states, controls, cotangents(states_count)]
-            ),
-            "efforts": write(
-                "efforts", pull_controls, inputs=[numbers, controls, cotangents(controls_count)]
-            ),
-        }
-        counts = {"of_states": states_count, "of_controls": controls_count}
-        return program_of_parts(parts, constants, counts)
-
-    def _check_size(self) -> None:
-        """Raise UnsupportedError for an objective whose program would be too large."""
-        rows = self.shape.steps + 1
-        shapes = [(sum(self.sizes),), (rows, self.shape.state), (rows - 1, self.shape.control)]
-        if numbers_computed(self.of_states, *shapes) > MOST_NUMBERS:
-            raise UnsupportedError("objective of so many numbers")
-
-    def check(self, rest: Float[np.ndarray, " S"], in_c: CObjective) -> None:
-        """Compare residuals and their gradients about random motions with JAX."""
+    def check(
+        self,
+        rest: Float[np.ndarray, " S"],
+        encode: Callable[[np.ndarray], np.ndarray],
+        numbers: Float[np.ndarray, " P"],
+        program: LoadedProgram,
+    ) -> None:
+        """Compare all maps with JAX: at states about `rest`, what is observed of them, and random controls."""
         rng = np.random.default_rng(0)
-        numbers = jnp.asarray(in_c.numbers)
-        judge_states = pulled_in_jax(partial(self.of_states, numbers))
-        judge_controls = pulled_in_jax(partial(self.of_controls, numbers))
-        for _ in range(TRIED):
-            noise = rng.normal(size=(self.shape.steps + 1, self.shape.state))
-            states = (rest + 0.1 * noise).astype(np.float32)
-            controls = rng.normal(size=(self.shape.steps, self.shape.control)).astype(np.float32)
-            residuals, tape = in_c.of_states(states, controls)
-            of = random_lanes(rng, len(residuals))
-            found = (lanes(*states.shape), lanes(*controls.shape))
-            in_c.pull_states(tape, of, *found)
-            compare_pulled((residuals, *found), judge_states(states, controls, of))
-            residuals, tape = in_c.of_controls(controls)
-            of = random_lanes(rng, len(residuals))
-            of_controls = lanes(*controls.shape)
-            in_c.pull_controls(tape, of, of_controls)
-            compare_pulled((residuals, of_controls), judge_controls(controls, of))
+        maps = self.maps(program, numbers)
+        noise = rng.normal(size=(WIDTH, self.shape.state))
+        states = (rest + NOISE * noise).astype(np.float32)
+        observed = []
+        points = {}
+        for number, term in enumerate(self.terms):
+            points[f"state_{number}"] = states
+            points[f"latent_{number}"] = encode(states)
+            seen = maps[f"state_{number}"].of_rows(states)
+            for _ in self.rows(term):
+                observed.append(rng.permutation(seen))
+        points["residuals"] = np.concatenate(observed, axis=1)
+        controls = rng.normal(size=(WIDTH, self.shape.steps, self.shape.control))
+        points["efforts"] = controls.astype(np.float32)
+        functions = [one.with_numbers(numbers) for one in self.definitions().values()]
+        judge = compiled_quickly(judge_of(functions))
+        check_maps(list(maps.values()), judge, [points[name] for name in maps])
 
-
-def program_of_parts(
-    parts: dict[str, CFunction], constants: Constants, counts: dict[str, int]
-) -> CProgram:
-    """Return the program of differentiated functions by their names; its sizes are `counts`, and the tapes by name."""
-    if max(part.scratch for part in parts.values()) > MOST_SCRATCH:
-        raise UnsupportedError("objective of so long a motion")
-    sizes = counts | {name: part.tape for name, part in parts.items()}
-    text = "\n".join([prelude(), *(part.text for part in parts.values())])
-    return CProgram(text, constants.data(), sizes)
-
-
-def random_lanes(rng: np.random.Generator, *shape: int) -> Lanes:
-    """Return random cotangents."""
-    result = lanes(*shape)
-    result[:] = rng.normal(size=result.shape)
-    return result
-
-
-def pulled_in_jax(function: Callable[..., Any]) -> Callable[..., tuple[Array, ...]]:
-    """Return (inputs..., sixteen cotangents of the value) → (value, what they say of each input), compiled."""
-
-    def value_and_pulled(*arrays: Array) -> tuple[Array, ...]:
-        *inputs, of = arrays
-        value, pull = jax.vjp(function, *inputs)
-        return value, *jax.vmap(pull, in_axes=-1, out_axes=-1)(of)
-
-    return compiled_quickly(value_and_pulled)
-
-
-def compare_pulled(found: Iterable[np.ndarray], expected: Iterable[Array]) -> None:
-    """Raise WrongProgramError unless a value and what cotangents say of its inputs are those of JAX."""
-    for mine, wanted in zip(found, expected, strict=True):
-        size = float(np.abs(wanted).max(initial=1e-6))
-        off = np.abs(mine - np.asarray(wanted)).max(initial=0)
-        if not off <= GRADIENT_TOLERANCE * size:
-            raise WrongProgramError("Generated C has another cost, or other gradients, than JAX.")
+    def load(self, program: LoadedProgram, numbers: Float[np.ndarray, " P"]) -> CObjective | None:
+        """Return the objective that calls `program` with these numbers; None where its caller cannot be compiled."""
+        library = _library()
+        if library is None:
+            return None
+        maps = self.maps(program, numbers)
+        terms = []
+        for number, term in enumerate(self.terms):
+            of_state = maps[f"state_{number}"]
+            of_latent = maps.get(f"latent_{number}", of_state)
+            terms.append(CTerm(of_latent, of_state, np.array(self.rows(term), np.dtype("long"))))
+        return CObjective(
+            library, self.shape, self.encoding, tuple(terms), maps["residuals"], maps["efforts"]
+        )
 
 
 _known: Remembered[CObjective | None] = Remembered()
@@ -315,37 +346,44 @@ _known: Remembered[CObjective | None] = Remembered()
 
 
 def c_objective(
-    objective: Objective,
-    shape: MotionShape,
-    scale: Float[np.ndarray, " C"],
-    rest: Float[np.ndarray, " S"],
+    objective: Objective, emulator: Emulator, steps: int, scale: Float[np.ndarray, " C"]
 ) -> CObjective | None:
-    """Return `objective` in C for motions of a `shape`, whose controls count as full effort at `scale`.
+    """Return `objective` in C for motions of so many super steps, whose controls count as full effort at `scale`.
 
     None where there is no such program: without a compiler, for costs that are any JAX function, and for terms that
-    are not the package's own. A program that does not do what JAX does about the state `rest` is refused, which is
+    are not the package's own. A program that does not do what JAX does about the emulator's rest is refused, which is
     said once.
     """
-    key = (shape, scale.tobytes())
+    shape = MotionShape(steps, emulator.state.size, emulator.control.size, emulator.dt)
+    encoding = None if emulator.encoding.is_identity else emulator.encoding
+    # What is remembered holds the encoding, so that no other one comes by its address.
+    key = (shape, scale.tobytes(), id(encoding))
     known = _known.of(objective, *key)
     if known is not UNKNOWN:
         return known
-    return _known.keep(_load(_Form(objective, shape), scale, rest), objective, *key)
+    form = _Form(objective, shape, encoding, latent_size(emulator))
+    return _known.keep(_load(form, emulator, scale), objective, *key)
 
 
-def _load(
-    form: _Form, scale: Float[np.ndarray, " C"], rest: Float[np.ndarray, " S"]
-) -> CObjective | None:
+def _load(form: _Form, emulator: Emulator, scale: Float[np.ndarray, " C"]) -> CObjective | None:
     objective = form.objective
-    if objective.functions or not objective.terms:
+    if objective.functions or not form.terms:
         return None
-    if not all(type(term).__module__.startswith(OURS) for term in objective.terms):
+    if not all(_is_known(term) for term in objective.terms):
         return None
     leaves = [np.ravel(leaf) for leaf in jax.tree.leaves(objective)]
     numbers = aligned(np.concatenate([*leaves, scale]).astype(np.float32))
 
-    def check(program: LoadedProgram) -> None:
-        form.check(rest, CObjective(program, numbers))
+    def encode(states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N I"]:
+        return np.asarray(emulator.encode(states), np.float32)
 
+    check = partial(form.check, emulator.rest, encode, numbers)
     program = load_program(form.about(), form.write, check)
-    return None if program is None else CObjective(program, numbers)
+    return None if program is None else form.load(program, numbers)
+
+
+def _is_known(term: CostTerm) -> bool:
+    """Return whether `term` is the package's own, and one that can be taken apart."""
+    return type(term).__module__.startswith(OURS) and (
+        term.of_controls or isinstance(term, StateTerm)
+    )

@@ -1,0 +1,308 @@
+"""Functions (numbers, x) → y in C in every form a descent asks for: forward, backward, along tangents, in sixteen lanes.
+
+`map.c` has the same for the C that calls them.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib import resources
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.codegen.c_function import CFunction, LatePart, c_function, prelude
+from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, aligned
+from neuroanimator.codegen.program import WIDTH, Constants
+from neuroanimator.codegen.trace import Input, UnsupportedError
+
+MOST_SCRATCH = 2**22
+"""Bytes a function may need on the stack: half of what threads have."""
+
+TOLERANCE = 1e-3
+"""Numbers may be off by so much of the largest of their array: both sum float32 in orders of their own."""
+
+Lanes = Float[np.ndarray, "... 16"]
+
+
+class MapDefinition(NamedTuple):
+    """What a map is in JAX."""
+
+    function: Callable[..., Array]
+    """(module, numbers (P,), x) → y"""
+    module: Any
+    """Any pytree; its arrays are constants of the program."""
+    shape: tuple[int, ...]
+    """Of x."""
+
+    def with_numbers(self, numbers: Float[np.ndarray, " P"]) -> Callable[[Array], Array]:
+        """Return x → y."""
+        return partial(self.function, self.module, jax.device_put(numbers))
+
+    def value_shape(self, numbers: int) -> tuple[int, ...]:
+        """Return the shape of y, for so many numbers."""
+        arrays = [jax.ShapeDtypeStruct(shape, np.float32) for shape in ((numbers,), self.shape)]
+        return jax.eval_shape(self.function, self.module, *arrays).shape
+
+
+def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constants) -> CFunction:
+    """Return C text of a map of so many numbers.
+
+    - `name_forward(k, numbers, x, t, tv, y)` leaves the tape `t` to the next two,
+    - `name_backward(k, t, tv, cotangents of y, cotangents of x)` has sixteen lanes, all else being the same,
+    - `name_push(k, t, tv, tangents of x, tangents of y)` too,
+    - `name_slope(k, t, tv, one cotangent of y, one of x)` has no lanes,
+    - `name_lanes(k, numbers, x, y)` has sixteen x and y.
+
+    Raises UnsupportedError for what there is no C for.
+    """
+    function, module, shape = definition
+
+    def in_every_way(
+        module: Any, numbers: Array, x: Array, of_y: Array, tangent: Array, one_of_y: Array
+    ) -> Any:
+        # Not by jvp and vjp, each of which would compute y again.
+        y, push = jax.linearize(partial(function, module, numbers), x)
+        pull = jax.linear_transpose(push, x)
+        return y, *pull(of_y), push(tangent), *pull(one_of_y)
+
+    value = definition.value_shape(numbers)
+    inputs = [
+        Input((numbers,)),
+        Input(shape),
+        Input(value, is_wide=True, is_late=True),
+        Input(shape, is_wide=True, is_late=True),
+        Input(value, is_late=True),
+    ]
+    late = [LatePart("backward", 1, 1), LatePart("push", 1, 1), LatePart("slope", 1, 1)]
+    differentiated = c_function(
+        name, in_every_way, module, inputs, constants, late=late, is_public=True
+    )
+    wide = [Input((numbers,)), Input(shape, is_wide=True)]
+    in_lanes = c_function(f"{name}_lanes", function, module, wide, constants, is_public=True)
+    if max(differentiated.scratch, in_lanes.scratch) > MOST_SCRATCH:
+        raise UnsupportedError(f"{name} of so many numbers")
+    return CFunction(differentiated.text + in_lanes.text, tape=differentiated.tape)
+
+
+def program_of_maps(definitions: dict[str, MapDefinition], numbers: int) -> CProgram:
+    """Return the program of maps by their names, all of the same `numbers`; its sizes are the tapes by these names."""
+    constants = Constants()
+    texts = [prelude()]
+    tapes = {}
+    for name, definition in definitions.items():
+        written = c_map(name, definition, numbers, constants)
+        texts.append(written.text)
+        tapes[name] = written.tape
+    return CProgram("\n".join(texts), constants.data(), tapes)
+
+
+def callers(*files: tuple[str, str]) -> str:
+    """Return the text of C that calls maps: the prelude, `map.c` and `files`, each a package and a name in it."""
+    pieces = [prelude()]
+    for package, name in [("neuroanimator.codegen", "map.c"), *files]:
+        pieces.append((resources.files(package) / name).read_text(encoding="utf-8"))
+    return "\n".join(pieces)
+
+
+FORMS = ("forward", "backward", "push", "slope", "lanes")
+"""What a map does, in the order of `na_map`."""
+
+
+class MapStruct(ctypes.Structure):
+    """`na_map` of `map.c`."""
+
+    _fields_ = (
+        ("constants", ctypes.c_void_p),
+        ("numbers", ctypes.c_void_p),
+        ("forward", ctypes.c_void_p),
+        ("backward", ctypes.c_void_p),
+        ("push", ctypes.c_void_p),
+        ("slope", ctypes.c_void_p),
+        ("lanes", ctypes.c_void_p),
+        ("inputs", ctypes.c_long),
+        ("outputs", ctypes.c_long),
+        ("tape", ctypes.c_long),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CMap:
+    """One map of a loaded program with its numbers. Arrays are float32 in C's order, lanes last; threads may share it."""
+
+    program: LoadedProgram
+    name: str
+    numbers: Float[np.ndarray, " P"]
+    inputs: tuple[int, ...]
+    """Shape of x."""
+    outputs: tuple[int, ...]
+    """Shape of y."""
+
+    @classmethod
+    def of(
+        cls,
+        program: LoadedProgram,
+        name: str,
+        definition: MapDefinition,
+        numbers: Float[np.ndarray, " P"],
+    ) -> CMap:
+        """Return the map of this name in `program`, made of `definition`, with its numbers."""
+        return cls(program, name, numbers, definition.shape, definition.value_shape(len(numbers)))
+
+    def forward(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return (y, the tape that `backward` and `push` need)."""
+        y = np.empty(self.outputs, np.float32)
+        tape = aligned_room(self.program.sizes[self.name] + WIDTH)
+        self._call("forward", self.numbers, x, tape, NOTHING, y)
+        return y, tape
+
+    def backward(self, tape: np.ndarray, of_y: Lanes) -> Lanes:
+        """Return what sixteen cotangents of y say of x."""
+        of_x = lanes(*self.inputs)
+        self._call("backward", tape, NOTHING, of_y, of_x)
+        return of_x
+
+    def slope(self, tape: np.ndarray, of_y: np.ndarray) -> np.ndarray:
+        """Return what one cotangent of y says of x."""
+        of_x = np.empty(self.inputs, np.float32)
+        self._call("slope", tape, NOTHING, of_y, of_x)
+        return of_x
+
+    def push(self, tape: np.ndarray, tangents: Lanes) -> Lanes:
+        """Return how y changes with sixteen tangents of x."""
+        result = lanes(*self.outputs)
+        self._call("push", tape, NOTHING, tangents, result)
+        return result
+
+    def lanes(self, xs: Lanes) -> Lanes:
+        """Return y of sixteen x."""
+        ys = lanes(*self.outputs)
+        self._call("lanes", self.numbers, xs, ys)
+        return ys
+
+    def of_rows(self, xs: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N ..."]:
+        """Return y of each x."""
+        ys = np.empty((len(xs), *self.outputs), np.float32)
+        for first in range(0, len(xs), WIDTH):
+            some = xs[first : first + WIDTH]
+            wide = lanes(*self.inputs)
+            wide[..., : len(some)] = np.moveaxis(some, 0, -1)
+            ys[first : first + WIDTH] = np.moveaxis(self.lanes(wide)[..., : len(some)], -1, 0)
+        return ys
+
+    def struct(self) -> MapStruct:
+        """Return what C calls it by; it points into this map, which must live as long."""
+        functions = [self._address(form) for form in FORMS]
+        return MapStruct(
+            self.program.constants.ctypes.data,
+            self.numbers.ctypes.data,
+            *functions,
+            int(np.prod(self.inputs)),
+            int(np.prod(self.outputs)),
+            self.program.sizes[self.name],
+        )
+
+    def check(
+        self,
+        points: Float[np.ndarray, "16 ..."],
+        of_y: Lanes,
+        values: Float[np.ndarray, "16 ..."],
+        pulled: Float[np.ndarray, "16 ... 16"],
+    ) -> None:
+        """Raise WrongProgramError unless y at sixteen points, and what `of_y` say of x, are `values` and `pulled`.
+
+        Tangents are held against the cotangents, of which they are the transpose, and lanes against the values.
+        """
+        tangents = random_lanes(np.random.default_rng(0), *self.inputs)
+        for point, value, expected in zip(points, values, pulled, strict=True):
+            y, tape = self.forward(point)
+            of_x = self.backward(tape, of_y)
+            self._compare(y, value)
+            self._compare(of_x, expected)
+            one_of_y = np.ascontiguousarray(of_y[..., 0])
+            self._compare(self.slope(tape, one_of_y), of_x[..., 0])
+            pushed = self.push(tape, tangents)
+            self._compare(_products(of_y, pushed), _products(of_x, tangents))
+        self._compare(self.of_rows(points), values)
+
+    def _compare(self, found: np.ndarray, expected: np.ndarray | Array) -> None:
+        size = float(np.abs(expected).max(initial=1e-6))
+        off = np.abs(found - np.asarray(expected)).max(initial=0)
+        if not off <= TOLERANCE * size:
+            raise WrongProgramError(
+                f"Generated C has another '{self.name}', or other derivatives of it, than JAX."
+            )
+
+    def _call(self, form: str, *arrays: np.ndarray) -> None:
+        addresses = [
+            ctypes.c_void_p(array.ctypes.data) for array in (self.program.constants, *arrays)
+        ]
+        getattr(self.program.library, f"{self.name}_{form}")(*addresses)
+
+    def _address(self, form: str) -> int | None:
+        function = getattr(self.program.library, f"{self.name}_{form}")
+        return ctypes.cast(function, ctypes.c_void_p).value
+
+
+Judge = Callable[..., list[tuple[Array, Array]]]
+"""(Points of each function, cotangents of each) → (values, what the cotangents say of x) of each, in JAX."""
+
+
+def judge_of(functions: list[Callable[[Array], Array]]) -> Judge:
+    """Return the judge of maps that should be `functions` of x; to be compiled."""
+
+    def judge(points: list[Array], cotangents: list[Array]) -> list[tuple[Array, Array]]:
+        cases = zip(functions, points, cotangents, strict=True)
+        return [_values_and_pulled(*case) for case in cases]
+
+    return judge
+
+
+def _values_and_pulled(
+    function: Callable[[Array], Array], points: Array, of_y: Array
+) -> tuple[Array, Array]:
+    def at(x: Array) -> tuple[Array, Array]:
+        value, pull = jax.vjp(function, x)
+        return value, jax.vmap(pull, in_axes=-1, out_axes=-1)(of_y)[0]
+
+    return jax.vmap(at)(points)
+
+
+def check_maps(maps: list[CMap], judge: Judge, points: list[np.ndarray]) -> None:
+    """Raise WrongProgramError unless each of `maps` does at its sixteen `points` what the `judge` says."""
+    rng = np.random.default_rng(0)
+    cotangents = [random_lanes(rng, *one.outputs) for one in maps]
+    expected = judge(points, cotangents)
+    for one, at, of_y, (values, pulled) in zip(maps, points, cotangents, expected, strict=True):
+        one.check(at, of_y, np.asarray(values), np.asarray(pulled))
+
+
+def _products(left: Lanes, right: Lanes) -> Float[np.ndarray, "16 16"]:
+    """Return the scalar product of each lane of one with each of the other."""
+    return left.reshape(-1, WIDTH).T.astype(float) @ right.reshape(-1, WIDTH)
+
+
+def aligned_room(count: int) -> Float[np.ndarray, " N"]:
+    """Return `count` zeros that begin where the widest register may."""
+    return aligned(np.zeros(count, np.float32))
+
+
+def lanes(*shape: int) -> Lanes:
+    """Return zeros with sixteen lanes."""
+    return aligned_room(int(np.prod(shape)) * WIDTH).reshape(*shape, WIDTH)
+
+
+def random_lanes(rng: np.random.Generator, *shape: int) -> Lanes:
+    """Return random numbers with sixteen lanes."""
+    result = lanes(*shape)
+    result[:] = rng.normal(size=result.shape)
+    return result
+
+
+NOTHING = aligned_room(WIDTH)
+"""Stands for a tape of lanes where there is none."""

@@ -1,0 +1,411 @@
+/* J of the motion of some z, and its derivatives:
+
+       z -> controls -> chain of super steps, a defect added to each -> what is observed of latent states -> residuals
+
+   A motion is kept in rows, one for each state: the latent state, then the control that leads on from it. */
+
+typedef struct {
+    na_objective objective;
+    na_map controls, link;
+    long defect;
+    /* Whether Jacobians come of tangents of z, sixteen at a time, or of as many cotangents of residuals. */
+    long pushes_residuals, pushes_efforts;
+    /* Whether links are first differentiated one by one, so that sweeps are products of small matrices. */
+    long has_few_inputs;
+} na_problem;
+
+/* Where motions begin, and what is added to their super steps. */
+typedef struct {
+    const float *latent, *observed, *defects;
+} na_begin;
+
+/* Memory of one call. What ends in 16 is lanes, or has room for them. */
+typedef struct {
+    float *controls, *rows, *observed, *off;
+    float *controls_tape, *link_tapes, *term_tapes, *residuals_tape, *efforts_tape;
+    float *z16, *controls16, *rows16, *observed16, *off16, *row16;
+    float *jacobian, *link_jacobians;
+    char *touched;
+} na_room;
+
+static long cut_room(const na_problem *problem, float *memory, na_room *room) {
+    const na_objective *objective = &problem->objective;
+    const na_map *residuals = &objective->residuals, *efforts = &objective->efforts;
+    const na_map *controls = &problem->controls, *link = &problem->link;
+    const long steps = objective->steps, off = residuals->outputs + efforts->outputs;
+    na_store store = {memory, 0};
+    room->controls = take(&store, controls->outputs);
+    room->rows = take(&store, (steps + 1) * link->inputs);
+    room->observed = take(&store, residuals->inputs);
+    room->off = take(&store, off);
+    room->controls_tape = take(&store, controls->tape);
+    room->link_tapes = take(&store, steps * link->tape);
+    room->term_tapes = take(&store, tapes_of_terms(objective, 0) + tapes_of_terms(objective, 1));
+    room->residuals_tape = take(&store, residuals->tape);
+    room->efforts_tape = take(&store, efforts->tape);
+    room->z16 = take(&store, controls->inputs * LANES);
+    room->controls16 = take(&store, controls->outputs * LANES);
+    room->rows16 = take(&store, (steps + 1) * link->inputs * LANES);
+    room->observed16 = take(&store, residuals->inputs * LANES);
+    room->off16 = take(&store, off * LANES);
+    room->row16 = take(&store, link->inputs * LANES);
+    room->jacobian = take(&store, off * controls->inputs);
+    room->link_jacobians = take(&store, problem->has_few_inputs ? steps * link->outputs * link->inputs : 0);
+    room->touched = (char *)take(&store, steps + 1);
+    return store.used;
+}
+
+/* Floats of memory that each function below needs. */
+long room_of_problem(const na_problem *problem) {
+    na_room room;
+    return cut_room(problem, 0, &room);
+}
+
+/* What the terms observe of the start, `state` (S,), in its place in `observed`. */
+void observe_start(const na_problem *problem, const float *state, float *observed, float *memory) {
+    const na_objective *objective = &problem->objective;
+    na_room room;
+    cut_room(problem, memory, &room);
+    for (long i = 0; i < objective->count; i++) {
+        const na_term *term = objective->terms + i;
+        for (long j = 0; j < term->count; j++, observed += term->of_state.outputs)
+            if (!term->rows[j]) map_forward(&term->of_state, state, room.term_tapes, observed);
+    }
+}
+
+static long control_size(const na_problem *problem) { return problem->link.inputs - problem->link.outputs; }
+
+/* The motion of `z`, and the tapes of it, in the room. */
+static void move(const na_problem *problem, const na_begin *begin, const float *z, const na_room *room) {
+    const na_map *link = &problem->link;
+    const long latent = link->outputs, control = control_size(problem);
+    map_forward(&problem->controls, z, room->controls_tape, room->controls);
+    memcpy(room->rows, begin->latent, latent * sizeof(float));
+    for (long t = 0; t < problem->objective.steps; t++) {
+        NA_ALIGNED float nothing[LANES];
+        float *row = room->rows + t * link->inputs;
+        memcpy(row + latent, room->controls + t * control, control * sizeof(float));
+        link->forward(
+            link->constants, begin->defects + t * problem->defect, row, room->link_tapes + t * link->tape, nothing,
+            row + link->inputs
+        );
+    }
+}
+
+/* Residuals of the motion of `z`, and all tapes, in the room; returns J. */
+static double judge(const na_problem *problem, const na_begin *begin, const float *z, const na_room *room) {
+    const na_objective *objective = &problem->objective;
+    const na_map *residuals = &objective->residuals, *efforts = &objective->efforts;
+    move(problem, begin, z, room);
+    observe(objective, 0, begin->observed, room->rows, problem->link.inputs, room->term_tapes, room->observed);
+    map_forward(residuals, room->observed, room->residuals_tape, room->off);
+    map_forward(efforts, room->controls, room->efforts_tape, room->off + residuals->outputs);
+    return half_squares(room->off, residuals->outputs + efforts->outputs);
+}
+
+/* Lanes `to` (N,) += `matrix` (N, M) times lanes `from` (M,), where `along` and `across` say how far its rows and its
+   columns are apart. */
+static void multiply(const float *matrix, long rows, long columns, long along, long across, const float *from, float *to) {
+    for (long i = 0; i < rows; i += 4) {
+        const na_wide *x = (const na_wide *)from;
+        const float *m[4];
+        na_wide sums[4];
+        for (int n = 0; n < 4; n++) {
+            /* Rows too many repeat the last one. */
+            m[n] = matrix + (i + n < rows ? i + n : rows - 1) * along;
+            NA_ZERO(sums[n]);
+        }
+        for (long j = 0; j < columns; j++, x++) {
+            NA_MULTIPLY_ADD(sums[0], *x, m[0][j * across]);
+            NA_MULTIPLY_ADD(sums[1], *x, m[1][j * across]);
+            NA_MULTIPLY_ADD(sums[2], *x, m[2][j * across]);
+            NA_MULTIPLY_ADD(sums[3], *x, m[3][j * across]);
+        }
+        for (int n = 0; n < 4 && i + n < rows; n++) *(na_wide *)(to + (i + n) * LANES) = sums[n];
+    }
+}
+
+/* The Jacobian (I, I+C) of every link, by whichever of its inputs and outputs are fewer. */
+static void differentiate_links(const na_problem *problem, const na_room *room) {
+    const na_map *link = &problem->link;
+    const long inputs = link->inputs, outputs = link->outputs;
+    const long is_pushed = inputs <= outputs, units = is_pushed ? inputs : outputs;
+    float *unit = room->row16, *result = room->rows16;
+    memset(unit, 0, units * LANES * sizeof(float));
+    for (long t = 0; t < problem->objective.steps; t++) {
+        const float *tape = room->link_tapes + t * link->tape;
+        float *jacobian = room->link_jacobians + t * outputs * inputs;
+        for (long first = 0; first < units; first += LANES) {
+            const long present = units - first < LANES ? units - first : LANES;
+            for (long l = 0; l < present; l++) unit[(first + l) * LANES + l] = 1;
+            if (is_pushed)
+                map_push(link, tape, unit, result);
+            else
+                map_backward(link, tape, unit, result, LANES);
+            for (long l = 0; l < present; l++) {
+                unit[(first + l) * LANES + l] = 0;
+                if (is_pushed)
+                    for (long i = 0; i < outputs; i++) jacobian[i * inputs + first + l] = result[i * LANES + l];
+                else
+                    for (long i = 0; i < inputs; i++) jacobian[(first + l) * inputs + i] = result[i * LANES + l];
+            }
+        }
+    }
+}
+
+/* `result`: what `width` cotangents `of_latent` of a latent state say of the row before it, from which link `t` led there. */
+static void link_backward(
+    const na_problem *problem, const na_room *room, long t, const float *of_latent, float *result, long width
+) {
+    const na_map *link = &problem->link;
+    if (problem->has_few_inputs && width == LANES) {
+        const float *jacobian = room->link_jacobians + t * link->outputs * link->inputs;
+        multiply(jacobian, link->inputs, link->outputs, 1, link->inputs, of_latent, result);
+    } else {
+        map_backward(link, room->link_tapes + t * link->tape, of_latent, result, width);
+    }
+}
+
+/* Lanes `latent`: how a latent state changes with sixteen tangents `row` of the row before it. */
+static void link_push(const na_problem *problem, const na_room *room, long t, const float *row, float *latent) {
+    const na_map *link = &problem->link;
+    if (problem->has_few_inputs) {
+        const float *jacobian = room->link_jacobians + t * link->outputs * link->inputs;
+        multiply(jacobian, link->outputs, link->inputs, link->inputs, 1, row, latent);
+    } else {
+        map_push(link, room->link_tapes + t * link->tape, row, latent);
+    }
+}
+
+/* `z16`: what `width` cotangents `of_off` of the residuals of states say of z. */
+static void pull_residuals(const na_problem *problem, const na_room *room, const float *of_off, long width) {
+    const na_objective *objective = &problem->objective;
+    const na_map *link = &problem->link;
+    const long latent = link->outputs, control = control_size(problem);
+    map_backward(&objective->residuals, room->residuals_tape, of_off, room->observed16, width);
+    const long last = observe_backward(
+        objective, 0, room->term_tapes, room->observed16, link->inputs, room->row16, room->rows16, room->touched, width
+    );
+    memset(room->controls16 + last * control * width, 0, (objective->steps - last) * control * width * sizeof(float));
+    for (long t = last - 1; t >= 0; t--) {
+        float *row = room->rows16 + t * link->inputs * width;
+        float *result = room->touched[t] ? room->row16 : row;
+        link_backward(problem, room, t, row + link->inputs * width, result, width);
+        memcpy(room->controls16 + t * control * width, result + latent * width, control * width * sizeof(float));
+        if (result != row)
+            for (long n = 0; n < latent * width; n++) row[n] += result[n];
+    }
+    map_backward(&problem->controls, room->controls_tape, room->controls16, room->z16, width);
+}
+
+/* `z16`: what `width` cotangents `of_off` of the efforts say of z. */
+static void pull_efforts(const na_problem *problem, const na_room *room, const float *of_off, long width) {
+    map_backward(&problem->objective.efforts, room->efforts_tape, of_off, room->controls16, width);
+    map_backward(&problem->controls, room->controls_tape, room->controls16, room->z16, width);
+}
+
+typedef void (*na_pull)(const na_problem *problem, const na_room *room, const float *of_off, long width);
+
+/* Rows of the Jacobian from `first` on, of `count` residuals, of which unit cotangents are pulled back. */
+static void pull_rows(const na_problem *problem, const na_room *room, na_pull pull, long first, long count) {
+    const long size = problem->controls.inputs;
+    memset(room->off16, 0, count * LANES * sizeof(float));
+    for (long at = 0; at < count; at += LANES) {
+        const long present = count - at < LANES ? count - at : LANES;
+        for (long l = 0; l < present; l++) room->off16[(at + l) * LANES + l] = 1;
+        pull(problem, room, room->off16, LANES);
+        for (long l = 0; l < present; l++) {
+            float *row = room->jacobian + (first + at + l) * size;
+            for (long i = 0; i < size; i++) row[i] = room->z16[i * LANES + l];
+            room->off16[(at + l) * LANES + l] = 0;
+        }
+    }
+}
+
+/* Lanes `off16`: how the residuals of states change with tangents `controls16`. */
+static void push_residuals(const na_problem *problem, const na_room *room) {
+    const na_objective *objective = &problem->objective;
+    const na_map *link = &problem->link;
+    const long latent = link->outputs, control = control_size(problem);
+    int is_still = 1;
+    memset(room->rows16, 0, latent * LANES * sizeof(float));
+    for (long t = 0; t < objective->steps; t++) {
+        float *row = room->rows16 + t * link->inputs * LANES;
+        const float *held = room->controls16 + t * control * LANES;
+        is_still = is_still && is_zero(held, control * LANES);
+        if (is_still) {
+            memset(row + link->inputs * LANES, 0, latent * LANES * sizeof(float));
+            continue;
+        }
+        memcpy(row + latent * LANES, held, control * LANES * sizeof(float));
+        link_push(problem, room, t, row, row + link->inputs * LANES);
+    }
+    const float *tapes = room->term_tapes;
+    float *observed = room->observed16;
+    for (long i = 0; i < objective->count; i++) {
+        const na_term *term = objective->terms + i;
+        const na_map *map = &term->of_latent;
+        for (long j = 0; j < term->count; j++, observed += map->outputs * LANES, tapes += map->tape) {
+            const float *row = room->rows16 + term->rows[j] * link->inputs * LANES;
+            if (is_zero(row, latent * LANES))
+                memset(observed, 0, map->outputs * LANES * sizeof(float));
+            else
+                map_push(map, tapes, row, observed);
+        }
+    }
+    map_push(&objective->residuals, room->residuals_tape, room->observed16, room->off16);
+}
+
+/* Lanes `off16`: how the efforts change with tangents `controls16`. */
+static void push_efforts(const na_problem *problem, const na_room *room) {
+    map_push(&problem->objective.efforts, room->efforts_tape, room->controls16, room->off16);
+}
+
+typedef void (*na_push)(const na_problem *problem, const na_room *room);
+
+/* Rows of the Jacobian from `first` on, of `count` residuals, column by column: unit tangents of z are pushed forward. */
+static void push_columns(const na_problem *problem, const na_room *room, na_push push, long first, long count) {
+    const long size = problem->controls.inputs;
+    memset(room->z16, 0, size * LANES * sizeof(float));
+    for (long at = 0; at < size; at += LANES) {
+        const long present = size - at < LANES ? size - at : LANES;
+        for (long l = 0; l < present; l++) room->z16[(at + l) * LANES + l] = 1;
+        map_push(&problem->controls, room->controls_tape, room->z16, room->controls16);
+        push(problem, room);
+        for (long r = 0; r < count; r++)
+            memcpy(room->jacobian + (first + r) * size + at, room->off16 + r * LANES, present * sizeof(float));
+        for (long l = 0; l < present; l++) room->z16[(at + l) * LANES + l] = 0;
+    }
+}
+
+/* Of residuals with the Jacobian `rows` (R, Z): `curvature` (Z, Z), rows' rows, and `slope` (Z,), rows' residuals. */
+static void sum_squares(
+    const float *rows, const float *residuals, long count, long size, float *curvature, float *slope
+) {
+    memset(curvature, 0, size * size * sizeof(float));
+    memset(slope, 0, size * sizeof(float));
+    long r = 0;
+    for (; r + 4 <= count; r += 4) {
+        const float *a = rows + r * size, *b = a + size, *c = b + size, *d = c + size;
+        for (long i = 0; i < size; i++) {
+            float *NA_RESTRICT target = curvature + i * size;
+            /* Rows of costs of single controls are nearly empty. */
+            if (a[i] == 0 && b[i] == 0 && c[i] == 0 && d[i] == 0) continue;
+            for (long j = 0; j < size; j++) target[j] += a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + d[i] * d[j];
+        }
+        for (long i = 0; i < size; i++)
+            slope[i] += a[i] * residuals[r] + b[i] * residuals[r + 1] + c[i] * residuals[r + 2] + d[i] * residuals[r + 3];
+    }
+    for (; r < count; r++) {
+        const float *a = rows + r * size;
+        for (long i = 0; i < size; i++) {
+            if (a[i] == 0) continue;
+            for (long j = 0; j < size; j++) curvature[i * size + j] += a[i] * a[j];
+            slope[i] += a[i] * residuals[r];
+        }
+    }
+}
+
+/* J near `z` (Z,): `curvature` (Z, Z), `slope` (Z,), and J itself, which is returned. */
+double quadratic_model(
+    const na_problem *problem, const na_begin *begin, const float *z, float *curvature, float *slope, float *memory
+) {
+    const long residuals = problem->objective.residuals.outputs, efforts = problem->objective.efforts.outputs;
+    na_room room;
+    cut_room(problem, memory, &room);
+    const double cost = judge(problem, begin, z, &room);
+    if (problem->has_few_inputs) differentiate_links(problem, &room);
+    if (problem->pushes_residuals)
+        push_columns(problem, &room, push_residuals, 0, residuals);
+    else
+        pull_rows(problem, &room, pull_residuals, 0, residuals);
+    if (problem->pushes_efforts)
+        push_columns(problem, &room, push_efforts, residuals, efforts);
+    else
+        pull_rows(problem, &room, pull_efforts, residuals, efforts);
+    sum_squares(room.jacobian, room.off, residuals + efforts, problem->controls.inputs, curvature, slope);
+    return cost;
+}
+
+/* J of `z` (Z,), which is returned, and its `slope` (Z,). */
+double gradient(const na_problem *problem, const na_begin *begin, const float *z, float *slope, float *memory) {
+    const long residuals = problem->objective.residuals.outputs;
+    na_room room;
+    cut_room(problem, memory, &room);
+    const double cost = judge(problem, begin, z, &room);
+    pull_residuals(problem, &room, room.off, 1);
+    memcpy(slope, room.z16, problem->controls.inputs * sizeof(float));
+    pull_efforts(problem, &room, room.off + residuals, 1);
+    for (long i = 0; i < problem->controls.inputs; i++) slope[i] += room.z16[i];
+    return cost;
+}
+
+/* `controls` (T, C) of `z` (Z,), and the `latents` (T+1, I) they lead to. */
+void motion(
+    const na_problem *problem, const na_begin *begin, const float *z, float *controls, float *latents, float *memory
+) {
+    const na_map *link = &problem->link;
+    na_room room;
+    cut_room(problem, memory, &room);
+    move(problem, begin, z, &room);
+    memcpy(controls, room.controls, problem->controls.outputs * sizeof(float));
+    for (long t = 0; t <= problem->objective.steps; t++)
+        memcpy(latents + t * link->outputs, room.rows + t * link->inputs, link->outputs * sizeof(float));
+}
+
+/* J of each of at most sixteen `zs` (K, Z). */
+static void costs_in_lanes(
+    const na_problem *problem, const na_begin *begin, const float *zs, long count, double *costs, const na_room *room
+) {
+    const na_objective *objective = &problem->objective;
+    const na_map *residuals = &objective->residuals, *efforts = &objective->efforts, *link = &problem->link;
+    const long latent = link->outputs, control = control_size(problem), size = problem->controls.inputs;
+    /* Lanes too many repeat the last z. */
+    for (long l = 0; l < LANES; l++)
+        for (long i = 0; i < size; i++) room->z16[i * LANES + l] = zs[(l < count ? l : count - 1) * size + i];
+    map_lanes(&problem->controls, room->z16, room->controls16);
+    for (long i = 0; i < latent; i++)
+        for (long l = 0; l < LANES; l++) room->rows16[i * LANES + l] = begin->latent[i];
+    for (long t = 0; t < objective->steps; t++) {
+        float *row = room->rows16 + t * link->inputs * LANES;
+        memcpy(row + latent * LANES, room->controls16 + t * control * LANES, control * LANES * sizeof(float));
+        link->lanes(link->constants, begin->defects + t * problem->defect, row, row + link->inputs * LANES);
+    }
+    const float *of_start = begin->observed;
+    float *observed = room->observed16;
+    for (long i = 0; i < objective->count; i++) {
+        const na_term *term = objective->terms + i;
+        const na_map *map = &term->of_latent;
+        for (long j = 0; j < term->count; j++, observed += map->outputs * LANES, of_start += map->outputs)
+            if (term->rows[j])
+                map_lanes(map, room->rows16 + term->rows[j] * link->inputs * LANES, observed);
+            else
+                for (long n = 0; n < map->outputs * LANES; n++) observed[n] = of_start[n / LANES];
+    }
+    map_lanes(residuals, room->observed16, room->off16);
+    map_lanes(efforts, room->controls16, room->off16 + residuals->outputs * LANES);
+    double sums[LANES] = {0};
+    for (long r = 0; r < residuals->outputs + efforts->outputs; r++)
+        for (long l = 0; l < LANES; l++) sums[l] += (double)room->off16[r * LANES + l] * room->off16[r * LANES + l];
+    for (long l = 0; l < count; l++) costs[l] = sums[l] / 2;
+}
+
+/* Of so few z, one after the other is faster than side by side. */
+enum { FEW_COSTS = 6 };
+
+/* J of each of `zs` (K, Z). */
+void costs(
+    const na_problem *problem, const na_begin *begin, const float *zs, long count, double *costs, float *memory
+) {
+    na_room room;
+    cut_room(problem, memory, &room);
+    for (long first = 0; first < count; first += LANES) {
+        const long present = count - first < LANES ? count - first : LANES;
+        const float *some = zs + first * problem->controls.inputs;
+        if (present > FEW_COSTS)
+            costs_in_lanes(problem, begin, some, present, costs + first, &room);
+        else
+            for (long n = 0; n < present; n++)
+                costs[first + n] = judge(problem, begin, some + n * problem->controls.inputs, &room);
+    }
+}

@@ -1,0 +1,156 @@
+/* J of a motion. Each term observes single states, at its `rows` of the motion; of what all of them observed, one behind
+   the other, `residuals` are made, and `efforts` of the controls alone: J is half the sum of all their squares.
+   Arrays are in C's order; those of lanes have sixteen numbers for each one. */
+
+typedef struct {
+    na_map of_latent, of_state;
+    const long *rows;
+    long count;
+} na_term;
+
+typedef struct {
+    const na_term *terms;
+    long count;
+    na_map residuals, efforts;
+    long steps, state;
+} na_objective;
+
+/* Cuts rooms of whole registers from one piece of memory; from none, it measures how much is needed. */
+typedef struct {
+    float *memory;
+    long used;
+} na_store;
+
+static float *take(na_store *store, long count) {
+    float *room = store->memory ? store->memory + store->used : 0;
+    store->used += (count + LANES - 1) / LANES * LANES;
+    return room;
+}
+
+static double half_squares(const float *residuals, long count) {
+    double sum = 0.0;
+    for (long i = 0; i < count; i++) sum += (double)residuals[i] * residuals[i];
+    return sum / 2;
+}
+
+static int is_zero(const float *numbers, long count) {
+    int is_any = 0;
+    for (long i = 0; i < count; i++) is_any |= numbers[i] != 0;
+    return !is_any;
+}
+
+static const na_map *map_of(const na_term *term, int whole) { return whole ? &term->of_state : &term->of_latent; }
+
+/* Floats of the tapes of all that is observed of whole states, or else of latent ones. */
+static long tapes_of_terms(const na_objective *objective, int whole) {
+    long count = 0;
+    for (long i = 0; i < objective->count; i++)
+        count += objective->terms[i].count * map_of(objective->terms + i, whole)->tape;
+    return count;
+}
+
+/* `observed` of the rows of a motion, `stride` floats apart, and the tapes of it. What is known of the start is taken
+   from `of_start`, unless that is null. */
+static void observe(
+    const na_objective *objective, int whole, const float *of_start, const float *rows, long stride, float *tapes,
+    float *observed
+) {
+    for (long i = 0; i < objective->count; i++) {
+        const na_term *term = objective->terms + i;
+        const na_map *map = map_of(term, whole);
+        for (long j = 0; j < term->count; j++) {
+            if (of_start && !term->rows[j])
+                memcpy(observed, of_start, map->outputs * sizeof(float));
+            else
+                map_forward(map, rows + term->rows[j] * stride, tapes, observed);
+            if (of_start) of_start += map->outputs;
+            observed += map->outputs;
+            tapes += map->tape;
+        }
+    }
+}
+
+/* Add to the rows `of_rows`, `stride` numbers apart, what `width` cotangents `of_observed` say of them. Rows of zeros are
+   not written to before they are touched, which `touched` then says of each. Returns the last one touched. */
+static long observe_backward(
+    const na_objective *objective, int whole, const float *tapes, const float *of_observed, long stride, float *of_row,
+    float *of_rows, char *touched, long width
+) {
+    long last = 0;
+    memset(touched, 0, objective->steps + 1);
+    for (long i = 0; i < objective->count; i++) {
+        const na_term *term = objective->terms + i;
+        const na_map *map = map_of(term, whole);
+        for (long j = 0; j < term->count; j++, of_observed += map->outputs * width, tapes += map->tape) {
+            const long row = term->rows[j];
+            /* The start is as it is. */
+            if ((!whole && !row) || is_zero(of_observed, map->outputs * width)) continue;
+            float *target = of_rows + row * stride * width;
+            if (touched[row]) {
+                map_backward(map, tapes, of_observed, of_row, width);
+                for (long n = 0; n < map->inputs * width; n++) target[n] += of_row[n];
+            } else {
+                map_backward(map, tapes, of_observed, target, width);
+                touched[row] = 1;
+                if (row > last) last = row;
+            }
+        }
+    }
+    return last;
+}
+
+/* What judging a motion of states needs. */
+typedef struct {
+    float *tapes, *residuals_tape, *efforts_tape, *observed, *off, *of_observed, *of_row;
+    char *touched;
+} na_judging;
+
+/* Cut `judging` from memory, and return how many floats that takes. */
+static long cut_judging(const na_objective *objective, float *memory, na_judging *judging) {
+    const na_map *residuals = &objective->residuals, *efforts = &objective->efforts;
+    na_store store = {memory, 0};
+    judging->tapes = take(&store, tapes_of_terms(objective, 1));
+    judging->residuals_tape = take(&store, residuals->tape);
+    judging->efforts_tape = take(&store, efforts->tape);
+    judging->observed = take(&store, residuals->inputs);
+    judging->off = take(&store, residuals->outputs + efforts->outputs);
+    judging->of_observed = take(&store, residuals->inputs);
+    judging->of_row = take(&store, objective->state);
+    judging->touched = (char *)take(&store, objective->steps + 1);
+    return store.used;
+}
+
+/* Floats of memory that the next two functions need. */
+long room_of_objective(const na_objective *objective) {
+    na_judging judging;
+    return cut_judging(objective, 0, &judging);
+}
+
+/* J of `states` (T+1, S) under `controls` (T, C). */
+double cost_of_states(const na_objective *objective, const float *states, const float *controls, float *memory) {
+    const na_map *residuals = &objective->residuals, *efforts = &objective->efforts;
+    na_judging room;
+    cut_judging(objective, memory, &room);
+    observe(objective, 1, 0, states, objective->state, room.tapes, room.observed);
+    map_forward(residuals, room.observed, room.residuals_tape, room.off);
+    map_forward(efforts, controls, room.efforts_tape, room.off + residuals->outputs);
+    return half_squares(room.off, residuals->outputs + efforts->outputs);
+}
+
+/* J, and how it changes with the states, `by_states` (T+1, S), and with the controls, `by_controls` (T, C). */
+double slopes_of_states(
+    const na_objective *objective, const float *states, const float *controls, float *by_states, float *by_controls,
+    float *memory
+) {
+    const na_map *residuals = &objective->residuals, *efforts = &objective->efforts;
+    const double cost = cost_of_states(objective, states, controls, memory);
+    na_judging room;
+    cut_judging(objective, memory, &room);
+    memset(by_states, 0, (objective->steps + 1) * objective->state * sizeof(float));
+    map_backward(residuals, room.residuals_tape, room.off, room.of_observed, 1);
+    observe_backward(
+        objective, 1, room.tapes, room.of_observed, objective->state, room.of_row, by_states, room.touched, 1
+    );
+    map_backward(efforts, room.efforts_tape, room.off + residuals->outputs, by_controls, 1);
+    return cost;
+}
