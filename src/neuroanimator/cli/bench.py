@@ -32,6 +32,7 @@ CONTROL_COLUMNS = (
     "success_rate",
     "iterations_median",
     "seconds_median",
+    "cold_seconds",
     "j_physics_median",
     "speedup_over_best_rival",
     "best_rival",

@@ -1,0 +1,51 @@
+"""How long a user waits for a first controller: a process of its own, from its start to its end.
+
+`python -m neuroanimator.bench.first_controller TASK` finds the controller of a task's first trial, and says nothing.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+from neuroanimator.errors import NeuroAnimatorError
+
+MEASURED_TRIAL = 0
+"""The number of the trial that is solved."""
+
+TRIES = 3
+"""The quickest of so many processes counts: the machine has other things to do, too."""
+
+LIMIT = 300.0
+"""[s] A process that takes longer is given up."""
+
+
+def cold_seconds(task: str) -> float:
+    """Return how long a fresh process takes to find the first controller of `task` [s], imports and all.
+
+    What is compiled once a machine must be there already.
+    """
+    return min(_seconds_of_process(task) for _ in range(TRIES))
+
+
+def _seconds_of_process(task: str) -> float:
+    began = time.perf_counter()
+    command = [sys.executable, "-m", __name__, task]
+    process = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LIMIT)
+    if process.returncode:
+        raise NeuroAnimatorError(f"bench: a process for {task} failed:\n{process.stderr}")
+    return time.perf_counter() - began
+
+
+def main() -> None:
+    """Solve the first trial of the task that the command line names."""
+    from neuroanimator.bench.run_control import chosen_tasks, solver_of
+
+    (task,) = chosen_tasks(sys.argv[1])
+    solver = solver_of(task)
+    solver.solve(solver.draw(MEASURED_TRIAL))
+
+
+if __name__ == "__main__":
+    main()
