@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -77,23 +76,6 @@ def trace(
     if any(entry.is_late for entry in inputs):
         program.keep_tape()
     return program
-
-
-def numbers_computed(function: Callable[..., Any], *shapes: tuple[int, ...]) -> int:
-    """Return how many numbers `function` of arrays of these shapes computes on its way: how large its program will be."""
-    arguments = [jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes]
-    return _numbers_in(jax.make_jaxpr(function)(*arguments).jaxpr)
-
-
-def _numbers_in(jaxpr: Jaxpr) -> int:
-    total = 0
-    for eqn in jaxpr.eqns:
-        inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
-        if inner is None:
-            total += sum(math.prod(variable.aval.shape) for variable in eqn.outvars)
-        else:
-            total += _numbers_in(inner.jaxpr if isinstance(inner, ClosedJaxpr) else inner)
-    return total
 
 
 @dataclass(frozen=True)
