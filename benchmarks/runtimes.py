@@ -1,127 +1,132 @@
-"""What runs an emulator: generated C beside JAX, one core, interleaved in one process.
+"""What runs an emulator: C, JAX, WebAssembly and ONNX, C written by hand as the limit, and a swimmer's physics in C.
 
-python benchmarks/runtimes.py            table, and results/runtimes.csv (two minutes)
+python benchmarks/runtimes.py                        all systems: results/runtimes.csv and results/runtimes_sizes.csv
+python benchmarks/runtimes.py --systems fish --rounds 20 --out /tmp/try
 
-`rollout_*` is `emulator.rollout` of 200 super steps and `step_*` is `emulator.step`, as users call them from Python;
-`kernel_c` is the same rollout without Python around it. `gradient_c` is J and its gradient over 100 super
-steps, as a descent asks for it, and `batch_*` what one motion of many costs. Times are nanoseconds a super step, but
-for `step_*`, which are microseconds a call.
+Everything runs on one core, all cases of an emulator in turn, in float32 and from rest under random controls. Times are
+nanoseconds a super step: the median and the 99th percentile of all rounds, compiling not counted. A rollout has 200 super
+steps, a gradient is J and its gradient over 100, as a descent asks for it (of node: what the last state says of all
+before), and motions in batches make ten each. What is exported, and what is
+written by hand, has agreed with JAX before it is timed. `emulator.step` and `emulator.rollout` are as users call them.
 """
 
 from __future__ import annotations
 
+import argparse
 import time
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from runtimes_cases import (
+    by_hand,
+    generated_c,
+    jax_compiled,
+    onnx_in_onnxruntime,
+    physics_in_c,
+    wasm_in_node,
+)
+from runtimes_cases.case import Case, Motion
 
-from neuroanimator import Emulator, load_emulator, set_backend
+from neuroanimator import load_emulator, write_c_header, write_onnx, write_wasm
 from neuroanimator.bench.csv_table import describe_machine, write_csv
-from neuroanimator.control.descent.c_evaluator import c_evaluator
-from neuroanimator.control.descent.descend import pose_problem
-from neuroanimator.control.descent.parametrisation import EachStep
-from neuroanimator.control.objective.costs import effort, stay_within
-from neuroanimator.control.objective.objective import Objective
-from neuroanimator.emulator.c_emulator import c_emulator
-from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.speed import one_core
-from neuroanimator.systems import load_system
 from neuroanimator.terminal import print_table, progress_bar
 
 SYSTEMS = ("pendulum", "pendulum-passive", "truck", "lander", "fish", "dolphin", "cube")
-STEPS = 200
-GRADIENT_STEPS = 100
-BATCHES = (16, 64, 1024)
-BATCH_STEPS = 10
-REPEATS = 15
-"""Each call is timed so often, all in turn; the medians are told, and the 99th percentile of one call."""
-CONTROLS = 0.3
-"""Random controls of at most this share of their range."""
 
-Call = Callable[[], Any]
+SUBSTEPS = 50
 
+RESULTS = Path(__file__).parent / "results"
 
-def in_backend(name: str, call: Call) -> Call:
-    """Return `call` by the backend `name`."""
+ROUNDS = 200
+"""Every case is timed so often."""
 
-    def called() -> Any:
-        set_backend(name)
-        return call()
-
-    return called
+WRITERS = {"h": write_c_header, "wasm": write_wasm, "onnx": write_onnx}
+"""What is exported, by the end of the file's name."""
 
 
-def calls_of(emulator: Emulator) -> dict[str, tuple[Call, int]]:
-    """Return, by name, (a call, super steps it takes)."""
-    rng = np.random.default_rng(0)
-    bounds = emulator.bounds
-    shares = rng.uniform(-CONTROLS, CONTROLS, (STEPS, len(bounds.half)))
-    controls = np.asarray(bounds.middle + shares * bounds.half, np.float32)
-    rest = emulator.rest.astype(np.float32)
-    program = c_emulator(emulator)
-    if program is None:
-        raise ResourceError("runtimes: there is no program in C here. Install a C compiler.")
-    rollout = partial(emulator.rollout, rest, controls)
-    step = partial(emulator.step, rest, controls[0])
-    calls: dict[str, tuple[Call, int]] = {
-        "kernel_c": (partial(program.rollout, rest, controls), STEPS),
-        "rollout_c": (in_backend("c", rollout), STEPS),
-        "rollout_jax": (in_backend("jax", rollout), STEPS),
-        "step_c": (in_backend("c", step), 1),
-        "step_jax": (in_backend("jax", step), 1),
-    }
-    varied = EachStep.of(GRADIENT_STEPS, bounds)
-    system = load_system(emulator.spec.system)
-    nearly_still = stay_within(system, system.state.slices[0].name, -1.0, 1.0, within=1.0)
-    problem = pose_problem(emulator, Objective.of(effort(), nearly_still), varied, rest)
-    evaluator = c_evaluator(problem)
-    if evaluator is None:
-        raise ResourceError("runtimes: there is no descent in C here.")
-    gradient = partial(evaluator.gradients, np.zeros((1, varied.size)))
-    calls["gradient_c"] = (gradient, GRADIENT_STEPS)
-    for batch in BATCHES:
-        starts = np.tile(rest, (batch, 1))
-        many = np.tile(controls[:BATCH_STEPS], (batch, 1, 1))
-        together = partial(emulator.rollout, starts, many)
-        calls[f"batch_{batch}_c"] = (in_backend("c", together), batch * BATCH_STEPS)
-        calls[f"batch_{batch}_jax"] = (in_backend("jax", together), batch * BATCH_STEPS)
-    return calls
+def exported(motion: Motion, folder: Path) -> dict[str, Any]:
+    """Write all exports to `folder`, where they are held against JAX, and return their sizes [kB]."""
+    sizes: dict[str, Any] = {}
+    for suffix, write in WRITERS.items():
+        file = folder / f"it.{suffix}"
+        write(motion.emulator, file)
+        sizes[f"{suffix}_kB"] = file.stat().st_size / 1e3
+    return sizes
 
 
-def row(name: str) -> dict[str, Any]:
-    """Return the times of one emulator."""
-    calls = calls_of(load_emulator(name))
-    spans: dict[str, list[float]] = {name: [] for name in calls}
-    for call, _ in calls.values():
-        call()  # compiles
-    for _ in range(REPEATS):
-        for label, (call, _) in calls.items():
-            began = time.perf_counter()
-            call()
-            spans[label].append(time.perf_counter() - began)
-    result: dict[str, Any] = {"emulator": name}
-    for label, (_, steps) in calls.items():
-        unit = 1e6 if label.startswith("step") else 1e9
-        result[label] = float(np.median(spans[label])) / steps * unit
-    result["rollout_c_p99"] = float(np.percentile(spans["rollout_c"], 99)) / STEPS * 1e9
-    result["speed_of_kernel_kept"] = result["kernel_c"] / result["rollout_c"]
-    result["jax_over_c"] = result["rollout_jax"] / result["rollout_c"]
-    return result
+def cases_of(motion: Motion, folder: Path, stack: ExitStack) -> Iterator[Case]:
+    """Yield every case of one emulator, whose exports are in `folder`; what they start ends with the `stack`."""
+    yield from generated_c.cases(motion)
+    yield from by_hand.cases(motion)
+    yield from jax_compiled.cases(motion)
+    yield from wasm_in_node.cases(motion, folder, stack)
+    yield from onnx_in_onnxruntime.cases(motion, folder / "it.onnx")
+    yield from physics_in_c.cases(motion)
+
+
+def timed(name: str, cases: list[Case], rounds: int) -> list[dict[str, Any]]:
+    """Return a row for each case, all of them run in turn."""
+    spans: list[list[float]] = [[] for _ in cases]
+    for case in cases:
+        case.run()  # compiles
+    with progress_bar(f"timing {name}", rounds) as bar:
+        for done in range(1, rounds + 1):
+            for case, taken in zip(cases, spans, strict=True):
+                taken.append(seconds_of(case))
+            bar.advance_to(done)
+    rows = []
+    for case, taken in zip(cases, spans, strict=True):
+        nanoseconds = np.array(taken) / case.steps * 1e9
+        row: dict[str, Any] = {"emulator": name, "task": case.task, "runtime": case.runtime}
+        row["p50_ns"] = float(np.percentile(nanoseconds, 50))
+        row["p99_ns"] = float(np.percentile(nanoseconds, 99))
+        rows.append(row)
+    return sorted(rows, key=lambda row: row["task"])
+
+
+def seconds_of(case: Case) -> float:
+    """Return how long one run takes [s]."""
+    began = time.perf_counter()
+    measured = case.run()
+    took = time.perf_counter() - began
+    return measured if isinstance(measured, float) else took
 
 
 def main() -> None:
-    rows = []
-    with one_core(), progress_bar("emulators", len(SYSTEMS)) as bar:
-        for done, system in enumerate(SYSTEMS, start=1):
-            rows.append(row(f"{system}-50"))
-            bar.advance_to(done, system)
-    folder = Path(__file__).parent / "results"
-    write_csv(folder / "runtimes.csv", rows)
+    """Time all systems, print the tables and write them."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--systems", nargs="*", default=SYSTEMS)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the tables")
+    options = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    sizes: list[dict[str, Any]] = []
+    with progress_bar("emulators", len(options.systems)) as bar:
+        for done, system in enumerate(options.systems):
+            name = f"{system}-{SUBSTEPS}"
+            motion = Motion(load_emulator(name))
+            with TemporaryDirectory() as made:
+                folder = Path(made)
+                bar.advance_to(done, f"{name}: exporting")
+                sizes.append({"emulator": name, **exported(motion, folder)})
+                bar.advance_to(done, f"{name}: compiling and timing")
+                with one_core(), ExitStack() as stack:
+                    cases = list(cases_of(motion, folder, stack))
+                    rows += timed(name, cases, options.rounds)
+            bar.advance_to(done + 1, name)
+    options.out.mkdir(parents=True, exist_ok=True)
+    write_csv(options.out / "runtimes.csv", rows)
+    write_csv(options.out / "runtimes_sizes.csv", sizes)
     print(describe_machine())
     print_table(rows)
+    print_table(sizes)
 
 
 if __name__ == "__main__":
