@@ -85,8 +85,11 @@ LICENCE = "Apache-2.0"
 """Terms under which what ships may be used (SPDX)."""
 
 
+def is_shipped(path: Path) -> bool:
+    """Return whether the emulator or policy at `path` came with the package."""
+    return path.parent == shipped_path(*SHIPPED[0]).parent
+
+
 def licence_of(path: Path) -> str:
     """Return the licence of the emulator or policy at `path`: that of the package if it ships, else nothing is known."""
-    if path.parent == shipped_path(*SHIPPED[0]).parent:
-        return LICENCE
-    return ""
+    return LICENCE if is_shipped(path) else ""

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from neuroanimator.cli.quick_start import amd_plugins
+from neuroanimator.zoo import shipped_policy
 
 
 def test_jaxs_plugins_are_found_by_their_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -33,12 +34,16 @@ def test_imported_quickly_jax_is_whole_and_packages_are_found_again():
     assert done.stdout == "6\n", done.stderr
 
 
-def test_a_list_of_names_waits_for_neither_jax_nor_physics():
+@pytest.mark.parametrize(
+    "verb", [("list",), ("info", "fish-50"), ("info", "fish.policy.safetensors")]
+)
+def test_what_ships_is_told_of_without_jax_and_physics(verb: tuple[str, ...]):
+    arguments = [str(shipped_policy("fish")) if "policy" in word else word for word in verb]
     program = (
-        "import sys; sys.argv = ['neuroanimator', 'list']\n"
+        f"import sys; sys.argv = ['neuroanimator', *{arguments}]\n"
         "from neuroanimator.cli.main import main\n"
         "try: main()\nexcept SystemExit: pass\n"
-        "print([name for name in ('jax', 'numpy', 'mujoco') if name in sys.modules])"
+        "print([name for name in ('jax', 'mujoco') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == "[]", done.stderr

@@ -31,10 +31,8 @@ def run(
     """Check an emulator, a policy or a dataset and show what it is; --json says all, with every column."""
     from json import dumps
 
-    from neuroanimator.cli.quick_start import import_jax
     from neuroanimator.terminal import print_rows
 
-    import_jax()
     everything, rows = _read(file)
     if json:
         print(dumps(everything, indent=2, sort_keys=True))
@@ -53,24 +51,25 @@ def _read(file: str) -> tuple[dict[str, Any], Rows]:
 
 def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
     from neuroanimator.backend import backend_in_words
-    from neuroanimator.emulator.artifact import load, read_metadata
-    from neuroanimator.emulator.tensors import emulator_tensors
-    from neuroanimator.zoo import find_emulator
+    from neuroanimator.state.layout import Layout
+    from neuroanimator.storage.files import read_tensors
+    from neuroanimator.zoo import find_emulator, is_shipped
 
     path = find_emulator(file)
-    metadata = read_metadata(path)
-    model = load(path)
+    if not is_shipped(path):
+        _check_emulator(path)
+    tensors, metadata = read_tensors(path, "emulator")
     network = metadata["network"]
     widths = "x".join(map(str, network["widths"]))
-    stored_numbers = sum(array.size for array in emulator_tensors(model).values())
+    stored_numbers = sum(array.size for array in tensors.values())
     rows: Rows = [
         ("file", path.name),
         ("system", metadata["system"]),
         ("super step", f"{metadata['dt'] * 1e3:g} ms ({metadata['substeps']} physics steps)"),
-        ("state", summary_of(model.state)),
-        ("control", summary_of(model.control)),
+        ("state", summary_of(Layout.from_json(metadata["state"], "state"))),
+        ("control", summary_of(Layout.from_json(metadata["control"], "control"))),
         ("control bounds", bounds_of(*metadata["bounds"])),
-        ("network", f"{network['kind']} {widths}{_strides(model.strides)}"),
+        ("network", f"{network['kind']} {widths}{_strides(metadata.get('strides', 1))}"),
         ("numbers stored", f"{stored_numbers:,}"),
         ("runs in", backend_in_words()),
         ("sha256", metadata["sha256"]),
@@ -78,30 +77,51 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
     return metadata, rows
 
 
+def _check_emulator(path: Path) -> None:
+    """Raise BadFileError for what is no emulator. To find that out it is loaded, which takes JAX."""
+    from neuroanimator.cli.quick_start import import_jax
+
+    import_jax()
+    from neuroanimator.emulator.artifact import load
+
+    load(path)
+
+
 def _strides(count: int) -> str:
     return f", {count} times in a super step" if count > 1 else ""
 
 
 def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
-    from neuroanimator.control.policies.policy import COMMAND
-    from neuroanimator.control.policies.policy_file import load_policy
+    from neuroanimator.state.layout import Layout
     from neuroanimator.storage.files import read_tensors
-    from neuroanimator.zoo import find_policy
+    from neuroanimator.zoo import find_policy, is_shipped
 
     path = find_policy(str(path))
-    policy = load_policy(path)
+    if not is_shipped(path):
+        _check_policy(path)
     _, metadata = read_tensors(path, "policy")
-    spec = policy.emulator.spec
+    emulator = metadata["emulator"]
+    step = f"{emulator['system']}, n = {emulator['substeps']}: a command every {emulator['dt'] * 1e3:g} ms"
     rows: Rows = [
         ("file", path.name),
-        ("policy for", f"{spec.system}, n = {spec.substeps}: a command every {spec.dt * 1e3:g} ms"),
-        ("command", summary_of(COMMAND)),
+        ("policy for", step),
+        ("command", summary_of(Layout.from_json(metadata["command"], "command"))),
         ("command bounds", bounds_of(*metadata["ranges"])),
-        ("control", summary_of(spec.control)),
+        ("control", summary_of(Layout.from_json(emulator["control"], "control"))),
         ("network", "x".join(map(str, metadata["widths"]))),
         ("sha256", metadata["sha256"]),
     ]
     return metadata, rows
+
+
+def _check_policy(path: Path) -> None:
+    """Raise BadFileError for what is no policy. To find that out it is loaded, which takes JAX."""
+    from neuroanimator.cli.quick_start import import_jax
+
+    import_jax()
+    from neuroanimator.control.policies.policy_file import load_policy
+
+    load_policy(path)
 
 
 def _dataset(folder: Path) -> tuple[dict[str, Any], Rows]:
