@@ -98,7 +98,7 @@ class Cloud:
             [xy - yx, zx + xz, yz + zy, zz - xx - yy],
         ]
         matrix = xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
-        quaternion = xp.linalg.eigh(matrix)[1][..., -1]
+        quaternion = _largest_eigenvector(matrix)
         return quaternion * xp.where(quaternion[..., :1] < 0, -1.0, 1.0)
 
     def angular_velocity(
@@ -115,6 +115,28 @@ class Cloud:
         trace = moments[..., 0, 0] + moments[..., 1, 1] + moments[..., 2, 2]
         inertia = trace[..., None, None] * xp.eye(3, dtype=shape.dtype) - moments
         return _solve(inertia, momentum)
+
+
+def _largest_eigenvector(matrix: Float[AnyArray, "... 4 4"]) -> Float[AnyArray, "... 4"]:
+    """Return the eigenvector of the largest eigenvalue of a symmetric matrix, with its first derivative.
+
+    The derivative that JAX has for all eigenvectors divides by the differences of all eigenvalues, and those of a
+    cube's smaller ones are zero. That of one eigenvector v needs its own differences alone: to first order it turns
+    towards the others by (u · dM v) / (λ - μ) (Magnus 1985).
+    """
+    xp = matrix.__array_namespace__()
+    if isinstance(matrix, np.ndarray):
+        return xp.linalg.eigh(matrix)[1][..., -1]
+    from jax.lax import stop_gradient  # there is an array of JAX
+
+    values, vectors = xp.linalg.eigh(stop_gradient(matrix))
+    largest = vectors[..., -1]
+    others = vectors[..., :-1]
+    gaps = values[..., -1:] - values[..., :-1]
+    gaps = xp.where(gaps > 0, gaps, 1.0)
+    change = matrix - stop_gradient(matrix)  # nothing, but it has a derivative
+    turns = (others.mT @ (change @ largest[..., None]))[..., 0] / gaps
+    return largest + (others @ turns[..., None])[..., 0]
 
 
 def _solve(
