@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from neuroanimator.compiler.build import CompilerError, build_folder, succeeds
@@ -13,13 +14,29 @@ STACK = 4 << 20
 """Room for the arrays of functions [bytes]; what needs more ends with a trap, not with wrong numbers."""
 
 PATIENCE = 600
-"""Time the compiler may take [s]: the first time on a machine it builds its own library, too."""
+"""Time the compiler may take [s]: the first time on a machine it may build its own library, too."""
 
 FLAGS = (
-    "-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c99", "-O2", "-msimd128", "-fno-math-errno",
+    "-std=c99", "-O2", "-fno-math-errno",
     "-Wl,--no-entry", "-Wl,--strip-all", f"-Wl,-z,stack-size={STACK}", "-Wl,--export=__heap_base",
 )  # fmt: skip
-"""Vectors of four floats. Zig puts the stack first in memory, so that it cannot grow into other numbers."""
+"""Zig puts the stack first in memory, so that it cannot grow into other numbers."""
+
+BARE = ("-target", "wasm32-freestanding", "-mcpu=generic+bulk_memory+simd128", "-nostdlib")
+"""Without a C library, which Zig would build for half a minute. Vectors of four floats."""
+
+WITH_LIBRARY = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-msimd128")
+
+INSTRUCTIONS = {
+    "math.h": (
+        "fabs", "sqrt", "rint", "fabsf", "sqrtf", "floorf", "ceilf", "rintf", "copysignf", "isnan", "isinf", "isfinite",
+    ),
+    "string.h": ("memcpy", "memmove", "memset"),
+}  # fmt: skip
+"""What programs may call of C's headers that WebAssembly has instructions for."""
+
+LIBRARY_CALL = re.compile(r"\b(acosf|asinf|cbrtf|coshf|fmodf|powf|sinhf)\(")
+"""What it has none for, of all that `codegen` writes."""
 
 
 def wasm_module(text: str, exports: list[str]) -> bytes:
@@ -43,9 +60,24 @@ def _built(text: str, exports: list[str], zig: list[str], folder: Path) -> bytes
         module = work_folder / "program.wasm"
         source.write_text(text, encoding="utf-8")
         wanted = [f"-Wl,--export={name}" for name in exports]
-        command = [*zig, *FLAGS, *wanted, str(source), "-o", str(module)]
+        target = WITH_LIBRARY
+        if not LIBRARY_CALL.search(text):
+            target = [*BARE, "-isystem", str(_bare_headers(work_folder))]
+        command = [*zig, *target, *FLAGS, *wanted, str(source), "-o", str(module)]
         # What Zig builds of its own library is worth keeping; the home folder may be missing.
         caches = zig_folders(kept_folder("zig") or work_folder, work_folder)
         if not succeeds(command, work_folder, PATIENCE, caches) or not module.is_file():
             raise CompilerError("the Zig compiler failed")
         return module.read_bytes()
+
+
+def _bare_headers(work_folder: Path) -> Path:
+    """Write headers whose functions are the compiler's own, and return their folder."""
+    folder = work_folder / "include"
+    folder.mkdir()
+    for header, names in INSTRUCTIONS.items():
+        lines = [f"#define {name} __builtin_{name}\n" for name in names]
+        if header == "math.h":
+            lines += ["#define INFINITY __builtin_inff()\n", '#define NAN __builtin_nanf("")\n']
+        (folder / header).write_text("".join(lines), encoding="utf-8")
+    return folder

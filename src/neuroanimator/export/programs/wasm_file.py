@@ -86,7 +86,8 @@ class Module:
         self._store: wasmtime.Store = runtime.Store()
         module = runtime.Module(self._store.engine, content)
         self._exports = runtime.Instance(self._store, module, []).exports(self._store)
-        self._exports["_initialize"](self._store)
+        if "_initialize" in self._exports:  # of a C library, where one is needed
+            self._exports["_initialize"](self._store)
 
     def call(self, function: str, *arguments: np.ndarray | float) -> int | None:
         """Call a function with arrays, which are copied in and back, and numbers."""
