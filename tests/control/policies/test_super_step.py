@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from neuroanimator import load_emulator, set_backend
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.control.policies import super_step as module
+from neuroanimator.control.policies.behaviours import steer_along, wander
+from neuroanimator.control.policies.closed_loop import rollout_on_emulator
 from neuroanimator.control.policies.policy import Policy, fresh_policy
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.control.policies.super_step import SuperStep, make_super_step
 from neuroanimator.emulator import c_rows
 from neuroanimator.state.layout import Bounds
+from neuroanimator.state.pose import Pose
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
@@ -50,6 +55,22 @@ def test_a_super_step_in_c_is_the_one_in_jax(policy: Policy):
         assert np.ptp(expected) > 0
         scale = np.abs(expected).max()
         np.testing.assert_allclose(computed, expected, rtol=1e-4, atol=1e-4 * scale)
+
+
+@needs_compiler
+def test_bodies_live_on_the_emulator_in_c_as_in_jax(policy: Policy):
+    def go(pose: Pose, time: jax.Array) -> SteeringTarget:
+        return steer_along(wander(pose, time), jnp.array([0.5, 1.0]))
+
+    starts = np.tile(policy.emulator.rest, (2, 1))
+    starts[1, 0] += 3.0
+    lives = []
+    for backend in ("c", "jax"):
+        set_backend(backend)
+        lives.append(rollout_on_emulator(policy, go, starts, 6, seed=2))
+    assert all(isinstance(life, jax.Array) for life in lives)
+    scale = np.abs(lives[1]).max()
+    np.testing.assert_allclose(lives[0], lives[1], rtol=1e-3, atol=1e-4 * scale)
 
 
 @needs_compiler

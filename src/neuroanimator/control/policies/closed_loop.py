@@ -10,10 +10,14 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.policies.behaviours import Behaviour
-from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.policy import Policy, latent_structure
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward
-from neuroanimator.control.policies.super_step import make_super_step
+from neuroanimator.control.policies.super_step import is_in_c, make_super_step
+from neuroanimator.emulator.arrays import as_float32, as_jax
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.pose import read_pose
+from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import Runs, System
 
 
@@ -41,7 +45,7 @@ def rollout_on_emulator(
 ) -> Float[Array, "B {steps}+1 S"]:
     """Return what bodies from `starts` (B, S) do on the emulator if each always goes where `behaviour` says.
 
-    Clocks begin at random, by `seed`, so that bodies do not beat in time.
+    The super steps are made by the `backend`. Clocks begin at random, by `seed`, so that bodies do not beat in time.
 
     Raises ArgumentError for starts of another shape.
     """
@@ -51,7 +55,44 @@ def rollout_on_emulator(
             f"starts and steps: wanted (B, S) and at least 1, came {checked.shape} and {steps}."
         )
     phase = jax.random.uniform(jax.random.key(seed), (len(checked),), maxval=2 * jnp.pi)
+    if is_in_c(policy):
+        return _rollout_in_c(policy, behaviour, as_float32(checked), np.asarray(phase), steps)
     return _rollout_on_emulator(policy, behaviour, jnp.asarray(checked, jnp.float32), phase, steps)
+
+
+def _rollout_in_c(
+    policy: Policy,
+    behaviour: Behaviour,
+    starts: Float[np.ndarray, "B S"],
+    phase: Float[np.ndarray, " B"],
+    steps: int,
+) -> Float[Array, "B {steps}+1 S"]:
+    """Return the same, step by step: of all that happens only the behaviour is left to be compiled by JAX."""
+    structure = latent_structure(policy.emulator)
+    tick = policy.tick
+    times = np.arange(steps, dtype=np.float32) * np.float32(policy.dt)
+    latent = as_float32(policy.emulator.encode(starts))
+    path = [starts]
+    for time in times:
+        wanted = _target(behaviour, structure, latent, time)
+        direction = np.broadcast_to(wanted.direction, (len(starts), 3))
+        speed = np.broadcast_to(wanted.speed, (len(starts),))
+        made = make_super_step(policy, latent, phase, SteeringTarget(direction, speed))
+        latent = made.latent
+        phase = ((phase + tick) % (2 * np.pi)).astype(np.float32)
+        path.append(made.states)
+    return as_jax(np.stack(path, axis=1))
+
+
+@eqx.filter_jit
+def _target(
+    behaviour: Behaviour,
+    structure: Structure,
+    latent: Float[AnyArray, "B I"],
+    time: Float[AnyArray, ""],
+) -> SteeringTarget:
+    """Return where each body shall go now; filter_jit asks for nothing but the small part of a policy this needs."""
+    return behaviour(read_pose(structure, latent), time)
 
 
 @eqx.filter_jit

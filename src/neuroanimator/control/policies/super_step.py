@@ -11,7 +11,7 @@ from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import describe_policy, policy_leaves
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward
 from neuroanimator.emulator.arrays import as_float32
-from neuroanimator.emulator.c_rows import call_rows
+from neuroanimator.emulator.c_rows import CRows, c_rows, call_rows
 from neuroanimator.emulator.probes import probes_of
 from neuroanimator.emulator.tensors import to_numpy
 from neuroanimator.storage.files import canonical_json, digest
@@ -49,6 +49,15 @@ def make_super_step(
         np.asarray(target.speed)[:, None],
     )
     return SuperStep(*outputs)
+
+
+def is_in_c(policy: Policy) -> bool:
+    """Return whether `make_super_step` runs in C, and so costs little without being part of a larger program."""
+    return _in_c(policy) is not None
+
+
+def _in_c(policy: Policy) -> CRows | None:
+    return c_rows(policy_super_step, policy, lambda: _about(policy), lambda: _samples(policy))
 
 
 def policy_super_step(
