@@ -36,12 +36,12 @@ def nothing(weights: Array, numbers: Array, x: Array) -> Array:
 
 
 def compiled(function: Callable[..., Array], numbers: np.ndarray) -> tuple[CMap, MapDefinition]:
-    definition = MapDefinition(function, jnp.asarray(WEIGHTS), (18,))
+    definition = MapDefinition(function, jnp.asarray(WEIGHTS), 18)
     program = program_of_maps({"map": definition}, len(numbers))
     library = compiled_library(program.text, FLAGS)
     assert library is not None
     loaded = LoadedProgram(library, aligned(program.constants), program.sizes)
-    return CMap.of(loaded, "map", definition, numbers), definition
+    return CMap(loaded, "map", numbers), definition
 
 
 def check(in_c: CMap, definition: MapDefinition, numbers: np.ndarray) -> None:

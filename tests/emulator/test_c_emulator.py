@@ -158,6 +158,8 @@ def test_a_program_is_made_once_a_machine_and_a_damaged_one_anew(
     state, controls = motion(load_emulator("pendulum-passive-50"), 4, 0)
 
     def last_state() -> np.ndarray:
+        """Return where a process that has loaded nothing yet ends."""
+        monkeypatch.setattr("neuroanimator.codegen.kept._loaded", {})
         program = c_emulator(load_emulator("pendulum-passive-50"))
         assert program is not None
         trajectory, _ = program.rollout(state.astype(np.float32), controls.astype(np.float32))

@@ -27,27 +27,28 @@ MOST_SCRATCH = 2**22
 TOLERANCE = 1e-3
 """Numbers may be off by so much of the largest of their array: both sum float32 in orders of their own."""
 
-Lanes = Float[np.ndarray, "... 16"]
+Lanes = Float[np.ndarray, "_ 16"]
 
 
 class MapDefinition(NamedTuple):
     """What a map is in JAX."""
 
     function: Callable[..., Array]
-    """(module, numbers (P,), x) → y"""
+    """(module, numbers (P,), x (X,)) → y (Y,)"""
     module: Any
     """Any pytree; its arrays are constants of the program."""
-    shape: tuple[int, ...]
-    """Of x."""
+    inputs: int
+    """Length of x."""
 
     def with_numbers(self, numbers: Float[np.ndarray, " P"]) -> Callable[[Array], Array]:
         """Return x → y."""
         return partial(self.function, self.module, jax.device_put(numbers))
 
-    def value_shape(self, numbers: int) -> tuple[int, ...]:
-        """Return the shape of y, for so many numbers."""
-        arrays = [jax.ShapeDtypeStruct(shape, np.float32) for shape in ((numbers,), self.shape)]
-        return jax.eval_shape(self.function, self.module, *arrays).shape
+    def outputs(self, numbers: int) -> int:
+        """Return the length of y, for so many numbers."""
+        arrays = [jax.ShapeDtypeStruct((size,), np.float32) for size in (numbers, self.inputs)]
+        (size,) = jax.eval_shape(self.function, self.module, *arrays).shape
+        return size
 
 
 def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constants) -> CFunction:
@@ -61,7 +62,8 @@ def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constan
 
     Raises UnsupportedError for what there is no C for.
     """
-    function, module, shape = definition
+    function, module, inputs = definition
+    outputs = definition.outputs(numbers)
 
     def in_every_way(
         module: Any, numbers: Array, x: Array, of_y: Array, tangent: Array, one_of_y: Array
@@ -71,19 +73,18 @@ def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constan
         pull = jax.linear_transpose(push, x)
         return y, *pull(of_y), push(tangent), *pull(one_of_y)
 
-    value = definition.value_shape(numbers)
-    inputs = [
+    arguments = [
         Input((numbers,)),
-        Input(shape),
-        Input(value, is_wide=True, is_late=True),
-        Input(shape, is_wide=True, is_late=True),
-        Input(value, is_late=True),
+        Input((inputs,)),
+        Input((outputs,), is_wide=True, is_late=True),
+        Input((inputs,), is_wide=True, is_late=True),
+        Input((outputs,), is_late=True),
     ]
     late = [LatePart("backward", 1, 1), LatePart("push", 1, 1), LatePart("slope", 1, 1)]
     differentiated = c_function(
-        name, in_every_way, module, inputs, constants, late=late, is_public=True
+        name, in_every_way, module, arguments, constants, late=late, is_public=True
     )
-    wide = [Input((numbers,)), Input(shape, is_wide=True)]
+    wide = [Input((numbers,)), Input((inputs,), is_wide=True)]
     in_lanes = c_function(f"{name}_lanes", function, module, wide, constants, is_public=True)
     if max(differentiated.scratch, in_lanes.scratch) > MOST_SCRATCH:
         raise UnsupportedError(f"{name} of so many numbers")
@@ -91,15 +92,17 @@ def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constan
 
 
 def program_of_maps(definitions: dict[str, MapDefinition], numbers: int) -> CProgram:
-    """Return the program of maps by their names, all of the same `numbers`; its sizes are the tapes by these names."""
+    """Return the program of maps by their names, all of the same `numbers`; its sizes are what a `CMap` needs to know."""
     constants = Constants()
     texts = [prelude()]
-    tapes = {}
+    sizes = {}
     for name, definition in definitions.items():
         written = c_map(name, definition, numbers, constants)
         texts.append(written.text)
-        tapes[name] = written.tape
-    return CProgram("\n".join(texts), constants.data(), tapes)
+        sizes[f"{name} inputs"] = definition.inputs
+        sizes[f"{name} outputs"] = definition.outputs(numbers)
+        sizes[f"{name} tape"] = written.tape
+    return CProgram("\n".join(texts), constants.data(), sizes)
 
 
 def callers(*files: tuple[str, str]) -> str:
@@ -138,61 +141,65 @@ class CMap:
     program: LoadedProgram
     name: str
     numbers: Float[np.ndarray, " P"]
-    inputs: tuple[int, ...]
-    """Shape of x."""
-    outputs: tuple[int, ...]
-    """Shape of y."""
 
-    @classmethod
-    def of(
-        cls,
-        program: LoadedProgram,
-        name: str,
-        definition: MapDefinition,
-        numbers: Float[np.ndarray, " P"],
-    ) -> CMap:
-        """Return the map of this name in `program`, made of `definition`, with its numbers."""
-        return cls(program, name, numbers, definition.shape, definition.value_shape(len(numbers)))
+    @property
+    def inputs(self) -> int:
+        """Length of x."""
+        return self.program.sizes[f"{self.name} inputs"]
 
-    def forward(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (y, the tape that `backward` and `push` need)."""
+    @property
+    def outputs(self) -> int:
+        """Length of y."""
+        return self.program.sizes[f"{self.name} outputs"]
+
+    @property
+    def tape(self) -> int:
+        """Floats that `forward` leaves for the derivatives."""
+        return self.program.sizes[f"{self.name} tape"]
+
+    def forward(
+        self, x: Float[np.ndarray, " X"]
+    ) -> tuple[Float[np.ndarray, " Y"], Float[np.ndarray, " T"]]:
+        """Return (y, the tape that the derivatives need)."""
         y = np.empty(self.outputs, np.float32)
-        tape = aligned_room(self.program.sizes[self.name] + WIDTH)
+        tape = aligned_room(self.tape + WIDTH)
         self._call("forward", self.numbers, x, tape, NOTHING, y)
         return y, tape
 
-    def backward(self, tape: np.ndarray, of_y: Lanes) -> Lanes:
+    def backward(self, tape: Float[np.ndarray, " T"], of_y: Lanes) -> Lanes:
         """Return what sixteen cotangents of y say of x."""
-        of_x = lanes(*self.inputs)
+        of_x = lanes(self.inputs)
         self._call("backward", tape, NOTHING, of_y, of_x)
         return of_x
 
-    def slope(self, tape: np.ndarray, of_y: np.ndarray) -> np.ndarray:
+    def slope(
+        self, tape: Float[np.ndarray, " T"], of_y: Float[np.ndarray, " Y"]
+    ) -> Float[np.ndarray, " X"]:
         """Return what one cotangent of y says of x."""
         of_x = np.empty(self.inputs, np.float32)
         self._call("slope", tape, NOTHING, of_y, of_x)
         return of_x
 
-    def push(self, tape: np.ndarray, tangents: Lanes) -> Lanes:
+    def push(self, tape: Float[np.ndarray, " T"], tangents: Lanes) -> Lanes:
         """Return how y changes with sixteen tangents of x."""
-        result = lanes(*self.outputs)
+        result = lanes(self.outputs)
         self._call("push", tape, NOTHING, tangents, result)
         return result
 
     def lanes(self, xs: Lanes) -> Lanes:
         """Return y of sixteen x."""
-        ys = lanes(*self.outputs)
+        ys = lanes(self.outputs)
         self._call("lanes", self.numbers, xs, ys)
         return ys
 
-    def of_rows(self, xs: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N ..."]:
+    def of_rows(self, xs: Float[np.ndarray, "N X"]) -> Float[np.ndarray, "N Y"]:
         """Return y of each x."""
-        ys = np.empty((len(xs), *self.outputs), np.float32)
+        ys = np.empty((len(xs), self.outputs), np.float32)
         for first in range(0, len(xs), WIDTH):
             some = xs[first : first + WIDTH]
-            wide = lanes(*self.inputs)
-            wide[..., : len(some)] = np.moveaxis(some, 0, -1)
-            ys[first : first + WIDTH] = np.moveaxis(self.lanes(wide)[..., : len(some)], -1, 0)
+            wide = lanes(self.inputs)
+            wide[:, : len(some)] = some.T
+            ys[first : first + WIDTH] = self.lanes(wide)[:, : len(some)].T
         return ys
 
     def struct(self) -> MapStruct:
@@ -202,30 +209,30 @@ class CMap:
             self.program.constants.ctypes.data,
             self.numbers.ctypes.data,
             *functions,
-            int(np.prod(self.inputs)),
-            int(np.prod(self.outputs)),
-            self.program.sizes[self.name],
+            self.inputs,
+            self.outputs,
+            self.tape,
         )
 
     def check(
         self,
-        points: Float[np.ndarray, "16 ..."],
+        points: Float[np.ndarray, "16 X"],
         of_y: Lanes,
-        values: Float[np.ndarray, "16 ..."],
-        pulled: Float[np.ndarray, "16 ... 16"],
+        values: Float[np.ndarray, "16 Y"],
+        pulled: Float[np.ndarray, "16 X 16"],
     ) -> None:
         """Raise WrongProgramError unless y at sixteen points, and what `of_y` say of x, are `values` and `pulled`.
 
         Tangents are held against the cotangents, of which they are the transpose, and lanes against the values.
         """
-        tangents = random_lanes(np.random.default_rng(0), *self.inputs)
+        tangents = random_lanes(np.random.default_rng(0), self.inputs)
         for point, value, expected in zip(points, values, pulled, strict=True):
             y, tape = self.forward(point)
             of_x = self.backward(tape, of_y)
             self._compare(y, value)
             self._compare(of_x, expected)
-            one_of_y = np.ascontiguousarray(of_y[..., 0])
-            self._compare(self.slope(tape, one_of_y), of_x[..., 0])
+            one_of_y = np.ascontiguousarray(of_y[:, 0])
+            self._compare(self.slope(tape, one_of_y), of_x[:, 0])
             pushed = self.push(tape, tangents)
             self._compare(_products(of_y, pushed), _products(of_x, tangents))
         self._compare(self.of_rows(points), values)
@@ -276,7 +283,7 @@ def _values_and_pulled(
 def check_maps(maps: list[CMap], judge: Judge, points: list[np.ndarray]) -> None:
     """Raise WrongProgramError unless each of `maps` does at its sixteen `points` what the `judge` says."""
     rng = np.random.default_rng(0)
-    cotangents = [random_lanes(rng, *one.outputs) for one in maps]
+    cotangents = [random_lanes(rng, one.outputs) for one in maps]
     expected = judge(points, cotangents)
     for one, at, of_y, (values, pulled) in zip(maps, points, cotangents, expected, strict=True):
         one.check(at, of_y, np.asarray(values), np.asarray(pulled))
@@ -284,7 +291,7 @@ def check_maps(maps: list[CMap], judge: Judge, points: list[np.ndarray]) -> None
 
 def _products(left: Lanes, right: Lanes) -> Float[np.ndarray, "16 16"]:
     """Return the scalar product of each lane of one with each of the other."""
-    return left.reshape(-1, WIDTH).T.astype(float) @ right.reshape(-1, WIDTH)
+    return left.T.astype(float) @ right
 
 
 def aligned_room(count: int) -> Float[np.ndarray, " N"]:
@@ -292,14 +299,14 @@ def aligned_room(count: int) -> Float[np.ndarray, " N"]:
     return aligned(np.zeros(count, np.float32))
 
 
-def lanes(*shape: int) -> Lanes:
+def lanes(count: int) -> Lanes:
     """Return zeros with sixteen lanes."""
-    return aligned_room(int(np.prod(shape)) * WIDTH).reshape(*shape, WIDTH)
+    return aligned_room(count * WIDTH).reshape(count, WIDTH)
 
 
-def random_lanes(rng: np.random.Generator, *shape: int) -> Lanes:
+def random_lanes(rng: np.random.Generator, count: int) -> Lanes:
     """Return random numbers with sixteen lanes."""
-    result = lanes(*shape)
+    result = lanes(count)
     result[:] = rng.normal(size=result.shape)
     return result
 

@@ -91,6 +91,8 @@ def _load(
         return None
     key = hashlib.sha256("\n".join([about, facts, str(FLAGS), _sources()]).encode()).hexdigest()
     folder = kept_folder("c-programs")
+    if (folder, key) in _loaded:
+        return _loaded[folder, key]
     record = None if folder is None else folder / f"{key}.safetensors"
     kept = None if record is None else _read(record)
     program = _made(make) if kept is None else kept
@@ -104,7 +106,12 @@ def _load(
             check(loaded)
         if record is not None:
             _write(record, program)
+    _loaded[folder, key] = loaded
     return loaded
+
+
+_loaded: dict[tuple[Path | None, str], LoadedProgram] = {}
+"""What this process has loaded, by the folder of records and the name of its record: reading takes longer than a descent."""
 
 
 def _made(make: Callable[[], CProgram]) -> CProgram:

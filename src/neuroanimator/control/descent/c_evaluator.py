@@ -163,8 +163,9 @@ class CEvaluator(Evaluator):
 
     def motion(self, z: Float[np.ndarray, " Z"]) -> EmulatedMotion:
         z = as_float32(z)
-        controls = np.empty(self._controls.outputs, np.float32)
-        latents = np.empty((len(controls) + 1, len(self._latent)), np.float32)
+        shape = self._objective.shape
+        controls = np.empty((shape.steps, shape.control), np.float32)
+        latents = np.empty((shape.steps + 1, len(self._latent)), np.float32)
         arrays = [array.ctypes.data for array in (z, controls, latents)]
         with self._rooms.borrowed() as room:
             self._library.motion(self._problem, self._begin, *arrays, room)
@@ -181,10 +182,10 @@ def _plan(objective: CObjective, controls: CMap, link: CMap) -> tuple[bool, bool
     That is what takes the fewest sweeps. Links with few inputs or outputs take few to differentiate, and then all other
     sweeps are small.
     """
-    (varied,) = map(_sweeps, controls.inputs)
-    (residuals,) = map(_sweeps, objective.residuals.outputs)
-    (efforts,) = map(_sweeps, objective.efforts.outputs)
-    of_link = min(map(_sweeps, (*link.inputs, *link.outputs)))
+    varied = _sweeps(controls.inputs)
+    residuals = _sweeps(objective.residuals.outputs)
+    efforts = _sweeps(objective.efforts.outputs)
+    of_link = _sweeps(min(link.inputs, link.outputs))
     return varied < residuals, varied < efforts, of_link < min(varied, residuals)
 
 
@@ -240,12 +241,12 @@ def controls_map(parametrisation: Parametrisation) -> CMap | None:
     leaves, structure = jax.tree.flatten(parametrisation)
     numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(leaves)}
     about = "\n".join([CONTROLS, str(structure), digest(numbers)])
-    definitions = {CONTROLS: MapDefinition(_controls, parametrisation, (parametrisation.size,))}
+    definitions = {CONTROLS: MapDefinition(_controls, parametrisation, parametrisation.size)}
     make = partial(program_of_maps, definitions, len(NO_NUMBERS))
     program = load_program(about, make, partial(_check_controls, definitions[CONTROLS]))
     if program is None:
         return _known.keep(None, parametrisation)
-    in_c = CMap.of(program, CONTROLS, definitions[CONTROLS], NO_NUMBERS)
+    in_c = CMap(program, CONTROLS, NO_NUMBERS)
     return _known.keep(in_c, parametrisation)
 
 
@@ -255,14 +256,14 @@ NO_NUMBERS = aligned(np.zeros(0, np.float32))
 
 def _controls(
     parametrisation: Parametrisation, _: Float[Array, " 0"], z: Float[Array, " Z"]
-) -> Float[Array, "T C"]:
-    return parametrisation.controls(z)
+) -> Float[Array, " Y"]:
+    return parametrisation.controls(z).ravel()
 
 
 def _check_controls(definition: MapDefinition, program: LoadedProgram) -> None:
     """Compare controls and their derivatives about random z with JAX."""
-    in_c = CMap.of(program, CONTROLS, definition, NO_NUMBERS)
-    zs = np.random.default_rng(0).normal(size=(WIDTH, *definition.shape)).astype(np.float32)
+    in_c = CMap(program, CONTROLS, NO_NUMBERS)
+    zs = np.random.default_rng(0).normal(size=(WIDTH, definition.inputs)).astype(np.float32)
     judge = compiled_quickly(judge_of([definition.with_numbers(NO_NUMBERS)]))
     check_maps([in_c], judge, [zs])
 
@@ -272,4 +273,6 @@ def controls_in_c(
 ) -> Float[np.ndarray, "K T C"] | None:
     """Return the controls each row of `zs` stands for; None where there is no program for it."""
     in_c = controls_map(parametrisation)
-    return None if in_c is None else in_c.of_rows(zs)
+    if in_c is None:
+        return None
+    return in_c.of_rows(zs).reshape(len(zs), parametrisation.steps, -1)

@@ -36,7 +36,7 @@ def link(
 
 
 def _definition(emulator: Emulator) -> MapDefinition:
-    return MapDefinition(link, emulator, (latent_size(emulator) + emulator.control.size,))
+    return MapDefinition(link, emulator, latent_size(emulator) + emulator.control.size)
 
 
 def _no_defect(emulator: Emulator) -> Float[np.ndarray, " V"]:
@@ -65,14 +65,14 @@ def link_of(emulator: Emulator) -> CMap | None:
     program = load_checked(emulator, chain_program, partial(_check, emulator))
     if program is None:
         return _known.keep(None, emulator)
-    in_c = CMap.of(program, LINK, _definition(emulator), _no_defect(emulator))
+    in_c = CMap(program, LINK, _no_defect(emulator))
     return _known.keep(in_c, emulator)
 
 
 def _check(emulator: Emulator, probes: Probes, program: LoadedProgram) -> None:
     """Compare a super step from each probe, sixteen at a time, and the gradients of some, with a random defect."""
     no_defect = _no_defect(emulator)
-    in_c = CMap.of(program, LINK, _definition(emulator), no_defect)
+    in_c = CMap(program, LINK, no_defect)
     latents = np.asarray(emulator.encode(probes.states), np.float32)
     xs = np.concatenate([latents, probes.controls], axis=1)
     probes.compare(np.asarray(emulator.decode(in_c.of_rows(xs))))

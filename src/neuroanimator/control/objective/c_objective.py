@@ -33,7 +33,7 @@ from neuroanimator.codegen.rooms import Rooms
 from neuroanimator.compiler.compiler import compiled_library
 from neuroanimator.control.objective.objective import CostTerm, Objective, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
-from neuroanimator.emulator.emulator import Emulator, latent_size
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.probes import compiled_quickly
 from neuroanimator.storage.files import digest
@@ -190,8 +190,6 @@ class _Form:
     shape: MotionShape
     encoding: Encoding | None
     """Of latent states; None where these are the states themselves."""
-    latent: int
-    """Numbers of a latent state."""
 
     @property
     def terms(self) -> list[StateTerm]:
@@ -230,15 +228,15 @@ class _Form:
         observed = 0
         for number, term in enumerate(self.terms):
             of_state = partial(self._observe, number)
-            result[f"state_{number}"] = MapDefinition(of_state, None, (self.shape.state,))
+            result[f"state_{number}"] = MapDefinition(of_state, None, self.shape.state)
             if self.encoding is not None:
                 of_latent = partial(self._observe_latent, number)
-                definition = MapDefinition(of_latent, self.encoding, (self.latent,))
-                result[f"latent_{number}"] = definition
+                latent = self.encoding.layout.size
+                result[f"latent_{number}"] = MapDefinition(of_latent, self.encoding, latent)
             observed += len(self.rows(term)) * self.observed_size(term)
-        result["residuals"] = MapDefinition(self._residuals, None, (observed,))
-        motion = (self.shape.steps, self.shape.control)
-        result["efforts"] = MapDefinition(self._efforts, None, motion)
+        result["residuals"] = MapDefinition(self._residuals, None, observed)
+        controls = self.shape.steps * self.shape.control
+        result["efforts"] = MapDefinition(self._efforts, None, controls)
         return result
 
     def _judge(self, numbers: Float[Array, " P"]) -> tuple[Objective, Float[Array, " C"]]:
@@ -279,24 +277,18 @@ class _Form:
         return jnp.concatenate(parts)
 
     def _efforts(
-        self, _: None, numbers: Float[Array, " P"], controls: Float[Array, "T C"]
+        self, _: None, numbers: Float[Array, " P"], controls: Float[Array, " N"]
     ) -> Float[Array, " Q"]:
         """Return the residuals of the terms that look at controls alone."""
         objective, scale = self._judge(numbers)
         still = jnp.zeros((self.shape.steps + 1, self.shape.state))
-        motion = Trajectory(still, controls, scale, self.shape.dt)
+        held = controls.reshape(self.shape.steps, self.shape.control)
+        motion = Trajectory(still, held, scale, self.shape.dt)
         return objective.apart()[1].residuals(motion)
 
     def write(self) -> CProgram:
         """Return the program of all maps."""
         return program_of_maps(self.definitions(), sum(self.sizes))
-
-    def maps(self, program: LoadedProgram, numbers: Float[np.ndarray, " P"]) -> dict[str, CMap]:
-        """Return the maps of `program` with these numbers."""
-        result = {}
-        for name, definition in self.definitions().items():
-            result[name] = CMap.of(program, name, definition, numbers)
-        return result
 
     def check(
         self,
@@ -307,7 +299,8 @@ class _Form:
     ) -> None:
         """Compare all maps with JAX: at states about `rest`, what is observed of them, and random controls."""
         rng = np.random.default_rng(0)
-        maps = self.maps(program, numbers)
+        definitions = self.definitions()
+        maps = {name: CMap(program, name, numbers) for name in definitions}
         noise = rng.normal(size=(WIDTH, self.shape.state))
         states = (rest + NOISE * noise).astype(np.float32)
         observed = []
@@ -319,9 +312,9 @@ class _Form:
             for _ in self.rows(term):
                 observed.append(rng.permutation(seen))
         points["residuals"] = np.concatenate(observed, axis=1)
-        controls = rng.normal(size=(WIDTH, self.shape.steps, self.shape.control))
+        controls = rng.normal(size=(WIDTH, maps["efforts"].inputs))
         points["efforts"] = controls.astype(np.float32)
-        functions = [one.with_numbers(numbers) for one in self.definitions().values()]
+        functions = [one.with_numbers(numbers) for one in definitions.values()]
         judge = compiled_quickly(judge_of(functions))
         check_maps(list(maps.values()), judge, [points[name] for name in maps])
 
@@ -330,15 +323,16 @@ class _Form:
         library = _library()
         if library is None:
             return None
-        maps = self.maps(program, numbers)
         terms = []
         for number, term in enumerate(self.terms):
-            of_state = maps[f"state_{number}"]
-            of_latent = maps.get(f"latent_{number}", of_state)
+            of_state = CMap(program, f"state_{number}", numbers)
+            of_latent = of_state
+            if self.encoding is not None:
+                of_latent = CMap(program, f"latent_{number}", numbers)
             terms.append(CTerm(of_latent, of_state, np.array(self.rows(term), np.dtype("long"))))
-        return CObjective(
-            library, self.shape, self.encoding, tuple(terms), maps["residuals"], maps["efforts"]
-        )
+        residuals = CMap(program, "residuals", numbers)
+        efforts = CMap(program, "efforts", numbers)
+        return CObjective(library, self.shape, self.encoding, tuple(terms), residuals, efforts)
 
 
 _known: Remembered[CObjective | None] = Remembered()
@@ -361,7 +355,7 @@ def c_objective(
     known = _known.of(objective, *key)
     if known is not UNKNOWN:
         return known
-    form = _Form(objective, shape, encoding, latent_size(emulator))
+    form = _Form(objective, shape, encoding)
     return _known.keep(_load(form, emulator, scale), objective, *key)
 
 
