@@ -124,9 +124,15 @@ LARGE_RECIPES = {
         idle_share=0.15,
         modes=(63, 63),
     ),
-    # The networks of lander-25 and pendulum-passive-25, twice.
-    "lander": replace(RECIPES["lander"], longest_stride=25),
-    "pendulum-passive": replace(RECIPES["pendulum-passive"], longest_stride=25),
+    "lander": Recipe(
+        (128, 80),
+        transitions=1_440_000,
+        updates=80_000,
+        samples_per_run=36,
+        rare_share=0.5,
+        idle_share=0.1,
+        longest_stride=25,
+    ),
     "pendulum": Recipe(
         (96, 64, 64),
         transitions=900_000,
@@ -134,6 +140,8 @@ LARGE_RECIPES = {
         samples_per_run=36,
         longest_stride=25,
     ),
+    # The network of pendulum-passive-25, twice.
+    "pendulum-passive": replace(RECIPES["pendulum-passive"], longest_stride=25),
 }
 """Those of the large size."""
 
