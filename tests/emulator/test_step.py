@@ -104,6 +104,39 @@ def test_a_step_of_a_traced_emulator_has_a_gradient_with_respect_to_its_weights(
     assert float(jnp.abs(slope.normaliser.change_scale).max()) > 0
 
 
+@pytest.mark.parametrize("name", ["pendulum", "fish"])
+def test_a_rollout_is_the_same_inside_jit_and_has_a_gradient(
+    emulators: dict[str, Emulator], name: str
+):
+    emulator = emulators[name]
+    state, control = (np.asarray(part, np.float32) for part in inputs(emulator))
+    controls = np.tile(control, (3, 1))
+    called = emulator.rollout(state, controls)
+    compiled = jax.jit(emulator.rollout)(state, controls)
+    np.testing.assert_allclose(compiled, called, atol=1e-5 * np.abs(called).max())
+
+    def height(scale: jax.Array) -> jax.Array:
+        return jnp.sum(emulator.rollout(state, scale * controls)[-1])
+
+    def stepped(scale: jax.Array) -> jax.Array:
+        after = jnp.asarray(state)
+        for held in controls:
+            after = emulator.step(after, scale * held)
+        return jnp.sum(after)
+
+    slope = jax.grad(height)(1.0)
+    assert slope != 0
+    np.testing.assert_allclose(slope, jax.grad(stepped)(1.0), rtol=1e-3)
+
+
+@pytest.mark.parametrize("shape", [(2,), (3, 99)], ids=["one control", "other size"])
+def test_a_rollout_of_a_wrong_shape_is_refused_inside_jit_too(
+    emulators: dict[str, Emulator], shape: tuple[int, ...]
+):
+    with pytest.raises(NeuroAnimatorError, match="state and controls: wanted"):
+        jax.jit(emulators["pendulum"].rollout)(emulators["pendulum"].rest, np.zeros(shape))
+
+
 @pytest.mark.parametrize(
     ("state", "control", "message"),
     [

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.backend import backend
 from neuroanimator.emulator.arrays import as_float32, as_jax, is_plain
-from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled, plain_method
+from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled, is_traced, plain_method
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.features import Features
@@ -239,7 +239,7 @@ class Emulator(eqx.Module):
 
         A batch is `state` (B, S) with `controls` (B, T, C). With `may_diverge`, numbers that are not finite are
         returned where the motion comes to that. Of arrays of JAX it is one of JAX; of all else it is one of
-        NumPy, computed by the `backend`.
+        NumPy, computed by the `backend`. Inside `jax.jit`, `jax.grad` and `jax.vmap` nothing but shapes is checked.
 
         Raises ArgumentError for wrong shapes, for numbers that are not finite or larger than `MAX_MAGNITUDE`, and
         for states no motion follows from; DivergedError where a motion ends in numbers that are not finite.
@@ -248,6 +248,9 @@ class Emulator(eqx.Module):
             sound = _sound_rollout(self, state, controls)
             if sound is not None:
                 return sound
+        if is_traced((state, controls)):
+            _check_shapes(self, np.shape(state), np.shape(controls))
+            return _rollout(self, as_jax(state), as_jax(controls))
         start, held = _checked(self, state, controls)
         if not held.shape[-2]:
             return start[..., None, :]
@@ -366,15 +369,7 @@ def _checked(
     is_for_jax = isinstance(state, jax.Array) or isinstance(controls, jax.Array)
     state = emulator.state.check(state, "state")
     controls = emulator.control.check(controls, "control")
-    if (
-        state.ndim not in (1, 2)
-        or controls.ndim != state.ndim + 1
-        or state.shape[:-1] != controls.shape[:-2]
-    ):
-        raise ArgumentError(
-            f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "
-            f"came {state.shape} with {controls.shape}."
-        )
+    _check_shapes(emulator, state.shape, controls.shape)
     too_large = np.abs(state) > MAX_MAGNITUDE
     if too_large.any():
         index = tuple(np.argwhere(too_large)[0])
@@ -386,6 +381,21 @@ def _checked(
     if is_for_jax:
         return as_jax(state, dtype), as_jax(controls, dtype)
     return np.ascontiguousarray(state, dtype), np.ascontiguousarray(controls, dtype)
+
+
+def _check_shapes(emulator: Emulator, state: tuple[int, ...], controls: tuple[int, ...]) -> None:
+    """Refuse shapes that are not (S,) with (T, C), or (B, S) with (B, T, C)."""
+    sizes = (*state[-1:], *controls[-1:])
+    if (
+        len(state) not in (1, 2)
+        or len(controls) != len(state) + 1
+        or state[:-1] != controls[:-2]
+        or sizes != (emulator.state.size, emulator.control.size)
+    ):
+        raise ArgumentError(
+            f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "
+            f"came {state} with {controls}."
+        )
 
 
 def step(
