@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
-from neuroanimator.definitions.carried import check_carried
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.emulator import MAX_STRIDES, Emulator
 from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
@@ -199,6 +198,9 @@ def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
     if not isinstance(definition, str):
         raise ValueError("definition: wanted a text")
     if definition:
+        # What ships carries none, and the tables of definitions take long to import.
+        from neuroanimator.definitions.carried import check_carried
+
         check_carried(system, definition, substeps, dt)
 
     def index(entry: Any, what: str) -> int:
