@@ -22,15 +22,17 @@ NESTED = [part for part in get_args(ArrayLike) if "NestedSequence" in str(get_or
 
 RULES = BeartypeConf(
     is_pep484_tower=True,
+    violation_type=TypeError,
     hint_overrides=FrozenDict(dict.fromkeys(NESTED, object)),
 )
 """A whole number may stand where a `float` is asked for, and anything where an `ArrayLike` is: what users give
-is checked by the function itself, whose message they read."""
+is checked by the function itself, whose message they read. A violation is a TypeError, which readers of strangers' files
+expect of a number in the place of a name."""
 
 
 def guarded(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return `function`, held against its annotations."""
-    return beartype(function, conf=RULES)
+    return beartype(conf=RULES)(function)
 
 
 def checked(function: Any) -> Callable[..., Any]:

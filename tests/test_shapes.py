@@ -8,7 +8,6 @@ from types import FunctionType, ModuleType
 
 import numpy as np
 import pytest
-from beartype.roar import BeartypeCallHintParamViolation, BeartypeCallHintReturnViolation
 from jaxtyping import TypeCheckError
 
 import neuroanimator.cli.verbs  # noqa: F401  it imports what the verbs need
@@ -22,12 +21,12 @@ UNIT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def test_a_wrong_shape_is_refused():
-    with pytest.raises(BeartypeCallHintParamViolation, match="size 3 does not equal 4"):
+    with pytest.raises(TypeError, match="size 3 does not equal 4"):
         rotate(UNIT[:3], np.zeros(3))
 
 
 def test_a_wrong_kind_of_number_is_refused():
-    with pytest.raises(BeartypeCallHintParamViolation, match="has dtype int64"):
+    with pytest.raises(TypeError, match="has dtype int64"):
         heading_of(UNIT.astype(int))
 
 
@@ -39,7 +38,7 @@ def test_what_does_not_fit_a_dataclass_is_refused():
 def test_a_result_of_a_wrong_shape_is_refused():
     system = load_system("pendulum")
     system.rest = np.zeros((1, system.state.size))
-    with pytest.raises(BeartypeCallHintReturnViolation, match="2 dimensions, not the 1"):
+    with pytest.raises(TypeError, match="2 dimensions, not the 1"):
         goal_state(system, Goal((), ()))
 
 
