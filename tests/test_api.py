@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import neuroanimator as na
@@ -73,3 +75,22 @@ def test_the_pendulums_goal_is_one_of_its_own():
     system = na.load_system("pendulum")
     assert list(system.goals) == ["upright"]
     assert type(na.goal(system, "upright")).__name__ == "ReachState"
+
+
+@pytest.mark.parametrize("package", PUBLIC)
+def test_files_and_folders_may_be_given_as_text(package: str):
+    module = importlib.import_module(package)
+    functions = [getattr(module, name) for name in dir(module)]
+    for function in filter(inspect.isfunction, functions):
+        for name, annotation in function.__annotations__.items():
+            if "Path" in str(annotation) and name != "return":
+                assert "str" in str(annotation), f"{function.__name__}: {name}"
+
+
+def test_a_clip_goes_where_a_text_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    system = na.load_system("pendulum")
+    na.write_glb(
+        na.Clip("still", system.skeleton, np.arange(2.0), np.stack(2 * [system.rest])), "a.glb"
+    )
+    assert Path("a.glb").read_bytes()[:4] == b"glTF"

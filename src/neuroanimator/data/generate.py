@@ -37,7 +37,7 @@ from neuroanimator.systems.system import System
 
 def generate(
     config: DatasetConfig,
-    folder: Path,
+    folder: str | Path,
     *,
     threads: int | None = None,
     on_shard: Callable[[], None] = lambda: None,
@@ -48,6 +48,7 @@ def generate(
     up can be replayed, see `data.diverged_runs`. `threads`: none, or 0, for all cores. Recordings hold only so many
     transitions: `count` is then lowered, see `limited_to_recordings`.
     """
+    folder = Path(folder)
     threads = _checked_threads(threads)
     config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)

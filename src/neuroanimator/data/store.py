@@ -158,8 +158,9 @@ class Windows(NamedTuple):
     """Which run of the whole dataset each window comes from."""
 
 
-def read_transitions(folder: Path) -> Transitions:
+def read_transitions(folder: str | Path) -> Transitions:
     """Return every transition in `folder`; BadFileError if a shard is missing, damaged or not what a dataset holds."""
+    folder = Path(folder)
     config = read_config(folder)
     system = carried_system(config.system, config.definition)
     shards = (read_shard(folder, config, system, shard) for shard in range(config.shards))

@@ -34,9 +34,10 @@ svg{max-width:100%;height:auto}p{max-width:46rem}"""
 
 
 def write_report(
-    evaluations: list[Evaluation], path: Path, *, extra: list[tuple[str, str]] | None = None
+    evaluations: list[Evaluation], path: str | Path, *, extra: list[tuple[str, str]] | None = None
 ) -> None:
     """Write the report of `evaluations`; `extra` adds (title, HTML) sections before the details."""
+    path = Path(path)
     parts = [
         "<h1>NeuroAnimator: emulator against physics</h1>",
         _table(evaluations),

@@ -87,13 +87,15 @@ def _numbers(where: str, cells: list[str], count: int) -> list[float]:
     return values
 
 
-def write_clip(clip: Clip, path: Path, layout: Layout) -> None:
+def write_clip(clip: Clip, path: str | Path, layout: Layout) -> None:
     """Write `clip` to `path` as a table of its states."""
+    path = Path(path)
     write_table(path, clip.times, clip.states, layout)
 
 
-def read_clip(path: Path, emulator: Emulator) -> Clip:
+def read_clip(path: str | Path, emulator: Emulator) -> Clip:
     """Return the clip that `write_clip` wrote of a motion of `emulator`'s system."""
+    path = Path(path)
     times, states = read_table(path, emulator.state)
     if len(times) < 2 or times[1] <= times[0] or not _is_even(times):
         raise BadFileError(f"{path}: wanted at least two evenly spaced, rising times.")

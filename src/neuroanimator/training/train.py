@@ -63,7 +63,7 @@ class Report(NamedTuple):
 def train(
     data: Transitions,
     config: TrainingConfig,
-    out: Path,
+    out: str | Path,
     *,
     start_from: Emulator | None = None,
     on_report: Callable[[Report], None] = lambda report: None,
@@ -72,6 +72,7 @@ def train(
 
     Checkpoints and `metrics.jsonl` lie in `run_folder(out)`; a run found there is continued.
     """
+    out = Path(out)
     keep_programs()
     folder = run_folder(out)
     with locked(folder):

@@ -121,7 +121,7 @@ class PolicyReport(NamedTuple):
 def train_policy(
     emulator: Emulator,
     system: System,
-    out: Path,
+    out: str | Path,
     training: PolicyTraining = PolicyTraining(),
     *,
     on_report: Callable[[PolicyReport], None] = lambda report: None,
@@ -130,6 +130,7 @@ def train_policy(
 
     Checkpoints and `metrics.jsonl` lie beside `out` in a folder that ends in `.run`; a run found there is continued.
     """
+    out = Path(out)
     folder = out.with_name(out.name.removesuffix(".safetensors") + ".run")
     with locked(folder):
         run = _Run.prepare(emulator, system, training, folder)

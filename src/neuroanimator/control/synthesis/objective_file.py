@@ -92,8 +92,9 @@ class ObjectiveFile:
     """Goals and states to be reached at the end."""
 
 
-def read_objective(path: Path, system: System) -> ObjectiveFile:
+def read_objective(path: str | Path, system: System) -> ObjectiveFile:
     """Return what the file at `path` asks of `system`; BadFileError names the key or the cost that is wrong."""
+    path = Path(path)
     values = read_toml(path)
     try:
         return _objective_of(ObjectiveTable.model_validate(values), system)

@@ -49,7 +49,7 @@ UNEVEN_RATES = 1e-6
 
 def write_video(
     clips: Clip | Sequence[Clip],
-    path: Path,
+    path: str | Path,
     *,
     size: tuple[int, int] = DEFAULT_SIZE,
     camera: str = "follow",
@@ -60,6 +60,7 @@ def write_video(
     rate, such as a school; the shorter ones stay at their last pose. ResourceError says what to install if nothing can
     be drawn here.
     """
+    path = Path(path)
     film = checked_film(size, camera)
     together = [clips] if isinstance(clips, Clip) else list(clips)
     _check_together(together)

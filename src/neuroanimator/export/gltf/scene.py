@@ -47,7 +47,7 @@ MAX_CLIPS = 1000
 """The most clips one file may hold."""
 
 
-def write_glb(clips: Clip | Sequence[Clip], path: Path, *, ghost: Clip | None = None) -> None:
+def write_glb(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | None = None) -> None:
     """Write one clip, or several such as a school, to `path`: one node per bone, channels for what moves.
 
     Several bodies keep their own positions; the scenery is there once, that of the first. Names of nodes begin with the
@@ -55,6 +55,7 @@ def write_glb(clips: Clip | Sequence[Clip], path: Path, *, ghost: Clip | None = 
     bones alone. A `ghost` is another motion of the only clip's body at the same place and time, in one translucent
     colour: such as the emulator's beside the physics'. What each motion is of is in the `extras` of its root node.
     """
+    path = Path(path)
     together = [clips] if isinstance(clips, Clip) else list(clips)
     if not 1 <= len(together) <= MAX_CLIPS:
         raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} in one file, came {len(together)}.")

@@ -33,7 +33,7 @@ Call = Callable[..., int | None]
 """A function of C that takes arrays and whole numbers, called by its name without the header's own."""
 
 
-def write_c_header(model: Emulator | Policy, path: Path, licence: str = "") -> Written:
+def write_c_header(model: Emulator | Policy, path: str | Path, licence: str = "") -> Written:
     """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
 
     Its functions begin with the file's name: `fish_step` in `fish.h`. The header says what they take. `licence` is
@@ -42,6 +42,7 @@ def write_c_header(model: Emulator | Policy, path: Path, licence: str = "") -> W
     Raises ResourceError without a C compiler, UnsupportedError for an operation there is no C for, and
     NeuroAnimatorError where a function does not do what JAX does; then nothing is written.
     """
+    path = Path(path)
     compiler = _compiler()
     definition = definition_of(model, licence)
     name = identifier(path.stem)

@@ -31,7 +31,7 @@ BATCH = "batch"
 """Name of the first axis of every tensor."""
 
 
-def write_onnx(model: Emulator | Policy, path: Path, licence: str = "") -> Written:
+def write_onnx(model: Emulator | Policy, path: str | Path, licence: str = "") -> Written:
     """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
 
     An emulator is (state (B, S), control (B, C)) → next_state (B, S), a policy (state (B, S), phase (B, 1),
@@ -41,6 +41,7 @@ def write_onnx(model: Emulator | Policy, path: Path, licence: str = "") -> Writt
     Raises ResourceError without the package onnx, UnsupportedError for an operation there is no operator for, and
     NeuroAnimatorError where the graph does not do what JAX does; then nothing is written.
     """
+    path = Path(path)
     definition = definition_of(model, licence)
     content = onnx_bytes(definition)
     vectors = make_vectors(definition, model)

@@ -42,7 +42,7 @@ PAGE = 1 << 16
 """Bytes by which a module's memory grows."""
 
 
-def write_wasm(model: Emulator | Policy, path: Path, licence: str = "") -> Written:
+def write_wasm(model: Emulator | Policy, path: str | Path, licence: str = "") -> Written:
     """Write `model` to `path`, after holding it against JAX, with `fish.js`, `fish.d.ts` and test vectors beside it.
 
     The ES module says what there is to call. `licence` is named in it if there is one.
@@ -50,6 +50,7 @@ def write_wasm(model: Emulator | Policy, path: Path, licence: str = "") -> Writt
     Raises ResourceError without Zig and wasmtime, UnsupportedError for an operation there is no C for, and
     NeuroAnimatorError where a function does not do what JAX does; then nothing is written.
     """
+    path = Path(path)
     runtime = _import_wasmtime()
     definition = definition_of(model, licence)
     name = identifier(path.stem)
