@@ -105,10 +105,11 @@ class CEvaluator(Evaluator):
         self._struct = struct
         self._problem = ctypes.addressof(struct)
         self._rooms = Rooms(library.room_of_problem(self._problem))
-        self._begin_at(as_float32(problem.start))
+        self._begin_at(problem.start)
 
-    def _begin_at(self, start: Float[np.ndarray, " S"]) -> None:
+    def _begin_at(self, state: Float[Array | np.ndarray, " S"]) -> None:
         """Remember where motions begin, and what the terms observe of that."""
+        start = np.array(state, np.float32)
         self._start = start
         self._latent = start
         if self._objective.encoding is not None:
@@ -125,7 +126,7 @@ class CEvaluator(Evaluator):
 
     def at(self, start: Float[np.ndarray, " S"]) -> CEvaluator:
         other = copy(self)
-        other._begin_at(as_float32(start))
+        other._begin_at(start)
         return other
 
     def costs(self, zs: Float[np.ndarray, "K Z"]) -> Float[np.ndarray, " K"]:

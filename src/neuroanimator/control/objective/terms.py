@@ -20,6 +20,9 @@ from neuroanimator.state.structure import Structure
 END: tuple[float, ...] = ()
 """Times that stand for the end of the motion."""
 
+SHORTEST_LEG = 1e-9
+"""Share of a path; between points that coincide there is a leg of no length, which nothing can be divided by."""
+
 NEARLY_UPRIGHT = 1e-3
 """[rad] Less counts as this much, so that an upright body has a finite slope."""
 
@@ -154,8 +157,10 @@ class FollowPath(StateTerm):
 
     def compare(self, observed: Float[Array, "T A"], dt: float) -> Float[Array, " R"]:
         share = jnp.arange(1, len(observed) + 1) / len(observed)
-        columns = [jnp.interp(share, self.shares, column) for column in self.points.T]
-        wanted = jnp.stack(columns, axis=-1)
+        # Leg by leg, not by interpolation, which looks up where it is: for that there is no C.
+        lengths = jnp.maximum(jnp.diff(self.shares), SHORTEST_LEG)
+        passed = jnp.clip((share[:, None] - self.shares[:-1]) / lengths, 0, 1)
+        wanted = self.points[0] + passed @ jnp.diff(self.points, axis=0)
         return math.sqrt(dt) * ((observed - wanted) / self.within).ravel()
 
 
