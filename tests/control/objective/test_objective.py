@@ -13,7 +13,16 @@ import numpy as np
 import pytest
 from swing_up import stand_upright
 
-from neuroanimator import DescentOptions, Emulator, Objective, descend, load_system, read_pose
+from neuroanimator import (
+    DescentOptions,
+    Emulator,
+    Objective,
+    descend,
+    load_emulator,
+    load_system,
+    read_pose,
+)
+from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.control.descent.parametrisation import (
     EachStep,
     Parametrisation,
@@ -21,6 +30,7 @@ from neuroanimator.control.descent.parametrisation import (
     Spline,
     Steered,
 )
+from neuroanimator.control.objective.c_objective import c_objective
 from neuroanimator.control.objective.costs import (
     effort,
     follow_path,
@@ -38,9 +48,10 @@ from neuroanimator.control.objective.costs import (
     travel,
 )
 from neuroanimator.control.objective.goals import reach_goal
-from neuroanimator.control.objective.objective import CostTerm, check_objective
+from neuroanimator.control.objective.objective import CostTerm, check_objective, cost_and_slopes
 from neuroanimator.control.objective.terms import END, ReachState
 from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.layout import Bounds
@@ -226,6 +237,25 @@ def test_slopes_equal_finite_differences(body: str):
             assert slope == pytest.approx(difference, rel=1e-5), kind
         looks_at_states = np.abs(slopes[0]).max(axis=(1, 2)) > 0
         assert [not term.of_controls for term in terms] == looks_at_states.tolist()
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+def test_costs_of_positions_and_velocities_are_the_same_in_c():
+    """The others are part of descents in C: see `test_c_evaluator`."""
+    system = a_system("truck")
+    emulator = load_emulator("truck-50")
+    motion = a_motion(system, dt=emulator.dt)
+    kinds = ("reach_positions", "reach_height", "follow_path", "keep_velocity", "keep_speed")
+    objective = Objective.of(*(EVERY[kind](system) for kind in kinds))
+    in_c = c_objective(objective, emulator, STEPS, as_float32(motion.control_scale))
+    assert in_c is not None
+    found, found_slopes = in_c.cost_and_slopes(
+        as_float32(motion.states), as_float32(motion.controls)
+    )
+    expected, expected_slopes = cost_and_slopes(objective, motion)
+    assert found == pytest.approx(float(expected), rel=1e-4)
+    for slope, wanted in zip(found_slopes, expected_slopes, strict=True):
+        np.testing.assert_allclose(slope, wanted, atol=1e-4 * float(np.abs(wanted).max()))
 
 
 def steady(system: System, speed: float, seconds: float, dt: float) -> Trajectory:
