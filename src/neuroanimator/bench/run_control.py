@@ -24,18 +24,11 @@ from neuroanimator.control.synthesis.receding_horizon import (
     control_plant,
 )
 from neuroanimator.control.synthesis.synthesise import Synthesis
-from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.systems import load_system
-from neuroanimator.tasks.rigid import RIGID_TASKS
+from neuroanimator.tasks.all_tasks import TASKS
 from neuroanimator.tasks.solver import Solver
-from neuroanimator.tasks.swimmers import SWIMMER_TASKS
 from neuroanimator.tasks.task import Task, Trial
 from neuroanimator.terminal import progress_bar
-from neuroanimator.zoo import find_emulator
-
-TASKS = {task.name: task for task in (*RIGID_TASKS, *SWIMMER_TASKS)}
-"""Every task by its name."""
 
 DERIVATIVE_FREE = ("annealing", "cma-es", "nelder-mead")
 """The baselines that need no derivatives of the physics, which is what the speed-up is told against."""
@@ -129,7 +122,7 @@ def run_control_bench(
 
 def measure_task(task: Task, budget: ControlBudget) -> tuple[list[dict[str, Any]], Panel]:
     """Return the emulator's row and its baselines', and their first runs; compiling is not counted on either side."""
-    solver = solver_of(task)
+    solver = Solver.shipped(task)
     solver.solve(solver.draw(WARM_UP_TRIAL), is_warm_up=True)
     solved = [_solve(solver, number) for number in range(budget.trials)]
     compared = _compared(solved, budget)
@@ -146,12 +139,6 @@ def measure_task(task: Task, budget: ControlBudget) -> tuple[list[dict[str, Any]
     first_runs = [runs_of_name[0] for runs_of_name in runs.values()]
     panel = Panel(task.name, compared[0].synthesis, compared[0].seconds, first_runs)
     return rows, panel
-
-
-def solver_of(task: Task) -> Solver:
-    """Return what solves `task` with the emulator that ships."""
-    emulator = Emulator.load(find_emulator(f"{task.system}-{task.substeps}"))
-    return Solver.of(task, load_system(task.system), emulator)
 
 
 def _solve(solver: Solver, number: int) -> Solved:

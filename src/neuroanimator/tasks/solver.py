@@ -13,8 +13,10 @@ from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.systems import load_system
 from neuroanimator.systems.system import System
 from neuroanimator.tasks.task import Task, Trial
+from neuroanimator.zoo import find_emulator
 
 CORRECTIONS = 16
 """Replays whose defects may be added to the emulator, at most."""
@@ -45,6 +47,12 @@ class Solver:
         """Return the solver of `task` on `system`, emulated by `emulator`."""
         steps = round(task.seconds / emulator.dt)
         return cls(task, system, emulator, steps, task.parametrisation(system, steps, emulator.dt))
+
+    @classmethod
+    def shipped(cls, task: Task) -> Solver:
+        """Return the solver of `task` with the system and the emulator that ship."""
+        emulator = Emulator.load(find_emulator(f"{task.system}-{task.substeps}"))
+        return cls.of(task, load_system(task.system), emulator)
 
     def draw(self, number: int) -> Trial:
         """Return the trial of that number: always the same one."""

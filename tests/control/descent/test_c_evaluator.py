@@ -11,7 +11,6 @@ import pytest
 from jaxtyping import Array, Float
 
 import neuroanimator as na
-from neuroanimator.bench.run_control import TASKS
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.control.descent.c_evaluator import c_evaluator
 from neuroanimator.control.descent.defects import find_defects
@@ -24,6 +23,7 @@ from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.objective import CostTerm, objective_cost
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.storage.private_folder import kept_folder
+from neuroanimator.tasks.all_tasks import TASKS
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
