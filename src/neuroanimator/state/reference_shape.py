@@ -5,7 +5,9 @@ Written for NumPy and JAX alike; mass points are (..., N, 3).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -118,25 +120,39 @@ class Cloud:
 
 
 def _largest_eigenvector(matrix: Float[AnyArray, "... 4 4"]) -> Float[AnyArray, "... 4"]:
-    """Return the eigenvector of the largest eigenvalue of a symmetric matrix, with its first derivative.
+    """Return the eigenvector of the largest eigenvalue of a symmetric matrix."""
+    if isinstance(matrix, np.ndarray):
+        return np.linalg.eigh(matrix)[1][..., -1]
+    return _differentiable()(matrix)
+
+
+@cache
+def _differentiable() -> Callable[[Float[AnyArray, "... 4 4"]], Float[AnyArray, "... 4"]]:
+    """Return the same for arrays of JAX, with a derivative of its own.
 
     The derivative that JAX has for all eigenvectors divides by the differences of all eigenvalues, and those of a
     cube's smaller ones are zero. That of one eigenvector v needs its own differences alone: to first order it turns
     towards the others by (u · dM v) / (λ - μ) (Magnus 1985).
     """
-    xp = matrix.__array_namespace__()
-    if isinstance(matrix, np.ndarray):
-        return xp.linalg.eigh(matrix)[1][..., -1]
-    from jax.lax import stop_gradient  # there is an array of JAX
+    import jax  # there is an array of JAX
 
-    values, vectors = xp.linalg.eigh(stop_gradient(matrix))
-    largest = vectors[..., -1]
-    others = vectors[..., :-1]
-    gaps = values[..., -1:] - values[..., :-1]
-    gaps = xp.where(gaps > 0, gaps, 1.0)
-    change = matrix - stop_gradient(matrix)  # nothing, but it has a derivative
-    turns = (others.mT @ (change @ largest[..., None]))[..., 0] / gaps
-    return largest + (others @ turns[..., None])[..., 0]
+    @jax.custom_jvp
+    def eigenvector(matrix: Float[AnyArray, "... 4 4"]) -> Float[AnyArray, "... 4"]:
+        return jax.numpy.linalg.eigh(matrix)[1][..., -1]
+
+    @eigenvector.defjvp
+    def derivative(
+        primals: tuple[AnyArray], tangents: tuple[AnyArray]
+    ) -> tuple[AnyArray, AnyArray]:
+        values, vectors = jax.numpy.linalg.eigh(primals[0])
+        largest = vectors[..., -1]
+        others = vectors[..., :-1]
+        gaps = values[..., -1:] - values[..., :-1]
+        gaps = jax.numpy.where(gaps > 0, gaps, 1.0)
+        turns = (others.mT @ (tangents[0] @ largest[..., None]))[..., 0] / gaps
+        return largest, (others @ turns[..., None])[..., 0]
+
+    return eigenvector
 
 
 def _solve(
