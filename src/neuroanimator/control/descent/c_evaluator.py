@@ -9,7 +9,6 @@ Costs that are any JAX function are left to JAX.
 from __future__ import annotations
 
 import ctypes
-import math
 from copy import copy
 from functools import cache, partial
 
@@ -62,9 +61,6 @@ class ProblemStruct(ctypes.Structure):
         ("controls", MapStruct),
         ("link", MapStruct),
         ("defect", ctypes.c_long),
-        ("pushes_residuals", ctypes.c_long),
-        ("pushes_efforts", ctypes.c_long),
-        ("has_few_inputs", ctypes.c_long),
     )
 
 
@@ -100,7 +96,6 @@ class CEvaluator(Evaluator):
             controls.struct(),
             link.struct(),
             self._defects.shape[1],
-            *_plan(objective, controls, link),
         )
         self._struct = struct
         self._problem = ctypes.addressof(struct)
@@ -175,23 +170,6 @@ class CEvaluator(Evaluator):
             states = self._emulator.decode(latents)
             states[0] = self._start
         return EmulatedMotion(states.astype(float), controls.astype(float))
-
-
-def _plan(objective: CObjective, controls: CMap, link: CMap) -> tuple[bool, bool, bool]:
-    """Return (whether residuals are pushed forward, whether efforts are, whether links are differentiated first).
-
-    That is what takes the fewest sweeps. Links with few inputs or outputs take few to differentiate, and then all other
-    sweeps are small.
-    """
-    varied = _sweeps(controls.inputs)
-    residuals = _sweeps(objective.residuals.outputs)
-    efforts = _sweeps(objective.efforts.outputs)
-    of_link = _sweeps(min(link.inputs, link.outputs))
-    return varied < residuals, varied < efforts, of_link < min(varied, residuals)
-
-
-def _sweeps(count: int) -> int:
-    return math.ceil(count / WIDTH)
 
 
 @cache

@@ -8,10 +8,6 @@ typedef struct {
     na_objective objective;
     na_map controls, link;
     long defect;
-    /* Whether Jacobians come of tangents of z, sixteen at a time, or of as many cotangents of residuals. */
-    long pushes_residuals, pushes_efforts;
-    /* Whether links are first differentiated one by one, so that sweeps are products of small matrices. */
-    long has_few_inputs;
 } na_problem;
 
 /* Where motions begin, and what is added to their super steps. */
@@ -24,9 +20,18 @@ typedef struct {
     float *controls, *rows, *observed, *off;
     float *controls_tape, *link_tapes, *term_tapes, *residuals_tape, *efforts_tape;
     float *z16, *controls16, *rows16, *observed16, *off16, *row16;
-    float *jacobian, *link_jacobians;
+    float *jacobian, *live, *link_jacobians, *random;
     char *touched;
+    long *lives;
+    /* Whether links were differentiated one by one, so that sweeps are products of small matrices. */
+    int has_link_jacobians;
 } na_room;
+
+static long sweeps(long count) { return (count + LANES - 1) / LANES; }
+
+static long sweeps_of_link(const na_map *link) {
+    return sweeps(link->inputs < link->outputs ? link->inputs : link->outputs);
+}
 
 static long cut_room(const na_problem *problem, float *memory, na_room *room) {
     const na_objective *objective = &problem->objective;
@@ -50,7 +55,13 @@ static long cut_room(const na_problem *problem, float *memory, na_room *room) {
     room->off16 = take(&store, off * LANES);
     room->row16 = take(&store, link->inputs * LANES);
     room->jacobian = take(&store, off * controls->inputs);
-    room->link_jacobians = take(&store, problem->has_few_inputs ? steps * link->outputs * link->inputs : 0);
+    room->live = take(&store, off);
+    room->lives = (long *)take(&store, residuals->outputs * (long)(sizeof(long) / sizeof(float)));
+    room->random = take(&store, (link->outputs + steps + 1) * LANES);
+    /* Elsewhere it never pays to differentiate links one by one. */
+    const int has_small_links = sweeps_of_link(link) < sweeps(controls->inputs);
+    room->link_jacobians = take(&store, has_small_links ? steps * link->outputs * link->inputs : 0);
+    room->has_link_jacobians = 0;
     room->touched = (char *)take(&store, steps + 1);
     return store.used;
 }
@@ -158,7 +169,7 @@ static void link_backward(
     const na_problem *problem, const na_room *room, long t, const float *of_latent, float *result, long width
 ) {
     const na_map *link = &problem->link;
-    if (problem->has_few_inputs && width == LANES) {
+    if (room->has_link_jacobians && width == LANES) {
         const float *jacobian = room->link_jacobians + t * link->outputs * link->inputs;
         multiply(jacobian, link->inputs, link->outputs, 1, link->inputs, of_latent, result);
     } else {
@@ -169,7 +180,7 @@ static void link_backward(
 /* Lanes `latent`: how a latent state changes with sixteen tangents `row` of the row before it. */
 static void link_push(const na_problem *problem, const na_room *room, long t, const float *row, float *latent) {
     const na_map *link = &problem->link;
-    if (problem->has_few_inputs) {
+    if (room->has_link_jacobians) {
         const float *jacobian = room->link_jacobians + t * link->outputs * link->inputs;
         multiply(jacobian, link->outputs, link->inputs, link->inputs, 1, row, latent);
     } else {
@@ -206,20 +217,63 @@ static void pull_efforts(const na_problem *problem, const na_room *room, const f
 
 typedef void (*na_pull)(const na_problem *problem, const na_room *room, const float *of_off, long width);
 
-/* Rows of the Jacobian from `first` on, of `count` residuals, of which unit cotangents are pulled back. */
-static void pull_rows(const na_problem *problem, const na_room *room, na_pull pull, long first, long count) {
+/* Rows `jacobian` of the `count` residuals `which` (of all of them in turn where that is null), of `all` there are: unit
+   cotangents are pulled back. */
+static void pull_rows(
+    const na_problem *problem, const na_room *room, na_pull pull, const long *which, long count, long all, float *jacobian
+) {
     const long size = problem->controls.inputs;
-    memset(room->off16, 0, count * LANES * sizeof(float));
+    memset(room->off16, 0, all * LANES * sizeof(float));
     for (long at = 0; at < count; at += LANES) {
         const long present = count - at < LANES ? count - at : LANES;
-        for (long l = 0; l < present; l++) room->off16[(at + l) * LANES + l] = 1;
+        for (long l = 0; l < present; l++) room->off16[(which ? which[at + l] : at + l) * LANES + l] = 1;
         pull(problem, room, room->off16, LANES);
         for (long l = 0; l < present; l++) {
-            float *row = room->jacobian + (first + at + l) * size;
+            float *row = jacobian + (at + l) * size;
             for (long i = 0; i < size; i++) row[i] = room->z16[i * LANES + l];
-            room->off16[(at + l) * LANES + l] = 0;
+            room->off16[(which ? which[at + l] : at + l) * LANES + l] = 0;
         }
     }
+}
+
+/* Lanes `off16`: how the residuals of states change with tangents of the latent states, which begin at `rows` and are
+   `stride` lanes apart. */
+static void push_observed(const na_problem *problem, const na_room *room, const float *rows, long stride) {
+    const na_objective *objective = &problem->objective;
+    const long latent = problem->link.outputs;
+    const float *tapes = room->term_tapes;
+    float *observed = room->observed16;
+    for (long i = 0; i < objective->count; i++) {
+        const na_term *term = objective->terms + i;
+        const na_map *map = &term->of_latent;
+        for (long j = 0; j < term->count; j++, observed += map->outputs * LANES, tapes += map->tape) {
+            const float *row = rows + term->rows[j] * stride * LANES;
+            /* The start is as it is. */
+            if (!term->rows[j] || is_zero(row, latent * LANES))
+                memset(observed, 0, map->outputs * LANES * sizeof(float));
+            else
+                map_push(map, tapes, row, observed);
+        }
+    }
+    map_push(&objective->residuals, room->residuals_tape, room->observed16, room->off16);
+}
+
+/* Which residuals of states change at all, `lives`: of a body that stays within its bounds, out of obstacles and upright,
+   few do. Those that sixteen random tangents of every state leave as they are do not. Returns how many there are. */
+static long find_lives(const na_problem *problem, const na_room *room) {
+    const long residuals = problem->objective.residuals.outputs;
+    const long count = (problem->link.outputs + problem->objective.steps + 1) * LANES;
+    unsigned bits = 1;
+    for (long n = 0; n < count; n++) {
+        bits = bits * 1664525u + 1013904223u; /* Numerical Recipes' generator. */
+        room->random[n] = (float)(bits >> 8) * 0x1p-23f - 1.0f;
+    }
+    /* Each state begins a number further on in these, so that no two have the same tangents. */
+    push_observed(problem, room, room->random, 1);
+    long lives = 0;
+    for (long r = 0; r < residuals; r++)
+        if (!is_zero(room->off16 + r * LANES, LANES)) room->lives[lives++] = r;
+    return lives;
 }
 
 /* Lanes `off16`: how the residuals of states change with tangents `controls16`. */
@@ -240,20 +294,7 @@ static void push_residuals(const na_problem *problem, const na_room *room) {
         memcpy(row + latent * LANES, held, control * LANES * sizeof(float));
         link_push(problem, room, t, row, row + link->inputs * LANES);
     }
-    const float *tapes = room->term_tapes;
-    float *observed = room->observed16;
-    for (long i = 0; i < objective->count; i++) {
-        const na_term *term = objective->terms + i;
-        const na_map *map = &term->of_latent;
-        for (long j = 0; j < term->count; j++, observed += map->outputs * LANES, tapes += map->tape) {
-            const float *row = room->rows16 + term->rows[j] * link->inputs * LANES;
-            if (is_zero(row, latent * LANES))
-                memset(observed, 0, map->outputs * LANES * sizeof(float));
-            else
-                map_push(map, tapes, row, observed);
-        }
-    }
-    map_push(&objective->residuals, room->residuals_tape, room->observed16, room->off16);
+    push_observed(problem, room, room->rows16, link->inputs);
 }
 
 /* Lanes `off16`: how the efforts change with tangents `controls16`. */
@@ -263,8 +304,10 @@ static void push_efforts(const na_problem *problem, const na_room *room) {
 
 typedef void (*na_push)(const na_problem *problem, const na_room *room);
 
-/* Rows of the Jacobian from `first` on, of `count` residuals, column by column: unit tangents of z are pushed forward. */
-static void push_columns(const na_problem *problem, const na_room *room, na_push push, long first, long count) {
+/* The same rows `jacobian`, column by column: unit tangents of z are pushed forward. */
+static void push_columns(
+    const na_problem *problem, const na_room *room, na_push push, const long *which, long count, float *jacobian
+) {
     const long size = problem->controls.inputs;
     memset(room->z16, 0, size * LANES * sizeof(float));
     for (long at = 0; at < size; at += LANES) {
@@ -273,7 +316,7 @@ static void push_columns(const na_problem *problem, const na_room *room, na_push
         map_push(&problem->controls, room->controls_tape, room->z16, room->controls16);
         push(problem, room);
         for (long r = 0; r < count; r++)
-            memcpy(room->jacobian + (first + r) * size + at, room->off16 + r * LANES, present * sizeof(float));
+            memcpy(jacobian + r * size + at, room->off16 + (which ? which[r] : r) * LANES, present * sizeof(float));
         for (long l = 0; l < present; l++) room->z16[(at + l) * LANES + l] = 0;
     }
 }
@@ -314,16 +357,23 @@ double quadratic_model(
     na_room room;
     cut_room(problem, memory, &room);
     const double cost = judge(problem, begin, z, &room);
-    if (problem->has_few_inputs) differentiate_links(problem, &room);
-    if (problem->pushes_residuals)
-        push_columns(problem, &room, push_residuals, 0, residuals);
+    const long size = problem->controls.inputs, lives = find_lives(problem, &room);
+    const long varied = sweeps(size), pulled = sweeps(lives), fewer = varied < pulled ? varied : pulled;
+    /* Where links take fewer sweeps than that, all others are small. */
+    room.has_link_jacobians = sweeps_of_link(&problem->link) < fewer;
+    if (room.has_link_jacobians) differentiate_links(problem, &room);
+    if (varied < pulled)
+        push_columns(problem, &room, push_residuals, room.lives, lives, room.jacobian);
     else
-        pull_rows(problem, &room, pull_residuals, 0, residuals);
-    if (problem->pushes_efforts)
-        push_columns(problem, &room, push_efforts, residuals, efforts);
+        pull_rows(problem, &room, pull_residuals, room.lives, lives, residuals, room.jacobian);
+    float *of_efforts = room.jacobian + lives * size;
+    if (varied < sweeps(efforts))
+        push_columns(problem, &room, push_efforts, 0, efforts, of_efforts);
     else
-        pull_rows(problem, &room, pull_efforts, residuals, efforts);
-    sum_squares(room.jacobian, room.off, residuals + efforts, problem->controls.inputs, curvature, slope);
+        pull_rows(problem, &room, pull_efforts, 0, efforts, efforts, of_efforts);
+    for (long r = 0; r < lives; r++) room.live[r] = room.off[room.lives[r]];
+    memcpy(room.live + lives, room.off + residuals, efforts * sizeof(float));
+    sum_squares(room.jacobian, room.live, lives + efforts, size, curvature, slope);
     return cost;
 }
 
