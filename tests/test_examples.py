@@ -5,13 +5,24 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+LONG = ("07_turn_about", "08_swim_fast")
+"""They ask of the same body by the same functions as the lessons about them."""
+
+
+def lessons() -> list[Any]:
+    """Return every lesson; the long ones run in `make endurance`."""
+    marks = dict.fromkeys(LONG, (pytest.mark.endurance,))
+    return [pytest.param(path, id=path.stem, marks=marks.get(path.stem, ())) for path in EXAMPLES]
+
+
+@pytest.mark.parametrize("path", lessons())
 def test_the_example_runs(path: Path, tmp_path: Path):
     result = subprocess.run(
         [sys.executable, str(path)], cwd=tmp_path, capture_output=True, text=True, timeout=300

@@ -288,15 +288,15 @@ def test_a_hierarchy_needs_groups():
 
 
 def test_the_tutorials_body_is_learnt(tmp_path: Path):
-    """Forty seconds of a soft worm, and the change in a super step is known to a quarter."""
+    """Half a minute of a soft worm, and the change in a super step is known to a quarter."""
     page = (Path(__file__).parents[2] / "docs/tutorials/my-body.md").read_text()
     (tmp_path / "worm.toml").write_text(page.partition("```toml\n")[2].partition("```")[0])
     name, text, _ = resolve(str(tmp_path / "worm.toml"))
     data = simulate_transitions(
-        DatasetConfig(system=name, definition=text, count=3600, samples_per_run=36)
+        DatasetConfig(system=name, definition=text, count=2400, samples_per_run=24)
     )
     errors: list[float] = []
-    config = TrainingConfig(updates=1000, widths=(16,))
+    config = TrainingConfig(updates=750, widths=(16,))
     train(
         data,
         config,

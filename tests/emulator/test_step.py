@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import logging
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -34,7 +35,7 @@ def test_a_step_from_python_is_the_definition_and_the_same_inside_jit(
     emulator = emulators[name]
     state, control = inputs(emulator)
     called = emulator.step(state, control)
-    defined = plain_step(
+    defined = eqx.filter_jit(plain_step)(
         emulator, jnp.asarray(state, jnp.float32), jnp.asarray(control, jnp.float32)
     )
     scale = np.abs(defined).max()
@@ -104,7 +105,7 @@ def test_a_step_of_a_traced_emulator_has_a_gradient_with_respect_to_its_weights(
     assert float(jnp.abs(slope.normaliser.change_scale).max()) > 0
 
 
-@pytest.mark.parametrize("name", ["pendulum", "fish"])
+@pytest.mark.parametrize("name", ["pendulum", "truck"])
 def test_a_rollout_is_the_same_inside_jit_and_has_a_gradient(
     emulators: dict[str, Emulator], name: str
 ):
@@ -124,9 +125,9 @@ def test_a_rollout_is_the_same_inside_jit_and_has_a_gradient(
             after = emulator.step(after, scale * held)
         return jnp.sum(after)
 
-    slope = jax.grad(height)(1.0)
+    slope = jax.jit(jax.grad(height))(1.0)
     assert slope != 0
-    np.testing.assert_allclose(slope, jax.grad(stepped)(1.0), rtol=1e-3)
+    np.testing.assert_allclose(slope, jax.jit(jax.grad(stepped))(1.0), rtol=1e-3)
 
 
 @pytest.mark.parametrize("shape", [(2,), (3, 99)], ids=["one control", "other size"])

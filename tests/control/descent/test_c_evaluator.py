@@ -90,7 +90,9 @@ def test_cost_slope_and_quadratic_model_are_those_of_jax(emulator: na.Emulator, 
     assert_close(found.motion(zs[0]).states, expected.motion(zs[0]).states)
 
 
-@pytest.mark.parametrize("name", ["fish-turn", "dolphin-swim", "truck-park"])
+@pytest.mark.parametrize(
+    "name", ["fish-turn", pytest.param("dolphin-swim", marks=pytest.mark.endurance), "truck-park"]
+)
 def test_what_terms_observe_of_bodies_and_obstacles_is_what_jax_sees(name: str):
     """Swimmers are observed from their few latent numbers, but for the start; obstacles in every state."""
     task = TASKS[name]

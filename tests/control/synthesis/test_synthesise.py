@@ -114,8 +114,8 @@ def test_the_jacobian_and_the_gradient_agree(steps: int, objective: Objective, s
     """Few numbers are differentiated at once, many step by step, and what looks at few numbers is pulled back."""
     problem = pose_problem(shipped, objective, EachStep.of(steps, shipped.bounds), REST)
     z = jnp.asarray(np.random.default_rng(0).normal(size=problem.parametrisation.size), jnp.float32)
-    residuals, jacobian, slope, here = problem.linearised(z)
-    cost, gradient = jax.value_and_grad(problem.cost)(z)
+    residuals, jacobian, slope, here = eqx.filter_jit(problem.linearised)(z)
+    cost, gradient = jax.jit(jax.value_and_grad(problem.cost))(z)
     assert float(cost) == pytest.approx(float(here), rel=1e-5)
     np.testing.assert_allclose(
         jacobian.T @ residuals + slope, gradient, rtol=2e-3, atol=1e-4 * np.abs(gradient).max()

@@ -166,6 +166,7 @@ def test_saving_and_loading_changes_no_bit(kind: str, data: Transitions, tmp_pat
     assert (tmp_path / "a.safetensors").read_bytes() == (tmp_path / "b.safetensors").read_bytes()
 
 
+@pytest.mark.endurance
 def test_the_command_line_trains_a_hierarchy(toml: Path, cli, tmp_path: Path):
     out = tmp_path / "swimmer.emulator.safetensors"
     assert cli("generate", toml, "--count", 720, "--out", tmp_path / "data").returncode == 0
