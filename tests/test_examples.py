@@ -12,8 +12,8 @@ import pytest
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
 
 
-LONG = ("07_turn_about", "08_swim_fast")
-"""They ask of the same body by the same functions as the lessons about them."""
+LONG = ("05_park", "07_turn_about", "08_swim_fast")
+"""They ask of bodies what other lessons and tests do, too."""
 
 
 def lessons() -> list[Any]:

@@ -287,6 +287,7 @@ def test_a_hierarchy_needs_groups():
         build_emulator(data, TrainingConfig(network="hierarchy"))
 
 
+@pytest.mark.endurance
 def test_the_tutorials_body_is_learnt(tmp_path: Path):
     """Half a minute of a soft worm, and the change in a super step is known to a quarter."""
     page = (Path(__file__).parents[2] / "docs/tutorials/my-body.md").read_text()

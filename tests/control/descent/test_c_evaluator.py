@@ -91,7 +91,12 @@ def test_cost_slope_and_quadratic_model_are_those_of_jax(emulator: na.Emulator, 
 
 
 @pytest.mark.parametrize(
-    "name", ["fish-turn", pytest.param("dolphin-swim", marks=pytest.mark.endurance), "truck-park"]
+    "name",
+    [
+        "fish-turn",
+        pytest.param("dolphin-swim", marks=pytest.mark.endurance),
+        pytest.param("truck-park", marks=pytest.mark.endurance),
+    ],
 )
 def test_what_terms_observe_of_bodies_and_obstacles_is_what_jax_sees(name: str):
     """Swimmers are observed from their few latent numbers, but for the start; obstacles in every state."""

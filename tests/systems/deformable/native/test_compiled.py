@@ -53,7 +53,7 @@ def jax_ends(
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["fish", "dolphin"])
+@pytest.mark.parametrize("name", ["fish", pytest.param("dolphin", marks=pytest.mark.endurance)])
 def test_c_and_jax_agree_after_a_hundred_steps(name: str):
     system, starts, controls = driven(name)
     assert tuple(STEPPERS) == INTEGRATORS
