@@ -14,7 +14,7 @@ from neuroanimator.evaluation.evaluate import QUICK, THOROUGH
 from neuroanimator.evaluation.work_precision import draw_work_precision
 from neuroanimator.terminal import progress_bar
 from neuroanimator.training.recipes import RECIPES, cook
-from neuroanimator.zoo import SHIPPED, find_emulator
+from neuroanimator.zoo import SHIPPED, emulator_name
 
 Choice = list[tuple[str, int]]
 """Pairs of a system and its n, the physics steps of a super step."""
@@ -29,7 +29,7 @@ def chosen_rows(systems: str | None, substeps: str | None) -> Choice:
     chosen = [(system, n) for system, n in sorted(SHIPPED) if system in names and str(n) in counts]
     unknown = (names - known_systems) | (counts - known_substeps)
     if unknown or not chosen:
-        valid = ", ".join(f"{system}-{n}" for system, n in sorted(SHIPPED))
+        valid = ", ".join(emulator_name(*row) for row in sorted(SHIPPED))
         raise ArgumentError(f"bench: no rows for {', '.join(sorted(unknown))}. Rows: {valid}.")
     return chosen
 
@@ -43,8 +43,8 @@ def run_table(
     chunk_seconds: dict[str, float] = {}
     with progress_bar("rows", len(chosen)) as bar:
         for system, n in chosen:
-            bar.advance_to(len(rows), f"{system}-{n}")
-            emulators = [Emulator.load(find_emulator(f"{system}-{n}"))]
+            bar.advance_to(len(rows), emulator_name(system, n))
+            emulators = [Emulator.load(emulator_name(system, n))]
             for seed in range(1, seeds):
                 emulator, _ = cook(system, n, out, seed=seed)
                 emulators.append(emulator)

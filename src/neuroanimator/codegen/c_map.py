@@ -20,6 +20,7 @@ from neuroanimator.codegen.c_function import CFunction, LatePart, c_function, pr
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, aligned
 from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input, UnsupportedError
+from neuroanimator.storage.files import digest
 
 MOST_SCRATCH = 2**22
 """Bytes a function may need on the stack: half of what threads have."""
@@ -49,6 +50,13 @@ class MapDefinition(NamedTuple):
         arrays = [jax.ShapeDtypeStruct((size,), np.float32) for size in (numbers, self.inputs)]
         (size,) = jax.eval_shape(self.function, self.module, *arrays).shape
         return size
+
+
+def facts_of(module: Any) -> list[str]:
+    """Return what a module, whose arrays are constants of a program, is made of: its structure and its numbers."""
+    leaves, structure = jax.tree.flatten(module)
+    numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(leaves)}
+    return [str(structure), digest(numbers)]
 
 
 def c_map(name: str, definition: MapDefinition, numbers: int, constants: Constants) -> CFunction:

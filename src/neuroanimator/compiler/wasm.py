@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from neuroanimator.compiler.build import CompilerError, build_folder, succeeds
@@ -35,9 +34,6 @@ INSTRUCTIONS = {
 }  # fmt: skip
 """What programs may call of C's headers that WebAssembly has instructions for."""
 
-LIBRARY_CALL = re.compile(r"\b(acosf|asinf|cbrtf|coshf|fmodf|powf|sinhf)\(")
-"""What it has none for, of all that `codegen` writes."""
-
 
 def wasm_module(text: str, exports: list[str]) -> bytes:
     """Return the module of the C program `text`, whose functions and variables `exports` can be called and read.
@@ -60,15 +56,15 @@ def _built(text: str, exports: list[str], zig: list[str], folder: Path) -> bytes
         module = work_folder / "program.wasm"
         source.write_text(text, encoding="utf-8")
         wanted = [f"-Wl,--export={name}" for name in exports]
-        target = WITH_LIBRARY
-        if not LIBRARY_CALL.search(text):
-            target = [*BARE, "-isystem", str(_bare_headers(work_folder))]
-        command = [*zig, *target, *FLAGS, *wanted, str(source), "-o", str(module)]
+        bare = (*BARE, "-isystem", str(_bare_headers(work_folder)))
         # What Zig builds of its own library is worth keeping; the home folder may be missing.
         caches = zig_folders(kept_folder("zig") or work_folder, work_folder)
-        if not succeeds(command, work_folder, PATIENCE, caches) or not module.is_file():
-            raise CompilerError("the Zig compiler failed")
-        return module.read_bytes()
+        # What calls more than there are instructions for does not compile without a library.
+        for target in (bare, WITH_LIBRARY):
+            command = [*zig, *target, *FLAGS, *wanted, str(source), "-o", str(module)]
+            if succeeds(command, work_folder, PATIENCE, caches) and module.is_file():
+                return module.read_bytes()
+    raise CompilerError("the Zig compiler failed")
 
 
 def _bare_headers(work_folder: Path) -> Path:

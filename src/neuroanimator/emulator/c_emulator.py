@@ -252,6 +252,11 @@ class _Lanes:
         return self._program
 
 
+def facts_of_emulator(emulator: Emulator) -> list[str]:
+    """Return what an emulator does, in words and numbers: all that its programs depend on besides the package's code."""
+    return [canonical_json(describe(emulator)), digest(emulator_tensors(emulator))]
+
+
 def load_checked(
     emulator: Emulator, write: Program, check: Callable[[Probes, LoadedProgram], None]
 ) -> LoadedProgram | None:
@@ -261,7 +266,7 @@ def load_checked(
     """
     if find_compiler() is None or emulator.normaliser.change_scale.dtype != np.float32:
         return None
-    facts = [write.__name__, canonical_json(describe(emulator)), digest(emulator_tensors(emulator))]
+    facts = [write.__name__, *facts_of_emulator(emulator)]
 
     def check_it(program: LoadedProgram) -> None:
         check(probes_of(emulator), program)

@@ -13,14 +13,12 @@ from jaxtyping import Array, Bool, Float
 from neuroanimator.control.policies.policy import latent_structure
 from neuroanimator.control.policies.steering import leftward, unit
 from neuroanimator.emulator.arrays import as_float32
+from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.emulator.c_rows import call_rows
-from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import probes_of
-from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position
-from neuroanimator.storage.files import canonical_json, digest
 from neuroanimator.tasks.task import Aim
 
 MAX_OBSERVATION = 10.0
@@ -50,7 +48,7 @@ def step_rows(
     states, following, *flags = call_rows(
         step_row,
         emulator,
-        lambda: _about(emulator),
+        lambda: facts_of_emulator(emulator),
         lambda: _step_samples(emulator),
         latent,
         controls,
@@ -116,7 +114,10 @@ def observe_rows(
     (observations,) = call_rows(
         observe_row,
         observer,
-        lambda: [*_about(observer.emulator), f"{observer.scale} {observer.is_in_a_fixed_world}"],
+        lambda: [
+            *facts_of_emulator(observer.emulator),
+            f"{observer.scale} {observer.is_in_a_fixed_world}",
+        ],
         lambda: _observer_samples(observer),
         latent,
         *aims,
@@ -152,11 +153,6 @@ def observe_row(
     return (jnp.clip(jnp.nan_to_num(observation), -MAX_OBSERVATION, MAX_OBSERVATION),)
 
 
-def _about(emulator: Emulator) -> list[str]:
-    """Return what an emulator does, in words and numbers."""
-    return [canonical_json(describe(emulator)), digest(emulator_tensors(emulator))]
-
-
 def _step_samples(emulator: Emulator) -> list[Float[np.ndarray, "N _"]]:
     """Return a thousand latent states and controls: some far beyond what training showed."""
     probes = probes_of(emulator)
@@ -170,7 +166,6 @@ def _observer_samples(observer: Observer) -> list[Float[np.ndarray, "N _"]]:
     count = len(latent)
     positions = rng.normal(scale=3 * observer.scale, size=(count, 3))
     matters = rng.integers(0, 2, (count, 3))
-    directions = rng.normal(size=(count, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = unit(rng.normal(size=(count, 3)))
     times = rng.uniform(0, 1, (count, 1))
     return [latent, *map(as_float32, (matters * positions, matters, directions, times))]

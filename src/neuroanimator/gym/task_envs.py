@@ -22,7 +22,7 @@ from neuroanimator.systems import load_system
 from neuroanimator.tasks.rigid import RIGID_TASKS
 from neuroanimator.tasks.swimmers import SWIMMER_TASKS
 from neuroanimator.tasks.task import Task, Trial
-from neuroanimator.zoo import find_emulator
+from neuroanimator.zoo import emulator_name
 
 TASKS = {task.name: task for task in (*RIGID_TASKS, *SWIMMER_TASKS)}
 """The tasks by name."""
@@ -53,7 +53,7 @@ class TaskVectorEnv(EmulatedVectorEnv):
         if task not in TASKS:
             raise ArgumentError(f"No task called '{task}'. Tasks: {', '.join(TASKS)}.")
         self.task: Task = TASKS[task]
-        emulator = Emulator.load(find_emulator(f"{self.task.system}-{self.task.substeps}"))
+        emulator = Emulator.load(emulator_name(self.task.system, self.task.substeps))
         super().__init__(emulator, num_envs, render_mode)
         self.system = load_system(self.task.system)
         self.steps = round(self.task.seconds / emulator.dt)

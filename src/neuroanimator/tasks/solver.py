@@ -16,7 +16,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems import load_system
 from neuroanimator.systems.system import System
 from neuroanimator.tasks.task import Task, Trial
-from neuroanimator.zoo import find_emulator
+from neuroanimator.zoo import emulator_name
 
 CORRECTIONS = 16
 """Replays whose defects may be added to the emulator, at most."""
@@ -51,7 +51,7 @@ class Solver:
     @classmethod
     def shipped(cls, task: Task) -> Solver:
         """Return the solver of `task` with the system and the emulator that ship."""
-        emulator = Emulator.load(find_emulator(f"{task.system}-{task.substeps}"))
+        emulator = Emulator.load(emulator_name(task.system, task.substeps))
         return cls.of(task, load_system(task.system), emulator)
 
     def draw(self, number: int) -> Trial:

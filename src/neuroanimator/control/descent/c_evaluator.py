@@ -12,7 +12,6 @@ import ctypes
 from copy import copy
 from functools import cache, partial
 
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -22,6 +21,7 @@ from neuroanimator.codegen.c_map import (
     MapStruct,
     callers,
     check_maps,
+    facts_of,
     judge_of,
     program_of_maps,
 )
@@ -43,7 +43,6 @@ from neuroanimator.control.objective.c_objective import (
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import compiled_quickly
-from neuroanimator.storage.files import digest
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 CALLERS = (CALLER, ("neuroanimator.control.descent", "descent.c"))
@@ -217,9 +216,7 @@ def controls_map(parametrisation: Parametrisation) -> CMap | None:
         return known
     if not type(parametrisation).__module__.startswith(OURS):
         return _known.keep(None, parametrisation)
-    leaves, structure = jax.tree.flatten(parametrisation)
-    numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(leaves)}
-    about = "\n".join([CONTROLS, str(structure), digest(numbers)])
+    about = "\n".join([CONTROLS, *facts_of(parametrisation)])
     definitions = {CONTROLS: MapDefinition(_controls, parametrisation, parametrisation.size)}
     make = partial(program_of_maps, definitions, len(NO_NUMBERS))
     program = load_program(about, make, partial(_check_controls, definitions[CONTROLS]))

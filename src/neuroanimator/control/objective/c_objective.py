@@ -24,6 +24,7 @@ from neuroanimator.codegen.c_map import (
     MapStruct,
     callers,
     check_maps,
+    facts_of,
     judge_of,
     program_of_maps,
 )
@@ -36,7 +37,6 @@ from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.probes import compiled_quickly
-from neuroanimator.storage.files import digest
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 OURS = "neuroanimator."
@@ -207,9 +207,7 @@ class _Form:
         structure = jax.tree.structure(self.objective)
         facts = ["objective", str(structure), str(shapes), str(self.shape)]
         if self.encoding is not None:
-            leaves, encoding = jax.tree.flatten(self.encoding)
-            numbers = {str(number): np.asarray(leaf) for number, leaf in enumerate(leaves)}
-            facts += [str(encoding), digest(numbers)]
+            facts += facts_of(self.encoding)
         return "\n".join(facts)
 
     def rows(self, term: StateTerm) -> list[int]:

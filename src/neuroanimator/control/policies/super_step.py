@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import describe_policy, policy_leaves
-from neuroanimator.control.policies.steering import SteeringTarget, command_toward
+from neuroanimator.control.policies.steering import SteeringTarget, command_toward, unit
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_rows import CRows, c_rows, call_rows
 from neuroanimator.emulator.probes import probes_of
@@ -85,8 +85,7 @@ def _samples(policy: Policy) -> list[Float[np.ndarray, "N _"]]:
     rng = np.random.default_rng(0)
     states = probes_of(policy.emulator).states
     count = len(states)
-    directions = rng.normal(size=(count, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = unit(rng.normal(size=(count, 3)))
     slowest, fastest = policy.ranges.low[0], policy.ranges.high[0]
     excess = EXCESS * (fastest - slowest)
     speeds = rng.uniform(slowest - excess, fastest + excess, (count, 1))
