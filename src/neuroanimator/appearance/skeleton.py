@@ -12,23 +12,19 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.appearance.binding import Binding, binding_from_json, bound_pose
+from neuroanimator.appearance.joints import JOINT_KINDS, JOINT_SIZES, Joint, Link, Numbers
 from neuroanimator.appearance.skin import Skin, skin_from_json, skin_to_json
+from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import check_label
 from neuroanimator.parsing.numbers import number, numbers, whole
 from neuroanimator.state.rotation import multiply, rotate
 from neuroanimator.text import quoted
-
-Numbers = tuple[float, ...]
-"""A vector or a quaternion as it stands in a skeleton: a few numbers, not an array."""
 
 Poses = tuple[Float[np.ndarray, "T B 3"], Float[np.ndarray, "T B 4"]]
 """Positions [m] and orientations wxyz of B bones in T states."""
 
 Pose = tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]
 """Positions [m] and orientations wxyz of one bone in T states."""
-
-JOINT_KINDS = ("hinge", "slide", "ball", "free")
-"""Kinds of joints, as MuJoCo calls them."""
 
 SHAPE_SIZES = {"capsule": 2, "box": 3, "sphere": 1, "ellipsoid": 3, "cylinder": 2}
 """How many sizes each kind of shape needs."""
@@ -38,9 +34,6 @@ SHAPE_KINDS = tuple(SHAPE_SIZES)
 
 MAX_SIZES = 3
 """Sizes a shape may have: MuJoCo gives every shape three."""
-
-JOINT_SIZES = {"ball": 4, "free": 7}
-"""State entries a joint reads, if more than one."""
 
 MAX_BONES = 500
 """A skeleton may come from a stranger, and every bone is drawn; a model has at most as many bodies."""
@@ -65,22 +58,6 @@ MAX_COMPONENT = 2.0
 
 MAX_REASON = 80
 """Characters of Python's own reason that a message quotes."""
-
-
-@dataclass(frozen=True)
-class Joint:
-    """What lets a bone move against its parent."""
-
-    kind: str
-    """One of `JOINT_KINDS`."""
-    entry: int
-    """First state entry it reads: an angle [rad], a distance [m], a quaternion, or a position and a quaternion."""
-    axis: Numbers
-    """Unit axis in the bone's frame; of hinges and slides."""
-    anchor: Numbers
-    """Point in the bone's frame it rotates about [m]."""
-    reference: float = 0.0
-    """Value of the entry at which the bone is where the tree puts it."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +94,11 @@ class Bone:
 
     Its `offset` and `orientation` are those at rest.
     """
+
+    @property
+    def link(self) -> Link:
+        """How it hangs and what moves it, without what is drawn of it."""
+        return Link(self.offset, self.orientation, self.joints)
 
     @property
     def is_moving(self) -> bool:
@@ -159,6 +141,22 @@ class Skeleton:
                 positions[:, i] = positions[:, bone.parent] + rotate(parent, positions[:, i])
                 orientations[:, i] = multiply(parent, orientations[:, i])
         return positions, orientations
+
+    def chain_to(self, name: str) -> tuple[Link, ...]:
+        """Return the links from the world to the bone `name`; ArgumentError if there is none, or mass points move it."""
+        by_name = {bone.name: bone for bone in self.bones}
+        if name not in by_name:
+            raise ArgumentError(f"body: none is called '{name}'. Bodies: {', '.join(by_name)}.")
+        bone = by_name[name]
+        if bone.binding is not None:
+            raise ArgumentError(
+                f"body: '{name}' follows mass points. Wanted one that joints move; reach_position is for all of it."
+            )
+        links = [bone.link]
+        while bone.parent >= 0:
+            bone = self.bones[bone.parent]
+            links.append(bone.link)
+        return tuple(reversed(links))
 
     def to_json(self) -> list[dict[str, Any]] | dict[str, Any]:
         """Return plain dictionaries, one per bone; under a skin, in a dictionary with it."""
@@ -303,34 +301,7 @@ def _entries_read(bone: Bone) -> int:
 
 
 def _local_pose(bone: Bone, states: Float[np.ndarray, "T S"]) -> Pose:
-    """Return positions and orientations of a bone in its parent's frame, joint after joint as MuJoCo does."""
+    """Return positions and orientations of a bone in its parent's frame."""
     if bone.binding is not None:
         return bound_pose(bone.binding, states)
-    position = np.broadcast_to(np.array(bone.offset), (len(states), 3))
-    orientation = np.broadcast_to(np.array(bone.orientation), (len(states), 4))
-    for joint in bone.joints:
-        if joint.kind == "free":
-            position = states[:, joint.entry : joint.entry + 3]
-            orientation = _unit_quaternion(states, joint.entry + 3)
-        elif joint.kind == "slide":
-            distance = states[:, joint.entry] - joint.reference
-            position = position + rotate(orientation, distance[:, None] * np.array(joint.axis))
-        else:
-            anchor = np.broadcast_to(np.array(joint.anchor), position.shape)
-            fixed = position + rotate(orientation, anchor)
-            orientation = multiply(orientation, _joint_rotation(joint, states))
-            position = fixed - rotate(orientation, anchor)
-    return position, orientation
-
-
-def _joint_rotation(joint: Joint, states: Float[np.ndarray, "T S"]) -> Float[np.ndarray, "T 4"]:
-    """Return the quaternion of a ball joint, or of a hinge turned by its angle."""
-    if joint.kind == "ball":
-        return _unit_quaternion(states, joint.entry)
-    half_angle = (states[:, joint.entry] - joint.reference)[:, None] / 2
-    return np.concatenate([np.cos(half_angle), np.sin(half_angle) * np.array(joint.axis)], axis=-1)
-
-
-def _unit_quaternion(states: Float[np.ndarray, "T S"], entry: int) -> Float[np.ndarray, "T 4"]:
-    quaternion = states[:, entry : entry + 4]
-    return quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    return bone.link.local_pose(states)

@@ -9,6 +9,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 from swing_up import stand_upright
@@ -39,6 +40,7 @@ from neuroanimator.control.objective.costs import (
     keep_velocity,
     reach_heading,
     reach_height,
+    reach_point,
     reach_position,
     reach_positions,
     smoothness,
@@ -56,6 +58,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.rotation import multiply, rotate
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 
 BODIES = ("fish", "truck")
@@ -66,6 +69,8 @@ TURN = np.array([0.5, -0.5, 0.1, 0.7]) / np.linalg.norm([0.5, -0.5, 0.1, 0.7])
 UPRIGHT_TURN = np.array([0.8, 0.0, 0.0, 0.6])
 """A turn about the vertical, which leaves up where it is."""
 DT, STEPS = 0.05, 8
+HALF_WAY = (0.05, -0.02, 0.1)
+"""A point off the origin of a wheel [m]."""
 BOUNDS = Bounds((-2.0, 0.0, -1.0), (2.0, 5.0, 3.0))
 
 
@@ -239,6 +244,20 @@ def test_slopes_equal_finite_differences(body: str):
         assert [not term.of_controls for term in terms] == looks_at_states.tolist()
 
 
+def test_a_point_of_the_body_is_where_mujoco_has_it():
+    system = a_system("truck")
+    assert isinstance(system, MujocoSystem)
+    wheel = reach_point(system, "wheel_fl", [0, 0, 0], offset=HALF_WAY, within=1, since=0)
+    states = system.sample_starts(np.random.default_rng(0), 8)
+    data = mujoco.MjData(system.model)
+    for state in states:
+        system.put(data, state)
+        mujoco.mj_forward(system.model, data)
+        body = data.body("wheel_fl")
+        there = body.xpos + body.xmat.reshape(3, 3) @ HALF_WAY
+        np.testing.assert_allclose(wheel.observe(jnp.asarray(state)), there, atol=1e-5)
+
+
 @pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 def test_costs_of_positions_and_velocities_are_the_same_in_c():
     """The others are part of descents in C: see `test_c_evaluator`."""
@@ -246,7 +265,8 @@ def test_costs_of_positions_and_velocities_are_the_same_in_c():
     emulator = load_emulator("truck-50")
     motion = a_motion(system, dt=emulator.dt)
     kinds = ("reach_positions", "reach_height", "follow_path", "keep_velocity", "keep_speed")
-    objective = Objective.of(*(EVERY[kind](system) for kind in kinds))
+    wheel = reach_point(system, "wheel_fl", PLACES[0], offset=HALF_WAY, within=0.1, since=0.1)
+    objective = Objective.of(wheel, *(EVERY[kind](system) for kind in kinds))
     in_c = c_objective(objective, emulator, STEPS, as_float32(motion.control_scale))
     assert in_c is not None
     found, found_slopes = in_c.cost_and_slopes(
@@ -578,6 +598,13 @@ REFUSED_ARGUMENTS = {
     "wanted rows of 3 finite numbers": lambda s: reach_position(s, [1, 2], within=1),
     "wanted rows of 2 finite numbers": lambda s: reach_positions(
         s, [[1, np.nan]], [1], within=1, axes="xy"
+    ),
+    "body: none is called 'arm'. Bodies: ": lambda s: reach_point(s, "arm", PLACES[0], within=1),
+    "'nose' follows mass points": lambda s: reach_point(
+        a_system("fish"), "nose", PLACES[0], within=1
+    ),
+    "reach_point: wanted at or since, came both": lambda s: reach_point(
+        s, "wheel_fl", PLACES[0], within=1, at=1.0, since=0.5
     ),
     "keyframes: wanted 2 times": lambda s: reach_positions(s, PLACES, [1.0], within=1),
     "keyframes: wanted 2 times of at least 0 s": lambda s: reach_positions(

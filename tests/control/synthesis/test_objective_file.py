@@ -67,6 +67,9 @@ MEANT = {
     'kind = "reach_height"\nheight = 2.0\nwithin = 0.1\nat = 1.5': lambda truck: costs.reach_height(
         truck, 2.0, within=0.1, at=1.5
     ),
+    'kind = "reach_point"\nbody = "wheel_fl"\nposition = [1, 2, 0]\noffset = [0, 0, 1]\nwithin = 1\nsince = 1': lambda truck: (
+        costs.reach_point(truck, "wheel_fl", [1, 2, 0], offset=[0, 0, 1], within=1.0, since=1.0)
+    ),
     'kind = "reach_positions"\npositions = [[1, 2, 3], [2, 3, 4]]\ntimes = [1, 2]\nwithin = 1': lambda truck: (
         costs.reach_positions(truck, [[1, 2, 3], [2, 3, 4]], [1.0, 2.0], within=1.0)
     ),

@@ -18,6 +18,7 @@ from neuroanimator.control.objective.terms import (
     KeepVelocity,
     Point,
     ReachHeight,
+    ReachPoint,
     ReachPositions,
     Smoothness,
     StayUpright,
@@ -56,6 +57,38 @@ def reach_position(
     positions = as_numbers(position, "position")[None]
     times = None if at is None else [at]
     return reach_positions(system, positions, times, within=within, axes=axes, weight=weight)
+
+
+def reach_point(
+    system: System,
+    body: str,
+    position: ArrayLike,
+    *,
+    within: float,
+    offset: ArrayLike = (0.0, 0.0, 0.0),
+    at: float | None = None,
+    since: float | None = None,
+    axes: str = "xyz",
+    weight: float = 1.0,
+) -> ReachPoint:
+    """Return the cost of a point of `body` not being at `position` [m] at the end, `at` [s], or `since` [s] all along.
+
+    The point lies at `offset` (3,) [m] in the frame of the body, as MuJoCo has it: a hand, a mouth, the tip of a tool.
+    """
+    if at is not None and since is not None:
+        raise ArgumentError(f"reach_point: wanted at or since, came both, {at:g} and {since:g} s.")
+    which = _axes(axes)
+    place = _numbers("offset", offset, 3)
+    return ReachPoint(
+        weight=as_weight(weight),
+        chain=system.skeleton.chain_to(body),
+        offset=tuple(map(float, place)),
+        position=_numbers("position", position, len(which)),
+        within=_positive("within", within),
+        axes=which,
+        lasts=since is not None,
+        times=_at(at) if since is None else _since(since),
+    )
 
 
 def reach_height(

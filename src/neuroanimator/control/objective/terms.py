@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
+from neuroanimator.appearance.joints import Link, point_of_chain
 from neuroanimator.control.objective.objective import CostTerm, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
@@ -115,6 +116,34 @@ class ReachPositions(StateTerm):
 
     def compare(self, observed: Float[Array, "K A"], dt: float) -> Float[Array, " R"]:
         return ((observed - self.positions) / self.within).ravel()
+
+
+class ReachPoint(StateTerm):
+    """Be somewhere with a point of the body, such as a hand: at given times, or from the only one on if `lasts`."""
+
+    weight: Float[Array, ""]
+    chain: tuple[Link, ...] = eqx.field(static=True)
+    """From the world to the body the point lies on."""
+    offset: tuple[float, ...] = eqx.field(static=True)
+    """[m] In that body's frame."""
+    position: Float[Array, " A"]
+    """[m] Along the axes that matter."""
+    within: Float[Array, ""]
+    axes: tuple[int, ...] = eqx.field(static=True)
+    lasts: bool = eqx.field(static=True)
+    times: tuple[float, ...] = eqx.field(static=True)
+
+    def rows(self, steps: int, dt: float) -> list[int]:
+        if self.lasts:
+            return rows_since(self.times, steps, dt)
+        return rows_at(self.times, steps, dt)
+
+    def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
+        return _along(self.axes, point_of_chain(self.chain, self.offset, state))
+
+    def compare(self, observed: Float[Array, "K A"], dt: float) -> Float[Array, " R"]:
+        share = math.sqrt(dt) if self.lasts else 1.0
+        return share * ((observed - self.position) / self.within).ravel()
 
 
 class ReachHeight(StateTerm):

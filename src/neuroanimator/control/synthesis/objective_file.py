@@ -218,6 +218,7 @@ KINDS: dict[str, Callable[..., CostTerm]] = {
     "reach_positions": costs.reach_positions,
     "reach_heading": costs.reach_heading,
     "reach_height": costs.reach_height,
+    "reach_point": costs.reach_point,
     "reach_position": costs.reach_position,
     "reach_state": goals.reach_state,
     "smoothness": costs.smoothness,

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.appearance.skeleton import Bone, Joint, Shape, Skeleton
+from neuroanimator.appearance.joints import Joint
+from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.parsing.names import model_name
 
 DRAWN_GROUPS = 3
