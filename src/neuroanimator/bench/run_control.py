@@ -17,12 +17,8 @@ from neuroanimator.bench.first_controller import cold_seconds
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.synthesis.receding_horizon import (
-    PhysicsPlant,
-    Planner,
-    all_along,
-    control_plant,
-)
+from neuroanimator.control.planning.planner import Planner, all_along
+from neuroanimator.control.planning.plants import PhysicsPlant, control_plant
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.errors import ArgumentError
 from neuroanimator.tasks.all_tasks import TASKS

@@ -26,18 +26,15 @@ if TYPE_CHECKING:
     )
     from neuroanimator.control.objective.obstacles import Zone
     from neuroanimator.control.objective.trajectory import Trajectory
-    from neuroanimator.control.synthesis.attempt import SearchCost
-    from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_file
-    from neuroanimator.control.synthesis.receding_horizon import (
+    from neuroanimator.control.planning.planner import Plan, Planner, all_along, moved_on
+    from neuroanimator.control.planning.plants import (
         ControlledMotion,
         EmulatorPlant,
         PhysicsPlant,
-        Plan,
-        Planner,
-        all_along,
         control_plant,
-        moved_on,
     )
+    from neuroanimator.control.synthesis.attempt import SearchCost
+    from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_file
     from neuroanimator.control.synthesis.replay import Replay
     from neuroanimator.control.synthesis.synthesise import synthesise_goal
 
@@ -58,14 +55,14 @@ _HOMES = {
     "read_objective": "synthesis.objective_file",
     "synthesise_file": "synthesis.objective_file",
     "synthesise_goal": "synthesis.synthesise",
-    "Planner": "synthesis.receding_horizon",
-    "Plan": "synthesis.receding_horizon",
-    "control_plant": "synthesis.receding_horizon",
-    "ControlledMotion": "synthesis.receding_horizon",
-    "EmulatorPlant": "synthesis.receding_horizon",
-    "PhysicsPlant": "synthesis.receding_horizon",
-    "all_along": "synthesis.receding_horizon",
-    "moved_on": "synthesis.receding_horizon",
+    "Planner": "planning.planner",
+    "Plan": "planning.planner",
+    "control_plant": "planning.plants",
+    "ControlledMotion": "planning.plants",
+    "EmulatorPlant": "planning.plants",
+    "PhysicsPlant": "planning.plants",
+    "all_along": "planning.planner",
+    "moved_on": "planning.planner",
 }
 
 __all__ = [  # noqa: RUF022 (by what they are for)

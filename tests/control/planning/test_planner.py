@@ -11,14 +11,8 @@ from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.synthesis.receding_horizon import (
-    EmulatorPlant,
-    PhysicsPlant,
-    Planner,
-    all_along,
-    control_plant,
-    moved_on,
-)
+from neuroanimator.control.planning.planner import Planner, all_along, moved_on
+from neuroanimator.control.planning.plants import EmulatorPlant, PhysicsPlant, control_plant
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.goal import Goal
 

@@ -1,0 +1,94 @@
+"""Plan again at every super step from the state as measured, and use only the plan's first control."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuroanimator.control.planning.planner import Planner, moved_on
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.systems.system import System
+
+Plant = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""What is controlled: (state (S,), control (C,)) → the state one super step later."""
+Disturbance = Callable[[int, np.ndarray], np.ndarray]
+"""(super step, state (S,)) → the state after a push; the controller learns of it by measuring."""
+
+
+@dataclass(frozen=True)
+class EmulatorPlant:
+    """The emulator itself, as what is controlled."""
+
+    emulator: Emulator
+
+    def __call__(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """Return the state (S,) one super step later."""
+        return np.asarray(self.emulator.rollout(state, control[None])[1], float)
+
+
+@dataclass(frozen=True)
+class PhysicsPlant:
+    """The true physics, as what is controlled."""
+
+    system: System
+    dt: float
+    """Super step [s]."""
+
+    def __call__(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """Return the state (S,) one super step later."""
+        runs = self.system.simulate_fastest(state[None], control[None, None], self.dt)
+        if runs.has_diverged[0]:
+            raise NeuroAnimatorError(
+                "The physics diverged under control. Push less, or raise effort_weight."
+            )
+        return runs.states[0, 1]
+
+
+@dataclass(frozen=True)
+class ControlledMotion:
+    """What a planner and a plant did together."""
+
+    states: np.ndarray
+    """(N+1, S) as measured, pushes included, and the last."""
+    controls: np.ndarray
+    """(N, C) the first of each plan."""
+    plan_seconds: np.ndarray
+    """(N,)"""
+
+    @property
+    def p99_ms(self) -> float:
+        """How long all but one plan in a hundred took at most [ms]."""
+        return float(np.percentile(self.plan_seconds, 99) * 1e3)
+
+
+def control_plant(
+    planner: Planner,
+    plant: Plant,
+    start: np.ndarray,
+    steps: int,
+    disturb: Disturbance | None = None,
+) -> ControlledMotion:
+    """Return the motion of `plant` from `start` (S,), planned again at each of `steps` super steps.
+
+    A control acts from the state it was planned from: the time of planning is taken to be short against a super step.
+    """
+    state = planner.emulator.state.check(start, "state")
+    first = None
+    states = []
+    plans = []
+    for step in range(steps):
+        if disturb is not None:
+            state = disturb(step, state)
+        plan = planner.plan(state, first)
+        states.append(state)
+        plans.append(plan)
+        state = plant(state, plan.controls[0])
+        first = moved_on(plan.controls)
+    return ControlledMotion(
+        np.stack([*states, state]),
+        np.stack([plan.controls[0] for plan in plans]),
+        np.array([plan.seconds for plan in plans]),
+    )
