@@ -26,6 +26,14 @@ if TYPE_CHECKING:
     )
     from neuroanimator.control.objective.obstacles import Zone
     from neuroanimator.control.objective.trajectory import Trajectory
+    from neuroanimator.control.planning.environments import (
+        DmEnvironment,
+        Environment,
+        Episode,
+        control_environment,
+        mujoco_state,
+    )
+    from neuroanimator.control.planning.learn import learn_from
     from neuroanimator.control.planning.planner import Plan, Planner, all_along, moved_on
     from neuroanimator.control.planning.plants import (
         ControlledMotion,
@@ -61,6 +69,12 @@ _HOMES = {
     "ControlledMotion": "planning.plants",
     "EmulatorPlant": "planning.plants",
     "PhysicsPlant": "planning.plants",
+    "Environment": "planning.environments",
+    "DmEnvironment": "planning.environments",
+    "Episode": "planning.environments",
+    "control_environment": "planning.environments",
+    "mujoco_state": "planning.environments",
+    "learn_from": "planning.learn",
     "all_along": "planning.planner",
     "moved_on": "planning.planner",
 }
@@ -94,6 +108,13 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "PhysicsPlant",
     "all_along",
     "moved_on",
+    # In somebody else's environment.
+    "Environment",
+    "DmEnvironment",
+    "Episode",
+    "control_environment",
+    "mujoco_state",
+    "learn_from",
 ]
 
 __getattr__, __dir__ = lazy_names(__name__, _HOMES)

@@ -94,13 +94,21 @@ def first_guesses(
     first = options.first
     if first is not None and first.ndim == 3:
         return np.stack([parametrisation.guess(controls) for controls in first])
+    others = random_guesses(emulator, parametrisation, options.starts - 1, options.seed)
+    return np.concatenate([parametrisation.guess(first)[None], others])
+
+
+def random_guesses(
+    emulator: Emulator, parametrisation: Parametrisation, count: int, seed: int
+) -> Float[np.ndarray, "K Z"]:
+    """Return the z of `count` random controls as training saw them."""
     spec = emulator.spec
-    rng = np.random.default_rng([options.seed, FIRST_GUESSES])
-    guesses = [parametrisation.guess(first)]
-    for _ in range(options.starts - 1):
+    rng = np.random.default_rng([seed, FIRST_GUESSES])
+    guesses = np.empty((count, parametrisation.size))
+    for guess in guesses:
         controls = sample_controls(rng, parametrisation.steps, emulator.dt, spec.bounds, spec.gait)
-        guesses.append(parametrisation.guess(controls))
-    return np.stack(guesses)
+        guess[:] = parametrisation.guess(controls)
+    return guesses
 
 
 FIRST_GUESSES = 11

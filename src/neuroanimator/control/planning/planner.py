@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.control.descent.descend import advance, pose_problem
+from neuroanimator.control.descent.descend import advance, pose_problem, random_guesses
 from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.evaluators import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
@@ -23,6 +23,9 @@ from neuroanimator.state.layout import Bounds
 
 ITERATIONS = 2
 """Backward sweeps a plan: the last plan, moved on, is nearly optimal already. They swing the pendulum up and hold it."""
+
+MAX_GUESSES = 4096
+"""Random controls tried at every plan, at most: J of each takes as long as a rollout."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,8 @@ class Planner:
     method: str
     iterations: int
     """Backward sweeps of a plan, at most."""
+    guesses: Float[np.ndarray, "K Z"] = field(repr=False)
+    """Random controls tried at every plan, as numbers of the parametrisation."""
     _evaluator: Evaluator = field(repr=False)
     """Of motions from the emulator's rest."""
 
@@ -63,11 +68,15 @@ class Planner:
         method: str = DEFAULT_METHOD,
         bounds: Bounds | None = None,
         parametrisation: Parametrisation | None = None,
+        guesses: int = 0,
+        seed: int = 0,
     ) -> Planner:
         """Return a planner that looks `steps` super steps ahead, compiled: some seconds.
 
         Times in `objective` count from the state planned from, so a goal at `all_along` is one to stay at. `bounds`
         may be tighter than the emulator's own; `parametrisation` other than one value per super step bring their own.
+        Of so many random `guesses`, the same at every plan, the best is descended from beside the last plan: a plan
+        whose controls are at their bounds has hardly a slope, and a new beginning leads away from there.
 
         Raises ArgumentError for an unknown method, numbers below 1, and an objective that cannot be descended.
         """
@@ -76,6 +85,8 @@ class Planner:
             raise ArgumentError(
                 f"steps and iterations: wanted at least 1, came {steps} and {iterations}."
             )
+        if not 0 <= guesses <= MAX_GUESSES:
+            raise ArgumentError(f"guesses: wanted 0 to {MAX_GUESSES}, came {guesses}.")
         if parametrisation is None:
             parametrisation = EachStep.of(steps, bounds or emulator.bounds)
         if parametrisation.steps != steps:
@@ -85,7 +96,13 @@ class Planner:
         check_objective(objective, emulator, emulator.rest, steps)
         problem = pose_problem(emulator, objective, parametrisation, emulator.rest)
         planner = cls(
-            emulator, objective, parametrisation, method, iterations, evaluator_of(problem)
+            emulator,
+            objective,
+            parametrisation,
+            method,
+            iterations,
+            random_guesses(emulator, parametrisation, guesses, seed),
+            evaluator_of(problem),
         )
         planner.plan(emulator.rest)
         return planner
@@ -100,7 +117,13 @@ class Planner:
         guess = self.parametrisation.guess(first)
         evaluator = self._evaluator.at(state)
         method = METHODS[self.method]
-        (progress,) = advance(method, evaluator, [method.begin(guess)], self.iterations)
+        starts = [method.begin(guess)]
+        if len(self.guesses):
+            costs = evaluator.costs(self.guesses)
+            best_guess = np.argmin(np.where(np.isfinite(costs), costs, np.inf))
+            starts.append(method.begin(self.guesses[best_guess]))
+        found = advance(method, evaluator, starts, self.iterations)
+        progress = min(found, key=lambda end: end.least if np.isfinite(end.least) else np.inf)
         motion = evaluator.motion(progress.best)
         return Plan(motion.controls, motion.states, progress.least, time.perf_counter() - began)
 

@@ -70,10 +70,11 @@ def refined(
     data = transitions_near(data, states, controls, count=NEARBY_WINDOWS, seed=seed)
     super_steps = (len(data.states) - known) * (data.states.shape[1] - 1)
     physics_steps = super_steps * system.truth.steps(emulator.dt)
-    return _train_on(emulator, data), data, physics_steps
+    return train_on(emulator, data), data, physics_steps
 
 
-def _train_on(emulator: Emulator, data: Transitions) -> Emulator:
+def train_on(emulator: Emulator, data: Transitions) -> Emulator:
+    """Return a copy of the emulator trained on, for seconds, with `data`."""
     config = TrainingConfig(
         widths=emulator.network.widths,
         network=describe(emulator)["network"]["kind"],

@@ -1,0 +1,223 @@
+"""Planning in somebody else's environment: whatever resets, steps and lets its state be read.
+
+    episode = control_environment(planner, environment, 500, state_of=read_state)
+
+An environment is a world of its own: its reward is not the objective, its reset may begin where training never was, and
+nothing but what it shows is known of it. So an emulator may be taught what was seen there, see `learn_from`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.planning.planner import Planner, moved_on
+from neuroanimator.errors import ArgumentError
+
+RESULTS = 5
+"""What a step returns, by Gymnasium: observation, reward, whether it terminated, whether it was truncated, and infos."""
+
+
+class Environment(Protocol):
+    """What is controlled, with Gymnasium's signatures."""
+
+    def reset(self, *, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode; return an observation and infos."""
+        ...
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Go on by one step; return observation, reward, whether it terminated, whether it was truncated, and infos."""
+        ...
+
+
+StateReader = Callable[[Any, Any], Float[np.ndarray, " S"]]
+"""(environment, observation) → the state as the emulator has it."""
+
+ObjectiveReader = Callable[[Any, Any], Objective]
+"""(environment, first observation) → the planner's costs with the numbers of this episode, such as where its target is."""
+
+
+@dataclass(frozen=True)
+class DmEnvironment:
+    """An environment of dm_control's kind, as one of Gymnasium's."""
+
+    unwrapped: Any
+    """With `reset()` and `step(action)` that return time steps."""
+
+    def reset(self, *, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode. The seed is the environment's own: it was given to its task when that was made."""
+        return self.unwrapped.reset().observation, {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Go on by one step. An episode that ends at a discount of 1 was truncated: it would have gone on."""
+        moment = self.unwrapped.step(action)
+        is_last = moment.last()
+        is_truncated = is_last and moment.discount == 1
+        return moment.observation, moment.reward, is_last and not is_truncated, is_truncated, {}
+
+
+def mujoco_state(environment: Any, observation: Any) -> Float[np.ndarray, " S"]:
+    """Return positions, velocities and activations of the MuJoCo model inside an environment of Gymnasium or dm_control.
+
+    Raises ArgumentError where there is none.
+    """
+    inner = getattr(environment, "unwrapped", environment)
+    data: Any = getattr(getattr(inner, "physics", inner), "data", None)
+    if not all(hasattr(data, part) for part in ("qpos", "qvel", "act")):
+        raise ArgumentError(
+            f"state_of: no MuJoCo data in {type(inner).__name__}. Wanted a function (environment, observation) → state."
+        )
+    return np.concatenate([data.qpos, data.qvel, data.act], dtype=float)
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What a planner did in an environment, super step by super step."""
+
+    states: Float[np.ndarray, "N+1 S"]
+    """As read before each control, and after the last."""
+    controls: Float[np.ndarray, "N C"]
+    rewards: Float[np.ndarray, " N"]
+    """The environment's own, summed over each super step."""
+    plan_seconds: Float[np.ndarray, " N"]
+    is_terminated: bool
+    """Whether the environment ended it, rather than the clock."""
+    environment_steps: int
+
+    @property
+    def total_reward(self) -> float:
+        """The episode's return, undiscounted."""
+        return float(self.rewards.sum())
+
+
+def control_environment(
+    planner: Planner,
+    environment: Environment,
+    steps: int,
+    *,
+    state_of: StateReader = mujoco_state,
+    objective_of: ObjectiveReader | None = None,
+    hold: int = 1,
+    seed: int | None = None,
+    on_step: Callable[[int, float], None] = lambda step, reward: None,
+) -> Episode:
+    """Return one episode of at most `steps` super steps, planned again at each from the state as read.
+
+    A super step of the emulator is `hold` steps of the environment, under one control. `objective_of` makes the
+    episode's own objective from its first observation. `on_step` is told (super step, its reward).
+
+    Raises ArgumentError for an environment that does not return what Gymnasium's do, for states and actions of
+    another size than the emulator's, and for states that are not finite.
+    """
+    if min(steps, hold) < 1:
+        raise ArgumentError(f"steps and hold: wanted at least 1, came {steps} and {hold}.")
+    _check_action_size(planner, environment)
+    observation = _reset(environment, seed)
+    if objective_of is not None:
+        planner = planner.towards(objective_of(environment, observation))
+    state = _read(planner, state_of, environment, observation)
+    states = [state]
+    controls = []
+    rewards = []
+    seconds = []
+    taken = 0
+    first = None
+    moment = _Moment(observation, 0.0, is_terminated=False, is_over=False)
+    while len(controls) < steps and not moment.is_over:
+        began = time.perf_counter()
+        plan = planner.plan(state, first)
+        seconds.append(time.perf_counter() - began)
+        control = plan.controls[0].astype(float)
+        reward = 0.0
+        for _ in range(hold):
+            moment = _step(environment, control)
+            reward += moment.reward
+            taken += 1
+            if moment.is_over:
+                break
+        state = _read(planner, state_of, environment, moment.observation)
+        states.append(state)
+        controls.append(control)
+        rewards.append(reward)
+        first = moved_on(plan.controls)
+        on_step(len(controls), reward)
+    return Episode(
+        np.stack(states),
+        np.stack(controls),
+        np.array(rewards),
+        np.array(seconds),
+        moment.is_terminated,
+        taken,
+    )
+
+
+class _Moment(NamedTuple):
+    """What an environment says after a step."""
+
+    observation: Any
+    reward: float
+    is_terminated: bool
+    is_over: bool
+
+
+def _reset(environment: Environment, seed: int | None) -> Any:
+    """Return the first observation."""
+    result = environment.reset(seed=seed)
+    if not isinstance(result, tuple) or len(result) != 2:
+        raise ArgumentError(
+            f"environment.reset: wanted (observation, info) as Gymnasium has it, came {_form(result)}. "
+            "Wrap dm_control's in DmEnvironment."
+        )
+    return result[0]
+
+
+def _step(environment: Environment, control: Float[np.ndarray, " C"]) -> _Moment:
+    result = environment.step(control)
+    if not isinstance(result, tuple) or len(result) != RESULTS:
+        raise ArgumentError(
+            "environment.step: wanted (observation, reward, terminated, truncated, info) as Gymnasium has it, "
+            f"came {_form(result)}. Wrap dm_control's in DmEnvironment."
+        )
+    observation, reward, is_terminated, is_truncated, _ = result
+    if np.ndim(reward) or not np.isfinite(reward):
+        raise ArgumentError(
+            f"environment.step: wanted a finite number as reward, came {_form(reward)}."
+        )
+    is_over = bool(is_terminated) or bool(is_truncated)
+    return _Moment(observation, float(reward), bool(is_terminated), is_over)
+
+
+def _form(value: Any) -> str:
+    """Return what kind of thing came, in few words."""
+    if isinstance(value, tuple):
+        return f"{len(value)} things"
+    if np.ndim(value):
+        return f"an array of shape {np.shape(value)}"
+    if isinstance(value, float | np.floating):
+        return f"{value:g}"
+    return type(value).__name__
+
+
+def _read(
+    planner: Planner, state_of: StateReader, environment: Environment, observation: Any
+) -> Float[np.ndarray, " S"]:
+    """Return the state as `state_of` reads it, checked."""
+    state = np.asarray(state_of(environment, observation), float)
+    return planner.emulator.state.check(state, "state_of")
+
+
+def _check_action_size(planner: Planner, environment: Environment) -> None:
+    """Refuse an environment whose actions are not the emulator's controls, where it says what they are."""
+    space = getattr(environment, "action_space", None)
+    size = planner.emulator.control.size
+    if space is not None and tuple(space.shape) != (size,):
+        raise ArgumentError(
+            f"environment: its actions have shape {tuple(space.shape)}, the emulator {size} controls. "
+            "Train on the environment's own model."
+        )

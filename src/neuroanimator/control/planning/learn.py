@@ -1,0 +1,52 @@
+"""Teach the emulator what happened in an environment, and go on with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from neuroanimator.control.planning.environments import Episode
+from neuroanimator.control.synthesis.finetune import train_on
+from neuroanimator.data.config import MAX_UNROLL
+from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+
+SEEN_SHARE = 0.3
+"""Share of all windows that come from episodes: enough to count, and the rest keeps what else was known."""
+
+
+def learn_from(emulator: Emulator, episodes: Sequence[Episode], data: Transitions) -> Emulator:
+    """Return a copy of the emulator trained on, some seconds, with what `episodes` saw among `data` it was made from."""
+    return train_on(emulator, with_episodes(data, episodes))
+
+
+def with_episodes(data: Transitions, episodes: Sequence[Episode]) -> Transitions:
+    """Return `data` and the windows of `episodes`, repeated until they are a fair share of all.
+
+    Raises ArgumentError if no episode is as long as a window.
+    """
+    states = []
+    controls = []
+    runs = []
+    for number, episode in enumerate(episodes):
+        firsts = np.arange(len(episode.controls) - MAX_UNROLL + 1)
+        states.append(episode.states[firsts[:, None] + np.arange(MAX_UNROLL + 1)])
+        controls.append(episode.controls[firsts[:, None] + np.arange(MAX_UNROLL)])
+        runs.append(np.full(len(firsts), number))
+    count = sum(map(len, runs))
+    if not count:
+        raise ArgumentError(f"episodes: wanted one of at least {MAX_UNROLL} super steps.")
+    wanted = SEEN_SHARE / (1 - SEEN_SHARE) * len(data.states)
+    times = max(1, round(wanted / count))
+    seen_states = np.concatenate(states).astype(np.float32)
+    seen_controls = np.concatenate(controls).astype(np.float32)
+    seen_runs = np.concatenate(runs) + data.run.max() + 1
+    return replace(
+        data,
+        states=np.concatenate([data.states, *[seen_states] * times]),
+        controls=np.concatenate([data.controls, *[seen_controls] * times]),
+        run=np.concatenate([data.run, *[seen_runs] * times]),
+    )
