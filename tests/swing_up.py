@@ -7,18 +7,18 @@ import numpy as np
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import is_reached, reach_goal
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.objective.terms import END
+from neuroanimator.control.objective.terms import Moments
 from neuroanimator.systems.rigid.pendulum import active_pendulum
 
 PENDULUM = active_pendulum()
 
 
 def stand_upright(
-    effort_weight: float = 1.0, state_weight: float = 1.0, times: tuple[float, ...] = END
+    effort_weight: float = 1.0, state_weight: float = 1.0, times: tuple[float, ...] = ()
 ) -> Objective:
     """Return the objective 'all three links point up and stand still' at the end or at `times` [s]."""
     goal = PENDULUM.goals["upright"]
-    upright = reach_goal(PENDULUM, goal, times=times, weight=state_weight)
+    upright = reach_goal(PENDULUM, goal, when=Moments(times), weight=state_weight)
     return Objective.of(effort(effort_weight), upright)
 
 

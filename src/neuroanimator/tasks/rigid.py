@@ -17,6 +17,7 @@ from neuroanimator.control.objective.costs import (
 from neuroanimator.control.objective.goals import goal_state, is_reached, reach_goal
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.obstacles import Zone, avoid, distances, footprint, zone_rows
+from neuroanimator.control.objective.terms import Moments
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.state.rotation import facing
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -116,7 +117,7 @@ def swing_up(system: System, rng: np.random.Generator, steps: int, dt: float) ->
     def stands(states: np.ndarray) -> bool:
         return all(is_reached(system, goal, state) for state in states[-held - 1 :])
 
-    objective = Objective.of(effort(), reach_goal(system, goal, times=times))
+    objective = Objective.of(effort(), reach_goal(system, goal, when=Moments(times)))
     return Trial(np.concatenate([angles, velocities]), objective, stands)
 
 

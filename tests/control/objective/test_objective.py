@@ -51,7 +51,7 @@ from neuroanimator.control.objective.costs import (
 )
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import CostTerm, check_objective, cost_and_slopes
-from neuroanimator.control.objective.terms import END, ReachState
+from neuroanimator.control.objective.terms import ReachState
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.errors import ArgumentError
@@ -160,7 +160,7 @@ def reach_other(system: System, orientation: np.ndarray | None) -> ReachState:
     state = np.asarray(a_motion(system, seed=1).states[2], float)
     frame = Frame.of(system.structure, 0.0)
     goal = state if orientation is None else moved(system, state, orientation)
-    return ReachState.of(frame, goal, np.eye(frame.change_size(len(state))), 1.0, END)
+    return ReachState.of(frame, goal, np.eye(frame.change_size(len(state))), 1.0)
 
 
 @pytest.mark.parametrize("body", BODIES)
@@ -603,7 +603,7 @@ REFUSED_ARGUMENTS = {
     "'nose' follows mass points": lambda s: reach_point(
         a_system("fish"), "nose", PLACES[0], within=1
     ),
-    "reach_point: wanted at or since, came both": lambda s: reach_point(
+    "at and since: wanted one of them, came 1.0 and 0.5 s": lambda s: reach_point(
         s, "wheel_fl", PLACES[0], within=1, at=1.0, since=0.5
     ),
     "keyframes: wanted 2 times": lambda s: reach_positions(s, PLACES, [1.0], within=1),

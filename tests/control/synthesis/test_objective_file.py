@@ -21,6 +21,7 @@ from neuroanimator.control.descent.parametrisation import EachStep, Periodic, Sp
 from neuroanimator.control.objective import costs
 from neuroanimator.control.objective.goals import is_reached, reach_goal, usual_goal
 from neuroanimator.control.objective.obstacles import Zone, avoid
+from neuroanimator.control.objective.terms import Moments
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.control.synthesis.objective_file import KINDS, ObjectiveFile, read_objective
 from neuroanimator.control.synthesis.progress import watching
@@ -102,7 +103,7 @@ MEANT = {
         reach_goal(truck, Goal(((truck.state.index("steer_fl").start, 0.1),), (0.02,)), weight=2.0)
     ),
     'kind = "goal"\nname = "bay_2"\nweight = 3\nat = 1': lambda truck: reach_goal(
-        truck, truck.goals["bay_2"], weight=3.0, times=(1.0,)
+        truck, truck.goals["bay_2"], weight=3.0, when=Moments((1.0,))
     ),
 }
 

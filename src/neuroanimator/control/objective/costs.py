@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,11 +12,12 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.terms import (
-    END,
+    AT_THE_END,
     Effort,
     FollowPath,
     KeepSpeed,
     KeepVelocity,
+    Moments,
     Point,
     ReachHeight,
     ReachPoint,
@@ -50,13 +52,17 @@ def reach_position(
     *,
     within: float,
     at: float | None = None,
+    since: float | None = None,
     axes: str = "xyz",
     weight: float = 1.0,
 ) -> ReachPositions:
-    """Return the cost of not being at `position` [m] at the end, or `at` [s]; `axes` says which of x, y, z it gives."""
+    """Return the cost of not being at `position` [m] at the end, `at` [s], or `since` [s] all along.
+
+    `axes` says which of x, y, z it gives.
+    """
     positions = as_numbers(position, "position")[None]
-    times = None if at is None else [at]
-    return reach_positions(system, positions, times, within=within, axes=axes, weight=weight)
+    term = reach_positions(system, positions, None, within=within, axes=axes, weight=weight)
+    return replace(term, when=Moments.of(at, since))
 
 
 def reach_point(
@@ -75,8 +81,6 @@ def reach_point(
 
     The point lies at `offset` (3,) [m] in the frame of the body, as MuJoCo has it: a hand, a mouth, the tip of a tool.
     """
-    if at is not None and since is not None:
-        raise ArgumentError(f"reach_point: wanted at or since, came both, {at:g} and {since:g} s.")
     which = _axes(axes)
     place = _numbers("offset", offset, 3)
     return ReachPoint(
@@ -86,8 +90,7 @@ def reach_point(
         position=_numbers("position", position, len(which)),
         within=_positive("within", within),
         axes=which,
-        lasts=since is not None,
-        times=_at(at) if since is None else _since(since),
+        when=Moments.of(at, since),
     )
 
 
@@ -104,7 +107,7 @@ def reach_height(
         structure=_posed(system),
         height=_number("height", height),
         within=_positive("within", within),
-        times=_at(at),
+        when=Moments.of(at),
     )
 
 
@@ -120,20 +123,20 @@ def reach_positions(
     """Return the cost of not being at `positions` (K, A) [m] at `times` (K,) [s]."""
     which = _axes(axes)
     positions = _numbers("places", positions, len(which), rows=True)
-    when = END
+    when = AT_THE_END
     if times is not None:
         if len(times) != len(positions) or not min(times) >= 0:
             raise ArgumentError(
                 f"keyframes: wanted {len(positions)} times of at least 0 s, came {list(times)}."
             )
-        when = tuple(_time("at", time) for time in times)
+        when = Moments.of(tuple(times))
     return ReachPositions(
         weight=as_weight(weight),
         structure=_posed(system),
         positions=positions,
         within=_positive("within", within),
         axes=which,
-        times=when,
+        when=when,
     )
 
 
@@ -190,7 +193,7 @@ def keep_velocity(
         velocity=wanted,
         within=_positive("within", within),
         axes=which,
-        times=_since(since),
+        when=Moments.of(None, since),
     )
 
 
@@ -203,7 +206,7 @@ def keep_speed(
         structure=_posed(system),
         speed=_number("speed", speed),
         within=_positive("within", within),
-        times=_since(since),
+        when=Moments.of(None, since),
     )
 
 
@@ -217,8 +220,7 @@ def keep_heading(
         direction=_unit("direction", direction),
         within=_positive("within", within),
         axis="forward",
-        lasts=True,
-        times=_since(since),
+        when=Moments.of(None, since),
     )
 
 
@@ -237,8 +239,7 @@ def reach_heading(
         direction=_unit("direction", direction),
         within=_positive("within", within),
         axis="forward",
-        lasts=False,
-        times=_at(at),
+        when=Moments.of(at),
     )
 
 
@@ -252,8 +253,7 @@ def stand_up(
         direction=jnp.array([0.0, 0.0, 1.0]),
         within=_positive("within", within),
         axis="upward",
-        lasts=False,
-        times=_at(at),
+        when=Moments.of(at),
     )
 
 
@@ -277,7 +277,7 @@ def stay_upright(
         tolerance=_positive("tolerance", tolerance),
         within=_positive("within", within),
         may_pitch=may_pitch,
-        times=_since(since),
+        when=Moments.of(None, since),
     )
 
 
@@ -349,22 +349,6 @@ def _positive(label: str, value: float) -> Array:
     if not 0 < value < math.inf:
         raise ArgumentError(f"{label}: wanted a finite number above 0, came {value:g}.")
     return as_jax(value)
-
-
-def _time(label: str, seconds: float) -> float:
-    if not 0 <= seconds < math.inf:
-        raise ArgumentError(f"{label}: wanted a time of at least 0 s, came {seconds:g}.")
-    return float(seconds)
-
-
-def _at(seconds: float | None) -> tuple[float, ...]:
-    if seconds is None:
-        return END
-    return (_time("at", seconds),)
-
-
-def _since(seconds: float) -> tuple[float, ...]:
-    return (_time("since", seconds),)
 
 
 def _unit(label: str, direction: ArrayLike) -> Array:

@@ -81,6 +81,8 @@ def _wanted_speed(term: CostTerm, start: np.ndarray, seconds: float) -> float:
     if isinstance(term, ReachPositions):
         position = read_pose(term.structure, start).position[list(term.axes)]
         distances = np.linalg.norm(np.asarray(term.positions) - position, axis=-1)
-        times = np.array(term.times or (seconds,))
+        times = np.array(term.when.times or (seconds,))
+        if term.when.lasts:
+            times = np.array([seconds])
         return float(np.max(distances / np.maximum(times, MIN_TIME)))
     return 0.0

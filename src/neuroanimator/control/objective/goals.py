@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.objective.terms import END, ReachState
+from neuroanimator.control.objective.terms import AT_THE_END, Moments, ReachState
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.segments import Plain, place_segments
@@ -26,13 +26,14 @@ def goal(
     name: str,
     *,
     at: float | tuple[float, ...] | None = None,
+    since: float | None = None,
     weight: float = 1.0,
 ) -> ReachState:
-    """Return the cost of not being in the state the system calls `name` at the end, or `at` a time or several [s].
+    """Return the cost of not being in the state the system calls `name` at the end, `at` a time or several [s], or `since` one.
 
     Raises ArgumentError with the names of the system's goals.
     """
-    return reach_goal(system, find_goal(system, name), times=_times(at), weight=weight)
+    return reach_goal(system, find_goal(system, name), when=Moments.of(at, since), weight=weight)
 
 
 def reach_state(
@@ -41,20 +42,21 @@ def reach_state(
     *,
     within: Mapping[str, float] | None = None,
     at: float | None = None,
+    since: float | None = None,
     weight: float = 1.0,
 ) -> ReachState:
-    """Return the cost of parts of the state not having the values `reach` at the end, or `at` [s].
+    """Return the cost of parts of the state not having the values `reach` at the end, `at` [s], or `since` [s] all along.
 
     `within` says how far off each of them may be, in its unit; 0.1 if not said.
     """
     wanted = state_goal(system, reach, within or {})
-    return reach_goal(system, wanted, times=_times(at), weight=weight)
+    return reach_goal(system, wanted, when=Moments.of(at, since), weight=weight)
 
 
 def reach_goal(
-    system: System, goal: Goal, *, times: tuple[float, ...] = END, weight: float = 1.0
+    system: System, goal: Goal, *, when: Moments = AT_THE_END, weight: float = 1.0
 ) -> ReachState:
-    """Return the cost of not being at a `goal` of `system`, at the end or at `times` [s]; what it does not name is free."""
+    """Return the cost of not being at a `goal` of `system`, at the end or at other moments; what it does not name is free."""
     frame = Frame.of(system.structure, 0.0)
     rows, tolerances = judged_numbers(system, goal)
     if goal.scales:
@@ -62,15 +64,7 @@ def reach_goal(
     else:
         weights = ERRORS_PER_TOLERANCE * (1 / tolerances)
     compare = weights[:, None] * rows
-    return ReachState.of(frame, goal_state(system, goal), compare, weight, times)
-
-
-def _times(at: float | tuple[float, ...] | None) -> tuple[float, ...]:
-    if at is None:
-        return END
-    if isinstance(at, tuple):
-        return at
-    return (at,)
+    return ReachState.of(frame, goal_state(system, goal), compare, weight, when)
 
 
 def state_goal(

@@ -190,7 +190,8 @@ def _rank(weight: float) -> float:
 
 def check_times(term: CostTerm, steps: int, dt: float) -> None:
     """Raise ArgumentError if `term` wants something at a time [s] beyond the horizon of `steps` super steps."""
-    latest = max(getattr(term, "times", ()) or (0.0,))
+    when = getattr(term, "when", None)
+    latest = max(getattr(when, "times", ()) or (0.0,))
     if latest > (steps + 0.5) * dt:
         raise ArgumentError(
             f"objective: something is wanted at {latest:g} s, but the motion lasts {steps * dt:g} s. Make it longer."

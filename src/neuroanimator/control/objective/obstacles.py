@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.objective import StateTerm
-from neuroanimator.control.objective.terms import as_weight, rows_since
+from neuroanimator.control.objective.terms import ALL_ALONG, as_weight
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
@@ -66,7 +66,7 @@ class Avoid(StateTerm):
     """[m] Radius of the discs: half the body's width and some room."""
 
     def rows(self, steps: int, dt: float) -> list[int]:
-        return rows_since((), steps, dt)
+        return ALL_ALONG.rows(steps, dt)
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " O"]:
         points = footprint(self.structure, state, self.probes)

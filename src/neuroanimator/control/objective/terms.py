@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import ClassVar
 
 import equinox as eqx
@@ -14,12 +15,10 @@ from neuroanimator.appearance.joints import Link, point_of_chain
 from neuroanimator.control.objective.objective import CostTerm, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.structure import Structure
-
-END: tuple[float, ...] = ()
-"""Times that stand for the end of the motion."""
 
 SHORTEST_LEG = 1e-9
 """Share of a path; between points that coincide there is a leg of no length, which nothing can be divided by."""
@@ -28,19 +27,63 @@ NEARLY_UPRIGHT = 1e-3
 """[rad] Less counts as this much, so that an upright body has a finite slope."""
 
 
-def rows_at(times: tuple[float, ...], steps: int, dt: float) -> list[int]:
-    """Return which states are those at `times` [s]; the last one for `END`."""
-    if times == END:
-        return [steps]
-    return [round(time / dt) for time in times]
+@dataclass(frozen=True)
+class Moments:
+    """Which states of a motion a term looks at: those at some times, the last one if there are none, or all since one."""
+
+    times: tuple[float, ...] = ()
+    """[s]"""
+    lasts: bool = False
+    """Whether all states count from the one time on, so that what is compared is a sum over time."""
+
+    @classmethod
+    def of(cls, at: float | tuple[float, ...] | None = None, since: float | None = None) -> Moments:
+        """Return the moments `at` a time or several [s], or all `since` one; the end if neither is given.
+
+        Raises ArgumentError for both, and for times that are negative or not finite.
+        """
+        if at is not None and since is not None:
+            raise ArgumentError(f"at and since: wanted one of them, came {at} and {since:g} s.")
+        if since is not None:
+            return cls((_time("since", since),), lasts=True)
+        if at is None:
+            return cls()
+        times = at if isinstance(at, tuple) else (at,)
+        return cls(tuple(_time("at", time) for time in times))
+
+    def rows(self, steps: int, dt: float) -> list[int]:
+        """Return which states these are of a motion of so many super steps of `dt` [s]; the start is none of those that last."""
+        rows = [round(time / dt) for time in self.times]
+        if not self.lasts:
+            return rows or [steps]
+        first = max(1, min(*rows, steps))
+        return list(range(first, steps + 1))
+
+    def share(self, dt: float) -> float:
+        """Return what residuals are multiplied by, so that a sum over time does not depend on the super step."""
+        return math.sqrt(dt) if self.lasts else 1.0
 
 
-def rows_since(times: tuple[float, ...], steps: int, dt: float) -> list[int]:
-    """Return which states are those from the first of `times` on, all but the start if there is none; at least the last one."""
-    first = 1
-    if times:
-        first = round(times[0] / dt)
-    return list(range(max(1, min(first, steps)), steps + 1))
+AT_THE_END = Moments()
+"""The last state alone."""
+
+ALL_ALONG = Moments((0.0,), lasts=True)
+"""Every state but the start."""
+
+
+def _time(label: str, seconds: float) -> float:
+    if not 0 <= seconds < math.inf:
+        raise ArgumentError(f"{label}: wanted a time of at least 0 s, came {seconds:g}.")
+    return float(seconds)
+
+
+class TimedTerm(StateTerm):
+    """A term that looks at the states at some moments."""
+
+    when: eqx.AbstractVar[Moments]
+
+    def rows(self, steps: int, dt: float) -> list[int]:
+        return self.when.rows(steps, dt)
 
 
 class Effort(CostTerm):
@@ -65,7 +108,7 @@ class Smoothness(CostTerm):
         return jumps.ravel() / math.sqrt(trajectory.dt)
 
 
-class ReachState(StateTerm):
+class ReachState(TimedTerm):
     """Be in a state, or in part of one, seen from the goal: in a parking bay, lengthwise and sideways."""
 
     weight: Float[Array, ""]
@@ -73,7 +116,7 @@ class ReachState(StateTerm):
     goal: Float[Array, " S"]
     judged: Float[Array, "R V"]
     """Turns the difference from the goal into numbers of which one is a sizeable error."""
-    times: tuple[float, ...] = eqx.field(static=True)
+    when: Moments = eqx.field(static=True)
 
     @classmethod
     def of(
@@ -82,22 +125,25 @@ class ReachState(StateTerm):
         goal: ArrayLike,
         judged: ArrayLike,
         weight: float,
-        times: tuple[float, ...],
+        when: Moments = AT_THE_END,
     ) -> ReachState:
         """Return the cost of not being at `goal` (S,); `judged` (R, V) makes residuals of the difference."""
-        return cls(as_weight(weight), frame, as_jax(goal), as_jax(judged), times)
-
-    def rows(self, steps: int, dt: float) -> list[int]:
-        return rows_at(self.times, steps, dt)
+        return cls(
+            weight=as_weight(weight),
+            frame=frame,
+            goal=as_jax(goal),
+            judged=as_jax(judged),
+            when=when,
+        )
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " R"]:
         return self.judged @ self.frame.difference(self.goal, state)
 
     def compare(self, observed: Float[Array, "K O"], dt: float) -> Float[Array, " R"]:
-        return observed.ravel()
+        return self.when.share(dt) * observed.ravel()
 
 
-class ReachPositions(StateTerm):
+class ReachPositions(TimedTerm):
     """Be at positions at given times: keyframes, or one position at the end."""
 
     weight: Float[Array, ""]
@@ -106,20 +152,17 @@ class ReachPositions(StateTerm):
     """[m] Along the axes that matter."""
     within: Float[Array, ""]
     axes: tuple[int, ...] = eqx.field(static=True)
-    times: tuple[float, ...] = eqx.field(static=True)
-
-    def rows(self, steps: int, dt: float) -> list[int]:
-        return rows_at(self.times, steps, dt)
+    when: Moments = eqx.field(static=True)
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
         return _along(self.axes, read_pose(self.structure, state).position)
 
     def compare(self, observed: Float[Array, "K A"], dt: float) -> Float[Array, " R"]:
-        return ((observed - self.positions) / self.within).ravel()
+        return self.when.share(dt) * ((observed - self.positions) / self.within).ravel()
 
 
-class ReachPoint(StateTerm):
-    """Be somewhere with a point of the body, such as a hand: at given times, or from the only one on if `lasts`."""
+class ReachPoint(TimedTerm):
+    """Be somewhere with a point of the body, such as a hand: at given times, or from one on."""
 
     weight: Float[Array, ""]
     chain: tuple[Link, ...] = eqx.field(static=True)
@@ -130,23 +173,16 @@ class ReachPoint(StateTerm):
     """[m] Along the axes that matter."""
     within: Float[Array, ""]
     axes: tuple[int, ...] = eqx.field(static=True)
-    lasts: bool = eqx.field(static=True)
-    times: tuple[float, ...] = eqx.field(static=True)
-
-    def rows(self, steps: int, dt: float) -> list[int]:
-        if self.lasts:
-            return rows_since(self.times, steps, dt)
-        return rows_at(self.times, steps, dt)
+    when: Moments = eqx.field(static=True)
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
         return _along(self.axes, point_of_chain(self.chain, self.offset, state))
 
     def compare(self, observed: Float[Array, "K A"], dt: float) -> Float[Array, " R"]:
-        share = math.sqrt(dt) if self.lasts else 1.0
-        return share * ((observed - self.position) / self.within).ravel()
+        return self.when.share(dt) * ((observed - self.position) / self.within).ravel()
 
 
-class ReachHeight(StateTerm):
+class ReachHeight(TimedTerm):
     """Be up with all of the body at given times: the rms of how far mass points are below a height."""
 
     weight: Float[Array, ""]
@@ -154,10 +190,7 @@ class ReachHeight(StateTerm):
     height: Float[Array, ""]
     """[m]"""
     within: Float[Array, ""]
-    times: tuple[float, ...] = eqx.field(static=True)
-
-    def rows(self, steps: int, dt: float) -> list[int]:
-        return rows_at(self.times, steps, dt)
+    when: Moments = eqx.field(static=True)
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " N"]:
         return read_heights(self.structure, state)
@@ -179,7 +212,7 @@ class FollowPath(StateTerm):
     axes: tuple[int, ...] = eqx.field(static=True)
 
     def rows(self, steps: int, dt: float) -> list[int]:
-        return rows_since((), steps, dt)
+        return ALL_ALONG.rows(steps, dt)
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
         return _along(self.axes, read_pose(self.structure, state).position)
@@ -190,7 +223,7 @@ class FollowPath(StateTerm):
         lengths = jnp.maximum(jnp.diff(self.shares), SHORTEST_LEG)
         passed = jnp.clip((share[:, None] - self.shares[:-1]) / lengths, 0, 1)
         wanted = self.points[0] + passed @ jnp.diff(self.points, axis=0)
-        return math.sqrt(dt) * ((observed - wanted) / self.within).ravel()
+        return ALL_ALONG.share(dt) * ((observed - wanted) / self.within).ravel()
 
 
 class Travel(StateTerm):
@@ -213,7 +246,7 @@ class Travel(StateTerm):
         return ((self.distance - travelled) / self.within)[None]
 
 
-class KeepVelocity(StateTerm):
+class KeepVelocity(TimedTerm):
     """Move with a velocity, from a given time on."""
 
     weight: Float[Array, ""]
@@ -221,41 +254,35 @@ class KeepVelocity(StateTerm):
     velocity: Float[Array, " A"]
     within: Float[Array, ""]
     axes: tuple[int, ...] = eqx.field(static=True)
-    times: tuple[float, ...] = eqx.field(static=True)
-
-    def rows(self, steps: int, dt: float) -> list[int]:
-        return rows_since(self.times, steps, dt)
+    when: Moments = eqx.field(static=True)
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
         return _along(self.axes, read_pose(self.structure, state).velocity)
 
     def compare(self, observed: Float[Array, "K A"], dt: float) -> Float[Array, " R"]:
         off = (observed - self.velocity) / self.within
-        return math.sqrt(dt) * off.ravel()
+        return self.when.share(dt) * off.ravel()
 
 
-class KeepSpeed(StateTerm):
+class KeepSpeed(TimedTerm):
     """Move forward, where the body points, at a speed, from a given time on."""
 
     weight: Float[Array, ""]
     structure: Structure = eqx.field(static=True)
     speed: Float[Array, ""]
     within: Float[Array, ""]
-    times: tuple[float, ...] = eqx.field(static=True)
-
-    def rows(self, steps: int, dt: float) -> list[int]:
-        return rows_since(self.times, steps, dt)
+    when: Moments = eqx.field(static=True)
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " 1"]:
         pose = read_pose(self.structure, state)
         return jnp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True)
 
     def compare(self, observed: Float[Array, "K 1"], dt: float) -> Float[Array, " K"]:
-        return math.sqrt(dt) * (observed[:, 0] - self.speed) / self.within
+        return self.when.share(dt) * (observed[:, 0] - self.speed) / self.within
 
 
-class Point(StateTerm):
-    """Point forward, or stand upright, along `direction`: at given times, or from the only one on if `lasts`."""
+class Point(TimedTerm):
+    """Point forward, or stand upright, along `direction`: at given times, or from one on."""
 
     weight: Float[Array, ""]
     structure: Structure = eqx.field(static=True)
@@ -264,24 +291,17 @@ class Point(StateTerm):
     """[rad]"""
     axis: str = eqx.field(static=True)
     """`forward` or `upward`."""
-    lasts: bool = eqx.field(static=True)
-    times: tuple[float, ...] = eqx.field(static=True)
-
-    def rows(self, steps: int, dt: float) -> list[int]:
-        if self.lasts:
-            return rows_since(self.times, steps, dt)
-        return rows_at(self.times, steps, dt)
+    when: Moments = eqx.field(static=True)
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " 3"]:
         return getattr(read_pose(self.structure, state), self.axis)
 
     def compare(self, observed: Float[Array, "K 3"], dt: float) -> Float[Array, " R"]:
-        share = math.sqrt(dt) if self.lasts else 1.0
         off = (observed - self.direction) / self.within
-        return share * off.ravel()
+        return self.when.share(dt) * off.ravel()
 
 
-class StayUpright(StateTerm):
+class StayUpright(TimedTerm):
     """Keep the body's up near the world's, from a given time on: ∫ of the angle beyond a tolerance."""
 
     weight: Float[Array, ""]
@@ -292,17 +312,14 @@ class StayUpright(StateTerm):
     """[rad]"""
     may_pitch: bool = eqx.field(static=True)
     """Whether only rolling counts, so that the body may dive and leap."""
-    times: tuple[float, ...] = eqx.field(static=True)
-
-    def rows(self, steps: int, dt: float) -> list[int]:
-        return rows_since(self.times, steps, dt)
+    when: Moments = eqx.field(static=True)
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " 1"]:
         return lean(read_pose(self.structure, state), may_pitch=self.may_pitch)[None]
 
     def compare(self, observed: Float[Array, "K 1"], dt: float) -> Float[Array, " K"]:
         beyond = jnp.maximum(observed[:, 0] - self.tolerance, 0)
-        return math.sqrt(dt) * beyond / self.within
+        return self.when.share(dt) * beyond / self.within
 
 
 def lean(pose: Pose, *, may_pitch: bool) -> Float[Array, "*B"]:
@@ -327,7 +344,7 @@ class StayWithin(StateTerm):
     entries: tuple[int, ...] = eqx.field(static=True)
 
     def rows(self, steps: int, dt: float) -> list[int]:
-        return rows_since((), steps, dt)
+        return ALL_ALONG.rows(steps, dt)
 
     def observe(self, state: Float[Array, " S"]) -> Float[Array, " E"]:
         return state[jnp.array(self.entries)]
@@ -336,7 +353,7 @@ class StayWithin(StateTerm):
         above = jnp.maximum(observed - self.high, 0)
         below = jnp.maximum(self.low - observed, 0)
         beyond = (above + below) / self.within
-        return math.sqrt(dt) * beyond.ravel()
+        return ALL_ALONG.share(dt) * beyond.ravel()
 
 
 def as_weight(weight: float) -> Array:
