@@ -18,7 +18,7 @@ import numpy as np
 from contact_sheets import ROOT, clip_of
 
 import neuroanimator as na
-from neuroanimator.control import PhysicsPlant, Planner, all_along, control_plant
+from neuroanimator.control import PhysicsPlant, Planner, control_plant
 
 RATE = 15
 """[1/s] Pictures a second: half of what is drawn, and smooth enough for a loop."""
@@ -84,8 +84,8 @@ def swing_up() -> na.Clip:
     )
     swinging = found.outcome.physics_states
 
-    times = all_along(HORIZON, emulator.dt)
-    goal = na.Objective.of(na.effort(), na.goal(system, "upright", at=times))
+    upright = na.goal(system, "upright", since=0, weight=1 / emulator.dt)
+    goal = na.Objective.of(na.effort(), upright)
     planner = Planner.of(emulator, goal, HORIZON)
     plant = PhysicsPlant(system, emulator.dt)
     standing = control_plant(planner, plant, swinging[-1], round(STANDING / emulator.dt)).states

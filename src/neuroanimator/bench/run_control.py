@@ -17,7 +17,8 @@ from neuroanimator.bench.first_controller import cold_seconds
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.planning.planner import Planner, all_along
+from neuroanimator.control.objective.terms import ALL_ALONG
+from neuroanimator.control.planning.planner import Planner
 from neuroanimator.control.planning.plants import PhysicsPlant, control_plant
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.errors import ArgumentError
@@ -261,8 +262,6 @@ def holding(solver: Solver) -> Objective | None:
         return None
     goal = next(iter(system.goals.values()))
     if solver.task.is_held:
-        dt = solver.emulator.dt
-        times = all_along(PLANNED_STEPS, dt)
-        held = reach_goal(system, goal, times=times, weight=dt)
+        held = reach_goal(system, goal, when=ALL_ALONG)
         return Objective.of(effort(HELD_EFFORT_WEIGHT), held)
     return Objective.of(effort(EFFORT_WEIGHT), reach_goal(system, goal))

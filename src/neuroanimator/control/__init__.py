@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         mujoco_state,
     )
     from neuroanimator.control.planning.learn import learn_from
-    from neuroanimator.control.planning.planner import Plan, Planner, all_along, moved_on
+    from neuroanimator.control.planning.planner import Plan, Planner, moved_on
     from neuroanimator.control.planning.plants import (
         ControlledMotion,
         EmulatorPlant,
@@ -75,7 +75,6 @@ _HOMES = {
     "control_environment": "planning.environments",
     "mujoco_state": "planning.environments",
     "learn_from": "planning.learn",
-    "all_along": "planning.planner",
     "moved_on": "planning.planner",
 }
 
@@ -106,7 +105,6 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "ControlledMotion",
     "EmulatorPlant",
     "PhysicsPlant",
-    "all_along",
     "moved_on",
     # In somebody else's environment.
     "Environment",

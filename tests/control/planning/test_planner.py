@@ -11,7 +11,7 @@ from neuroanimator.control.descent.parametrisation import EachStep
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.planning.planner import Planner, all_along, moved_on
+from neuroanimator.control.planning.planner import Planner, moved_on
 from neuroanimator.control.planning.plants import EmulatorPlant, PhysicsPlant, control_plant
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.goal import Goal
@@ -25,7 +25,7 @@ RECOVERY = 40
 
 
 def stay_upright(steps: int = STEPS, effort_weight: float = 1.0) -> Objective:
-    return stand_upright(effort_weight, DT, all_along(steps, DT))
+    return stand_upright(effort_weight, DT, tuple(DT * np.arange(1, steps + 1)))
 
 
 @pytest.fixture(scope="module")

@@ -73,7 +73,7 @@ class Planner:
     ) -> Planner:
         """Return a planner that looks `steps` super steps ahead, compiled: some seconds.
 
-        Times in `objective` count from the state planned from, so a goal at `all_along` is one to stay at. `bounds`
+        Times in `objective` count from the state planned from, so a goal `since` 0 s is one to stay at. `bounds`
         may be tighter than the emulator's own; `parametrisation` other than one value per super step bring their own.
         Of so many random `guesses`, the same at every plan, the best is descended from beside the last plan: a plan
         whose controls are at their bounds has hardly a slope, and a new beginning leads away from there.
@@ -145,8 +145,3 @@ def _without_numbers(objective: Objective) -> Objective:
 def moved_on(controls: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
     """Return the controls of a plan one super step later: the last one is held once more."""
     return np.concatenate([controls[1:], controls[-1:]])
-
-
-def all_along(steps: int, dt: float) -> tuple[float, ...]:
-    """Return the times [s] of every super step of a horizon."""
-    return tuple(float(time) for time in dt * np.arange(1, steps + 1))
