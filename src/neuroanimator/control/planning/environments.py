@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +24,7 @@ RESULTS = 5
 """What a step returns, by Gymnasium: observation, reward, whether it terminated, whether it was truncated, and infos."""
 
 
+@runtime_checkable
 class Environment(Protocol):
     """What is controlled, with Gymnasium's signatures."""
 
@@ -80,9 +81,9 @@ def mujoco_state(environment: Any, observation: Any) -> Float[np.ndarray, " S"]:
 class Episode:
     """What a planner did in an environment, super step by super step."""
 
+    controls: Float[np.ndarray, "N C"]
     states: Float[np.ndarray, "N+1 S"]
     """As read before each control, and after the last."""
-    controls: Float[np.ndarray, "N C"]
     rewards: Float[np.ndarray, " N"]
     """The environment's own, summed over each super step."""
     plan_seconds: Float[np.ndarray, " N"]
@@ -148,8 +149,8 @@ def control_environment(
         first = moved_on(plan.controls)
         on_step(len(controls), reward)
     return Episode(
-        np.stack(states),
         np.stack(controls),
+        np.stack(states),
         np.array(rewards),
         np.array(seconds),
         moment.is_terminated,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from neuroanimator.control.planning.environments import Episode
-from neuroanimator.control.synthesis.finetune import train_on
+from neuroanimator.control.synthesis.finetune import REFINING_UPDATES, train_on
 from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
@@ -18,9 +18,15 @@ SEEN_SHARE = 0.3
 """Share of all windows that come from episodes: enough to count, and the rest keeps what else was known."""
 
 
-def learn_from(emulator: Emulator, episodes: Sequence[Episode], data: Transitions) -> Emulator:
+def learn_from(
+    emulator: Emulator,
+    episodes: Sequence[Episode],
+    data: Transitions,
+    *,
+    updates: int = REFINING_UPDATES,
+) -> Emulator:
     """Return a copy of the emulator trained on, some seconds, with what `episodes` saw among `data` it was made from."""
-    return train_on(emulator, with_episodes(data, episodes))
+    return train_on(emulator, with_episodes(data, episodes), updates)
 
 
 def with_episodes(data: Transitions, episodes: Sequence[Episode]) -> Transitions:

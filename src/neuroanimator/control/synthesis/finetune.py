@@ -73,12 +73,12 @@ def refined(
     return train_on(emulator, data), data, physics_steps
 
 
-def train_on(emulator: Emulator, data: Transitions) -> Emulator:
+def train_on(emulator: Emulator, data: Transitions, updates: int = REFINING_UPDATES) -> Emulator:
     """Return a copy of the emulator trained on, for seconds, with `data`."""
     config = TrainingConfig(
         widths=emulator.network.widths,
         network=describe(emulator)["network"]["kind"],
-        updates=REFINING_UPDATES,
+        updates=updates,
         learning_rate=REFINING_RATE,
         unroll_share=UNROLLED_SHARE,
     )

@@ -1,0 +1,187 @@
+"""A planner drives somebody else's environment as it drives the physics, and learns from what it saw there."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from swing_up import PENDULUM, is_upright, stand_upright
+
+from neuroanimator import Emulator, NeuroAnimatorError, Objective
+from neuroanimator.control import (
+    DmEnvironment,
+    Episode,
+    PhysicsPlant,
+    Planner,
+    control_environment,
+    control_plant,
+    learn_from,
+    mujoco_state,
+)
+from neuroanimator.control.objective.costs import effort
+from neuroanimator.control.objective.goals import goal
+from neuroanimator.data.config import MAX_UNROLL
+from neuroanimator.data.store import Transitions
+
+HOLD = 5
+"""Steps of the environment in a super step."""
+STEPS = 20
+SUPER_STEPS = 60
+
+
+class PendulumWorld:
+    """The pendulum in MuJoCo with Gymnasium's signatures: a step is 10 ms, and a link may be heavier than was learnt."""
+
+    def __init__(self, mass: float = 1.0, last: int = 10_000):
+        self.model = PENDULUM.model_with(PENDULUM.truth)
+        self.model.body_mass[-1] *= mass
+        self.model.body_inertia[-1] *= mass
+        self.data = mujoco.MjData(self.model)
+        self.last = last
+        self.action_space = SimpleNamespace(shape=(3,))
+
+    def reset(self, *, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qvel[:] = 0.0 if seed is None else np.random.default_rng(seed).normal(size=3)
+        return np.array(self.data.qpos), {}
+
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self.data.ctrl[:] = action
+        count = round(PENDULUM.physics_dt * 50 / HOLD / self.model.opt.timestep)
+        for _ in range(count):
+            mujoco.mj_step(self.model, self.data)
+        self.last -= 1
+        return np.array(self.data.qpos), -1.0, False, self.last <= 0, {}
+
+
+@pytest.fixture(scope="module")
+def planner(shipped: Emulator) -> Planner:
+    objective = Objective.of(effort(), goal(PENDULUM, "upright", since=0, weight=20.0))
+    return Planner.of(shipped, objective, STEPS)
+
+
+def test_an_environment_of_the_same_physics_does_what_the_physics_does(planner: Planner):
+    world = PendulumWorld()
+    found = control_environment(planner, world, SUPER_STEPS, hold=HOLD)
+    plant = PhysicsPlant(PENDULUM, planner.emulator.dt)
+    driven = control_plant(planner, plant, PENDULUM.rest, SUPER_STEPS)
+    assert is_upright(found.states[-1])
+    np.testing.assert_allclose(found.states[:10], driven.states[:10], atol=1e-6)
+    assert found.total_reward == -SUPER_STEPS * HOLD == -found.environment_steps
+    assert not found.is_terminated
+
+
+def test_an_episode_ends_where_the_environment_ends_it(planner: Planner):
+    found = control_environment(planner, PendulumWorld(last=12), SUPER_STEPS, hold=HOLD)
+    assert found.environment_steps == 12
+    assert len(found.controls) == 3 == len(found.states) - 1
+
+
+def test_every_episode_may_have_numbers_of_its_own(planner: Planner):
+    lazy = Objective.of(effort(1e6), goal(PENDULUM, "upright", since=0, weight=20.0))
+    idle = control_environment(
+        planner, PendulumWorld(), 5, hold=HOLD, objective_of=lambda world, seen: lazy, seed=3
+    )
+    again = control_environment(planner, PendulumWorld(), 5, hold=HOLD, seed=3)
+    assert np.abs(idle.controls).max() < 0.1 * np.abs(again.controls).max()
+    np.testing.assert_array_equal(idle.states[0], again.states[0])
+
+
+def test_dm_controls_time_steps_are_gymnasiums(planner: Planner):
+    world = PendulumWorld()
+    moments = iter([(False, 1.0), (False, 1.0), (True, 0.0)])
+
+    def step(action: np.ndarray) -> Any:
+        observation, reward, *_ = world.step(action)
+        is_last, discount = next(moments)
+        return SimpleNamespace(
+            observation=observation, reward=reward, discount=discount, last=lambda: is_last
+        )
+
+    dm = SimpleNamespace(
+        reset=lambda: SimpleNamespace(observation=world.reset()[0]),
+        step=step,
+        physics=SimpleNamespace(data=world.data),
+    )
+    found = control_environment(planner, DmEnvironment(dm), SUPER_STEPS)
+    assert found.is_terminated
+    assert len(found.controls) == 3
+    np.testing.assert_array_equal(found.states[-1], mujoco_state(world, None))
+
+
+def test_what_was_seen_is_learnt(planner: Planner, transitions: Transitions):
+    heavy = control_environment(planner, PendulumWorld(mass=1.5), SUPER_STEPS, hold=HOLD)
+    taught = learn_from(planner.emulator, [heavy], transitions, updates=1000)
+
+    def error(emulator: Emulator) -> float:
+        said = emulator.rollout(heavy.states[:-1], heavy.controls[:, None])[:, 1]
+        return float(np.sqrt(np.mean((said - heavy.states[1:]) ** 2)))
+
+    assert error(taught) < 0.7 * error(planner.emulator)
+
+
+def test_guesses_lead_away_from_controls_at_their_bounds(shipped: Emulator):
+    objective = stand_upright(times=tuple(0.05 * np.arange(1, STEPS + 1)))
+    alone = Planner.of(shipped, objective, STEPS)
+    guessing = Planner.of(shipped, objective, STEPS, guesses=64)
+    pushed = np.tile(shipped.bounds.high, (STEPS, 1))
+    stuck = alone.plan(PENDULUM.rest, pushed)
+    found = guessing.plan(PENDULUM.rest, pushed)
+    assert found.cost < stuck.cost
+    np.testing.assert_array_equal(guessing.plan(PENDULUM.rest, pushed).controls, found.controls)
+    assert guessing.plan(PENDULUM.rest).cost <= 1.001 * alone.plan(PENDULUM.rest).cost
+
+
+class Broken(PendulumWorld):
+    """A world of which one answer is replaced."""
+
+    def __init__(self, **answers: Any):
+        super().__init__()
+        for name, answer in answers.items():
+            setattr(self, name, answer)
+
+
+REFUSED: dict[str, tuple[Any, dict[str, Any]]] = {
+    "environment.step: wanted (observation, reward, terminated, truncated, info) as Gymnasium has it, came 4 things": (
+        Broken(step=lambda action: (0, 0.0, False, {})), {},
+    ),
+    "environment.reset: wanted (observation, info) as Gymnasium has it, came an array of shape (3,)": (
+        Broken(reset=lambda seed: np.zeros(3)), {},
+    ),
+    "wanted a finite number as reward, came nan": (
+        Broken(step=lambda action: (0, float("nan"), False, False, {})), {},
+    ),
+    "wanted a finite number as reward, came an array of shape (2,)": (
+        Broken(step=lambda action: (0, np.zeros(2), False, False, {})), {},
+    ),
+    "environment: its actions have shape (7,), the emulator 3 controls": (
+        Broken(action_space=SimpleNamespace(shape=(7,))), {},
+    ),
+    "state_of: no MuJoCo data in NoneType. Wanted a function (environment, observation)": (
+        Broken(unwrapped=None), {},
+    ),
+    "state_of: wanted": (PendulumWorld(), {"state_of": lambda world, seen: np.zeros(4)}),
+    "steps and hold: wanted at least 1, came 60 and 0": (PendulumWorld(), {"hold": 0}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", sorted(REFUSED))
+def test_a_strange_environment_is_refused_in_one_line(message: str, planner: Planner):
+    world, options = REFUSED[message]
+    with pytest.raises(NeuroAnimatorError) as caught:
+        control_environment(planner, world, SUPER_STEPS, **options)
+    assert message in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_an_episode_shorter_than_a_window_teaches_nothing(
+    planner: Planner, transitions: Transitions
+):
+    steps = MAX_UNROLL - 1
+    nothing = np.zeros(steps)
+    short = Episode(np.zeros((steps, 3)), np.zeros((MAX_UNROLL, 6)), nothing, nothing, False, steps)
+    with pytest.raises(NeuroAnimatorError, match=f"at least {MAX_UNROLL} super steps"):
+        learn_from(planner.emulator, [short], transitions)
