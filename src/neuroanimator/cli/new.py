@@ -21,19 +21,31 @@ def run(
     out: Annotated[
         Path | None, typer.Option(help="TOML file to write; beside the model if not given.")
     ] = None,
+    keyframe: Annotated[
+        str,
+        typer.Option(help="Keyframe of the model that is its state of rest; 'home' or the first."),
+    ] = "",
+    base: Annotated[
+        str, typer.Option(help="Of a URDF: 'fixed' to the world, or 'free' to move over a floor.")
+    ] = "fixed",
     force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
 ) -> None:
     """Check a model and write how an emulator should see it: a TOML file to read, edit and generate from."""
     from neuroanimator.terminal import phase, print_rows
+    from neuroanimator.text import print_line
 
     with phase("loading"):
-        from neuroanimator.scaffold.write_toml import write_definition
+        from neuroanimator.scaffold.write_toml import checked_base, write_definition
     with phase("checking the model"):
-        path, proposal = write_definition(model, out, force=force)
+        path, proposal = write_definition(
+            model, out, force=force, keyframe=keyframe, base=checked_base(base)
+        )
     definition = proposal.definition
     name = definition.name
     dt = definition.substeps * definition.physics.step
     following = f"edit {path}, then: neuroanimator train {path} --out {name}.emulator.safetensors"
+    for warning in proposal.warnings:
+        print_line(f"warning: {warning}", to_stderr=True)
     print_rows(
         [
             ("system", name),

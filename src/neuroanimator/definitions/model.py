@@ -54,6 +54,13 @@ class FrameTable(Table):
     """Joints x, y and heading of a root that moves in a plane, where position and heading do not matter."""
 
 
+Width = Annotated[float, Field(ge=0, le=1e4)]
+"""Half the width of a uniform spread [rad or m], or a standard deviation."""
+
+Spread = Width | tuple[Finite, Finite]
+"""How random positions are spread: so far around rest, or from the first of two ends to the second."""
+
+
 class Sampling(Table):
     """Random starts of training runs, around the state of rest."""
 
@@ -67,8 +74,11 @@ class Sampling(Table):
     """Lowest and highest start of a free root over its height at rest [m]."""
     tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
     """Standard deviation of a free root's tilt [rad]."""
-    position: dict[str, Annotated[float, Field(ge=0, le=1e4)]] = Field(default={})
-    """Per hinge or slide: half the width of the uniform spread [rad or m]; a ball's standard deviation [rad]."""
+    above_ground: bool = False
+    """Whether a start in which something lies in the ground is lifted out of it, by a free root or a vertical slide."""
+    position: dict[str, Spread] = Field(default={})
+    """Per hinge or slide: half the width of the uniform spread around rest, or its two ends [rad or m]; a ball's standard
+    deviation [rad]."""
     velocity: dict[str, tuple[Annotated[float, Field(ge=0, le=1e4)], ...]] = Field(default={})
     """Per joint: standard deviation of each of its velocities [rad/s or m/s]; a root's along its own axes."""
 
@@ -81,6 +91,10 @@ class Definition(Table):
     """Physics steps n in a super step, if nothing else is asked for."""
     kind: Literal["mujoco"] = "mujoco"
     model: FileName
+    base: Literal["fixed", "free"] = "fixed"
+    """Whether the root of a URDF is fixed to the world or free to move over a floor; of no meaning to MJCF."""
+    keyframe: str = ""
+    """The keyframe of the model that is the state of rest; if empty `home`, or the reference pose if there is none."""
     physics: Physics
     state: dict[str, Feature] = Field(default={})
     """Per joint, the feature that represents it to the network."""

@@ -15,3 +15,8 @@ ANGLE_SPREAD = 3.1416
 def proposed_substeps(step: float) -> int:
     """Return how many steps of `step` [s] a super step should have."""
     return max(1, round(WANTED_SUPER_STEP / step))
+
+
+def tidy(value: float, digits: int = 12) -> float:
+    """Return a number without the last digits that arithmetic leaves, for people to read."""
+    return float(f"{value:.{digits}g}")

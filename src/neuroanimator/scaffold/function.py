@@ -64,7 +64,7 @@ EXAMPLES = {
 """Each declaration is shown by its example in the error about it."""
 
 
-def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str]]:
+def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str], tuple[str, ...]]:
     """Return a definition of the step file at `path` and notes on its keys; this runs the file.
 
     The user must have allowed that, see `trust_file`. Raises BadFileError for a missing or wrong
@@ -92,7 +92,7 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str]]:
         notes["physics.truth_step"] = (
             f"{path.name} says ODE; teaches with an error of {error:.2g} of a step's change"
         )
-    return _check(values, path), notes
+    return _check(values, path), notes, ()
 
 
 def _check(values: dict[str, Any], path: Path) -> PythonDefinition:

@@ -22,7 +22,7 @@ RATE_ERROR = 0.15
 """A column is taken for a slope if their rms difference is less than this share of the column's own rms."""
 
 
-def propose_recording(path: Path) -> tuple[RecordedDefinition, dict[str, str]]:
+def propose_recording(path: Path) -> tuple[RecordedDefinition, dict[str, str], tuple[str, ...]]:
     """Return a definition of the recordings at `path` and notes on its keys.
 
     The user must have allowed the file to be opened, see `trust_file`. Raises BadFileError for a
@@ -47,7 +47,7 @@ def propose_recording(path: Path) -> tuple[RecordedDefinition, dict[str, str]]:
         "control": control,
     }
     notes = {"physics.step": f"the sampling interval [s]; {len(recording.states)} runs"}
-    return check_table(values, path.name, RecordedDefinition), notes
+    return check_table(values, path.name, RecordedDefinition), notes, ()
 
 
 def _state_part(recording: Recording, entry: int, rate_entry: int | None) -> dict[str, Any]:

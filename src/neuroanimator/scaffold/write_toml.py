@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError, BadFileError
@@ -15,6 +15,7 @@ from neuroanimator.storage.files import write_whole
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.rigid.joints import FEATURES
 from neuroanimator.systems.trusted_files import trust_file
+from neuroanimator.text import quoted
 
 TITLES = {
     "physics": "How the physics is stepped. Speed-ups are measured against step and integrator.\n"
@@ -25,9 +26,10 @@ TITLES = {
     "frame": "What of the root's position matters. ground: its height; probes: x, y, z, radius of feet [m];\n"
     "# planar: joints x, y, heading of a root that moves in a plane, where position and heading do not matter.",
     "control": "The least and the largest value of each actuator.",
-    "sampling": "Random starts of training runs, around the state of rest (keyframe 'home', if the model has one).\n"
+    "sampling": "Random starts of training runs, around the state of rest; a share of them near it.\n"
     "# warm_up: random driving before a run is recorded [s]; tilt: of a free root [rad].",
-    "sampling.position": "Half the width of the spread [rad or m].",
+    "sampling.position": "Where they begin [rad or m]: from the first to the second number,\n"
+    "# or as far as one number to either side of rest.",
     "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs.",
 }
 """Each table of a model's TOML file stands under its title."""
@@ -45,7 +47,7 @@ PART_TITLES = {
 PROPOSERS = {".py": propose_function, ".csv": propose_recording, ".npz": propose_recording}
 """A file with one of these endings is no model: its definition is proposed by this function."""
 
-TOP_KEYS = ("name", "kind", "model", "file", "batched", "substeps", "sensors")
+TOP_KEYS = ("name", "kind", "model", "base", "keyframe", "file", "batched", "substeps", "sensors")
 """These keys belong to no table; TOML wants them before the first one."""
 
 GROUP_HINT = """
@@ -66,12 +68,19 @@ GOAL_HINT = """
 
 
 def write_definition(
-    model: str, out: Path | None = None, *, force: bool = False
+    model: str,
+    out: Path | None = None,
+    *,
+    force: bool = False,
+    keyframe: str = "",
+    base: Literal["fixed", "free"] = "fixed",
 ) -> tuple[Path, Proposal]:
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
-    run to see what it does. Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside
+    run to see what it does. `keyframe` and `base` are as in `propose`.
+
+    Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside
     the model, or if the name is taken; BadFileError for what cannot be emulated.
     """
     source = Path(model)
@@ -86,7 +95,11 @@ def write_definition(
         raise ArgumentError(
             f"{path}: the TOML file must lie beside the model, in {source.parent or '.'}."
         )
-    proposal = _propose(source)
+    if source.suffix in PROPOSERS:
+        _refuse_model_options(source, keyframe, base)
+        proposal = _propose_without_model(source)
+    else:
+        proposal = propose(source, keyframe=keyframe, base=base)
     name = proposal.definition.name
     if name in SYSTEMS:
         raise ArgumentError(f"'{name}' is a system of the package. Rename {source.name}.")
@@ -94,15 +107,28 @@ def write_definition(
     return path, proposal
 
 
-def _propose(source: Path) -> Proposal:
-    """Return the proposal for the file `source`, by its ending."""
-    if source.suffix not in PROPOSERS:
-        return propose(source)
+def checked_base(text: str) -> Literal["fixed", "free"]:
+    """Return what the command line says of a URDF's base; ArgumentError lists what may be said."""
+    if text == "fixed" or text == "free":
+        return text
+    raise ArgumentError(f"base: wanted fixed or free, came {quoted(text)}.")
+
+
+def _refuse_model_options(source: Path, keyframe: str, base: str) -> None:
+    """Raise ArgumentError for options that only a model file can have."""
+    if keyframe or base != "fixed":
+        raise ArgumentError(
+            f"{source.name} is no MuJoCo model, so it has neither keyframes nor a base. Leave --keyframe and --base out."
+        )
+
+
+def _propose_without_model(source: Path) -> Proposal:
+    """Return the proposal for a step function or recordings, by the ending of the file."""
     # Whoever asks for a definition of a step function asks for it to be run.
     trust_file(source)
-    definition, notes = PROPOSERS[source.suffix](source)
+    definition, notes, warnings = PROPOSERS[source.suffix](source)
     parts = [part.name for part in definition.state]
-    return Proposal(definition, notes, parts)
+    return Proposal(definition, notes, parts, warnings)
 
 
 def _copy_from_gymnasium(name: str, folder: Path) -> Path:

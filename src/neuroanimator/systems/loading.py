@@ -57,7 +57,8 @@ def _pack_model(path: Path) -> Any:
 
 
 def _make_model(definition: Definition, files: Any, text: str) -> System:
-    return ModelSystem(definition, compile_model(ModelFiles.from_json(files)), text)
+    model = compile_model(ModelFiles.from_json(files), definition.base)
+    return ModelSystem(definition, model, text)
 
 
 def _pack_function(path: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 
@@ -24,6 +24,7 @@ from neuroanimator.systems.rigid.model_xml import (
     parse,
     refuse,
 )
+from neuroanimator.systems.rigid.urdf import compile_urdf
 
 URDF_PARTS = {"link", "joint", "material", "mujoco"}
 """What MuJoCo reads of a URDF; the rest, such as <gazebo>, is dropped."""
@@ -105,9 +106,10 @@ def _read(folder: Path, name: str) -> bytes | None:
         return file.read(FILE_LIMIT + 1)
 
 
-def compile_model(files: ModelFiles) -> mujoco.MjModel:
+def compile_model(files: ModelFiles, base: Literal["fixed", "free"] = "fixed") -> mujoco.MjModel:
     """Return the model compiled from memory, with MuJoCo's silent resets of NaN states off.
 
+    A URDF gets its motors, and its root stands fixed or free as `base` says; see `urdf`.
     Raises BadFileError naming the file and the fault: all that `read_model_files` refuses, what MuJoCo
     refuses, no joints, a time step outside (0, 0.1] s, an infinite number or NaN in the compiled model,
     or more bodies, freedoms or memory than supported.
@@ -123,7 +125,11 @@ def compile_model(files: ModelFiles) -> mujoco.MjModel:
     try:
         root, assets = _assemble(files.main, source)
         with _quiet():
-            model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), assets)
+            text = ET.tostring(root, encoding="unicode")
+            if root.tag == "robot":
+                model = compile_urdf(root, text, assets, base)
+            else:
+                model = mujoco.MjModel.from_xml_string(text, assets)
     except (ValueError, RuntimeError, mujoco.FatalError, MemoryError) as error:
         # MuJoCo's line numbers count in the text without includes, so they would mislead.
         line = " ".join(str(error).split())

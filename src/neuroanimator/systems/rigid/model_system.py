@@ -12,10 +12,12 @@ from jaxtyping import Float
 from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError
+from neuroanimator.parsing.names import model_name
 from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
 from neuroanimator.systems.goal import Goal, goal_at
 from neuroanimator.systems.rigid.actuators import bounds_of_actuators, layout_of_actuators
 from neuroanimator.systems.rigid.bones import skeleton_of
+from neuroanimator.systems.rigid.ground import height_entry, lift_out
 from neuroanimator.systems.rigid.joints import (
     JointView,
     joint_views,
@@ -27,6 +29,7 @@ from neuroanimator.systems.rigid.limbs import groups_of
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.schemes import schemes_of
+from neuroanimator.text import listed, quoted
 
 HOME = "home"
 """The keyframe of this name is the state of rest, if the model has one."""
@@ -56,7 +59,7 @@ class ModelSystem(MujocoSystem):
         self.structure = replace(structure, groups=groups_of(model, self.views, definition.groups))
         self.scheme, self.truth, self.fine = schemes_of(definition.physics)
         self.skeleton = skeleton_of(model)
-        self.rest = self.with_sensors(_rest(model)[None])[0]
+        self.rest = self.with_sensors(_rest(model, definition.keyframe)[None])[0]
         self.sampling = definition.sampling
         self.warm_up = definition.sampling.warm_up
         self._check_sampling()
@@ -69,7 +72,18 @@ class ModelSystem(MujocoSystem):
         starts = np.repeat(self.rest[None], count, axis=0)
         for view in self.views:
             self._scatter(view, starts, spread, rng)
+        if self.sampling.above_ground:
+            lift_out(self.model, self._height_entry(), starts)
         return self.with_sensors(starts[:, : self.physical_size])
+
+    def _height_entry(self) -> int:
+        """Return the state entry that is the root's height, of a free joint or of a vertical slide."""
+        entry = height_entry(self.model)
+        if entry is None:
+            raise ArgumentError(
+                "sampling.above_ground: wanted a root with a free joint or a vertical slide. Say false."
+            )
+        return entry
 
     def start_at(self, parts: Mapping[str, Sequence[float]]) -> Float[np.ndarray, " S"]:
         """Return the start `parts` name, with what the sensors say in it."""
@@ -103,6 +117,10 @@ class ModelSystem(MujocoSystem):
             orientation = slice(view.position_entry, view.position_entry + 4)
             increment = rng.normal(size=(len(starts), 3)) * width * spread
             starts[:, orientation] = rotated_by(starts[:, orientation], increment)
+        elif isinstance(width, tuple):
+            # Near rest, each start is that share of the way from rest to where it was drawn.
+            offset = rng.uniform(*width, len(starts)) - self.rest[view.position_entry]
+            starts[:, view.position_entry] += offset * spread[:, 0]
         else:
             offset = rng.uniform(-1, 1, len(starts)) * width
             starts[:, view.position_entry] += offset * spread[:, 0]
@@ -135,8 +153,13 @@ class ModelSystem(MujocoSystem):
     def _check_sampling(self) -> None:
         """Refuse sampling of joints that are not there, and velocities of another size than the joint's."""
         sizes = {view.name: RATE_SIZES.get(view.kind, 1) for view in self.views}
-        for name in self.sampling.position:
+        kinds = {view.name: view.kind for view in self.views}
+        if self.sampling.above_ground:
+            self._height_entry()
+        for name, width in self.sampling.position.items():
             _check_joint("position", name, sizes)
+            if isinstance(width, tuple):
+                _check_ends(name, width, kinds[name])
         for name, velocity in self.sampling.velocity.items():
             _check_joint("velocity", name, sizes)
             if len(velocity) != sizes[name]:
@@ -193,6 +216,18 @@ def sensor_entries(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, 
     return tuple(entries)
 
 
+def _check_ends(name: str, ends: tuple[float, float], kind: str) -> None:
+    """Refuse two ends of a spread that are none, or of a joint that has no such ends."""
+    if kind not in ("hinge", "slide"):
+        raise ArgumentError(
+            f"sampling.position.{name}: wanted one number, as it is a {kind} joint; came two."
+        )
+    if not ends[0] <= ends[1]:
+        raise ArgumentError(
+            f"sampling.position.{name}: wanted [least, largest], came {list(ends)}."
+        )
+
+
 def _check_joint(table: str, name: str, sizes: Mapping[str, int]) -> None:
     if name not in sizes:
         raise ArgumentError(
@@ -200,10 +235,25 @@ def _check_joint(table: str, name: str, sizes: Mapping[str, int]) -> None:
         )
 
 
-def _rest(model: mujoco.MjModel) -> Float[np.ndarray, " P"]:
-    """Return the keyframe `home` if there is one, else the model's reference pose, standing still."""
+def keyframe_name(model: mujoco.MjModel, keyframe: int) -> str:
+    """Return what a keyframe is called; `key_2` if the model does not say."""
+    return model_name(model.key(keyframe).name, f"key_{keyframe}")
+
+
+def _rest(model: mujoco.MjModel, keyframe: str) -> Float[np.ndarray, " P"]:
+    """Return the keyframe of that name, standing still or not.
+
+    If none is named it is the one called `home`, or the model's reference pose, standing still. Raises ArgumentError
+    for a keyframe that is not there.
+    """
     data = mujoco.MjData(model)
-    names = [model.key(i).name for i in range(model.nkey)]
-    if HOME in names:
-        mujoco.mj_resetDataKeyframe(model, data, names.index(HOME))
+    names = [keyframe_name(model, i) for i in range(model.nkey)]
+    wanted = keyframe or HOME
+    if wanted in names:
+        mujoco.mj_resetDataKeyframe(model, data, names.index(wanted))
+        mujoco.mj_normalizeQuat(model, data.qpos)
+    elif keyframe:
+        raise ArgumentError(
+            f"keyframe: no keyframe called {quoted(keyframe)}. Keyframes: {listed(names) or 'none'}."
+        )
     return np.concatenate([data.qpos, data.qvel, data.act])

@@ -1,0 +1,200 @@
+"""Words about a proposal: a comment on each value of the TOML file, and what the user should look at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from neuroanimator.parsing.names import model_name
+from neuroanimator.scaffold.holding import Hold
+from neuroanimator.scaffold.motion import FAR, OFF_MIDDLE, Motion, free_spread, system_of
+from neuroanimator.scaffold.surroundings import (
+    can_touch_ground,
+    gravity_of,
+    has_free_root,
+    is_limited,
+    what_tells_place,
+    world_axis_actuators,
+)
+from neuroanimator.scaffold.teacher import (
+    USUAL_TRANSITIONS,
+    Teacher,
+    in_words,
+)
+from neuroanimator.systems.rigid.actuators import actuator_name
+from neuroanimator.systems.rigid.joints import joint_name, sensor_name
+from neuroanimator.systems.rigid.model_system import keyframe_name
+from neuroanimator.text import listed
+
+SLOW = 0.05
+"""A fall from rest that grows at most by e to this in a super step is not worth a word."""
+
+
+class Findings(NamedTuple):
+    """What was found out about a model."""
+
+    motion: Motion
+    """How it moves under the controls that are proposed."""
+    hold: Hold
+    growth: float
+    """How fast a fall from rest grows [1/s]."""
+    whole: dict[str, tuple[float, float]]
+    """The whole range of each control."""
+    teacher: Teacher
+
+
+def comments_on(model: mujoco.MjModel, found: Findings) -> dict[str, str]:
+    """Return the comments on the proposed values, by key of the TOML file."""
+    values = found.motion.values
+    sensors = [sensor_name(model, sensor) for sensor in range(model.nsensor)]
+    keyframes = [keyframe_name(model, keyframe) for keyframe in range(model.nkey)]
+    notes = {
+        "substeps": _substeps_note(found.motion, found.growth),
+        "base": "of a URDF: fixed to the world, or free to move over a floor",
+        "keyframe": f"the state of rest, of: {listed(keyframes) or 'none; the reference pose'}",
+        "physics.step": "the model's own [s]",
+        "physics.integrator": "the model's own",
+        "sensors": f"those to be emulated too, of: {listed(filter(None, sensors)) or 'none'}",
+        "sampling.warm_up": "something can touch something: let contacts settle first",
+        "sampling.tilt": "as in trial runs, within bounds",
+        "sampling.above_ground": "lifts starts that would lie in the ground",
+    }
+    if not values["sampling"]["warm_up"]:
+        notes["sampling.warm_up"] = "nothing can touch anything"
+    for actuator in range(model.nu):
+        name = actuator_name(model, actuator)
+        notes[f"control.{name}"] = _control_note(model, found, actuator)
+    for joint in range(model.njnt):
+        name = joint_name(model, joint)
+        notes[f"sampling.position.{name}"] = _spread_note(model, values, joint)
+        notes[f"state.{name}"] = _feature_note(model, values, joint)
+    notes["physics.truth_step"] = _teacher_note(found.teacher)
+    return {key: note for key, note in notes.items() if note}
+
+
+def _substeps_note(motion: Motion, growth: float) -> str:
+    """Return why the super step is as long as it is."""
+    note = f"a super step of {motion.dt:g} s"
+    if motion.joint:
+        note += f"; {motion.joint} turns at {motion.speed:.2g} rad/s, {motion.speed * motion.dt:.2g} rad in it"
+    if growth * motion.dt > SLOW:
+        note += f"; a fall from rest grows {np.exp(growth * motion.dt):.2g} times in it"
+    return note
+
+
+def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
+    """Return where the bounds of an actuator come from."""
+    name = actuator_name(model, actuator)
+    low, high = found.whole[name]
+    proposed = found.motion.values["control"][name]
+    notes = []
+    if not model.actuator_ctrllimited[actuator]:
+        notes.append("the model gives no range: say what your motor can do")
+    if found.hold.source and abs(found.hold.controls[actuator]) > OFF_MIDDLE * (high - low):
+        notes.append(f"{found.hold.controls[actuator]:.3g} {found.hold.source}")
+    if proposed != (low, high):
+        why = "as far to either side"
+        if found.motion.share < 1:
+            why = f"with all of which {found.motion.joint} would turn too fast to learn; widen if need be"
+        notes.append(f"of {low:.4g} to {high:.4g}, {why}")
+    return "; ".join(notes)
+
+
+def _spread_note(model: mujoco.MjModel, values: dict[str, Any], joint: int) -> str:
+    """Return where the spread of a joint's random positions comes from."""
+    name = joint_name(model, joint)
+    if name not in values["sampling"]["position"]:
+        return ""
+    if free_spread(model, joint) is None:
+        return "as in trial runs"
+    if is_limited(model, joint):
+        return "the joint's range"
+    return "all the way round, as nothing limits it"
+
+
+def _feature_note(model: mujoco.MjModel, values: dict[str, Any], joint: int) -> str:
+    """Return why a joint is seen as it is, where that is not plain."""
+    feature = values["state"][joint_name(model, joint)]
+    if feature == "cyclic":
+        return "nothing can tell where it stands"
+    if feature == "planar":
+        return "a root that moves in the plane"
+    if feature == "sine":
+        return "may turn more than half round"
+    return ""
+
+
+def _teacher_note(teacher: Teacher) -> str:
+    """Return the comment on the teacher's step."""
+    note = (
+        f"teaches with an error of {teacher.error:.2g} of a super step's change; the model's own: {teacher.own_error:.2g}; "
+        f"{USUAL_TRANSITIONS:,} transitions take about {in_words(teacher.seconds)}"
+    )
+    if teacher.passed_over is not None:
+        scheme = teacher.passed_over
+        note += f"; {scheme.integrator} at {scheme.dt:g} s would be better and take too long"
+    return note
+
+
+def warnings_about(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
+    """Yield what the user should look at, one line each."""
+    unlimited = []
+    for actuator in range(model.nu):
+        if not model.actuator_ctrllimited[actuator]:
+            unlimited.append(actuator_name(model, actuator))
+    if unlimited:
+        yield (
+            f"control: the model gives no range for {listed(unlimited)}; the proposed ones are guesses. "
+            "Set them in the TOML file, or ctrlrange in the model."
+        )
+    yield from _root_warnings(model, found.hold)
+    for view in system_of(found.motion.values, model).views:
+        if view.kind != "slide" or view.feature == "planar" or is_limited(model, view.index):
+            continue
+        reach = float(np.abs(found.motion.trial.states[..., view.position_entry]).max())
+        if reach > FAR:
+            yield (
+                f"state.{view.name}: neither a range nor a spring keeps it near; it went {reach:.0f} m away in trial "
+                "runs. Give the joint a range or stiffness in the model, or weaken what drives it."
+            )
+    trial = found.motion.trial
+    if trial.diverged:
+        yield (
+            f"{trial.diverged} of {trial.runs} trial runs diverged. Such runs are dropped from the data; a "
+            "smaller timestep in the model, or narrower control bounds, would keep them."
+        )
+
+
+def _root_warnings(model: mujoco.MjModel, hold: Hold) -> Iterator[str]:
+    """Yield what is to be said of a free root: what it may fall through, and what its place would tell it."""
+    if not has_free_root(model):
+        return
+    name = joint_name(model, 0)
+    weight = gravity_of(model)
+    if np.any(weight) and not can_touch_ground(model):
+        if hold.source:
+            yield (
+                f"{name}: there is no floor, so nothing stops a fall but the controls. Add a plane to the model if it "
+                "should land."
+            )
+        else:
+            yield (
+                f"{name}: there is no floor and no control holds it, so it falls for ever. Add a plane, or set "
+                'gravity="0 0 0" if it floats.'
+            )
+    pushing = [actuator_name(model, actuator) for actuator in world_axis_actuators(model)]
+    if pushing:
+        yield (
+            f"control: {listed(pushing)} push {name} along the world's axes, so its heading matters, which an emulator does "
+            "not see. Put a site on the body, and let the actuators act there."
+        )
+    level = [np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])]
+    reason = what_tells_place(model, 0, level)
+    if reason:
+        yield (
+            f"{name}: '{model_name(reason, reason)}' makes it matter where the root stands, which an emulator does not "
+            "see. Expect errors near it, or take it out of the model."
+        )

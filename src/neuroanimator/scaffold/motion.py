@@ -1,0 +1,292 @@
+"""How a model moves under its own controls, and so what controls, starts and super step are proposed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.definitions.model import Definition
+from neuroanimator.errors import BadFileError
+from neuroanimator.scaffold.defaults import ANGLE_SPREAD, WANTED_SUPER_STEP, tidy
+from neuroanimator.scaffold.holding import Hold
+from neuroanimator.scaffold.surroundings import (
+    has_free_root,
+    has_servo,
+    has_spring,
+    is_limited,
+    servo_of,
+    touching_geoms,
+)
+from neuroanimator.scaffold.trials import (
+    MAX_GROWTH,
+    Trial,
+    fastest_turning,
+    occurring_range,
+    run_trial,
+    two_digits,
+    usual_velocities,
+)
+from neuroanimator.state.rotation import rotate
+from neuroanimator.systems.rigid.bones import JOINT_NAMES
+from neuroanimator.systems.rigid.model_system import ModelSystem
+from neuroanimator.tables import check_table
+from neuroanimator.terminal import progress_bar
+
+SUPER_STEPS = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)
+"""Super steps of about these lengths are tried, the longest first [s]."""
+
+
+MAX_TURN = 0.5
+"""Nothing should turn farther than this in a super step [rad], but in a twentieth of the time."""
+
+
+HOPEFUL = 1.6
+"""A shorter super step is tried if things would turn at most so many times too far at the last speeds: these fall with it."""
+
+
+SHARES = (1.0, 0.5, 0.25, 0.125)
+"""Controls are tried over these shares of their room, the largest first."""
+
+
+OFF_MIDDLE = 0.02
+"""What holds a model is off the middle of a control's range if it is by more than this share of it."""
+
+
+MIN_ROOM = 0.1
+"""Controls are centred on what holds the model if they have at least this share of half their range on either side."""
+
+
+BALL_SPREAD = 0.5
+"""Random starts of a ball joint have this standard deviation [rad]."""
+
+
+TILTS = (0.1, 0.5)
+"""A free root starts with a tilt of at least and at most this standard deviation [rad]."""
+
+
+FAR = 10.0
+"""A slide that goes farther than this in a trial run goes away [m]."""
+
+
+SMALLER_STEPS = (2, 5, 10)
+"""If a model explodes, its step cut into these numbers of parts is tried, so that the error can name one that works."""
+
+
+class Motion(NamedTuple):
+    """How a model moves under controls over some share of their room."""
+
+    values: dict[str, Any]
+    """The definition's table, controls, sampling and super step filled in."""
+    trial: Trial
+    joint: str
+    """The joint that turns fastest."""
+    speed: float
+    """How fast it turns [rad/s]."""
+    share: float
+
+    @property
+    def dt(self) -> float:
+        """Time one super step covers [s]."""
+        return self.trial.dt
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether nothing turns too far in a super step to be learned."""
+        return self.speed * self.dt <= MAX_TURN
+
+
+def choose_motion(
+    values: dict[str, Any], model: mujoco.MjModel, hold: Hold, growth: float
+) -> Motion:
+    """Return controls, sampling and super step with which the model does what can be learned.
+
+    The whole room of the controls, if the super step need not become too short for that; else a smaller share of it.
+    Raises BadFileError if the model explodes whatever is tried.
+    """
+    longest = WANTED_SUPER_STEP
+    if growth > 0:
+        longest = min(longest, MAX_GROWTH / growth)
+    first = None
+    with progress_bar("shares of the controls tried", len(SHARES)) as bar:
+        for tried, share in enumerate(SHARES):
+            motion = _motion_under(values, model, hold, share, longest)
+            if motion is not None and motion.is_slow:
+                return motion
+            first = first or motion
+            bar.advance_to(tried + 1)
+    if first is None:
+        raise BadFileError(_explosion(values, model))
+    # Nothing helps: then at least the controls may be used in full.
+    return first
+
+
+def _motion_under(
+    values: dict[str, Any],
+    model: mujoco.MjModel,
+    hold: Hold,
+    share: float,
+    longest: float,
+) -> Motion | None:
+    """Return the motion under a share of the controls, in the longest super step that nothing turns too far in.
+
+    None if half the trial runs diverge.
+    """
+    controls = _narrowed(model, values["control"], hold, share)
+    step = float(model.opt.timestep)
+    motion = None
+    for substeps in _substeps_to_try(step, longest):
+        if motion is not None and motion.speed * substeps * step > HOPEFUL * MAX_TURN:
+            continue
+        draft = values | {"control": controls, "substeps": substeps}
+        trial = _fill_sampling(draft, model)
+        if trial is None:
+            return None
+        joint, speed = fastest_turning(system_of(draft, model), trial)
+        motion = Motion(draft, trial, joint, speed, share)
+        if motion.is_slow:
+            break
+    return motion
+
+
+def _substeps_to_try(step: float, longest: float) -> Iterator[int]:
+    """Yield numbers of steps in a super step, the largest first; at least one."""
+    last = 0
+    for dt in SUPER_STEPS:
+        substeps = max(1, round(min(dt, longest) / step))
+        if substeps != last:
+            yield substeps
+        last = substeps
+
+
+def _narrowed(
+    model: mujoco.MjModel, bounds: dict[str, tuple[float, float]], hold: Hold, share: float
+) -> dict[str, tuple[float, float]]:
+    """Return `share` of the range of each control, around what holds the model where that is a root that may fall.
+
+    A servo of a model that stands fixed keeps its range: wherever it goes, the model is held.
+    """
+    may_fall = has_free_root(model)
+    narrowed = {}
+    for actuator, (name, (low, high)) in enumerate(bounds.items()):
+        center = (low + high) / 2
+        half = (high - low) / 2
+        reach = share * half
+        held = float(hold.controls[actuator])
+        is_off = bool(hold.source) and abs(held - center) > OFF_MIDDLE * half
+        room = half - abs(held - center)
+        if may_fall and is_off and room >= MIN_ROOM * half:
+            center = held
+            reach = min(reach, room)
+        elif not may_fall and servo_of(model, actuator):
+            reach = half
+        ends = (low, high)
+        if reach < half:
+            ends = (max(low, tidy(center - reach, 4)), min(high, tidy(center + reach, 4)))
+        narrowed[name] = ends
+    return narrowed
+
+
+def _fill_sampling(values: dict[str, Any], model: mujoco.MjModel) -> Trial | None:
+    """Fill in how random starts are spread, and return trial runs from there; None if half of them diverge.
+
+    First runs begin at rest, where the ground, springs or servos decide, and show positions and velocities; those
+    returned begin where and as fast as these went.
+    """
+    sampling = values["sampling"] | {
+        "velocity": {},
+        "position": dict(values["sampling"]["position"]),
+    }
+    values["sampling"] = sampling
+    system = system_of(values, model)
+    trial = run_trial(system, values["substeps"])
+    if trial.explodes:
+        return None
+    for view in system.views:
+        if view.kind == "free":
+            sampling["tilt"] = _usual_tilt(trial, view.position_entry + 3, system.rest)
+        elif view.feature in ("sine", "plain") and view.name not in sampling["position"]:
+            limits = (-FAR, FAR)
+            if is_limited(model, view.index):
+                limits = tuple(model.jnt_range[view.index])
+            ends = occurring_range(trial, view.position_entry, limits)
+            if view.feature == "sine" and ends[1] - ends[0] > 2 * np.pi:
+                sampling["position"][view.name] = ANGLE_SPREAD
+            else:
+                sampling["position"][view.name] = ends
+        elif view.kind == "ball" and view.name not in sampling["position"]:
+            sampling["position"][view.name] = BALL_SPREAD
+    sampling["velocity"] = usual_velocities(system, trial)
+    trial = run_trial(system_of(values, model), values["substeps"])
+    if trial.explodes:
+        return None
+    return trial
+
+
+def _usual_tilt(trial: Trial, entry: int, rest: Float[np.ndarray, " S"]) -> float:
+    """Return the standard deviation of the tilt of an orientation from its upright at rest [rad], within `TILTS`."""
+    upright = np.array([0.0, 0.0, 1.0])
+    # What is up at rest, in the body's own axes.
+    inverse = rest[entry : entry + 4] * [1, -1, -1, -1]
+    own_up = rotate(inverse, upright)
+    up = rotate(
+        trial.states[..., entry : entry + 4], np.broadcast_to(own_up, (*trial.states.shape[:2], 3))
+    )
+    tilt = np.arccos(np.clip(up[..., 2], -1, 1))
+    # Of two angles, about two level axes.
+    deviation = np.sqrt(np.mean(tilt**2) / 2)
+    return two_digits(float(np.clip(deviation, *TILTS)))
+
+
+def _explosion(values: dict[str, Any], model: mujoco.MjModel) -> str:
+    """Return the error about a model whose trial runs diverge, with a step that works if one does."""
+    step = float(model.opt.timestep)
+    fault = (
+        f"{values['model']}: most trial runs under random controls diverged at the model's own step of {step:g} s, "
+        f"even with {SHARES[-1]:.3g} of the controls' range."
+    )
+    for integrator in (values["physics"]["integrator"], "implicitfast"):
+        for parts in SMALLER_STEPS:
+            physics = values["physics"] | {"step": tidy(step / parts), "integrator": integrator}
+            system = system_of(values | {"physics": physics}, model)
+            trial = run_trial(system, values["substeps"] * parts)
+            if not trial.diverged:
+                return (
+                    f'{fault} None did with <option timestep="{tidy(step / parts):g}" integrator="{integrator}"/>: '
+                    "set that in the model."
+                )
+    return f"{fault} Use weaker actuators, more damping, or heavier bodies."
+
+
+def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float] | None:
+    """Return the spread of a joint's random starts, as `Sampling.position` says; None if trial runs should show it.
+
+    Springs, servos and the ground decide where a joint occurs; else it is its range, or a whole turn.
+    """
+    kind = JOINT_NAMES[int(model.jnt_type[joint])]
+    is_swung = not (has_spring(model, joint) or has_servo(model, joint) or _meets(model, joint))
+    if kind == "free" or not is_swung:
+        return None
+    if kind == "ball":
+        return BALL_SPREAD
+    if is_limited(model, joint):
+        low, high = model.jnt_range[joint]
+        return round(float(low), 4), round(float(high), 4)
+    if kind == "hinge":
+        return ANGLE_SPREAD
+    return None
+
+
+def _meets(model: mujoco.MjModel, joint: int) -> bool:
+    """Return whether the bodies a joint belongs to can touch anything else than one another."""
+    tree = model.body_rootid[model.jnt_bodyid[joint]]
+    is_own = model.body_rootid[model.geom_bodyid[touching_geoms(model)]] == tree
+    return bool((is_own.any(axis=1) & ~is_own.all(axis=1)).any())
+
+
+def system_of(values: dict[str, Any], model: mujoco.MjModel) -> ModelSystem:
+    """Return the system of a drafted definition."""
+    return ModelSystem(check_table(values, values["model"], Definition), model)

@@ -1,0 +1,122 @@
+"""A URDF as a model that moves: a motor for each joint with an effort, a speed limit, a base that is fixed or free."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from neuroanimator.systems.rigid.model_xml import Element, refuse_at
+
+FLOOR = "floor"
+"""What the ground under a free base is called."""
+
+FLOOR_SIZE = (5.0, 5.0, 0.1)
+"""The ground is drawn so far to either side, and in squares so large [m]; it has no end."""
+
+ROOT = "root"
+"""What the free joint of a base is called."""
+
+
+def compile_urdf(
+    robot: Element, text: str, assets: dict[str, bytes], base: Literal["fixed", "free"]
+) -> mujoco.MjModel:
+    """Return the model of the URDF `robot`, whose XML is `text`.
+
+    Each joint with `<limit effort>` above 0 gets a motor of its name, from minus to plus that effort. Where there is no
+    `<dynamics damping>`, it is damped so that full effort makes `<limit velocity>` and no more, as a motor's back EMF
+    does. `<mimic>` becomes an equality. With a free base, there is a floor, which it just touches.
+    Raises BadFileError for a number that is none.
+    """
+    spec = mujoco.MjSpec.from_string(text, assets=assets)
+    joints = {joint.name: joint for joint in spec.joints}
+    for element in robot.iter("joint"):
+        joint = joints.get(element.get("name", ""))
+        if joint is not None and isinstance(element, Element):
+            _add_motor(spec, joint, element)
+            _add_mimic(spec, joint, element, joints)
+    if base == "free":
+        _free_base(spec)
+    return spec.compile()
+
+
+def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, element: Element) -> None:
+    """Add the motor of a joint that has an effort and follows no other one."""
+    effort = _number(element, "limit", "effort")
+    velocity = _number(element, "limit", "velocity")
+    is_single = joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    if effort <= 0 or not is_single or element.find("mimic") is not None:
+        return
+    motor = spec.add_actuator(name=joint.name, target=joint.name)
+    motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+    motor.ctrllimited = True
+    motor.ctrlrange = [-effort, effort]
+    if velocity > 0 and not _number(element, "dynamics", "damping"):
+        damping = np.array(joint.damping)
+        damping[0] = effort / velocity
+        joint.damping = damping
+
+
+def _add_mimic(
+    spec: mujoco.MjSpec,
+    joint: mujoco.MjsJoint,
+    element: Element,
+    joints: dict[str, mujoco.MjsJoint],
+) -> None:
+    """Let a joint follow the one that its `<mimic>` names: offset + multiplier times that joint's position."""
+    mimic = element.find("mimic")
+    if mimic is None:
+        return
+    leader = mimic.get("joint", "")
+    if leader not in joints:
+        refuse_at(element, "", f"mimics the joint {leader[:40]!r}, which is not there. Correct it")
+    equality = spec.add_equality(name1=joint.name, name2=leader)
+    equality.type = mujoco.mjtEq.mjEQ_JOINT
+    equality.objtype = mujoco.mjtObj.mjOBJ_JOINT
+    data = np.zeros_like(equality.data)
+    data[0] = _number(element, "mimic", "offset")
+    data[1] = _number(element, "mimic", "multiplier", 1.0)
+    equality.data = data
+
+
+def _number(element: Element, tag: str, attribute: str, otherwise: float = 0.0) -> float:
+    """Return the number an element inside a joint holds; `otherwise` if it does not say."""
+    inside = element.find(tag)
+    if inside is None or attribute not in inside.attrib:
+        return otherwise
+    try:
+        value = float(inside.attrib[attribute])
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        refuse_at(element, "", f"<{tag} {attribute}>: wanted a finite number")
+    return value
+
+
+def _free_base(spec: mujoco.MjSpec) -> None:
+    """Let the root move freely, just above a floor."""
+    root = spec.worldbody.first_body()
+    root.add_freejoint(name=ROOT)
+    spec.worldbody.add_geom(name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=list(FLOOR_SIZE))
+    model = spec.compile()
+    root.pos = np.array(root.pos) - [0.0, 0.0, lowest_point(model)]
+
+
+def lowest_point(model: mujoco.MjModel) -> float:
+    """Return the height of the lowest point that can touch the ground, in the reference pose [m]; 0 if none can.
+
+    It is that of the boxes around geoms, along their own axes.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    lowest = []
+    for geom in range(model.ngeom):
+        is_solid = model.geom_contype[geom] or model.geom_conaffinity[geom]
+        if model.geom_bodyid[geom] == 0 or not is_solid:
+            continue
+        center, half = np.split(model.geom_aabb[geom], 2)
+        upward = data.geom_xmat[geom].reshape(3, 3)[2]
+        height = data.geom_xpos[geom][2] + upward @ center - np.abs(upward) @ half
+        lowest.append(float(height))
+    return min(lowest, default=0.0)
