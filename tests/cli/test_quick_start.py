@@ -26,7 +26,7 @@ def test_jaxs_plugins_are_found_by_their_folders(tmp_path: Path, monkeypatch: py
 def test_imported_quickly_jax_is_whole_and_packages_are_found_again():
     program = (
         "from importlib import metadata; before = metadata.distributions\n"
-        "from neuroanimator.cli.quick_start import import_jax; import_jax()\n"
+        "from neuroanimator.cli.quick_start import import_jax_quickly; import_jax_quickly()\n"
         "import jax.numpy; assert metadata.distributions is before\n"
         "print(int(jax.numpy.arange(4).sum()))"
     )

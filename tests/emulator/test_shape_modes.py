@@ -252,7 +252,7 @@ def test_repeated_parts_share_weights():
         Part("right", (2,), (), (2,), hears=(0,), like=0),
     ]
     key = jax.random.key(0)
-    network = Hierarchy(3, 0, 3, (4, 0, 4), key=key, even_out=(), parts=(upper, *legs))
+    network = Hierarchy.of(3, 0, 3, (4, 0, 4), key=key, even_out=(), parts=(upper, *legs))
     assert network.children.linear.shape[0] == 1
     answers = network(jnp.array([0.3, 0.7, 0.7]), jnp.zeros(0))
     assert answers[1] == answers[2]

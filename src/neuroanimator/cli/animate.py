@@ -44,13 +44,12 @@ def run(
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
 ) -> None:
     """Animate a random motion, or one found by 'control', without running the physics."""
-    from neuroanimator.cli.quick_start import import_jax
+
     from neuroanimator.export.film.options import read_film
     from neuroanimator.terminal import phase, print_rows
 
     film = read_film(size, camera)
     with phase("loading"):
-        import_jax()
         from neuroanimator.animation.clip import make_clip
         from neuroanimator.animation.motion import controlled_motion, named_start, random_motion
         from neuroanimator.export.csv_file import read_table

@@ -85,13 +85,12 @@ def run(
     ] = None,
 ) -> None:
     """Find a controller by gradient descent through the emulator, then replay it on the true physics."""
-    from neuroanimator.cli.quick_start import import_jax
+
     from neuroanimator.terminal import phase, print_rows
     from neuroanimator.text import print_line
 
     began = time.perf_counter()
     with phase("loading"):
-        import_jax()
         from neuroanimator.control.descent.options import DescentOptions
         from neuroanimator.control.synthesis.progress import watching
         from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of

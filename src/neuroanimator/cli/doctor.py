@@ -17,9 +17,6 @@ def run() -> None:
     import shutil
     from importlib.metadata import version
 
-    from neuroanimator.cli.quick_start import import_jax
-
-    import_jax()
     import jax
 
     from neuroanimator.backend import backend_in_words

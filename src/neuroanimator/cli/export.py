@@ -44,12 +44,10 @@ def run(
 
 
 def _export_programs(reference: str, out: list[Path], is_policy: bool) -> None:
-    from neuroanimator.cli.quick_start import import_jax
     from neuroanimator.terminal import phase
     from neuroanimator.text import print_line
 
     with phase("exporting"):
-        import_jax()
         from neuroanimator.export.programs.formats import export_programs
 
         every = export_programs(reference, out, is_policy=is_policy)
@@ -58,7 +56,6 @@ def _export_programs(reference: str, out: list[Path], is_policy: bool) -> None:
 
 
 def _export_clip(clip: Path, emulator: str | None, out: list[Path], size: str, camera: str) -> None:
-    from neuroanimator.cli.quick_start import import_jax
     from neuroanimator.errors import ArgumentError
     from neuroanimator.export.film.options import read_film
     from neuroanimator.terminal import phase, print_rows
@@ -67,7 +64,6 @@ def _export_clip(clip: Path, emulator: str | None, out: list[Path], size: str, c
         raise ArgumentError(f"{clip}: a clip needs --emulator, the one that it belongs to.")
     film = read_film(size, camera)
     with phase("loading"):
-        import_jax()
         from neuroanimator.export.csv_file import read_clip
         from neuroanimator.export.formats import emulator_for, export_clip
 

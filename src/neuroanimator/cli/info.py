@@ -78,10 +78,8 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
 
 
 def _check_emulator(path: Path) -> None:
-    """Raise BadFileError for what is no emulator. To find that out it is loaded, which takes JAX."""
-    from neuroanimator.cli.quick_start import import_jax
+    """Raise BadFileError for what is no emulator. To find that out it is loaded, which takes longer."""
 
-    import_jax()
     from neuroanimator.emulator.artifact import load
 
     load(path)
@@ -115,10 +113,8 @@ def _policy(path: Path) -> tuple[dict[str, Any], Rows]:
 
 
 def _check_policy(path: Path) -> None:
-    """Raise BadFileError for what is no policy. To find that out it is loaded, which takes JAX."""
-    from neuroanimator.cli.quick_start import import_jax
+    """Raise BadFileError for what is no policy. To find that out it is loaded, which takes longer."""
 
-    import_jax()
     from neuroanimator.control.policies.policy_file import load_policy
 
     load_policy(path)

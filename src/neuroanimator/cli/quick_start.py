@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import gc
-import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
+
+from neuroanimator.jax_later import import_within
 
 if TYPE_CHECKING:
     from importlib.metadata import Distribution
@@ -23,20 +25,24 @@ def collect_garbage_seldom() -> None:
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
 
 
-def import_jax() -> None:
-    """Import JAX, without its reading what every package that is installed says about itself.
+def import_jax_quickly() -> None:
+    """Let JAX, if anything needs it, be imported without its reading what every package says about itself.
 
     It looks for plugins so, by name (jax/_src/numpy/array_constructors.py): a quarter of a second and more. The folders
     of packages have names, too.
     """
-    if "jax" in sys.modules:
-        return
+    import_within(fewer_packages)
+
+
+@contextmanager
+def fewer_packages() -> Iterator[None]:
+    """Hide all packages but JAX's plugins for the processors of AMD while the block lasts."""
     from importlib import metadata
 
     every = metadata.distributions
     metadata.distributions = partial(amd_plugins, every)
     try:
-        import jax  # noqa: F401
+        yield
     finally:
         metadata.distributions = every
 

@@ -6,11 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var
 
 from neuroanimator.codegen.program import (
     EARLY,
@@ -22,6 +18,7 @@ from neuroanimator.codegen.program import (
     Program,
 )
 from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.jax_later import jax, jaxprs, jnp
 
 NESTED = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 """Parameters under which an operation keeps the operations it stands for."""
@@ -92,7 +89,7 @@ class _Tracer:
 
     def __init__(self, program: Program) -> None:
         self.program = program
-        self._special: dict[str, Callable[[JaxprEqn, list[Any]], list[Any]]] = {
+        self._special: dict[str, Callable[[jaxprs.JaxprEqn, list[Any]], list[Any]]] = {
             "convert_element_type": self._converted,
             "dynamic_slice": self._picked,
             "dynamic_update_slice": self._scattered,
@@ -103,18 +100,18 @@ class _Tracer:
             "scatter-add": self._scattered,
         }
 
-    def run(self, closed: ClosedJaxpr, weights: list[_Known]) -> None:
+    def run(self, closed: jaxprs.ClosedJaxpr, weights: list[_Known]) -> None:
         constants = [_Known(np.asarray(constant), False) for constant in closed.consts]
         outputs = self._jaxpr(closed.jaxpr, constants, [*weights, *self.program.inputs])
         self.program.outputs = [self._addresses(output) for output in outputs]
 
-    def _jaxpr(self, jaxpr: Jaxpr, constants: list[Any], inputs: list[Any]) -> list[Any]:
+    def _jaxpr(self, jaxpr: jaxprs.Jaxpr, constants: list[Any], inputs: list[Any]) -> list[Any]:
         """Return the outputs; values are Addresses, or _Known."""
-        known: dict[Var, Any] = dict(zip(jaxpr.constvars, constants, strict=True))
+        known: dict[jaxprs.Var, Any] = dict(zip(jaxpr.constvars, constants, strict=True))
         known |= dict(zip(jaxpr.invars, inputs, strict=True))
 
         def read(atom: Any) -> Any:
-            if isinstance(atom, Literal):
+            if isinstance(atom, jaxprs.Literal):
                 return _Known(np.asarray(atom.val), True)
             return known[atom]
 
@@ -124,11 +121,11 @@ class _Tracer:
             known.update(zip(eqn.outvars, results, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
 
-    def _equation(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
+    def _equation(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
         name = eqn.primitive.name
         inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
         if inner is not None and name not in LOOPS_AND_BRANCHES:
-            if isinstance(inner, ClosedJaxpr):
+            if isinstance(inner, jaxprs.ClosedJaxpr):
                 constants = [_Known(np.asarray(constant), False) for constant in inner.consts]
                 return self._jaxpr(inner.jaxpr, constants, inputs)
             return self._jaxpr(inner, [], inputs)
@@ -148,7 +145,7 @@ class _Tracer:
             raise UnsupportedError(name)
         return [self._computed(eqn, inputs)]
 
-    def _converted(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Addresses]:
+    def _converted(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Addresses]:
         """Return the same numbers: there is one type here, and truth is 0 or 1."""
         before = eqn.invars[0].aval.dtype
         after = eqn.outvars[0].aval.dtype
@@ -156,7 +153,7 @@ class _Tracer:
             raise UnsupportedError(f"convert_element_type from {before} to {after}")
         return inputs
 
-    def _picked(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
+    def _picked(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
         """Return the entries that indices, which must be known, pick from the first input."""
         source, *indices = inputs
         if not all(isinstance(operand, _Known) for operand in indices):
@@ -170,7 +167,7 @@ class _Tracer:
         is_inside = (chosen >= 0) & (chosen < addresses.size)
         return [np.asarray(flat[np.where(is_inside, chosen, addresses.size)])]
 
-    def _padded(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Addresses]:
+    def _padded(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Addresses]:
         source = self._addresses(inputs[0])
         filling = self._addresses(inputs[1])
         inside = []
@@ -189,7 +186,7 @@ class _Tracer:
         padded[np.ix_(*inside)] = source[np.ix_(*within)]
         return [padded]
 
-    def _scattered(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Addresses]:
+    def _scattered(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Addresses]:
         """Return the first input with entries replaced by, or added to, those of the updates."""
         name = eqn.primitive.name
         operand = self._addresses(inputs[0])
@@ -218,7 +215,7 @@ class _Tracer:
             pending = np.delete(pending, first)
         return [result.reshape(operand.shape)]
 
-    def _eigen(self, eqn: JaxprEqn, inputs: list[Any]) -> list[Addresses]:
+    def _eigen(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Addresses]:
         """Return the eigenvectors (N, N), columns, and the eigenvalues (N,) of one symmetric matrix."""
         (matrix,) = inputs
         size = matrix.shape[-1]
@@ -227,7 +224,7 @@ class _Tracer:
         output = self._operation("eigh", (matrix,), (size * (size + 1),), eqn.params)
         return [output[: size * size].reshape(size, size), output[size * size :]]
 
-    def _computed(self, eqn: JaxprEqn, inputs: list[Any]) -> Addresses:
+    def _computed(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> Addresses:
         addresses = tuple(self._addresses(operand) for operand in inputs)
         return self._operation(eqn.primitive.name, addresses, eqn.outvars[0].aval.shape, eqn.params)
 
@@ -308,22 +305,22 @@ SIMPLE: dict[str, Callable[[Columns, int, int], Addresses]] = {
 
 
 def _targets(
-    eqn: JaxprEqn, operand: Addresses, updates: Addresses, indices: list[np.ndarray]
+    eqn: jaxprs.JaxprEqn, operand: Addresses, updates: Addresses, indices: list[np.ndarray]
 ) -> np.ndarray:
     """Return which entry of `operand`, counted flat, each of `updates` falls on; -1 for none."""
     positions = np.arange(operand.size, dtype=np.int32).reshape(operand.shape)
     if eqn.primitive.name == "dynamic_update_slice":
-        return np.asarray(lax.dynamic_slice(positions, indices, updates.shape))
+        return np.asarray(jax.lax.dynamic_slice(positions, indices, updates.shape))
     numbers = eqn.params["dimension_numbers"]
     batching = (*numbers.inserted_window_dims, *numbers.operand_batching_dims)
     windows = iter(numbers.update_window_dims)
     sizes = []
     for axis in range(operand.ndim):
         sizes.append(1 if axis in batching else updates.shape[next(windows)])
-    where = lax.gather(
+    where = jax.lax.gather(
         positions,
         indices[0],
-        lax.GatherDimensionNumbers(
+        jax.lax.GatherDimensionNumbers(
             offset_dims=numbers.update_window_dims,
             collapsed_slice_dims=numbers.inserted_window_dims,
             start_index_map=numbers.scatter_dims_to_operand_dims,
@@ -331,13 +328,13 @@ def _targets(
             start_indices_batching_dims=numbers.scatter_indices_batching_dims,
         ),
         tuple(sizes),
-        mode=lax.GatherScatterMode.FILL_OR_DROP,
+        mode=jax.lax.GatherScatterMode.FILL_OR_DROP,
         fill_value=-1,
     )
     return np.asarray(where)
 
 
-def _bind(eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
+def _bind(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
     """Return what an operation gives for `inputs`, carried out now."""
     results = eqn.primitive.bind(*map(jnp.asarray, inputs), **eqn.params)
     if eqn.primitive.multiple_results:

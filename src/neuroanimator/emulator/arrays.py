@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any, TypeGuard
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Num
+from jaxtyping import Float, Num
 from numpy.typing import ArrayLike
+
+from neuroanimator.jax_later import Array, is_jax_array, jax, jnp
+from neuroanimator.state.arrays import AnyArray
 
 
 def too_large_is_infinite() -> np.errstate:
@@ -33,12 +34,25 @@ def as_float32(numbers: ArrayLike) -> np.ndarray:
         return np.asarray(numbers, np.float32, order="C")
 
 
+def zeros(*shape: int) -> Float[np.ndarray, " ..."]:
+    """Return float32 zeros that take no memory, however many a hostile file may ask for; they cannot be written to."""
+    return np.broadcast_to(np.float32(0), shape)
+
+
+def as_parameter(numbers: ArrayLike) -> Num[AnyArray, " ..."]:
+    """Return `numbers` that a cost or a descent is given as float32: an array of JAX where they are one, else a copy."""
+    if is_jax_array(numbers):
+        return jnp.asarray(numbers, np.float32)
+    with too_large_is_infinite():
+        return np.array(numbers, np.float32)
+
+
 def as_jax(numbers: ArrayLike, dtype: Any = np.float32) -> Num[Array, " ..."]:
     """Return `numbers`, of any shape, as a JAX array of the type `dtype`, converted by NumPy.
 
     `jnp.asarray` compiles a program for every shape it converts; this compiles nothing.
     """
-    if isinstance(numbers, jax.Array):
+    if is_jax_array(numbers):
         return jnp.asarray(numbers, dtype)
     with too_large_is_infinite():
         # A copy: JAX may keep the memory it is given, and users write into theirs.

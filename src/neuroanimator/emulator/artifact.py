@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from neuroanimator.emulator.description import FORMAT, blank, describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_leaves, emulator_tensors, with_tensors
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.jax_later import when_imported
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.text import printable, quoted
@@ -52,12 +52,11 @@ def check_readable(emulator: Emulator, folder: Path, provenance: dict[str, Any])
 
 def load(path: Path) -> Emulator:
     """Return the emulator at `path`, every name, text, shape and number checked."""
-    keep_programs()
+    when_imported(keep_programs)
     tensors, metadata = read_tensors(path, "emulator")
     check_format(path, metadata.get("format"), FORMAT, MAKER)
     try:
-        shapes = jax.eval_shape(lambda: blank(metadata))
-        emulator = with_tensors(shapes, emulator_leaves, tensors)
+        emulator = with_tensors(blank(metadata), emulator_leaves, tensors)
         check_arrays(emulator)
     except FAULTS as error:
         raise BadFileError(

@@ -13,7 +13,7 @@ from functools import partial
 from importlib import resources
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, load_program
@@ -25,6 +25,7 @@ from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, latent_size
 from neuroanimator.emulator.probes import Probes, latent_is_covered, probes_of
 from neuroanimator.emulator.tensors import emulator_tensors
+from neuroanimator.jax_later import Array
 from neuroanimator.storage.files import canonical_json, digest
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.arrays import as_float32, is_plain
 from neuroanimator.errors import ArgumentError
+from neuroanimator.jax_later import Array, eqx, is_imported, is_jax_array, is_traced_array, jax
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Layout
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
@@ -103,12 +102,15 @@ def _taken_apart(module: Any) -> tuple[Leaves, Form]:
     form = Form(structure, others)
     if is_traced(leaves):
         return leaves, form
-    return _known.keep((leaves, form), module)
+    on_device = tuple(jax.device_put(leaf) for leaf in leaves)  # once, not at every call
+    return _known.keep((on_device, form), module)
 
 
 def is_traced(module: Any) -> bool:
     """Return whether JAX is transforming any array of a module."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree_util.tree_leaves(module))
+    if not is_imported():
+        return False
+    return any(is_traced_array(leaf) for leaf in jax.tree_util.tree_leaves(module))
 
 
 @lru_cache(maxsize=PROGRAMS)
@@ -123,41 +125,15 @@ def _program(function: Callable[..., Any], form: Form) -> Program:
     return Program(jax.jit(run, inline=True))
 
 
-class _PlainMethod:
-    """A method that equinox does not wrap."""
-
-    def __init__(self, function: Callable[..., Any]):
-        self._function = function
-        self.__name__ = function.__name__
-        self.__doc__ = function.__doc__
-
-    def __get__(self, instance: Any, owner: Any = None) -> Any:
-        if instance is None:
-            return self._function
-        return partial(self._function, instance)  # equinox wraps what is a bound method
-
-
-def plain_method(function: Callable[..., Any]) -> Any:
-    """Return a method of a module for callers in Python.
-
-    One as equinox makes it takes its module apart at every call, which takes longer than a hundred super steps. It is
-    no pytree: what is to be transformed is a function of the module.
-    """
-    return _PlainMethod(function)
-
-
 def as_numpy(numbers: Array) -> Float[AnyArray, " ..."]:
     """Return an array of JAX as one of NumPy; as it is inside somebody's `jax.jit`, `grad` or `vmap`."""
-    if isinstance(numbers, jax.core.Tracer):
+    if is_traced_array(numbers):
         return numbers
     return np.array(numbers)
 
 
 class Step:
-    """A super step to call: from Python, and inside `jax.jit`, `jax.grad` and `jax.vmap`.
-
-    Unlike a bound method of a module it can be hashed, as `jax.jit` asks of what it compiles.
-    """
+    """A super step to call: from Python, and inside `jax.jit`, `jax.grad` and `jax.vmap`."""
 
     def __init__(
         self,
@@ -191,7 +167,7 @@ class Step:
                 following, is_sound = program.step(as_float32(state), as_float32(control))
                 if is_sound:
                     return following
-        is_for_jax = isinstance(state, jax.Array) or isinstance(control, jax.Array)
+        is_for_jax = is_jax_array(state) or is_jax_array(control)
         state = self._checked(state, emulator.state, "state")
         control = self._checked(control, emulator.control, "control")
         if is_for_jax:
@@ -204,9 +180,9 @@ class Step:
 
     def _checked(self, vector: ArrayLike, layout: Layout, label: str) -> Any:
         shape = (layout.size,)
-        if isinstance(vector, jax.Array) and vector.shape == shape:
+        if is_jax_array(vector) and np.shape(vector) == shape:
             return vector  # Looking at its numbers would wait for them, and a tracer has none.
-        if isinstance(vector, jax.core.Tracer) or np.shape(vector) != shape:
+        if is_traced_array(vector) or np.shape(vector) != shape:
             raise ArgumentError(
                 f"{label}: wanted {shape[0]} numbers, came shape {np.shape(vector)}. "
                 "For many at once use jax.vmap(emulator.step), or rollout."

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
+from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.emulator import MAX_STRIDES, Emulator
 from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
@@ -121,7 +120,7 @@ def _describe_network(network: Network) -> dict[str, Any]:
 
 
 def blank(metadata: dict[str, Any]) -> Emulator:
-    """Return an emulator of the described structure with zeros or random numbers for weights.
+    """Return an emulator of the described structure with zeros for weights.
 
     Raises one of `artifact.FAULTS` for whatever no emulator has.
     """
@@ -135,18 +134,18 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     features = _features(metadata["features"], latent_size, others)
     feature_count = len(features.plain) + others
     normaliser = Normaliser(
-        plain_mean=jnp.zeros(feature_count),
-        plain_scale=jnp.zeros(feature_count),
-        change_mean=jnp.zeros(changes),
-        change_scale=jnp.zeros(changes),
-        unit=jnp.zeros(changes),
+        plain_mean=zeros(feature_count),
+        plain_scale=zeros(feature_count),
+        change_mean=zeros(changes),
+        change_scale=zeros(changes),
+        unit=zeros(changes),
     )
     return Emulator(
         frame=frame,
         features=features,
         normaliser=normaliser,
         network=_network(metadata["network"], features.sizes(others), changes),
-        domain=Domain(jnp.zeros(feature_count), jnp.zeros(feature_count)),
+        domain=Domain(zeros(feature_count), zeros(feature_count)),
         spec=spec,
         encoding=encoding,
     )
@@ -165,7 +164,7 @@ def _features(described: dict[str, Any], latent_size: int, others: int) -> Featu
     rows = whole(described["rows"], "features: rows", 0, MAX_LAYER)
     even = _rising(described["even"], len(plain) + others)
     is_odd = flag(described["is_odd"], "features: is_odd")
-    return Features(jnp.zeros((rows, latent_size)), plain, is_odd, even)
+    return Features(zeros(rows, latent_size), plain, is_odd, even)
 
 
 def _network(described: dict[str, Any], sizes: tuple[int, int], changes: int) -> Network:
@@ -175,9 +174,7 @@ def _network(described: dict[str, Any], sizes: tuple[int, int], changes: int) ->
     widths = listed(described["widths"], "widths", _layer_width)
     even = _rising(described["even"], changes)
     parts = parts_from_json(described["parts"])
-    network = make_network(
-        kind, odd_size, even_size, changes, widths, jax.random.key(0), even, parts
-    )
+    network = make_network(kind, odd_size, even_size, changes, widths, None, even, parts)
     if (getattr(network, "even", ()), getattr(network, "parts", ())) != (even, parts):
         raise ValueError(f"network: {quoted(kind)} has no even answers or no parts")
     return network

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
+from neuroanimator.jax_later import Array, jnp
+from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 COVERED_MARGIN = 0.02
@@ -13,11 +13,11 @@ COVERED_MARGIN = 0.02
 touch the ends of their range."""
 
 
-class Domain(eqx.Module):
+class Domain(Module):
     """The range of every raw feature (velocities, the frame's numbers, controls) seen in training."""
 
-    low: Float[Array, " K"]
-    high: Float[Array, " K"]
+    low: Float[AnyArray, " K"]
+    high: Float[AnyArray, " K"]
 
     def covers(self, features: Float[AnyArray, "*B P"]) -> Bool[AnyArray, "*B"]:
         """Return whether every entry of `features` (..., P), the first P ones, lies in the range or near it."""
@@ -28,7 +28,7 @@ class Domain(eqx.Module):
 
     def widened(
         self, margin: float, entries: slice
-    ) -> tuple[Float[Array, " P"], Float[Array, " P"]]:
+    ) -> tuple[Float[AnyArray, " P"], Float[AnyArray, " P"]]:
         """Return the ends of the range of some `entries`, further apart by `margin` times the range on each side."""
         low = self.low[entries]
         high = self.high[entries]

@@ -6,17 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.backend import backend
 from neuroanimator.emulator.arrays import as_float32, as_jax, is_plain
-from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled, is_traced, plain_method
+from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled, is_traced
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.features import Features
@@ -24,6 +21,8 @@ from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, DivergedError, ResourceError
+from neuroanimator.jax_later import Array, is_jax_array, jax, jnp
+from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.gait import Gait
@@ -42,7 +41,7 @@ MAX_MAGNITUDE = 1e6
 """Largest number of a state: beyond it a super step's change is lost in the rounding of float32."""
 
 
-class Emulator(eqx.Module):
+class Emulator(Module):
     """A network that leaps a system one super step ahead: s + change(s, u) (SIGGRAPH 98, eq. 7)."""
 
     frame: Frame
@@ -192,9 +191,8 @@ class Emulator(eqx.Module):
         Only for systems that keep still there. It costs nothing: the mean change takes it up.
         """
         change_at_rest = self.normaliser.change_scale * self.network(*streams)
-        return eqx.tree_at(
-            lambda emulator: emulator.normaliser.change_mean, self, 0.0 - change_at_rest
-        )
+        normaliser = replace(self.normaliser, change_mean=0.0 - change_at_rest)
+        return replace(self, normaliser=normaliser)
 
     def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B I"]:
         """Return the latent states (..., I) in which super steps are made: of a deformable body few numbers."""
@@ -231,7 +229,6 @@ class Emulator(eqx.Module):
         """Return `raw_features` (..., K) of a state (..., S) and a control (..., C) as the system has them."""
         return self.raw_features(self.encode(state), self.encode_control(control))
 
-    @plain_method
     def rollout(
         self, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool = False
     ) -> Float[AnyArray, "*B F S"]:
@@ -259,7 +256,6 @@ class Emulator(eqx.Module):
             _check_finite(self, np.asarray(trajectory))
         return trajectory
 
-    @plain_method
     def covers(self, state: ArrayLike, control: ArrayLike) -> bool:
         """Return whether `state` (S,) with `control` (C,) lies in the range this emulator was trained on.
 
@@ -332,7 +328,7 @@ def _rollout(
 ) -> Float[AnyArray, "*B F S"]:
     """Return `rollout` of what has been checked, in arrays of the same library."""
     function = _quick_rollouts if state.ndim == 2 else _quick_rollout
-    if isinstance(state, jax.Array):
+    if is_jax_array(state):
         return call_compiled(function, emulator, state, controls)
     program = program_of(emulator)
     if program is None:
@@ -366,7 +362,7 @@ def _checked(
     emulator: Emulator, state: ArrayLike, controls: ArrayLike
 ) -> tuple[Float[AnyArray, "*B S"], Float[AnyArray, "*B T C"]]:
     """Return both in the emulator's own numbers: as arrays of JAX where one of them is, else of NumPy."""
-    is_for_jax = isinstance(state, jax.Array) or isinstance(controls, jax.Array)
+    is_for_jax = is_jax_array(state) or is_jax_array(controls)
     state = emulator.state.check(state, "state")
     controls = emulator.control.check(controls, "control")
     _check_shapes(emulator, state.shape, controls.shape)
@@ -457,7 +453,7 @@ def _quick_rollouts(
 
 def latent_size(emulator: Emulator) -> int:
     """Return the length of a latent state."""
-    return jax.eval_shape(emulator.encode, jnp.zeros(emulator.state.size)).shape[0]
+    return emulator.encoding.layout.size
 
 
 def program_of(emulator: Emulator) -> Any:

@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import math
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from neuroanimator.jax_later import Array, jnp
+from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.structure import Structure
 
 
-class Features(eqx.Module):
+class Features(Module):
     """Sines and cosines of angles now and where they would coast to, and plain numbers as they are.
 
     Coasting (angle + Δt · rate) shows the network which way gravity will pull at the end of the
     super step; without it the error is a third larger.
     """
 
-    angles: Float[Array, "P S"]
+    angles: Float[AnyArray, "P S"]
     """Each row: the combination of state entries whose sine and cosine are features."""
-    plain: tuple[int, ...] = eqx.field(static=True)
-    is_odd: bool = eqx.field(static=True)
+    plain: tuple[int, ...] = static()
+    is_odd: bool = static()
     """Whether there is a mirror."""
-    even: tuple[int, ...] = eqx.field(static=True, default=())
+    even: tuple[int, ...] = static(default=())
     """Plain features that stay what they are in the mirror; the others change sign."""
 
     @classmethod
@@ -35,7 +35,7 @@ class Features(eqx.Module):
         coast = np.eye(state_size)
         for position, rate in structure.rates:
             coast[position, rate] = dt
-        angles = jnp.asarray(np.concatenate([now, now @ coast]), dtype=jnp.float32)
+        angles = np.concatenate([now, now @ coast]).astype(np.float32)
         return cls(angles, structure.plain, structure.is_odd)
 
     def sizes(self, others: int) -> tuple[int, int]:

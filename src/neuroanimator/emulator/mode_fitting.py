@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.pca import Basis, principal, reflection
 from neuroanimator.emulator.shape_modes import LIMITS, ShapeModes, view_in_frame
+from neuroanimator.jax_later import jnp
 from neuroanimator.state.segments import Lag
 from neuroanimator.state.structure import Structure
 

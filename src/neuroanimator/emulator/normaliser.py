@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-import equinox as eqx
-from jaxtyping import Array, Float
+from jaxtyping import Float
+
+from neuroanimator.jax_later import Array
+from neuroanimator.pytrees import Module
+from neuroanimator.state.arrays import AnyArray
 
 MIN_CHANGE = 1e-6
 """[of its unit] What changes by less in a super step never moves: rounding would be taken for motion, and learnt."""
 
 
-class Normaliser(eqx.Module):
+class Normaliser(Module):
     """Means and standard deviations of the plain features and of the predicted change.
 
     Where the motion is odd both means are zero, so that the symmetry stays exact. What never moves has a
     `change_scale` and a `unit` of zero: it changes by its mean, whatever the network says, and makes no error.
     """
 
-    plain_mean: Float[Array, " K"]
-    plain_scale: Float[Array, " K"]
-    change_mean: Float[Array, " V"]
-    change_scale: Float[Array, " V"]
-    unit: Float[Array, " V"]
+    plain_mean: Float[AnyArray, " K"]
+    plain_scale: Float[AnyArray, " K"]
+    change_mean: Float[AnyArray, " V"]
+    change_scale: Float[AnyArray, " V"]
+    unit: Float[AnyArray, " V"]
     """Standard deviation of the whole change in one super step, coasting included: the unit of errors."""
 
     def forward(self, plain: Float[Array, " K"]) -> Float[Array, " K"]:

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from neuroanimator.codegen.kept import WrongProgramError
 from neuroanimator.emulator.emulator import Emulator, rollout, step
+from neuroanimator.jax_later import Array, jax, jnp
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 MOTIONS = 40

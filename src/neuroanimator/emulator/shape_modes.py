@@ -9,16 +9,17 @@ from __future__ import annotations
 from functools import cache
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
+from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.pca import mixing
+from neuroanimator.jax_later import Array, jnp
 from neuroanimator.parsing.numbers import listed, number, whole
+from neuroanimator.pytrees import static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import PROBE_FEATURES
 from neuroanimator.state.layout import MAX_NUMBERS, Layout, Slice
@@ -68,27 +69,27 @@ class ShapeModes(Encoding):
     positions and of velocities are kept apart, because what bends is not what swings.
     """
 
-    positions: Float[Array, "D Q"]
+    positions: Float[AnyArray, "D Q"]
     """Orthonormal; how the shape (D = 3 N) differs from the mean one, per position mode [m]."""
-    velocities: Float[Array, "D P"]
+    velocities: Float[AnyArray, "D P"]
     """Orthonormal; how mass points move besides the frame's motion, per velocity mode [m/s]."""
-    mean_position: Float[Array, " D"]
-    mean_velocity: Float[Array, " D"]
-    spread: Float[Array, " K"]
+    mean_position: Float[AnyArray, " D"]
+    mean_velocity: Float[AnyArray, " D"]
+    spread: Float[AnyArray, " K"]
     """Standard deviation of all K = Q + P modes in training, in their order within the latent state."""
-    limits: Float[Array, " 4"]
+    limits: Float[AnyArray, " 4"]
     """What training hardly exceeded, as `LIMITS` says."""
-    cloud: Cloud = eqx.field(static=True)
+    cloud: Cloud = static()
     """The mass points at rest."""
-    mirror: Mirror | None = eqx.field(static=True)
+    mirror: Mirror | None = static()
     """Left and right of the body; None where it has none."""
-    odd_positions: int = eqx.field(static=True)
+    odd_positions: int = static()
     """How many position modes are odd; they come first."""
-    odd_velocities: int = eqx.field(static=True)
+    odd_velocities: int = static()
     """How many velocity modes are odd; they come first."""
-    muscles: int = eqx.field(static=True)
+    muscles: int = static()
     """How many activations belong to the state."""
-    time_constant: float = eqx.field(static=True)
+    time_constant: float = static()
     """Time constant of the muscles [s]."""
 
     @property
@@ -343,12 +344,12 @@ class ShapeModes(Encoding):
         if described["mirror"] is not None:
             mirror = Mirror.from_json(described["mirror"], cloud.count, controls, "modes")
         return cls(
-            positions=jnp.zeros((size, q)),
-            velocities=jnp.zeros((size, p)),
-            mean_position=jnp.zeros(size),
-            mean_velocity=jnp.zeros(size),
-            spread=jnp.zeros(q + p),
-            limits=jnp.zeros(LIMITS.size),
+            positions=zeros(size, q),
+            velocities=zeros(size, p),
+            mean_position=zeros(size),
+            mean_velocity=zeros(size),
+            spread=zeros(q + p),
+            limits=zeros(LIMITS.size),
             cloud=cloud,
             mirror=mirror,
             odd_positions=odd_q,

@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
-import equinox as eqx
-
 from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.pytrees import Module, static
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
 
 
-class EmulatorSpec(eqx.Module):
+class EmulatorSpec(Module):
     """What an emulator stands for: fixed facts, no weights."""
 
-    system: str = eqx.field(static=True)
+    system: str = static()
     """Name of the system."""
-    state: Layout = eqx.field(static=True)
+    state: Layout = static()
     """Named parts and units of a state (S,)."""
-    control: Layout = eqx.field(static=True)
+    control: Layout = static()
     """Named parts and units of a control (C,)."""
-    bounds: Bounds = eqx.field(static=True)
+    bounds: Bounds = static()
     """Lowest and highest value of every control."""
-    substeps: int = eqx.field(static=True)
+    substeps: int = static()
     """Physics steps one super step stands for."""
-    dt: float = eqx.field(static=True)
+    dt: float = static()
     """Time one super step covers [s]."""
-    skeleton: Skeleton = eqx.field(static=True)
+    skeleton: Skeleton = static()
     """Bones to draw a state with."""
-    rates: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    rates: tuple[tuple[int, int], ...] = static()
     """(i, j) where state entry j is the time derivative of entry i."""
-    rest: tuple[float, ...] = eqx.field(static=True)
+    rest: tuple[float, ...] = static()
     """A state of rest, where motions begin if nothing else is said."""
-    definition: str = eqx.field(static=True, default="")
+    definition: str = static(default="")
     """JSON text the system can be made from again; empty for one that comes with the package."""
-    gait: Gait | None = eqx.field(static=True, default=None)
+    gait: Gait | None = static(default=None)
     """How the system moves along if nothing else is said."""
-    strides: int = eqx.field(static=True, default=1)
+    strides: int = static(default=1)
     """So many equal strides of the network make a super step: see `Emulator.in_strides`."""

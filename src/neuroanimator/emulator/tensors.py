@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import equinox as eqx
-import jax
 import numpy as np
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import prefixed
+from neuroanimator.pytrees import leaves, map_leaves
 from neuroanimator.text import quoted
 
 
@@ -50,15 +49,19 @@ def with_tensors(
 
     Raises ValueError unless names, shapes and kinds of number are exactly the same.
     """
-    leaves = leaves_of(tree)
-    if len(leaves) != len(jax.tree.leaves(tree)):
+    leaves_by_name = leaves_of(tree)
+    if len(leaves_by_name) != len(leaves(tree)):
         raise ValueError("not every array has a name in files")
-    arrays = checked_arrays(leaves, tensors)
-    return eqx.tree_at(lambda tree: list(leaves_of(tree).values()), tree, arrays)
+    arrays = checked_arrays(leaves_by_name, tensors)
+    places = [id(leaf) for leaf in leaves_by_name.values()]
+    array_at = dict(zip(places, arrays, strict=True))
+    return map_leaves(lambda leaf: array_at[id(leaf)], tree)
 
 
-def checked_arrays(leaves: Mapping[str, Any], tensors: Mapping[str, np.ndarray]) -> list[jax.Array]:
-    """Return `tensors` as arrays of JAX in the order of `leaves`.
+def checked_arrays(
+    leaves: Mapping[str, Any], tensors: Mapping[str, np.ndarray]
+) -> list[np.ndarray]:
+    """Return `tensors` in the order of `leaves`, and in their kinds of number.
 
     Raises ValueError unless names, shapes and kinds of number are exactly those of `leaves`.
     """
@@ -67,7 +70,7 @@ def checked_arrays(leaves: Mapping[str, Any], tensors: Mapping[str, np.ndarray])
         raise ValueError(f"tensor {quoted(wrong)} is missing or not expected")
     for name, leaf in leaves.items():
         _check_tensor(name, tensors[name], leaf)
-    return [jax.device_put(tensors[name]) for name in leaves]
+    return [tensors[name].astype(leaf.dtype, copy=False) for name, leaf in leaves.items()]
 
 
 def _check_tensor(name: str, tensor: np.ndarray, leaf: Any) -> None:

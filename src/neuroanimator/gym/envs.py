@@ -7,11 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, final
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from gymnasium.spaces import Box
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.objective import Objective
@@ -21,6 +19,8 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.rows import step_rows
 from neuroanimator.gym.single_env import SingleEnv
 from neuroanimator.gym.vector_env import EmulatedVectorEnv, check_reset_options
+from neuroanimator.jax_later import Array, eqx, filter_jit, jnp
+from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.zoo import find_emulator
 
@@ -37,7 +37,7 @@ It is written in jax.numpy, since it is compiled.
 """
 
 
-class RunningCost(eqx.Module):
+class RunningCost(Module):
     """The reward −Δt · J, where J is the objective of this one super step taken as if it lasted a second.
 
     So a return is −∫ (μ_u/2 |u|² + μ_s/2 |s − s_d|²) dt, whatever the super step. Without an objective
@@ -45,9 +45,9 @@ class RunningCost(eqx.Module):
     """
 
     objective: Objective | None
-    control_scale: Float[Array, " C"]
+    control_scale: Float[AnyArray, " C"]
     """What counts as full effort of each control."""
-    dt: float = eqx.field(static=True)
+    dt: float = static()
 
     @classmethod
     def of(cls, emulator: Emulator, objective: Objective | None = None) -> RunningCost:
@@ -73,7 +73,7 @@ def effort_reward(
     return -dt * ((control / scale) ** 2).sum(axis=-1) / 2
 
 
-@eqx.filter_jit
+@filter_jit
 def _rewards(
     reward: Reward,
     states: Float[AnyArray, "B S"],

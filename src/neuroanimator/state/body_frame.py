@@ -7,9 +7,9 @@ turning it about the vertical changes nothing (Grzeszczuk et al., SIGGRAPH 1998)
 
 from __future__ import annotations
 
-import equinox as eqx
 from jaxtyping import Float
 
+from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import cross, rotate_back, upward
@@ -38,22 +38,22 @@ SOFTNESS = 0.05
 """Length [m] over which the kink of a depth is rounded: about how far soft ground gives way."""
 
 
-class Frame(eqx.Module):
+class Frame(Module):
     """How a state is seen without position and heading, and how it changes."""
 
-    segments: tuple[Segment, ...] = eqx.field(static=True)
+    segments: tuple[Segment, ...] = static()
     """Empty: the state is plain numbers and the frame does nothing."""
-    probes: tuple[Probe, ...] = eqx.field(static=True)
+    probes: tuple[Probe, ...] = static()
     """Round parts of the root's body whose height matters."""
-    dt: float = eqx.field(static=True)
+    dt: float = static()
     """Super step [s], for what the state would become if its rates stayed."""
-    has_gravity: bool = eqx.field(static=True, default=True)
+    has_gravity: bool = static(default=True)
     """Whether the direction of gravity matters."""
-    is_immersed: bool = eqx.field(static=True, default=False)
+    is_immersed: bool = static(default=False)
     """Whether probes look for the surface of water, far from which it matters no more, instead of for the ground."""
-    cloud: Cloud | None = eqx.field(static=True, default=None)
+    cloud: Cloud | None = static(default=None)
     """The mass points that define the frame, where the state is theirs."""
-    external_forces: tuple[tuple[float, ...], ...] = eqx.field(static=True, default=())
+    external_forces: tuple[tuple[float, ...], ...] = static(default=())
     """(3, C) force [N] in the world per control; empty where controls are no such forces."""
 
     @classmethod

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import equinox as eqx
-import jax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
+from neuroanimator.jax_later import Array, eqx, filter_jit, jax
+from neuroanimator.pytrees import Module, static
 from neuroanimator.state.structure import Structure
 from neuroanimator.training.batches import draw_batches, folded
 from neuroanimator.training.config import TrainingConfig
@@ -20,11 +20,11 @@ RestStreams = tuple[Float[Array, " O"], Float[Array, " E"]]
 """What a network sees at rest: see `Emulator.rest_streams`."""
 
 
-class TrainingProblem(eqx.Module):
+class TrainingProblem(Module):
     """What every update of a run learns from."""
 
-    config: TrainingConfig = eqx.field(static=True)
-    structure: Structure = eqx.field(static=True)
+    config: TrainingConfig = static()
+    structure: Structure = static()
     """Of the system's states."""
     base: Emulator
     """The emulator whose network is trained."""
@@ -46,7 +46,7 @@ def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> 
     return emulator.at_rest(rest)
 
 
-@eqx.filter_jit
+@filter_jit
 def train_chunk(
     problem: TrainingProblem,
     network: Network,

@@ -197,7 +197,8 @@ def test_what_no_motion_can_reach_is_refused_before_any_descent(shipped: Emulato
         with pytest.raises(NeuroAnimatorError, match="training showed 0.157 m/s at most"):
             descend(fish, Objective.of(term), system.rest, steps=10)
     wild = stand_upright()
-    goal = wild.terms[1].goal.at[3].set(500.0)
+    goal = np.array(wild.terms[1].goal)
+    goal[3] = 500.0
     with pytest.raises(NeuroAnimatorError, match="outside what the emulator was trained on"):
         descend(shipped, eqx.tree_at(lambda o: o.terms[1].goal, wild, goal), REST, steps=10)
 

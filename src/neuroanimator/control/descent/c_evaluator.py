@@ -13,7 +13,7 @@ from copy import copy
 from functools import cache, partial
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.codegen.c_map import (
     CMap,
@@ -35,14 +35,15 @@ from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import (
     CALLER,
-    OURS,
     CObjective,
     ObjectiveStruct,
     c_objective,
 )
+from neuroanimator.control.objective.objective import is_ours
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import compiled_quickly
+from neuroanimator.jax_later import Array
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 CALLERS = (CALLER, ("neuroanimator.control.descent", "descent.c"))
@@ -214,7 +215,7 @@ def controls_map(parametrisation: Parametrisation) -> CMap | None:
     known = _known.of(parametrisation)
     if known is not UNKNOWN:
         return known
-    if not type(parametrisation).__module__.startswith(OURS):
+    if not is_ours(parametrisation):
         return _known.keep(None, parametrisation)
     about = "\n".join([CONTROLS, *facts_of(parametrisation)])
     definitions = {CONTROLS: MapDefinition(_controls, parametrisation, parametrisation.size)}

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.backend import backend
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.jax_later import Array, filter_jit, jax, jnp
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 
 
@@ -26,13 +25,15 @@ def still_frame(emulator: Emulator) -> Frame:
     return replace(emulator.frame, dt=0.0)
 
 
-def no_defects(emulator: Emulator, steps: int) -> Float[Array, "T V"]:
+def no_defects(emulator: Emulator, steps: int) -> Float[np.ndarray, "T V"]:
     """Return zeros: the emulator as it is."""
     changes = emulator.normaliser.change_scale.shape[0]
-    return as_jax(np.zeros((steps, changes)))
+    return np.zeros((steps, changes), np.float32)
 
 
-def find_defects(emulator: Emulator, states: ArrayLike, controls: ArrayLike) -> Float[Array, "T V"]:
+def find_defects(
+    emulator: Emulator, states: ArrayLike, controls: ArrayLike
+) -> Float[AnyArray, "T V"]:
     """Return what must be added to every super step for the emulator to go through `states` of the physics.
 
     `states` (T+1, S) are those that `controls` (T, C) led to. Computed by the `backend`.
@@ -48,10 +49,10 @@ def find_defects(emulator: Emulator, states: ArrayLike, controls: ArrayLike) -> 
     latent = np.ascontiguousarray(emulator.encode(np.asarray(states, np.float32)), np.float32)
     held = np.asarray(controls, np.float32)
     predicted = link.of_rows(np.concatenate([latent[:-1], held], axis=1))
-    return as_jax(still_frame(emulator).difference(predicted, latent[1:]))
+    return still_frame(emulator).difference(predicted, latent[1:])
 
 
-@eqx.filter_jit
+@filter_jit
 def _find_defects(
     emulator: Emulator, states: Float[Array, "T1 S"], controls: Float[Array, "T C"]
 ) -> Float[Array, "T V"]:

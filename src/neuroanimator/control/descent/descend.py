@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.descent.defects import no_defects
@@ -20,9 +20,10 @@ from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.feasibility import check_reachable
 from neuroanimator.control.objective.objective import Objective, check_objective
 from neuroanimator.data.sampling import sample_controls
-from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.terminal import phase
 
 
@@ -78,13 +79,15 @@ def pose_problem(
     objective: Objective,
     parametrisation: Parametrisation,
     start: ArrayLike,
-    defects: Float[Array, "T V"] | None = None,
+    defects: Float[AnyArray, "T V"] | None = None,
 ) -> Problem:
     """Return J over the numbers of `parametrisation`, from the state `start` (S,)."""
-    control_scale = as_jax(emulator.bounds.magnitude)
+    control_scale = as_parameter(emulator.bounds.magnitude)
     if defects is None:
         defects = no_defects(emulator, parametrisation.steps)
-    return Problem(emulator, objective, parametrisation, as_jax(start), defects, control_scale)
+    return Problem(
+        emulator, objective, parametrisation, as_parameter(start), defects, control_scale
+    )
 
 
 def first_guesses(

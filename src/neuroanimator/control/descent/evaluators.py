@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.backend import backend
 from neuroanimator.control.descent.evaluator import Evaluator
@@ -14,6 +11,7 @@ from neuroanimator.control.descent.jax_evaluator import JaxEvaluator
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.emulator.arrays import as_float32
+from neuroanimator.jax_later import Array, filter_jit, jax, jnp
 
 
 def controls_of(
@@ -30,7 +28,7 @@ def controls_of(
     return np.asarray(_controls_in_jax(parametrisation, single), float)
 
 
-@eqx.filter_jit
+@filter_jit
 def _controls_in_jax(
     parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
 ) -> Float[Array, "K T C"]:

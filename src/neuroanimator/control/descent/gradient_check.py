@@ -5,22 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.backend import backend
 from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
-from neuroanimator.control.objective.objective import Objective, cost_and_slopes
+from neuroanimator.control.objective.objective import Objective, cost_and_slopes, is_ours
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.jax_later import Array, filter_jit, jax, jnp
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
@@ -71,7 +70,7 @@ def gradient_trust(
     parametrisation: Parametrisation,
     start: ArrayLike,
     controls: np.ndarray | None,
-    defects: Float[Array, "T V"] | None = None,
+    defects: Float[AnyArray, "T V"] | None = None,
     directions: int | None = None,
 ) -> GradientTrust:
     """Return how dJ/dz on the emulator compares with that on `system`, at the z of `controls` (T, C).
@@ -137,13 +136,39 @@ def difference_gradient(
     """
     shifts = step * (np.eye(len(z)) if along is None else along)
     starts = np.broadcast_to(start, (2 * len(shifts), len(start)))
-    with jax.enable_x64(True):
-        points = np.concatenate([z + shifts, z - shifts])
-        controls = np.asarray(_controls_of(parametrisation, points))
-        states = simulate(starts, controls)
-        costs = np.asarray(_costs(objective, states, controls, bounds.magnitude, dt))
+    points = np.concatenate([z + shifts, z - shifts])
+    controls = _precise_controls(parametrisation, points)
+    states = simulate(starts, controls)
+    costs = _precise_costs(objective, states, controls, bounds.magnitude, dt)
     above, below = np.split(costs, 2)
     return (above - below) / (2 * step)
+
+
+def _precise_controls(
+    parametrisation: Parametrisation, zs: Float[np.ndarray, "K Z"]
+) -> Float[np.ndarray, "K T C"]:
+    """Return the controls of each z in float64."""
+    if is_ours(parametrisation):
+        return np.stack([parametrisation.controls(z) for z in zs])
+    with jax.enable_x64(True):
+        return np.asarray(_controls_of(parametrisation, zs))
+
+
+def _precise_costs(
+    objective: Objective,
+    states: Float[np.ndarray, "K T1 S"],
+    controls: Float[np.ndarray, "K T C"],
+    control_scale: Float[np.ndarray, " C"],
+    dt: float,
+) -> Float[np.ndarray, " K"]:
+    """Return J of each motion in float64."""
+    if not objective.is_ours:
+        with jax.enable_x64(True):
+            return np.asarray(_costs(objective, states, controls, control_scale, dt))
+    costs = []
+    for motion, held in zip(states, controls, strict=True):
+        costs.append(objective(Trajectory(motion, held, control_scale, dt)))
+    return np.array(costs)
 
 
 def _simulate(system: System, starts: np.ndarray, controls: np.ndarray, dt: float) -> np.ndarray:
@@ -181,7 +206,7 @@ def _emulated_motion(problem: Problem, z: Array) -> Trajectory:
     return Trajectory(states, controls, problem.control_scale, problem.emulator.dt)
 
 
-@eqx.filter_jit
+@filter_jit
 def _controls_of(
     parametrisation: Parametrisation, zs: Float[Array | np.ndarray, "K Z"]
 ) -> Float[Array, "K T C"]:
@@ -189,12 +214,12 @@ def _controls_of(
     return jax.vmap(parametrisation.controls)(jnp.asarray(zs))
 
 
-@eqx.filter_jit
+@filter_jit
 def _trajectory(problem: Problem, z: Array) -> Trajectory:
     return problem.trajectory(z)
 
 
-@eqx.filter_jit
+@filter_jit
 def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Array:
     """Return how something changes with z that changes with states and controls by `slopes`."""
 
@@ -205,7 +230,7 @@ def _pulled_back(problem: Problem, z: Array, slopes: tuple[Array, Array]) -> Arr
     return jax.vjp(motion, z)[1](slopes)[0]
 
 
-@eqx.filter_jit
+@filter_jit
 def _costs(
     objective: Objective,
     states: Array | np.ndarray,

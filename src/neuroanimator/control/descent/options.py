@@ -6,12 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.descent.parametrisation import EachStep, Parametrisation
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds
 
 DEFAULT_METHOD = "gauss-newton"
@@ -39,7 +40,7 @@ class DescentOptions:
     """May be tighter than the emulator's own, which they are if None; a `parametrisation` brings its own."""
     parametrisation: Parametrisation | None = None
     """What is varied; one value per super step and control if None."""
-    defects: Float[Array, "T V"] | None = None
+    defects: Float[AnyArray, "T V"] | None = None
     """Added to the emulator's super steps, see `find_defects`; none if None."""
     on_iteration: Callable[[int, float], None] | None = None
     """Told the iteration and the least J so far, as the descent goes."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import abc
+import math
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
+from neuroanimator.pytrees import Module, static
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds
 
@@ -27,12 +28,12 @@ CUBIC = 3
 """Degree of the splines."""
 
 
-class Parametrisation(eqx.Module):
+class Parametrisation(Module):
     """z (Z,) → controls (T, C) = middle + half · tanh(...): within bounds by construction."""
 
-    middle: eqx.AbstractVar[Float[Array, " C"]]
-    half: eqx.AbstractVar[Float[Array, " C"]]
-    steps: eqx.AbstractVar[int]
+    middle: Float[AnyArray, " C"]
+    half: Float[AnyArray, " C"]
+    steps: int = static()
 
     @property
     @abc.abstractmethod
@@ -40,7 +41,7 @@ class Parametrisation(eqx.Module):
         """How many numbers z has."""
 
     @abc.abstractmethod
-    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
+    def controls(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, "T C"]:
         """Return the controls z stands for."""
 
     @abc.abstractmethod
@@ -51,9 +52,9 @@ class Parametrisation(eqx.Module):
 class EachStep(Parametrisation):
     """One value per super step and control."""
 
-    middle: Float[Array, " C"]
-    half: Float[Array, " C"]
-    steps: int = eqx.field(static=True)
+    middle: Float[AnyArray, " C"]
+    half: Float[AnyArray, " C"]
+    steps: int = static()
 
     @classmethod
     def of(cls, steps: int, bounds: Bounds) -> EachStep:
@@ -64,8 +65,8 @@ class EachStep(Parametrisation):
     def size(self) -> int:
         return self.steps * len(self.middle)
 
-    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
-        return self.middle + jnp.tanh(z.reshape(self.steps, -1)) * self.half
+    def controls(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, "T C"]:
+        return self.middle + _tanh(z.reshape(self.steps, -1)) * self.half
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
         if controls is None:
@@ -76,10 +77,10 @@ class EachStep(Parametrisation):
 class Spline(Parametrisation):
     """A clamped cubic spline per control: smooth, and fewer numbers than super steps."""
 
-    middle: Float[Array, " C"]
-    half: Float[Array, " C"]
-    steps: int = eqx.field(static=True)
-    basis: Float[Array, "T K"]
+    middle: Float[AnyArray, " C"]
+    half: Float[AnyArray, " C"]
+    steps: int = static()
+    basis: Float[AnyArray, "T K"]
 
     @classmethod
     def of(cls, steps: int, knots: int, bounds: Bounds) -> Spline:
@@ -95,14 +96,14 @@ class Spline(Parametrisation):
         knot_times = np.concatenate([[0.0] * CUBIC, inner, [1.0] * CUBIC])
         times = (np.arange(steps) + 0.5) / steps
         basis = BSpline.design_matrix(times, knot_times, CUBIC).toarray()
-        return cls(*_bounds(bounds), steps, as_jax(basis))
+        return cls(*_bounds(bounds), steps, as_parameter(basis))
 
     @property
     def size(self) -> int:
         return self.basis.shape[1] * len(self.middle)
 
-    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
-        return self.middle + jnp.tanh(self.basis @ z.reshape(self.basis.shape[1], -1)) * self.half
+    def controls(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, "T C"]:
+        return self.middle + _tanh(self.basis @ z.reshape(self.basis.shape[1], -1)) * self.half
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
         if controls is None:
@@ -117,12 +118,12 @@ class Periodic(Parametrisation):
     z holds the frequency, then per control offset, sine and cosine of the wave: amplitude and phase.
     """
 
-    middle: Float[Array, " C"]
-    half: Float[Array, " C"]
-    steps: int = eqx.field(static=True)
-    period: Float[Array, ""]
+    middle: Float[AnyArray, " C"]
+    half: Float[AnyArray, " C"]
+    steps: int = static()
+    period: Float[AnyArray, ""]
     """[s] Of the first guess."""
-    dt: float = eqx.field(static=True)
+    dt: float = static()
 
     @classmethod
     def of(cls, steps: int, dt: float, period: float, bounds: Bounds) -> Periodic:
@@ -131,28 +132,29 @@ class Periodic(Parametrisation):
             raise ArgumentError(
                 f"period: wanted more than two super steps of {dt:g} s, came {period:g} s."
             )
-        return cls(*_bounds(bounds), steps, as_jax(period), dt)
+        return cls(*_bounds(bounds), steps, as_parameter(period), dt)
 
     @property
     def size(self) -> int:
         return 1 + 3 * len(self.middle)
 
-    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
+    def controls(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, "T C"]:
         offset, sine, cosine = z[1:].reshape(3, -1)
         phases = self.phases(z[0])[:, None]
-        raw = offset + sine * jnp.sin(phases) + cosine * jnp.cos(phases)
-        return self.middle + jnp.tanh(raw) * self.half
+        xp = z.__array_namespace__()
+        raw = offset + sine * xp.sin(phases) + cosine * xp.cos(phases)
+        return self.middle + xp.tanh(raw) * self.half
 
-    def phases(self, number: Float[Array, ""]) -> Float[Array, " T"]:
+    def phases(self, number: Float[AnyArray, ""]) -> Float[AnyArray, " T"]:
         """Return where in its pattern each super step's middle is [rad], for the `number` its frequency comes from."""
-        rate = 2 * jnp.pi * self._tempo(number) / self.period
-        return rate * (jnp.arange(self.steps) + 0.5) * self.dt
+        xp = number.__array_namespace__()
+        rate = 2 * math.pi * self._tempo(number) / self.period
+        return rate * (xp.arange(self.steps) + 0.5) * self.dt
 
-    def _tempo(self, number: Float[Array, ""]) -> Float[Array, ""]:
+    def _tempo(self, number: Float[AnyArray, ""]) -> Float[AnyArray, ""]:
         """Return times the first frequency: 1 for a number of zero."""
-        return SLOWEST + (FASTEST - SLOWEST) / (
-            1 + (FASTEST - 1) / (1 - SLOWEST) * jnp.exp(-number)
-        )
+        xp = number.__array_namespace__()
+        return SLOWEST + (FASTEST - SLOWEST) / (1 + (FASTEST - 1) / (1 - SLOWEST) * xp.exp(-number))
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
         if controls is None:
@@ -166,7 +168,7 @@ class Periodic(Parametrisation):
         """Return the pattern of z as a gait; offsets and the rounding of strong waves are left out."""
         sine, cosine = np.asarray(z[1:], float).reshape(3, -1)[1:]
         heights = np.tanh(np.hypot(sine, cosine))
-        period = float(self.period / self._tempo(jnp.asarray(z[0])))
+        period = float(self.period / self._tempo(np.asarray(z[0])))
         phases = -np.arctan2(cosine, sine)
         return Gait(period, tuple(map(float, heights)), tuple(map(float, phases)))
 
@@ -177,9 +179,9 @@ class Steered(Parametrisation):
     z holds the frequency, then per control sine and cosine of the wave, then the splines' knots (K, C).
     """
 
-    middle: Float[Array, " C"]
-    half: Float[Array, " C"]
-    steps: int = eqx.field(static=True)
+    middle: Float[AnyArray, " C"]
+    half: Float[AnyArray, " C"]
+    steps: int = static()
     wave: Periodic
     offsets: Spline
 
@@ -193,18 +195,19 @@ class Steered(Parametrisation):
     def size(self) -> int:
         return 1 + 2 * len(self.middle) + self.offsets.size
 
-    def controls(self, z: Float[Array, " Z"]) -> Float[Array, "T C"]:
+    def controls(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, "T C"]:
         sine, cosine = z[1 : 1 + 2 * len(self.middle)].reshape(2, -1)
         phases = self.wave.phases(z[0])[:, None]
         knots = z[1 + 2 * len(self.middle) :].reshape(self.offsets.basis.shape[1], -1)
         offset = self.offsets.basis @ knots
-        raw = offset + sine * jnp.sin(phases) + cosine * jnp.cos(phases)
-        return self.middle + jnp.tanh(raw) * self.half
+        xp = z.__array_namespace__()
+        raw = offset + sine * xp.sin(phases) + cosine * xp.cos(phases)
+        return self.middle + xp.tanh(raw) * self.half
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
         if controls is None:
             return np.zeros(self.size)
-        phases = np.asarray(self.wave.phases(jnp.zeros(())))
+        phases = self.wave.phases(np.zeros(()))
         columns = [
             np.sin(phases)[:, None],
             np.cos(phases)[:, None],
@@ -214,7 +217,7 @@ class Steered(Parametrisation):
         return np.concatenate([[0.0], weights.ravel()])
 
 
-def _bounds(bounds: Bounds) -> tuple[Array, Array]:
+def _bounds(bounds: Bounds) -> tuple[Float[AnyArray, " C"], Float[AnyArray, " C"]]:
     low = np.array(bounds.low)
     high = np.array(bounds.high)
     is_sound = (low < high) & np.isfinite(low) & np.isfinite(high)
@@ -223,7 +226,11 @@ def _bounds(bounds: Bounds) -> tuple[Array, Array]:
         raise ArgumentError(
             f"bounds: wanted finite ones with low below high, control {entry} has {low[entry]:g} and {high[entry]:g}."
         )
-    return as_jax(bounds.middle), as_jax(bounds.half)
+    return as_parameter(bounds.middle), as_parameter(bounds.half)
+
+
+def _tanh(numbers: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
+    return numbers.__array_namespace__().tanh(numbers)
 
 
 def _raw(parametrisation: Parametrisation, controls: np.ndarray) -> np.ndarray:

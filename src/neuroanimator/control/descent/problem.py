@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.control.descent.defects import rollout_with_defects, step_with_defect
 from neuroanimator.control.descent.parametrisation import Parametrisation
@@ -16,6 +13,9 @@ from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.compiled import call_compiled
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.jax_later import Array, jax, jnp
+from neuroanimator.pytrees import Module
+from neuroanimator.state.arrays import AnyArray
 
 BACKWARD_COST = 3
 """One backward sweep costs as much as so many forward ones."""
@@ -42,16 +42,16 @@ class MotionTangents(NamedTuple):
     """Change of z (Z,) → changes of `latent` and of `controls`."""
 
 
-class Problem(eqx.Module):
+class Problem(Module):
     """z (Z,) → controls → emulated trajectory → J. For use inside jit, grad and vmap."""
 
     emulator: Emulator
     objective: Objective
     parametrisation: Parametrisation
-    start: Float[Array, " S"]
-    defects: Float[Array, "T V"]
+    start: Float[AnyArray, " S"]
+    defects: Float[AnyArray, "T V"]
     """Added to the super steps: see `find_defects`."""
-    control_scale: Float[Array, " C"]
+    control_scale: Float[AnyArray, " C"]
 
     def trajectory(self, z: Float[Array, " Z"]) -> Trajectory:
         """Return the emulated motion under the controls of z."""

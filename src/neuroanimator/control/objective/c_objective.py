@@ -13,10 +13,8 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.codegen.c_map import (
     CMap,
@@ -32,15 +30,14 @@ from neuroanimator.codegen.kept import FLAGS, CProgram, LoadedProgram, aligned, 
 from neuroanimator.codegen.program import WIDTH
 from neuroanimator.codegen.rooms import Rooms
 from neuroanimator.compiler.compiler import compiled_library
-from neuroanimator.control.objective.objective import CostTerm, Objective, StateTerm
+from neuroanimator.control.objective.objective import Objective, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.probes import compiled_quickly
+from neuroanimator.jax_later import Array, jax, jnp
+from neuroanimator.pytrees import leaves, map_leaves, structure_in_words
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
-
-OURS = "neuroanimator."
-"""Cost terms of the package: their code is part of what a program is known by; others' is not."""
 
 CALLER = ("neuroanimator.control.objective", "objective.c")
 """The C that calls the maps of an objective."""
@@ -199,13 +196,12 @@ class _Form:
     @property
     def sizes(self) -> list[int]:
         """How many numbers each array of the objective has; then how many controls have a scale."""
-        return [np.size(leaf) for leaf in jax.tree.leaves(self.objective)] + [self.shape.control]
+        return [np.size(leaf) for leaf in leaves(self.objective)] + [self.shape.control]
 
     def about(self) -> str:
         """Return all that the program depends on."""
-        shapes = [np.shape(leaf) for leaf in jax.tree.leaves(self.objective)]
-        structure = jax.tree.structure(self.objective)
-        facts = ["objective", str(structure), str(shapes), str(self.shape)]
+        shapes = [np.shape(leaf) for leaf in leaves(self.objective)]
+        facts = ["objective", structure_in_words(self.objective), str(shapes), str(self.shape)]
         if self.encoding is not None:
             facts += facts_of(self.encoding)
         return "\n".join(facts)
@@ -239,10 +235,10 @@ class _Form:
 
     def _judge(self, numbers: Float[Array, " P"]) -> tuple[Objective, Float[Array, " C"]]:
         """Return the objective with these numbers, and the scale of the controls."""
-        leaves, structure = jax.tree.flatten(self.objective)
         *parts, scale = jnp.split(numbers, np.cumsum(self.sizes)[:-1])
-        shaped = [part.reshape(np.shape(leaf)) for part, leaf in zip(parts, leaves, strict=True)]
-        return jax.tree.unflatten(structure, shaped), scale
+        remaining = iter(parts)
+        objective = map_leaves(lambda leaf: next(remaining).reshape(np.shape(leaf)), self.objective)
+        return objective, scale
 
     def _state_terms(self, numbers: Float[Array, " P"]) -> list[StateTerm]:
         return replace(self, objective=self._judge(numbers)[0]).terms
@@ -359,12 +355,12 @@ def c_objective(
 
 def _load(form: _Form, emulator: Emulator, scale: Float[np.ndarray, " C"]) -> CObjective | None:
     objective = form.objective
-    if objective.functions or not form.terms:
+    if not objective.is_ours or not form.terms:
         return None
-    if not all(_is_known(term) for term in objective.terms):
+    if not all(term.of_controls or isinstance(term, StateTerm) for term in objective.terms):
         return None
-    leaves = [np.ravel(leaf) for leaf in jax.tree.leaves(objective)]
-    numbers = aligned(np.concatenate([*leaves, scale]).astype(np.float32))
+    flat = [np.ravel(leaf) for leaf in leaves(objective)]
+    numbers = aligned(np.concatenate([*flat, scale]).astype(np.float32))
 
     def encode(states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N I"]:
         return np.asarray(emulator.encode(states), np.float32)
@@ -372,10 +368,3 @@ def _load(form: _Form, emulator: Emulator, scale: Float[np.ndarray, " C"]) -> CO
     check = partial(form.check, emulator.rest, encode, numbers)
     program = load_program(form.about(), form.write, check)
     return None if program is None else form.load(program, numbers)
-
-
-def _is_known(term: CostTerm) -> bool:
-    """Return whether `term` is the package's own, and one that can be taken apart."""
-    return type(term).__module__.startswith(OURS) and (
-        term.of_controls or isinstance(term, StateTerm)
-    )

@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.terms import (
@@ -28,7 +27,7 @@ from neuroanimator.control.objective.terms import (
     Travel,
     as_weight,
 )
-from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import as_numbers
 from neuroanimator.state.pose import read_pose
@@ -156,7 +155,7 @@ def follow_path(
         weight=as_weight(weight),
         structure=_posed(system),
         points=points,
-        shares=as_jax(lengths / lengths[-1]),
+        shares=as_parameter(lengths / lengths[-1]),
         within=_positive("within", within),
         axes=which,
     )
@@ -250,7 +249,7 @@ def stand_up(
     return Point(
         weight=as_weight(weight),
         structure=_posed(system),
-        direction=jnp.array([0.0, 0.0, 1.0]),
+        direction=as_parameter([0.0, 0.0, 1.0]),
         within=_positive("within", within),
         axis="upward",
         when=Moments.of(at),
@@ -300,9 +299,9 @@ def stay_within(
         raise ArgumentError(
             f"stay_within: wanted one bound or {len(entries)} for '{part}', came {low} and {high}."
         )
-    lows = jnp.broadcast_to(lows, len(entries))
-    highs = jnp.broadcast_to(highs, len(entries))
-    if not bool(jnp.all(lows < highs)):
+    lows = np.broadcast_to(lows, len(entries))
+    highs = np.broadcast_to(highs, len(entries))
+    if not (lows < highs).all():
         raise ArgumentError(
             f"stay_within: wanted low below high for '{part}', came {low} and {high}."
         )
@@ -327,7 +326,9 @@ def _axes(names: str) -> tuple[int, ...]:
     return tuple("xyz".index(name) for name in names)
 
 
-def _numbers(label: str, values: ArrayLike, size: int | None, *, rows: bool = False) -> Array:
+def _numbers(
+    label: str, values: ArrayLike, size: int | None, *, rows: bool = False
+) -> Float[np.ndarray, " ..."]:
     """Return `values` (`size`,), or rows of them; ArgumentError unless all are finite and there is at least one."""
     array = as_numbers(values, label)
     axes = 2 if rows else 1
@@ -338,22 +339,22 @@ def _numbers(label: str, values: ArrayLike, size: int | None, *, rows: bool = Fa
         if rows:
             wanted = f"rows of {wanted}"
         raise ArgumentError(f"{label}: wanted {wanted}, came {array.tolist()}.")
-    return as_jax(array)
+    return as_parameter(array)
 
 
-def _number(label: str, value: float) -> Array:
-    return _numbers(label, [value], 1)[0]
+def _number(label: str, value: float) -> Float[np.ndarray, " ..."]:
+    return _numbers(label, [value], 1).reshape(())
 
 
-def _positive(label: str, value: float) -> Array:
+def _positive(label: str, value: float) -> Float[np.ndarray, " ..."]:
     if not 0 < value < math.inf:
         raise ArgumentError(f"{label}: wanted a finite number above 0, came {value:g}.")
-    return as_jax(value)
+    return as_parameter(value)
 
 
-def _unit(label: str, direction: ArrayLike) -> Array:
+def _unit(label: str, direction: ArrayLike) -> Float[np.ndarray, " ..."]:
     vector = _numbers(label, direction, 3)
-    length = float(jnp.linalg.norm(vector))
+    length = float(np.linalg.norm(vector))
     if length == 0:
         raise ArgumentError(f"{label}: wanted a direction, came zeros.")
     return vector / length

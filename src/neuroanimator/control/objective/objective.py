@@ -1,4 +1,7 @@
-"""What a motion should achieve: an objective J, the sum of weighted cost terms (the seminar paper's eqs. 9 to 11)."""
+"""What a motion should achieve: an objective J, the sum of weighted cost terms (the seminar paper's eqs. 9 to 11).
+
+Terms of the package, and so J, are written once for arrays of NumPy and JAX alike; other costs are functions of JAX.
+"""
 
 from __future__ import annotations
 
@@ -7,28 +10,36 @@ import math
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.backend import backend
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_float32, as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.jax_later import Array, filter_jit, is_jax_array, jax
+from neuroanimator.pytrees import Module, leaves
+from neuroanimator.state.arrays import AnyArray
+
+OURS = "neuroanimator."
+"""How the names of the package's own modules begin."""
 
 
-class CostTerm(eqx.Module):
+def is_ours(module: Module) -> bool:
+    """Return whether the code of a cost term, or of whatever else, is the package's own."""
+    return type(module).__module__.startswith(OURS)
+
+
+class CostTerm(Module):
     """One thing a motion should do. It costs half the sum of squares of its residuals, times its weight."""
 
-    weight: eqx.AbstractVar[Float[Array, ""]]
+    weight: Float[AnyArray, ""]
     of_controls: ClassVar[bool] = False
     """Whether residuals depend on nothing but the controls: they can be differentiated without the emulator."""
 
     @abc.abstractmethod
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+    def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
         """Return numbers that are zero where the motion does it, and one where it is off by a sizeable error."""
 
 
@@ -43,24 +54,28 @@ class StateTerm(CostTerm):
         """Return which states of a motion of so many super steps of `dt` [s] it looks at; 0 is the start."""
 
     @abc.abstractmethod
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " O"]:
-        """Return what it looks at in a state."""
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B O"]:
+        """Return what it looks at in a state (S,), or in each of many (..., S)."""
 
     @abc.abstractmethod
-    def compare(self, observed: Float[Array, "K O"], dt: float) -> Float[Array, " R"]:
+    def compare(self, observed: Float[AnyArray, "K O"], dt: float) -> Float[AnyArray, " R"]:
         """Return the residuals of what was `observed` of the states at `rows`, `dt` [s] apart."""
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+    def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
         rows = self.rows(len(trajectory.states) - 1, trajectory.dt)
-        observed = jax.vmap(self.observe)(trajectory.states[jnp.array(rows)])
+        states = trajectory.states[np.array(rows)]
+        if is_jax_array(states):
+            observed = jax.vmap(self.observe)(states)
+        else:
+            observed = self.observe(states)
         return self.compare(observed, trajectory.dt)
 
 
-CostFunction = Callable[[Trajectory], Float[Array, ""]]
+CostFunction = Callable[[Trajectory], Float[AnyArray, ""]]
 """A cost of one's own: any differentiable JAX function that makes one number of a trajectory, weight included."""
 
 
-class Objective(eqx.Module):
+class Objective(Module):
     """J(trajectory) = Σ weight/2 |residuals|² + Σ functions."""
 
     terms: tuple[CostTerm, ...]
@@ -79,6 +94,11 @@ class Objective(eqx.Module):
         functions = tuple(cost for cost in costs if not isinstance(cost, CostTerm))
         return cls(terms, functions)
 
+    @property
+    def is_ours(self) -> bool:
+        """Whether all costs are the package's own: written for NumPy too, and known to generated C by their code."""
+        return not self.functions and all(is_ours(term) for term in self.terms)
+
     def __repr__(self) -> str:
         names = [type(term).__name__ for term in self.terms]
         names += [_name_of(function) for function in self.functions]
@@ -90,18 +110,22 @@ class Objective(eqx.Module):
         of_controls = tuple(term for term in self.terms if term.of_controls)
         return Objective(of_states), Objective(of_controls)
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+    def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
         """Return the numbers whose squares sum to 2J, but for the functions."""
-        parts = [jnp.sqrt(term.weight) * term.residuals(trajectory) for term in self.terms]
-        return jnp.concatenate([jnp.zeros(0), *parts])
+        trajectory = trajectory.beside(leaves(self))
+        xp = trajectory.states.__array_namespace__()
+        parts = [xp.sqrt(term.weight) * term.residuals(trajectory) for term in self.terms]
+        return xp.concat([xp.zeros(0, dtype=trajectory.states.dtype), *parts])
 
-    def extra(self, trajectory: Trajectory) -> Float[Array, ""]:
+    def extra(self, trajectory: Trajectory) -> Float[AnyArray, ""]:
         """Return what the functions add to J."""
-        return sum((function(trajectory) for function in self.functions), jnp.zeros(()))
+        no_cost = trajectory.states.__array_namespace__().zeros(())
+        return sum((function(trajectory) for function in self.functions), no_cost)
 
-    def __call__(self, trajectory: Trajectory) -> Float[Array, ""]:
+    def __call__(self, trajectory: Trajectory) -> Float[AnyArray, ""]:
         """Return J of a trajectory and the controls that made it."""
-        return jnp.sum(self.residuals(trajectory) ** 2) / 2 + self.extra(trajectory)
+        residuals = self.residuals(trajectory)
+        return (residuals**2).sum() / 2 + self.extra(trajectory)
 
 
 def objective_cost(
@@ -116,7 +140,7 @@ def objective_cost(
     return float(_cost(objective, motion))
 
 
-@eqx.filter_jit
+@filter_jit
 def _cost(objective: Objective, trajectory: Trajectory) -> Array:
     return objective(trajectory)
 
@@ -172,7 +196,7 @@ def _of_resting(
     return cost_and_slopes(objective, trajectory)
 
 
-@eqx.filter_jit
+@filter_jit
 def cost_and_slopes(
     objective: Objective, trajectory: Trajectory
 ) -> tuple[Array, tuple[Array, Array]]:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.objective import StateTerm
 from neuroanimator.control.objective.terms import ALL_ALONG, as_weight
-from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
+from neuroanimator.pytrees import static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import as_numbers
 from neuroanimator.state.pose import read_pose
@@ -58,21 +57,23 @@ def footprint(structure: Structure, states: AnyArray, probes: AnyArray) -> AnyAr
 class Avoid(StateTerm):
     """Keep discs about a body's probes out of zones: ∫ of how far they are in, over the margin."""
 
-    weight: Float[Array, ""]
-    structure: Structure = eqx.field(static=True)
-    zones: Float[Array, "K 5"]
-    probes: Float[Array, "P 2"]
-    margin: Float[Array, ""]
+    weight: Float[AnyArray, ""]
+    structure: Structure = static()
+    zones: Float[AnyArray, "K 5"]
+    probes: Float[AnyArray, "P 2"]
+    margin: Float[AnyArray, ""]
     """[m] Radius of the discs: half the body's width and some room."""
 
     def rows(self, steps: int, dt: float) -> list[int]:
         return ALL_ALONG.rows(steps, dt)
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " O"]:
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B O"]:
         points = footprint(self.structure, state, self.probes)
-        return jnp.maximum(self.margin - distances(self.zones, points), 0).ravel()
+        xp = state.__array_namespace__()
+        within = xp.maximum(self.margin - distances(self.zones, points), 0)
+        return within.reshape(*state.shape[:-1], -1)
 
-    def compare(self, observed: Float[Array, "T O"], dt: float) -> Float[Array, " R"]:
+    def compare(self, observed: Float[AnyArray, "T O"], dt: float) -> Float[AnyArray, " R"]:
         return math.sqrt(dt) * (observed / self.margin).ravel()
 
 
@@ -94,9 +95,9 @@ def avoid(
     return Avoid(
         as_weight(weight),
         system.structure,
-        as_jax(zone_rows(zones)),
-        as_jax(points),
-        as_jax(margin),
+        as_parameter(zone_rows(zones)),
+        as_parameter(points),
+        as_parameter(margin),
     )
 
 

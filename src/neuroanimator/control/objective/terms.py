@@ -1,4 +1,4 @@
-"""Cost terms as JAX sees them: residuals of a trajectory; `costs` makes them from what users say."""
+"""Cost terms: residuals of a trajectory, in JAX and NumPy alike; `costs` makes them from what users say."""
 
 from __future__ import annotations
 
@@ -6,18 +6,20 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.appearance.joints import Link, point_of_chain
 from neuroanimator.control.objective.objective import CostTerm, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
-from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
+from neuroanimator.pytrees import static
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.pose import Pose, read_heights, read_pose
+from neuroanimator.state.rotation import cross
 from neuroanimator.state.structure import Structure
 
 SHORTEST_LEG = 1e-9
@@ -80,7 +82,7 @@ def _time(label: str, seconds: float) -> float:
 class TimedTerm(StateTerm):
     """A term that looks at the states at some moments."""
 
-    when: eqx.AbstractVar[Moments]
+    when: Moments = static()
 
     def rows(self, steps: int, dt: float) -> list[int]:
         return self.when.rows(steps, dt)
@@ -89,10 +91,10 @@ class TimedTerm(StateTerm):
 class Effort(CostTerm):
     """μ_u: ∫ |u / scale|² dt, so that J does not depend on the super step (eq. 11)."""
 
-    weight: Float[Array, ""]
+    weight: Float[AnyArray, ""]
     of_controls: ClassVar[bool] = True
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
+    def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
         efforts = trajectory.controls / trajectory.control_scale
         return math.sqrt(trajectory.dt) * efforts.ravel()
 
@@ -100,23 +102,24 @@ class Effort(CostTerm):
 class Smoothness(CostTerm):
     """∫ |du/dt / scale|² dt in [s²]: controls that do not jump."""
 
-    weight: Float[Array, ""]
+    weight: Float[AnyArray, ""]
     of_controls: ClassVar[bool] = True
 
-    def residuals(self, trajectory: Trajectory) -> Float[Array, " R"]:
-        jumps = jnp.diff(trajectory.controls, axis=0) / trajectory.control_scale
+    def residuals(self, trajectory: Trajectory) -> Float[AnyArray, " R"]:
+        controls = trajectory.controls
+        jumps = controls.__array_namespace__().diff(controls, axis=0) / trajectory.control_scale
         return jumps.ravel() / math.sqrt(trajectory.dt)
 
 
 class ReachState(TimedTerm):
     """Be in a state, or in part of one, seen from the goal: in a parking bay, lengthwise and sideways."""
 
-    weight: Float[Array, ""]
+    weight: Float[AnyArray, ""]
     frame: Frame
-    goal: Float[Array, " S"]
-    judged: Float[Array, "R V"]
+    goal: Float[AnyArray, " S"]
+    judged: Float[AnyArray, "R V"]
     """Turns the difference from the goal into numbers of which one is a sizeable error."""
-    when: Moments = eqx.field(static=True)
+    when: Moments = static()
 
     @classmethod
     def of(
@@ -131,117 +134,121 @@ class ReachState(TimedTerm):
         return cls(
             weight=as_weight(weight),
             frame=frame,
-            goal=as_jax(goal),
-            judged=as_jax(judged),
+            goal=as_parameter(goal),
+            judged=as_parameter(judged),
             when=when,
         )
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " R"]:
-        return self.judged @ self.frame.difference(self.goal, state)
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B R"]:
+        xp = state.__array_namespace__()
+        goal = xp.broadcast_to(xp.asarray(self.goal), state.shape)
+        return self.frame.difference(goal, state) @ self.judged.T
 
-    def compare(self, observed: Float[Array, "K O"], dt: float) -> Float[Array, " R"]:
+    def compare(self, observed: Float[AnyArray, "K O"], dt: float) -> Float[AnyArray, " R"]:
         return self.when.share(dt) * observed.ravel()
 
 
 class ReachPositions(TimedTerm):
     """Be at positions at given times: keyframes, or one position at the end."""
 
-    weight: Float[Array, ""]
-    structure: Structure = eqx.field(static=True)
-    positions: Float[Array, "K A"]
+    weight: Float[AnyArray, ""]
+    structure: Structure = static()
+    positions: Float[AnyArray, "K A"]
     """[m] Along the axes that matter."""
-    within: Float[Array, ""]
-    axes: tuple[int, ...] = eqx.field(static=True)
-    when: Moments = eqx.field(static=True)
+    within: Float[AnyArray, ""]
+    axes: tuple[int, ...] = static()
+    when: Moments = static()
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         return _along(self.axes, read_pose(self.structure, state).position)
 
-    def compare(self, observed: Float[Array, "K A"], dt: float) -> Float[Array, " R"]:
+    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
         return self.when.share(dt) * ((observed - self.positions) / self.within).ravel()
 
 
 class ReachPoint(TimedTerm):
     """Be somewhere with a point of the body, such as a hand: at given times, or from one on."""
 
-    weight: Float[Array, ""]
-    chain: tuple[Link, ...] = eqx.field(static=True)
+    weight: Float[AnyArray, ""]
+    chain: tuple[Link, ...] = static()
     """From the world to the body the point lies on."""
-    offset: tuple[float, ...] = eqx.field(static=True)
+    offset: tuple[float, ...] = static()
     """[m] In that body's frame."""
-    position: Float[Array, " A"]
+    position: Float[AnyArray, " A"]
     """[m] Along the axes that matter."""
-    within: Float[Array, ""]
-    axes: tuple[int, ...] = eqx.field(static=True)
-    when: Moments = eqx.field(static=True)
+    within: Float[AnyArray, ""]
+    axes: tuple[int, ...] = static()
+    when: Moments = static()
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         return _along(self.axes, point_of_chain(self.chain, self.offset, state))
 
-    def compare(self, observed: Float[Array, "K A"], dt: float) -> Float[Array, " R"]:
+    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
         return self.when.share(dt) * ((observed - self.position) / self.within).ravel()
 
 
 class ReachHeight(TimedTerm):
     """Be up with all of the body at given times: the rms of how far mass points are below a height."""
 
-    weight: Float[Array, ""]
-    structure: Structure = eqx.field(static=True)
-    height: Float[Array, ""]
+    weight: Float[AnyArray, ""]
+    structure: Structure = static()
+    height: Float[AnyArray, ""]
     """[m]"""
-    within: Float[Array, ""]
-    when: Moments = eqx.field(static=True)
+    within: Float[AnyArray, ""]
+    when: Moments = static()
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " N"]:
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B N"]:
         return read_heights(self.structure, state)
 
-    def compare(self, observed: Float[Array, "K N"], dt: float) -> Float[Array, " R"]:
-        below = jnp.maximum(self.height - observed, 0) / self.within
+    def compare(self, observed: Float[AnyArray, "K N"], dt: float) -> Float[AnyArray, " R"]:
+        xp = observed.__array_namespace__()
+        below = xp.maximum(self.height - observed, 0) / self.within
         return (below / math.sqrt(observed.shape[-1])).ravel()
 
 
 class FollowPath(StateTerm):
     """Be where a path says all along, passed at a steady pace."""
 
-    weight: Float[Array, ""]
-    structure: Structure = eqx.field(static=True)
-    points: Float[Array, "K A"]
-    shares: Float[Array, " K"]
+    weight: Float[AnyArray, ""]
+    structure: Structure = static()
+    points: Float[AnyArray, "K A"]
+    shares: Float[AnyArray, " K"]
     """Length of the path up to each point, as a share of the whole."""
-    within: Float[Array, ""]
-    axes: tuple[int, ...] = eqx.field(static=True)
+    within: Float[AnyArray, ""]
+    axes: tuple[int, ...] = static()
 
     def rows(self, steps: int, dt: float) -> list[int]:
         return ALL_ALONG.rows(steps, dt)
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         return _along(self.axes, read_pose(self.structure, state).position)
 
-    def compare(self, observed: Float[Array, "T A"], dt: float) -> Float[Array, " R"]:
-        share = jnp.arange(1, len(observed) + 1) / len(observed)
+    def compare(self, observed: Float[AnyArray, "T A"], dt: float) -> Float[AnyArray, " R"]:
+        xp = observed.__array_namespace__()
+        share = xp.arange(1, len(observed) + 1) / len(observed)
         # Leg by leg, not by interpolation, which looks up where it is: for that there is no C.
-        lengths = jnp.maximum(jnp.diff(self.shares), SHORTEST_LEG)
-        passed = jnp.clip((share[:, None] - self.shares[:-1]) / lengths, 0, 1)
-        wanted = self.points[0] + passed @ jnp.diff(self.points, axis=0)
+        lengths = xp.maximum(xp.diff(self.shares), SHORTEST_LEG)
+        passed = xp.clip((share[:, None] - self.shares[:-1]) / lengths, 0, 1)
+        wanted = self.points[0] + passed @ xp.diff(self.points, axis=0)
         return ALL_ALONG.share(dt) * ((observed - wanted) / self.within).ravel()
 
 
 class Travel(StateTerm):
     """Come `distance` [m] forward along `direction` by the end; further than possible means as far as possible."""
 
-    weight: Float[Array, ""]
-    structure: Structure = eqx.field(static=True)
-    direction: Float[Array, " 3"]
-    distance: Float[Array, ""]
-    within: Float[Array, ""]
+    weight: Float[AnyArray, ""]
+    structure: Structure = static()
+    direction: Float[AnyArray, " 3"]
+    distance: Float[AnyArray, ""]
+    within: Float[AnyArray, ""]
 
     def rows(self, steps: int, dt: float) -> list[int]:
         return [0, steps]
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " 3"]:
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
         return read_pose(self.structure, state).position
 
-    def compare(self, observed: Float[Array, "2 3"], dt: float) -> Float[Array, " 1"]:
+    def compare(self, observed: Float[AnyArray, "2 3"], dt: float) -> Float[AnyArray, " 1"]:
         travelled = (observed[1] - observed[0]) @ self.direction
         return ((self.distance - travelled) / self.within)[None]
 
@@ -249,17 +256,17 @@ class Travel(StateTerm):
 class KeepVelocity(TimedTerm):
     """Move with a velocity, from a given time on."""
 
-    weight: Float[Array, ""]
-    structure: Structure = eqx.field(static=True)
-    velocity: Float[Array, " A"]
-    within: Float[Array, ""]
-    axes: tuple[int, ...] = eqx.field(static=True)
-    when: Moments = eqx.field(static=True)
+    weight: Float[AnyArray, ""]
+    structure: Structure = static()
+    velocity: Float[AnyArray, " A"]
+    within: Float[AnyArray, ""]
+    axes: tuple[int, ...] = static()
+    when: Moments = static()
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " A"]:
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         return _along(self.axes, read_pose(self.structure, state).velocity)
 
-    def compare(self, observed: Float[Array, "K A"], dt: float) -> Float[Array, " R"]:
+    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
         off = (observed - self.velocity) / self.within
         return self.when.share(dt) * off.ravel()
 
@@ -267,36 +274,37 @@ class KeepVelocity(TimedTerm):
 class KeepSpeed(TimedTerm):
     """Move forward, where the body points, at a speed, from a given time on."""
 
-    weight: Float[Array, ""]
-    structure: Structure = eqx.field(static=True)
-    speed: Float[Array, ""]
-    within: Float[Array, ""]
-    when: Moments = eqx.field(static=True)
+    weight: Float[AnyArray, ""]
+    structure: Structure = static()
+    speed: Float[AnyArray, ""]
+    within: Float[AnyArray, ""]
+    when: Moments = static()
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " 1"]:
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 1"]:
         pose = read_pose(self.structure, state)
-        return jnp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True)
+        xp = state.__array_namespace__()
+        return xp.sum(pose.velocity * pose.forward, axis=-1, keepdims=True)
 
-    def compare(self, observed: Float[Array, "K 1"], dt: float) -> Float[Array, " K"]:
+    def compare(self, observed: Float[AnyArray, "K 1"], dt: float) -> Float[AnyArray, " K"]:
         return self.when.share(dt) * (observed[:, 0] - self.speed) / self.within
 
 
 class Point(TimedTerm):
     """Point forward, or stand upright, along `direction`: at given times, or from one on."""
 
-    weight: Float[Array, ""]
-    structure: Structure = eqx.field(static=True)
-    direction: Float[Array, " 3"]
-    within: Float[Array, ""]
+    weight: Float[AnyArray, ""]
+    structure: Structure = static()
+    direction: Float[AnyArray, " 3"]
+    within: Float[AnyArray, ""]
     """[rad]"""
-    axis: str = eqx.field(static=True)
+    axis: str = static()
     """`forward` or `upward`."""
-    when: Moments = eqx.field(static=True)
+    when: Moments = static()
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " 3"]:
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
         return getattr(read_pose(self.structure, state), self.axis)
 
-    def compare(self, observed: Float[Array, "K 3"], dt: float) -> Float[Array, " R"]:
+    def compare(self, observed: Float[AnyArray, "K 3"], dt: float) -> Float[AnyArray, " R"]:
         off = (observed - self.direction) / self.within
         return self.when.share(dt) * off.ravel()
 
@@ -304,62 +312,65 @@ class Point(TimedTerm):
 class StayUpright(TimedTerm):
     """Keep the body's up near the world's, from a given time on: ∫ of the angle beyond a tolerance."""
 
-    weight: Float[Array, ""]
-    structure: Structure = eqx.field(static=True)
-    tolerance: Float[Array, ""]
+    weight: Float[AnyArray, ""]
+    structure: Structure = static()
+    tolerance: Float[AnyArray, ""]
     """[rad] Leaning that costs nothing."""
-    within: Float[Array, ""]
+    within: Float[AnyArray, ""]
     """[rad]"""
-    may_pitch: bool = eqx.field(static=True)
+    may_pitch: bool = static()
     """Whether only rolling counts, so that the body may dive and leap."""
-    when: Moments = eqx.field(static=True)
+    when: Moments = static()
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " 1"]:
-        return lean(read_pose(self.structure, state), may_pitch=self.may_pitch)[None]
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 1"]:
+        return lean(read_pose(self.structure, state), may_pitch=self.may_pitch)[..., None]
 
-    def compare(self, observed: Float[Array, "K 1"], dt: float) -> Float[Array, " K"]:
-        beyond = jnp.maximum(observed[:, 0] - self.tolerance, 0)
+    def compare(self, observed: Float[AnyArray, "K 1"], dt: float) -> Float[AnyArray, " K"]:
+        xp = observed.__array_namespace__()
+        beyond = xp.maximum(observed[:, 0] - self.tolerance, 0)
         return self.when.share(dt) * beyond / self.within
 
 
-def lean(pose: Pose, *, may_pitch: bool) -> Float[Array, "*B"]:
+def lean(pose: Pose, *, may_pitch: bool) -> Float[AnyArray, "*B"]:
     """Return by how much [rad] bodies lean: 0 upright, π upside down; by rolling alone if they `may_pitch`."""
+    xp = pose.upward.__array_namespace__()
     if may_pitch:
-        aside = jnp.cross(pose.upward, pose.forward)[..., 2] ** 2
-        along = jnp.sum(pose.upward * pose.forward, axis=-1)
+        aside = cross(pose.upward, pose.forward)[..., 2] ** 2
+        along = xp.sum(pose.upward * pose.forward, axis=-1)
         above = pose.upward[..., 2] - pose.forward[..., 2] * along
     else:
-        aside = jnp.sum(pose.upward[..., :2] ** 2, axis=-1)
+        aside = xp.sum(pose.upward[..., :2] ** 2, axis=-1)
         above = pose.upward[..., 2]
-    return jnp.atan2(jnp.sqrt(aside + NEARLY_UPRIGHT**2), above)
+    return xp.atan2(xp.sqrt(aside + NEARLY_UPRIGHT**2), above)
 
 
 class StayWithin(StateTerm):
     """Keep state entries between bounds, such as joints: ∫ of what is beyond."""
 
-    weight: Float[Array, ""]
-    low: Float[Array, " E"]
-    high: Float[Array, " E"]
-    within: Float[Array, ""]
-    entries: tuple[int, ...] = eqx.field(static=True)
+    weight: Float[AnyArray, ""]
+    low: Float[AnyArray, " E"]
+    high: Float[AnyArray, " E"]
+    within: Float[AnyArray, ""]
+    entries: tuple[int, ...] = static()
 
     def rows(self, steps: int, dt: float) -> list[int]:
         return ALL_ALONG.rows(steps, dt)
 
-    def observe(self, state: Float[Array, " S"]) -> Float[Array, " E"]:
-        return state[jnp.array(self.entries)]
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B E"]:
+        return state[..., np.array(self.entries)]
 
-    def compare(self, observed: Float[Array, "T E"], dt: float) -> Float[Array, " R"]:
-        above = jnp.maximum(observed - self.high, 0)
-        below = jnp.maximum(self.low - observed, 0)
+    def compare(self, observed: Float[AnyArray, "T E"], dt: float) -> Float[AnyArray, " R"]:
+        xp = observed.__array_namespace__()
+        above = xp.maximum(observed - self.high, 0)
+        below = xp.maximum(self.low - observed, 0)
         beyond = (above + below) / self.within
         return ALL_ALONG.share(dt) * beyond.ravel()
 
 
-def as_weight(weight: float) -> Array:
+def as_weight(weight: float) -> Float[AnyArray, ""]:
     """Return an array: another weight needs no other program."""
-    return as_jax(weight)
+    return as_parameter(weight)
 
 
-def _along(axes: tuple[int, ...], vector: Float[Array, " 3"]) -> Float[Array, " A"]:
-    return vector[jnp.array(axes)]
+def _along(axes: tuple[int, ...], vector: Float[AnyArray, "*B 3"]) -> Float[AnyArray, "*B A"]:
+    return vector[..., np.array(axes)]

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
-from jaxtyping import Array, Float
+from jaxtyping import Float
+
+from neuroanimator.jax_later import is_jax_array, jnp
+from neuroanimator.state.arrays import AnyArray
 
 
 class Trajectory(NamedTuple):
-    """States and the controls that led from each to the next, on emulator or physics."""
+    """States and the controls that led from each to the next, on emulator or physics: all arrays of JAX, or of NumPy."""
 
-    states: Float[Array, "T+1 S"]
-    controls: Float[Array, "T C"]
-    control_scale: Float[Array, " C"]
+    states: Float[AnyArray, "T+1 S"]
+    controls: Float[AnyArray, "T C"]
+    control_scale: Float[AnyArray, " C"]
     """Magnitude of each control that counts as full effort."""
     dt: float
     """[s] From one state to the next."""
+
+    def beside(self, numbers: Iterable[Any]) -> Trajectory:
+        """Return it in arrays of JAX if any of its own, or any of `numbers`, is one."""
+        arrays = (self.states, self.controls, self.control_scale)
+        if not any(is_jax_array(array) for array in (*arrays, *numbers)):
+            return self
+        states, controls, control_scale = map(jnp.asarray, arrays)
+        return Trajectory(states, controls, control_scale, self.dt)

@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Num
+from jaxtyping import Bool, Float, Num
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
+from neuroanimator.jax_later import Array, jax, jnp
 from neuroanimator.state.pose import Pose
 
 

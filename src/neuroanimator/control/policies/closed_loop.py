@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.policies.behaviours import Behaviour
@@ -15,6 +12,7 @@ from neuroanimator.control.policies.steering import SteeringTarget, command_towa
 from neuroanimator.control.policies.super_step import is_in_c, make_super_step
 from neuroanimator.emulator.arrays import as_float32, as_jax
 from neuroanimator.errors import ArgumentError
+from neuroanimator.jax_later import Array, filter_jit, jax, jnp
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.structure import Structure
@@ -84,7 +82,7 @@ def _rollout_in_c(
     return as_jax(np.stack(path, axis=1))
 
 
-@eqx.filter_jit
+@filter_jit
 def _target(
     behaviour: Behaviour,
     structure: Structure,
@@ -95,7 +93,7 @@ def _target(
     return behaviour(read_pose(structure, latent), time)
 
 
-@eqx.filter_jit
+@filter_jit
 def _rollout_on_emulator(
     policy: Policy,
     behaviour: Behaviour,

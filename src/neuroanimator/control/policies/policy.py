@@ -10,15 +10,14 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.networks.network import Network
+from neuroanimator.jax_later import Array, PRNGKeyArray, jax, jnp
+from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.pose import Pose, read_pose
@@ -75,15 +74,15 @@ class Rhythm(NamedTuple):
         return cls(gait.period, gait.amplitudes, gait.lags, is_odd)
 
 
-class Policy(eqx.Module):
+class Policy(Module):
     """u = middle + half · tanh(waves of the gait + network(what the body feels, clock, command))."""
 
     emulator: Emulator
     """The emulator it was trained through: it feels what that sees."""
     network: Network
-    ranges: Bounds = eqx.field(static=True)
+    ranges: Bounds = static()
     """The range of each command it was trained on, in the order of `COMMAND`."""
-    rhythm: Rhythm = eqx.field(static=True)
+    rhythm: Rhythm = static()
 
     def __repr__(self) -> str:
         spec = self.emulator.spec
@@ -181,10 +180,16 @@ def fresh_policy(
 
     Raises ArgumentError for a system that cannot point anywhere.
     """
+    return make_policy(emulator, ranges, widths, jax.random.key(seed))
+
+
+def make_policy(
+    emulator: Emulator, ranges: Bounds, widths: tuple[int, ...], key: PRNGKeyArray | None
+) -> Policy:
+    """Return `fresh_policy` by a random key; without one its weights are zeros."""
     rhythm = Rhythm.from_emulator(emulator)
     size = emulator.control.size
-    key = jax.random.key(seed)
-    read_pose(latent_structure(emulator), emulator.encode(jnp.asarray(emulator.rest)))
+    _check_pose(emulator)
     others = emulator.normaliser.plain_mean.shape[0] - len(emulator.features.plain)
     odd, even = emulator.features.sizes(others)
     if emulator.encoding.is_mirrored:
@@ -200,3 +205,10 @@ def fresh_policy(
         odd += CLOCK_SIZE + COMMAND.size
         network = make_network("linear-glu", odd, even, size, widths, key)
     return Policy(emulator, network, ranges, rhythm)
+
+
+def _check_pose(emulator: Emulator) -> None:
+    """Raise ArgumentError for a system that cannot point anywhere."""
+    anywhere = np.zeros(emulator.encoding.layout.size)
+    with np.errstate(all="ignore"):
+        read_pose(latent_structure(emulator), anywhere)

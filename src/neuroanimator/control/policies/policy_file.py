@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import jax
-
-from neuroanimator.control.policies.policy import COMMAND, Policy, fresh_policy
+from neuroanimator.control.policies.policy import COMMAND, Policy, make_policy
 from neuroanimator.emulator.artifact import (
     FAULTS,
     check_format,
@@ -74,8 +72,7 @@ def load_policy(name: str | Path) -> Policy:
     emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
     check_format(path, emulator_format, EMULATOR_FORMAT, MAKER)
     try:
-        shapes = jax.eval_shape(lambda: blank_policy(metadata))
-        policy = with_tensors(shapes, policy_leaves, tensors)
+        policy = with_tensors(blank_policy(metadata), policy_leaves, tensors)
         if digest(emulator_tensors(policy.emulator)) != metadata["emulator_sha256"]:
             raise ValueError("its emulator is another than it was trained through")
         return policy
@@ -86,7 +83,7 @@ def load_policy(name: str | Path) -> Policy:
 
 
 def blank_policy(metadata: dict[str, Any]) -> Policy:
-    """Return a policy of the described structure with zeros or random numbers for weights."""
+    """Return a policy of the described structure with zeros for weights."""
     if metadata["command"] != COMMAND.to_json():
         raise ValueError("commands of another meaning")
     ranges = Bounds.from_json(metadata["ranges"], COMMAND.size, "ranges")
@@ -94,7 +91,7 @@ def blank_policy(metadata: dict[str, Any]) -> Policy:
         if not low < high:
             raise ValueError("ranges: wanted low below high for every command")
     widths = listed(metadata["widths"], "widths", _checked_width)
-    return fresh_policy(blank(metadata["emulator"]), ranges, widths)
+    return make_policy(blank(metadata["emulator"]), ranges, widths, None)
 
 
 def _checked_width(width: Any, label: str) -> int:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Float
 
 from neuroanimator.control.policies.closed_loop import choose_controls
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.jax_later import Array, PRNGKeyArray, jax, jnp
 
 NEARLY_AHEAD = 0.2
 """Share of all angles within which half of the random targets lie: most of a life is small corrections."""

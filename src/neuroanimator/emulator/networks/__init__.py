@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from jaxtyping import PRNGKeyArray
-
 from neuroanimator.emulator.networks.classic import Classic
 from neuroanimator.emulator.networks.gated import Gated
 from neuroanimator.emulator.networks.glu import Glu, LinearGlu
@@ -11,6 +9,7 @@ from neuroanimator.emulator.networks.hierarchy import Hierarchy, Part
 from neuroanimator.emulator.networks.mirrored import Mirrored
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.errors import ArgumentError
+from neuroanimator.jax_later import PRNGKeyArray
 
 NETWORKS: dict[str, type[Network]] = {
     "classic": Classic, "gated": Gated, "glu": Glu, "linear-glu": LinearGlu, "hierarchy": Hierarchy,
@@ -51,11 +50,11 @@ def make_network(
     even: int,
     out: int,
     widths: tuple[int, ...],
-    key: PRNGKeyArray,
+    key: PRNGKeyArray | None,
     even_out: tuple[int, ...] = (),
     parts: tuple[Part, ...] = (),
 ) -> Network:
-    """Return a fresh network of `kind` with hidden layers of `widths` units.
+    """Return a fresh network of `kind` with hidden layers of `widths` units; without a `key` its weights are zeros.
 
     `even_out` names the answers that stay what they are in the mirror; of `mirrored` and `hierarchy` only.
     `parts` says who sees and answers what; of `hierarchy` only.
@@ -64,7 +63,7 @@ def make_network(
     if kind not in NETWORKS:
         raise ArgumentError(f"No network called '{kind}'. Networks: {', '.join(sorted(NETWORKS))}.")
     if kind == "hierarchy":
-        return Hierarchy(odd, even, out, widths, key=key, even_out=even_out, parts=parts)
+        return Hierarchy.of(odd, even, out, widths, key=key, even_out=even_out, parts=parts)
     if kind == "mirrored":
-        return Mirrored(odd, even, out, widths, key=key, even_out=even_out)
-    return NETWORKS[kind](odd, even, out, widths, key=key)  # pyright: ignore[reportCallIssue]
+        return Mirrored.of(odd, even, out, widths, key=key, even_out=even_out)
+    return NETWORKS[kind].of(odd, even, out, widths, key=key)  # pyright: ignore[reportCallIssue]

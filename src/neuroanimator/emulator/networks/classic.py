@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Float
 
-from neuroanimator.emulator.networks.network import Network, random_weights
+from neuroanimator.emulator.arrays import zeros
+from neuroanimator.emulator.networks.network import Network, random_weights, split_key
 from neuroanimator.errors import ArgumentError
+from neuroanimator.jax_later import Array, PRNGKeyArray, jax
+from neuroanimator.state.arrays import AnyArray
 
 
 class Classic(Network):
@@ -18,23 +19,27 @@ class Classic(Network):
     σ(e + o) - σ(e - o) is odd in o; it is the network of 1998 minus its mirror image.
     """
 
-    odd_in: Float[Array, "O H"]
-    even_in: Float[Array, "E H"]
-    bias: Float[Array, " H"]
-    out: Float[Array, "H S"]
+    odd_in: Float[AnyArray, "O H"]
+    even_in: Float[AnyArray, "E H"]
+    bias: Float[AnyArray, " H"]
+    out: Float[AnyArray, "H S"]
 
-    def __init__(
-        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray
-    ):
+    @classmethod
+    def of(
+        cls, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray | None
+    ) -> Classic:
+        """Return a fresh network; without a key its weights are zeros."""
         if len(widths) != 1:
             raise ArgumentError(
                 f"widths: the classic network has one hidden layer, came {list(widths)}."
             )
-        keys = jax.random.split(key, 3)
-        self.odd_in = random_weights(keys[0], odd, widths[0])
-        self.even_in = random_weights(keys[1], even, widths[0])
-        self.bias = jnp.zeros(widths[0])
-        self.out = random_weights(keys[2], widths[0], out)
+        keys = split_key(key, 3)
+        return cls(
+            odd_in=random_weights(keys[0], odd, widths[0]),
+            even_in=random_weights(keys[1], even, widths[0]),
+            bias=zeros(widths[0]),
+            out=random_weights(keys[2], widths[0], out),
+        )
 
     def leaves(self) -> dict[str, Any]:
         return {

@@ -4,32 +4,43 @@ from __future__ import annotations
 
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+import numpy as np
+from jaxtyping import Float
 
-from neuroanimator.emulator.networks.network import Network, check_halves, prefixed, random_weights
+from neuroanimator.emulator.networks.network import (
+    Network,
+    check_halves,
+    prefixed,
+    random_weights,
+    split_key,
+)
+from neuroanimator.jax_later import Array, PRNGKeyArray, jnp
+from neuroanimator.pytrees import Module
+from neuroanimator.state.arrays import AnyArray
 
 
-class GatedLayer(eqx.Module):
+class GatedLayer(Module):
     """Products of a saturating and a linear part.
 
     tanh(odd) · linear(even) is odd again; tanh(odd) · linear(odd) and tanh(even) are even. Torque
     times inverse inertia and speed times speed, which mechanics is made of, are such products.
     """
 
-    odd_in: Float[Array, "O H3"]
+    odd_in: Float[AnyArray, "O H3"]
     """Side by side, because one product is faster than three: tanh of the odd units, tanh and factor of pairs."""
-    even_in: Float[Array, "E H2"]
+    even_in: Float[AnyArray, "E H2"]
     """Side by side: factor of the odd units, tanh of the even units."""
-    bias: Float[Array, " H2"]
+    bias: Float[AnyArray, " H2"]
 
-    def __init__(self, odd: int, even: int, half: int, *, key: PRNGKeyArray):
-        keys = jax.random.split(key)
-        self.odd_in = random_weights(keys[0], odd, 3 * half)
-        self.even_in = random_weights(keys[1], even, 2 * half)
-        self.bias = jnp.concatenate([jnp.ones(half), jnp.zeros(half)])
+    @classmethod
+    def of(cls, odd: int, even: int, half: int, *, key: PRNGKeyArray | None) -> GatedLayer:
+        """Return a fresh layer with `half` odd and as many even units; without a key its weights are zeros."""
+        keys = split_key(key, 2)
+        return cls(
+            odd_in=random_weights(keys[0], odd, 3 * half),
+            even_in=random_weights(keys[1], even, 2 * half),
+            bias=np.repeat(np.array([1, 0], np.float32), half),
+        )
 
     def __call__(
         self, odd: Float[Array, " O"], even: Float[Array, " E"]
@@ -47,19 +58,20 @@ class Gated(Network):
     """Layers of gated units, then a linear map. The default."""
 
     layers: tuple[GatedLayer, ...]
-    out: Float[Array, "H S"]
+    out: Float[AnyArray, "H S"]
 
-    def __init__(
-        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray
-    ):
+    @classmethod
+    def of(
+        cls, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray | None
+    ) -> Gated:
+        """Return a fresh network; without a key its weights are zeros."""
         check_halves(widths)
-        keys = jax.random.split(key, len(widths) + 1)
+        keys = split_key(key, len(widths) + 1)
         layers = []
         for width, layer_key in zip(widths, keys[1:], strict=True):
-            layers.append(GatedLayer(odd, even, width // 2, key=layer_key))
+            layers.append(GatedLayer.of(odd, even, width // 2, key=layer_key))
             odd = even = width // 2
-        self.layers = tuple(layers)
-        self.out = 0.1 * random_weights(keys[0], odd, out)
+        return cls(tuple(layers), random_weights(keys[0], odd, out, scale=0.1))
 
     def leaves(self) -> dict[str, Any]:
         return {**layer_leaves(self.layers), "out.weight": self.out}

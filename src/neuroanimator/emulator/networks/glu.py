@@ -4,34 +4,36 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+import numpy as np
+from jaxtyping import Float
 
-from neuroanimator.emulator.networks.network import Network, random_weights
+from neuroanimator.emulator.arrays import zeros
+from neuroanimator.emulator.networks.network import Network, random_weights, split_key
+from neuroanimator.jax_later import Array, PRNGKeyArray, jnp
+from neuroanimator.state.arrays import AnyArray
 
 
 class Glu(Network):
     """Layers tanh(W x + a) · (V x + b), then a linear map: gated units where there is no mirror to respect."""
 
-    layers: tuple[Float[Array, "I H2"], ...]
+    layers: tuple[Float[AnyArray, "I H2"], ...]
     """Side by side: saturating part, linear part."""
-    biases: tuple[Float[Array, " H2"], ...]
-    out: Float[Array, "H S"]
+    biases: tuple[Float[AnyArray, " H2"], ...]
+    out: Float[AnyArray, "H S"]
 
-    def __init__(
-        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray
-    ):
-        keys = jax.random.split(key, len(widths) + 1)
+    @classmethod
+    def of(
+        cls, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray | None
+    ) -> Glu:
+        """Return a fresh network; without a key its weights are zeros."""
+        keys = split_key(key, len(widths) + 1)
         sizes = [odd + even, *widths]
-        self.layers = tuple(
-            random_weights(k, rows, 2 * width)
-            for k, rows, width in zip(keys[1:], sizes, widths, strict=False)
-        )
-        self.biases = tuple(
-            jnp.concatenate([jnp.zeros(width), jnp.ones(width)]) for width in widths
-        )
-        self.out = 0.1 * random_weights(keys[0], sizes[-1], out)
+        layers = []
+        biases = []
+        for layer_key, rows, width in zip(keys[1:], sizes, widths, strict=False):
+            layers.append(random_weights(layer_key, rows, 2 * width))
+            biases.append(np.repeat(np.array([0, 1], np.float32), width))
+        return cls(tuple(layers), tuple(biases), random_weights(keys[0], sizes[-1], out, scale=0.1))
 
     def leaves(self) -> dict[str, Any]:
         tensors = {}
@@ -56,13 +58,14 @@ class LinearGlu(Network):
     """A linear map plus the layers of `Glu`, as `Mirrored` has one: what is nearly linear needs no units."""
 
     glu: Glu
-    linear: Float[Array, "I S"]
+    linear: Float[AnyArray, "I S"]
 
-    def __init__(
-        self, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray
-    ):
-        self.glu = Glu(odd, even, out, widths, key=key)
-        self.linear = jnp.zeros((odd + even, out))
+    @classmethod
+    def of(
+        cls, odd: int, even: int, out: int, widths: tuple[int, ...], *, key: PRNGKeyArray | None
+    ) -> LinearGlu:
+        """Return a fresh network, its linear map zero; without a key all its weights are."""
+        return cls(Glu.of(odd, even, out, widths, key=key), zeros(odd + even, out))
 
     def leaves(self) -> dict[str, Any]:
         return {**self.glu.leaves(), "linear.weight": self.linear}

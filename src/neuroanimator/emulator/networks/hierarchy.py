@@ -8,21 +8,21 @@ sees its own part finely, and what the upper one has just answered about it and 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Float
 
 from neuroanimator.emulator.features import reordered
 from neuroanimator.emulator.networks.glu import LinearGlu
 from neuroanimator.emulator.networks.mirrored import Mirrored
-from neuroanimator.emulator.networks.network import Network, prefixed
+from neuroanimator.emulator.networks.network import Network, prefixed, split_key
 from neuroanimator.errors import ArgumentError
+from neuroanimator.jax_later import Array, PRNGKeyArray, eqx, jnp
 from neuroanimator.parsing.names import check_label
 from neuroanimator.parsing.numbers import entries, whole
+from neuroanimator.pytrees import map_leaves, static
 from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.text import quoted
 
@@ -52,71 +52,96 @@ class Part:
     """Number of the earlier child whose weights it uses; -1: its own."""
 
 
+@dataclass(frozen=True)
+class _Family:
+    """Who sees and answers what in a hierarchy."""
+
+    parts: tuple[Part, ...]
+    """The upper one first."""
+    even: Entries
+    """Which answers are even in the mirror."""
+
+    def inputs(self, part: Part) -> tuple[list[int], list[int]]:
+        """Return a part's inputs: entries of the odd and the even stream, and -1, -2 ... for answers it hears."""
+        odd, even = self.answers(self.parts[0])
+        heard_odd = [-1 - odd.index(i) for i in part.hears if i in odd]
+        heard_even = [-1 - even.index(i) for i in part.hears if i in even]
+        return [*part.odd, *heard_odd], [*part.even, *heard_even]
+
+    def answers(self, part: Part) -> tuple[list[int], list[int]]:
+        """Return a part's odd and even answers."""
+        odd = [i for i in part.answers if i not in self.even]
+        even = [i for i in part.answers if i in self.even]
+        return odd, even
+
+    def network(
+        self, parts: tuple[Part, ...], widths: tuple[int, ...], key: PRNGKeyArray | None
+    ) -> LinearGlu | Mirrored:
+        """Return a network large enough for each of `parts`; its odd answers come first."""
+        inputs = [self.inputs(part) for part in parts]
+        answers = [self.answers(part) for part in parts]
+        odd_in = max(len(odd) for odd, _ in inputs)
+        even_in = max(len(even) for _, even in inputs)
+        odd_out = max(len(odd) for odd, _ in answers)
+        even_out = max(len(even) for _, even in answers)
+        if not self.even:
+            return LinearGlu.of(odd_in, even_in, odd_out, widths, key=key)
+        out = odd_out + even_out
+        even_last = tuple(range(odd_out, out))
+        return Mirrored.of(odd_in, even_in, out, widths, key=key, even_out=even_last)
+
+
+def _repeated(count: int, leaf: Float[np.ndarray, " ..."]) -> Float[np.ndarray, " ..."]:
+    """Return `count` times the same array, which take no more memory than one."""
+    return np.broadcast_to(leaf, (count, *leaf.shape))
+
+
 class Hierarchy(Network):
     """An upper network, and children side by side in one computation, each padded to the largest."""
 
     upper: LinearGlu | Mirrored
     children: LinearGlu | Mirrored
     """Arrays have a leading axis: one entry for each child with weights of its own."""
-    parts: tuple[Part, ...] = eqx.field(static=True)
+    parts: tuple[Part, ...] = static()
     """The upper one first."""
-    even: Entries = eqx.field(static=True)
+    even: Entries = static()
     """Which answers are even in the mirror; none where there is no mirror."""
 
-    def __init__(
-        self,
+    @classmethod
+    def of(
+        cls,
         odd: int,
         even: int,
         out: int,
         widths: tuple[int, ...],
         *,
-        key: PRNGKeyArray,
+        key: PRNGKeyArray | None,
         even_out: Entries,
         parts: tuple[Part, ...],
-    ):
-        """`widths` are the upper network's hidden layers, then a 0, then those of every child."""
-        check_parts(parts, odd, even, out, widths)
-        self.parts = parts
-        self.even = tuple(even_out)
-        upper_key, children_key = jax.random.split(key)
-        middle = widths.index(0)
-        self.upper = self._make(parts[:1], widths[:middle], upper_key)
+    ) -> Hierarchy:
+        """Return a fresh network; without a key its weights are zeros.
 
-        def make_child(key: PRNGKeyArray) -> LinearGlu | Mirrored:
-            return self._make(parts[1:], widths[middle + 1 :], key)
+        `widths` are the upper network's hidden layers, then a 0, then those of every child.
+        """
+        check_parts(parts, odd, even, out, widths)
+        family = _Family(parts, tuple(even_out))
+        upper_key, children_key = split_key(key, 2)
+        middle = widths.index(0)
+        upper = family.network(parts[:1], widths[:middle], upper_key)
+
+        def make_child(key: PRNGKeyArray | None) -> LinearGlu | Mirrored:
+            return family.network(parts[1:], widths[middle + 1 :], key)
 
         with_own_weights = sum(part.like < 0 for part in parts[1:])
-        keys = jax.random.split(children_key, with_own_weights)
-        self.children = eqx.filter_vmap(make_child)(keys)
+        if key is None:
+            children = map_leaves(partial(_repeated, with_own_weights), make_child(None))
+        else:
+            children = eqx.filter_vmap(make_child)(split_key(children_key, with_own_weights))
+        return cls(upper, children, parts, family.even)
 
-    def _make(
-        self, parts: tuple[Part, ...], widths: tuple[int, ...], key: PRNGKeyArray
-    ) -> LinearGlu | Mirrored:
-        """Return a network large enough for each of `parts`; its odd answers come first."""
-        inputs = [self._inputs(part) for part in parts]
-        answers = [self._answers(part) for part in parts]
-        odd_in = max(len(odd) for odd, _ in inputs)
-        even_in = max(len(even) for _, even in inputs)
-        odd_out = max(len(odd) for odd, _ in answers)
-        even_out = max(len(even) for _, even in answers)
-        if not self.even:
-            return LinearGlu(odd_in, even_in, odd_out, widths, key=key)
-        out = odd_out + even_out
-        even_last = tuple(range(odd_out, out))
-        return Mirrored(odd_in, even_in, out, widths, key=key, even_out=even_last)
-
-    def _inputs(self, part: Part) -> tuple[list[int], list[int]]:
-        """Return a part's inputs: entries of the odd and the even stream, and -1, -2 ... for answers it hears."""
-        odd, even = self._answers(self.parts[0])
-        heard_odd = [-1 - odd.index(i) for i in part.hears if i in odd]
-        heard_even = [-1 - even.index(i) for i in part.hears if i in even]
-        return [*part.odd, *heard_odd], [*part.even, *heard_even]
-
-    def _answers(self, part: Part) -> tuple[list[int], list[int]]:
-        """Return a part's odd and even answers."""
-        odd = [i for i in part.answers if i not in self.even]
-        even = [i for i in part.answers if i in self.even]
-        return odd, even
+    @property
+    def _family(self) -> _Family:
+        return _Family(self.parts, self.even)
 
     def leaves(self) -> dict[str, Any]:
         upper = prefixed("upper", self.upper.leaves())
@@ -125,16 +150,15 @@ class Hierarchy(Network):
 
     @property
     def widths(self) -> tuple[int, ...]:
-        stacked = eqx.filter(self.children, eqx.is_array_like)
-        first = jax.tree.map(lambda leaf: leaf[0], stacked)
-        child = eqx.combine(first, self.children)
+        child = map_leaves(lambda leaf: leaf[0], self.children)
         return (*self.upper.widths, 0, *child.widths)
 
     def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
         above = self.parts[0]
+        family = self._family
         told = self.upper(odd[np.array(above.odd, int)], even[np.array(above.even, int)])
-        split = len(self._answers(above)[0])
-        inputs = [self._inputs(part) for part in self.parts[1:]]
+        split = len(family.answers(above)[0])
+        inputs = [family.inputs(part) for part in self.parts[1:]]
         odd_seen = _padded(odd, told[:split], [rows for rows, _ in inputs])
         even_seen = _padded(even, told[split:], [rows for _, rows in inputs])
 
@@ -149,13 +173,7 @@ class Hierarchy(Network):
         rows = self._weight_rows()
         if rows == list(range(len(rows))):
             return self.children
-
-        def chosen(leaf: Any) -> Any:
-            if eqx.is_array(leaf):
-                return leaf[np.array(rows)]
-            return leaf
-
-        return jax.tree.map(chosen, self.children)
+        return map_leaves(lambda leaf: leaf[np.array(rows)], self.children)
 
     def _weight_rows(self) -> list[int]:
         """Return which entry of `children` holds the weights of each child."""
@@ -171,9 +189,10 @@ class Hierarchy(Network):
 
     def _order(self, width: int) -> Entries:
         """Return where each number of the change lies in (upper answers, children's answers padded to `width`)."""
-        odd, even = self._answers(self.parts[0])
+        family = self._family
+        odd, even = family.answers(self.parts[0])
         place_of = {entry: place for place, entry in enumerate([*odd, *even])}
-        children = [self._answers(part) for part in self.parts[1:]]
+        children = [family.answers(part) for part in self.parts[1:]]
         most_odd = max(len(odd) for odd, _ in children)
         start = len(place_of)
         for odd, even in children:

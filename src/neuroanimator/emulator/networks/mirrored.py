@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Float
 
+from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.features import reordered
 from neuroanimator.emulator.networks.gated import GatedLayer, layer_leaves
-from neuroanimator.emulator.networks.network import Network, check_halves, random_weights
+from neuroanimator.emulator.networks.network import Network, check_halves, random_weights, split_key
+from neuroanimator.jax_later import Array, PRNGKeyArray, jnp
+from neuroanimator.pytrees import static
+from neuroanimator.state.arrays import AnyArray
 
 
 class Mirrored(Network):
@@ -23,37 +24,43 @@ class Mirrored(Network):
     """
 
     layers: tuple[GatedLayer, ...]
-    odd_out: Float[Array, "H O"]
-    even_out: Float[Array, "H E"]
-    odd_linear: Float[Array, "I O"]
-    even_linear: Float[Array, "J E"]
-    even: tuple[int, ...] = eqx.field(static=True)
+    odd_out: Float[AnyArray, "H O"]
+    even_out: Float[AnyArray, "H E"]
+    odd_linear: Float[AnyArray, "I O"]
+    even_linear: Float[AnyArray, "J E"]
+    even: tuple[int, ...] = static()
     """Which answers are even."""
 
-    def __init__(
-        self,
+    @classmethod
+    def of(
+        cls,
         odd: int,
         even: int,
         out: int,
         widths: tuple[int, ...],
         *,
-        key: PRNGKeyArray,
+        key: PRNGKeyArray | None,
         even_out: tuple[int, ...],
-    ):
+    ) -> Mirrored:
+        """Return a fresh network, its linear map zero; without a key all its weights are."""
         check_halves(widths)
-        keys = jax.random.split(key, len(widths) + 2)
-        self.even = tuple(even_out)
-        even_answers = len(self.even)
+        keys = split_key(key, len(widths) + 2)
+        even_answers = len(even_out)
         odd_answers = out - even_answers
-        self.odd_linear = jnp.zeros((odd, odd_answers))
-        self.even_linear = jnp.zeros((even, even_answers))
+        odd_linear = zeros(odd, odd_answers)
+        even_linear = zeros(even, even_answers)
         layers = []
         for width, layer_key in zip(widths, keys[2:], strict=True):
-            layers.append(GatedLayer(odd, even, width // 2, key=layer_key))
+            layers.append(GatedLayer.of(odd, even, width // 2, key=layer_key))
             odd = even = width // 2
-        self.layers = tuple(layers)
-        self.odd_out = 0.1 * random_weights(keys[0], odd, odd_answers)
-        self.even_out = 0.1 * random_weights(keys[1], even, even_answers)
+        return cls(
+            layers=tuple(layers),
+            odd_out=random_weights(keys[0], odd, odd_answers, scale=0.1),
+            even_out=random_weights(keys[1], even, even_answers, scale=0.1),
+            odd_linear=odd_linear,
+            even_linear=even_linear,
+            even=tuple(even_out),
+        )
 
     def leaves(self) -> dict[str, Any]:
         return {

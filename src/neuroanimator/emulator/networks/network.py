@@ -10,15 +10,16 @@ from __future__ import annotations
 import abc
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Float
 
+from neuroanimator.emulator.arrays import zeros
 from neuroanimator.errors import ArgumentError
+from neuroanimator.jax_later import Array, PRNGKeyArray, jax, jnp
+from neuroanimator.pytrees import Module
+from neuroanimator.state.arrays import AnyArray
 
 
-class Network(eqx.Module):
+class Network(Module):
     """A map (odd, even) → normalised change of state."""
 
     @property
@@ -48,6 +49,15 @@ def check_halves(widths: tuple[int, ...]) -> None:
         )
 
 
-def random_weights(key: PRNGKeyArray, rows: int, columns: int) -> Float[Array, "{rows} {columns}"]:
-    """Return normal weights that keep numbers of order one of order one."""
-    return jax.random.normal(key, (rows, columns)) / jnp.sqrt(max(rows, 1))
+def split_key(key: PRNGKeyArray | None, count: int) -> Any:
+    """Return so many keys, or as many times none: then weights are zeros, for a file to fill."""
+    return [None] * count if key is None else jax.random.split(key, count)
+
+
+def random_weights(
+    key: PRNGKeyArray | None, rows: int, columns: int, scale: float = 1.0
+) -> Float[AnyArray, "{rows} {columns}"]:
+    """Return normal weights that keep numbers of order one of the order `scale`; zeros without a key."""
+    if key is None:
+        return zeros(rows, columns)
+    return scale * (jax.random.normal(key, (rows, columns)) / jnp.sqrt(max(rows, 1)))

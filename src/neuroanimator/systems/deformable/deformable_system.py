@@ -5,12 +5,11 @@ from __future__ import annotations
 from functools import lru_cache, partial
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.definitions.body import BodyDefinition, control_names
+from neuroanimator.jax_later import Array, jax, jnp, when_imported
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.reference_shape import to_world_axes
 from neuroanimator.state.rotation import facing, multiply, rotated_by
@@ -52,7 +51,7 @@ class DeformableSystem(System):
 
     def __init__(self, definition: BodyDefinition, definition_text: str = ""):
         """`definition_text` is what the system can be made from again; empty for one that comes with the package."""
-        keep_programs()
+        when_imported(keep_programs)
         self.name = definition.name
         self.definition_text = definition_text
         self.body = _body(definition.model_dump_json())
@@ -182,7 +181,7 @@ class DeformableSystem(System):
         return multiply(heading, rotated_by(upright, tilt))
 
 
-def _rows_last(rows: np.ndarray) -> jax.Array:
+def _rows_last(rows: np.ndarray) -> Array:
     """Return `rows` (B, ...) as the physics in JAX takes them: (..., B)."""
     return jnp.asarray(np.moveaxis(rows, 0, -1))
 
