@@ -11,6 +11,12 @@ MAX_TEACHER_ERROR = 0.002
 ANGLE_SPREAD = 3.1416
 """This half width [rad] spreads random starts over all angles; it is pi, rounded for people to read."""
 
+MAX_TURN = 0.5
+"""Nothing should turn farther than this in a super step [rad], but in a twentieth of the time."""
+
+FASTEST = 95
+"""This percentile of the velocities counts as the fastest that occurs."""
+
 
 def proposed_substeps(step: float) -> int:
     """Return how many steps of `step` [s] a super step should have."""

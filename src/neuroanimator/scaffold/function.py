@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -11,12 +12,25 @@ from jaxtyping import Float
 
 from neuroanimator.definitions.function import PythonDefinition, StartSampling
 from neuroanimator.errors import BadFileError
-from neuroanimator.scaffold.defaults import ANGLE_SPREAD, MAX_TEACHER_ERROR, proposed_substeps
+from neuroanimator.scaffold.defaults import (
+    ANGLE_SPREAD,
+    FASTEST,
+    MAX_TEACHER_ERROR,
+    MAX_TURN,
+    proposed_substeps,
+)
+from neuroanimator.scaffold.step_structure import (
+    placeless_entries,
+    rate_entries,
+    turning_entries,
+    wrapped,
+)
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.functions.step_file import call_step, run_file
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.tables import check_table
+from neuroanimator.text import listed
 
 FINE_PARTS = 10
 """The fine step, which every error is measured against, is the user's step cut into this many."""
@@ -76,11 +90,16 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str], tupl
     files = {"name": path.name, "sha256": digest}
     values = _declared(path, module)
     notes: dict[str, str] = {}
+    system = PythonSystem(_check(values, path), files)
+    _see_structure(system, module, values, notes)
+    system = PythonSystem(_check(values, path), files)
     if not getattr(module, "SPREAD", None):
-        widths = _spread_of_trials(PythonSystem(_check(values, path), files))
+        widths = _spread_of_trials(system)
         for part, width in zip(values["state"], widths, strict=True):
             part["spread"] = width
         notes["state.spread"] = "as far as trial runs went; SPREAD in the file says it better"
+        system = PythonSystem(_check(values, path), files)
+    values["substeps"], notes["substeps"] = _substeps(system)
     system = PythonSystem(_check(values, path), files)
     _check_batches(system)
     notes["physics.truth_step"] = AT_ITS_OWN_STEP.format(file=path.name)
@@ -92,7 +111,81 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str], tupl
         notes["physics.truth_step"] = (
             f"{path.name} says ODE; teaches with an error of {error:.2g} of a step's change"
         )
-    return _check(values, path), notes, ()
+    return _check(values, path), notes, tuple(_warnings(system))
+
+
+def _see_structure(
+    system: PythonSystem, module: ModuleType, values: dict[str, Any], notes: dict[str, str]
+) -> None:
+    """Fill in what trial calls show and the file does not declare: angles, what may stand anywhere, and rates."""
+    states, controls = _trial(system)
+    units = []
+    for part in system.state.slices:
+        units += [part.unit] * part.size
+
+    def step(states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N S"]:
+        runs = system.simulate(states, controls[:, None], system.physics_dt, scheme=system.scheme)
+        return runs.states[:, 1]
+
+    is_turning = turning_entries(step, states, units)
+    is_placeless = placeless_entries(step, states, units)
+    rates = rate_entries(states, step(states), system.physics_dt, units)
+    for part in values["state"]:
+        entries = system.state.index(part["name"])
+        is_given = part["feature"] != "plain" or getattr(module, "ANGLES", ())
+        if is_placeless[entries].all():
+            part["feature"] = "cyclic"
+        elif is_turning[entries].all() and not is_given:
+            part["feature"] = "sine"
+            part["spread"] = (
+                part["spread"] if any(part["spread"]) else [ANGLE_SPREAD] * part["size"]
+            )
+        if not part["rate"] and not getattr(module, "RATES", None):
+            part["rate"] = _rate_part(system, entries, rates)
+    notes["state.feature"] = "from calls that differ by a whole turn, or by where a part is"
+    notes["state.rate"] = "where a step changes one part by dt times another"
+
+
+def _rate_part(system: PythonSystem, entries: slice, rates: dict[int, int]) -> str:
+    """Return the part whose entries, in order, are the rates of those at `entries`; empty if none is."""
+    found = [rates.get(entry) for entry in range(entries.start, entries.stop)]
+    for part in system.state.slices:
+        place = system.state.index(part.name)
+        if found == list(range(place.start, place.stop)):
+            return part.name
+    return ""
+
+
+def _substeps(system: PythonSystem) -> tuple[int, str]:
+    """Return how many steps a super step should have, and why: no angle should turn too far in it."""
+    substeps = proposed_substeps(system.physics_dt)
+    entries = [row.index(1) for row in system.structure.angles]
+    if not entries:
+        return substeps, f"a super step of {substeps * system.physics_dt:g} s"
+    states, controls = _trial(system)
+    runs = system.simulate(states, controls[:, None], system.physics_dt, scheme=system.scheme)
+    turns = np.abs(wrapped((runs.states[:, 1] - states)[:, entries]))
+    turn = float(np.percentile(turns, FASTEST, axis=0).max())
+    if turn > 0:
+        substeps = max(1, min(substeps, int(MAX_TURN / turn)))
+    return substeps, (
+        f"a super step of {substeps * system.physics_dt:g} s, in which angles turn by up to {substeps * turn:.2g} rad"
+    )
+
+
+def _warnings(system: PythonSystem) -> Iterator[str]:
+    """Yield what the user should look at, one line each."""
+    states, controls = _trial(system)
+    runs = system.simulate(states, controls[:, None], system.physics_dt, scheme=system.scheme)
+    is_still = (runs.states[:, 1] == states).all(axis=0)
+    still = [name for name, stands in zip(system.state.names, is_still, strict=True) if stands]
+    if still:
+        yield f"state: {listed(still)} never change. Leave them out of STATE, or check step."
+    other = controls + np.where(controls < system.bounds.middle, 0.5, -0.5) * system.bounds.half
+    driven = system.simulate(states, other[:, None], system.physics_dt * 5, scheme=system.scheme)
+    usual = system.simulate(states, controls[:, None], system.physics_dt * 5, scheme=system.scheme)
+    if np.array_equal(driven.states, usual.states):
+        yield "control: nothing that step returns depends on it. Check step."
 
 
 def _check(values: dict[str, Any], path: Path) -> PythonDefinition:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import BadFileError
-from neuroanimator.scaffold.defaults import ANGLE_SPREAD, WANTED_SUPER_STEP, tidy
+from neuroanimator.scaffold.defaults import ANGLE_SPREAD, MAX_TURN, WANTED_SUPER_STEP, tidy
 from neuroanimator.scaffold.holding import Hold
 from neuroanimator.scaffold.surroundings import (
     has_free_root,
@@ -38,10 +38,6 @@ from neuroanimator.terminal import progress_bar
 
 SUPER_STEPS = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)
 """Super steps of about these lengths are tried, the longest first [s]."""
-
-
-MAX_TURN = 0.5
-"""Nothing should turn farther than this in a super step [rad], but in a twentieth of the time."""
 
 
 HOPEFUL = 1.6

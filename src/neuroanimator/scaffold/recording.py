@@ -2,58 +2,132 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import BadFileError
-from neuroanimator.scaffold.defaults import proposed_substeps
+from neuroanimator.scaffold.defaults import FASTEST, MAX_TURN, proposed_substeps
 from neuroanimator.state.units import rate_unit
 from neuroanimator.systems.recorded.recording import Recording, read_recording
 from neuroanimator.systems.trusted_files import digest_of
 from neuroanimator.tables import check_table
+from neuroanimator.text import listed
 
 HALF_TURN = np.pi
 """An angle that covers more than this [rad] is represented by its sine and cosine."""
 
 RATE_ERROR = 0.15
-"""A column is taken for a slope if their rms difference is less than this share of the column's own rms."""
+"""A column is taken for another's rate if what it adds up to is off by less than this share of that one's change."""
+
+SPANS = (1, 2, 5, 10, 20, 50)
+"""Changes over so many samples are compared: noise stays as it is, and the change grows."""
+
+MIN_CHANGES = 8
+"""A span counts if the recordings have so many changes over it."""
 
 
-def propose_recording(path: Path) -> tuple[RecordedDefinition, dict[str, str], tuple[str, ...]]:
-    """Return a definition of the recordings at `path` and notes on its keys.
+def propose_recording(
+    path: Path,
+) -> tuple[RecordedDefinition, dict[str, str], tuple[str, ...]]:
+    """Return a definition of the recordings at `path`, notes on its keys, and what to look at.
 
     The user must have allowed the file to be opened, see `trust_file`. Raises BadFileError for a
-    control that never changes.
+    control that never changes, and for recordings in which nothing moves.
     """
     digest = digest_of(path)
     recording = read_recording(digest, path.name)
-    rates = _rates(recording)
+    _refuse_standstill(recording, path)
+    runs = _unwrapped(recording)
+    rates = _rates(recording, runs)
     state = []
     for entry in range(len(recording.state)):
         state.append(_state_part(recording, entry, rates.get(entry)))
     control = []
     for entry in range(len(recording.control)):
         control.append(_control_part(recording, entry, path))
+    substeps, note = _substeps(recording, runs, state)
     values = {
         "name": path.stem.lower().replace(" ", "-"),
         "kind": "recorded",
         "file": path.name,
-        "substeps": proposed_substeps(recording.step),
+        "substeps": substeps,
         "physics": {"step": recording.step},
         "state": state,
         "control": control,
     }
-    notes = {"physics.step": f"the sampling interval [s]; {len(recording.states)} runs"}
-    return check_table(values, path.name, RecordedDefinition), notes, ()
+    notes = {
+        "substeps": note,
+        "physics.step": f"the sampling interval [s]; {len(recording.states)} runs",
+        "state.rate": "where one column adds up to another's changes, noise left aside",
+    }
+    definition = check_table(values, path.name, RecordedDefinition)
+    return definition, notes, tuple(_warnings(recording))
+
+
+def _refuse_standstill(recording: Recording, path: Path) -> None:
+    """Raise BadFileError if no state column ever changes."""
+    if all(np.ptp(_column(recording, entry)) == 0 for entry in range(len(recording.state))):
+        raise BadFileError(
+            f"{path.name}: the state is the same in every row, so there is no motion to learn. Record while it moves."
+        )
+
+
+def _column(recording: Recording, entry: int) -> Float[np.ndarray, " N"]:
+    """Return a state column, all runs one after the other."""
+    return np.concatenate([states[:, entry] for states in recording.states])
+
+
+def _warnings(recording: Recording) -> Iterator[str]:
+    """Yield what the user should look at, one line each."""
+    still = []
+    for entry, (name, _) in enumerate(recording.state):
+        if np.ptp(_column(recording, entry)) == 0:
+            still.append(f"state.{name}")
+    if still:
+        yield f"{listed(still)}: the same in every row, so nothing can be learned of it. Remove the column."
+
+
+def _unwrapped(recording: Recording) -> list[Float[np.ndarray, "_ S"]]:
+    """Return each run's states; angles go on where the recording has them jump by a whole turn."""
+    is_angle = np.array([unit == "rad" for _, unit in recording.state])
+    runs = []
+    for states in recording.states:
+        continuous = states.copy()
+        continuous[:, is_angle] = np.unwrap(states[:, is_angle], axis=0)
+        runs.append(continuous)
+    return runs
+
+
+def _substeps(
+    recording: Recording, runs: list[Float[np.ndarray, "_ S"]], state: list[dict[str, Any]]
+) -> tuple[int, str]:
+    """Return how many samples a super step should have, and why: no angle should turn too far in it."""
+    substeps = proposed_substeps(recording.step)
+    turning = [entry for entry, part in enumerate(state) if part["feature"] == "sine"]
+    turn = 0.0
+    for entry in turning:
+        # Over the whole super step: noise between two samples is no motion.
+        changes = _changes(runs, entry, substeps)
+        if len(changes):
+            fastest = float(np.percentile(np.abs(changes), FASTEST))
+            turn = max(turn, fastest / substeps)
+    if turn > 0:
+        substeps = max(1, min(substeps, int(MAX_TURN / turn)))
+    note = f"samples; a super step of {substeps * recording.step:g} s"
+    if turning:
+        note += f", in which angles turn by up to {substeps * turn:.2g} rad"
+    return substeps, note
 
 
 def _state_part(recording: Recording, entry: int, rate_entry: int | None) -> dict[str, Any]:
     """Return the TOML table of one state column, whose rate of change is the column `rate_entry`."""
     name, unit = recording.state[entry]
-    column = np.concatenate([states[:, entry] for states in recording.states])
+    column = _column(recording, entry)
     is_full_turn = unit == "rad" and np.ptp(column) > HALF_TURN
     feature = "plain"
     if is_full_turn:
@@ -84,26 +158,44 @@ def _control_part(recording: Recording, entry: int, path: Path) -> dict[str, Any
     return {"name": name, "unit": unit, "low": [low], "high": [high]}
 
 
-def _rates(recording: Recording) -> dict[int, int]:
+def _rates(recording: Recording, runs: list[Float[np.ndarray, "_ S"]]) -> dict[int, int]:
     """Return {entry: the entry that is its rate of change}, where units and numbers agree."""
-    rates = {}
+    rates: dict[int, int] = {}
     for entry, (_, unit) in enumerate(recording.state):
+        best = RATE_ERROR
         for other, (_, other_unit) in enumerate(recording.state):
-            if other_unit == rate_unit(unit) and _is_rate(recording, entry, other):
+            if other_unit != rate_unit(unit):
+                continue
+            error = _rate_error(runs, recording.step, entry, other)
+            if error < best:
+                best = error
                 rates[entry] = other
     return rates
 
 
-def _is_rate(recording: Recording, entry: int, other: int) -> bool:
-    """Return whether the slope of one entry is the other, as far as differences between samples can tell."""
-    differences = [np.diff(states[:, entry]) for states in recording.states]
-    slopes = np.concatenate(differences) / recording.step
-    midpoints = [(states[1:, other] + states[:-1, other]) / 2 for states in recording.states]
-    rates = np.concatenate(midpoints)
-    # An angle that jumps from pi to -pi has no slope there.
-    is_smooth = np.abs(slopes) < HALF_TURN / recording.step
-    if not is_smooth.any():
-        return False
-    rms_rate = np.sqrt(np.mean(rates[is_smooth] ** 2))
-    rms_difference = np.sqrt(np.mean((slopes - rates)[is_smooth] ** 2))
-    return bool(rms_rate > 0 and rms_difference < RATE_ERROR * rms_rate)
+def _rate_error(runs: list[Float[np.ndarray, "_ S"]], step: float, entry: int, other: int) -> float:
+    """Return how far what one entry adds up to is off the other's changes, as a share of these; the least of `SPANS`.
+
+    Infinite if the recordings are too short to tell, or if nothing changes.
+    """
+    sums = []
+    for states in runs:
+        means = (states[1:, other] + states[:-1, other]) / 2
+        total = np.concatenate([[0.0], np.cumsum(means)]) * step
+        sums.append(total[:, None])
+    errors = [float("inf")]
+    for span in SPANS:
+        changes = _changes(runs, entry, span)
+        added = _changes(sums, 0, span)
+        rms = np.sqrt(np.mean(added**2)) if len(added) >= MIN_CHANGES else 0.0
+        if rms > 0:
+            errors.append(float(np.sqrt(np.mean((changes - added) ** 2)) / rms))
+    return min(errors)
+
+
+def _changes(
+    runs: list[Float[np.ndarray, "_ S"]], entry: int, span: int
+) -> Float[np.ndarray, " N"]:
+    """Return by how much an entry changes over `span` samples, wherever a run is long enough."""
+    changes = [states[span:, entry] - states[:-span, entry] for states in runs]
+    return np.concatenate(changes)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
+from neuroanimator.scaffold.defaults import FASTEST
 from neuroanimator.scaffold.holding import at
 from neuroanimator.state.rotation import rotate_back
 from neuroanimator.systems.rigid.joints import JointView
@@ -33,9 +34,6 @@ EVALUATIONS = {"rk4": 4}
 
 TRIAL_SEED = 0
 """Trial runs are drawn with this seed, so that a proposal is the same every time."""
-
-FASTEST = 95
-"""This percentile of the velocities counts as the fastest that occurs."""
 
 OUTER = 1
 """Positions below this percentile, and above its counterpart, are left out of what occurs."""

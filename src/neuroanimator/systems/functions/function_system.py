@@ -19,6 +19,9 @@ from neuroanimator.systems.state_parts import (
 )
 from neuroanimator.systems.system import Scheme, System
 
+WHOLE_TURN = 2 * np.pi
+"""An angle may jump by this [rad] and be the same."""
+
 FUNCTION = "function"
 """The only integrator there is: the function itself, called with a smaller or a larger dt."""
 
@@ -48,6 +51,7 @@ class PythonSystem(System):
         self.truth = Scheme(FUNCTION, physics.truth_step)
         self.fine = Scheme(FUNCTION, physics.fine_step)
         self.structure = structure_of_parts(definition.state)
+        self._angles = [row.index(1) for row in self.structure.angles]
         self.skeleton = Skeleton(())
         self.rest = numbers_of(definition.state, "rest")
         self.spread = numbers_of(definition.state, "spread")
@@ -85,14 +89,24 @@ class PythonSystem(System):
         controls: Float[np.ndarray, "B C"],
         dt: float,
     ) -> None:
-        """Take one step of all `states` in place; those that have diverged stay as they are."""
+        """Take one step of all `states` in place; those that have diverged stay as they are.
+
+        An angle goes on where the function has it jump from pi to -pi: a jump is no motion.
+        """
         alive = np.flatnonzero(~are_too_large(states))
+        before = states[:, self._angles]
         if self.batched and len(alive):
             columns = call_step(function, self.file, states[alive].T, controls[alive].T, dt)
             states[alive] = columns.T
-            return
-        for row in alive:
-            states[row] = call_step(function, self.file, states[row], controls[row], dt)
+        else:
+            for row in alive:
+                states[row] = call_step(function, self.file, states[row], controls[row], dt)
+        if self._angles:
+            with np.errstate(invalid="ignore"):  # of states that have diverged
+                change = states[:, self._angles] - before
+            is_jump = np.isfinite(change) & (np.abs(change) > WHOLE_TURN / 2)
+            turns = np.round(np.where(is_jump, change, 0.0) / WHOLE_TURN)
+            states[:, self._angles] -= WHOLE_TURN * turns
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
         is_near_rest = rng.random(count) < self.sampling.rest_share

@@ -34,6 +34,12 @@ READERS: dict[str, Callable[[bytes, str], Samples]] = {".csv": read_csv, ".npz":
 INTERVAL_TOLERANCE = 1e-3
 """The sampling interval may vary by this share of itself; clocks are better than that."""
 
+DRIFTING_SHARE = 0.05
+"""If more than this share of the intervals are off, it is the clock, not a gap."""
+
+FEW_GAPS = 3
+"""As few as this are gaps, whatever share of a short recording they are."""
+
 INTERVAL_DIGITS = 6
 """The sampling interval is rounded to so many significant digits: times in a file are rounded too."""
 
@@ -111,6 +117,13 @@ def _interval(
     usual = float(np.median(gaps[is_inside]))
     is_unusual = np.abs(gaps - usual) > INTERVAL_TOLERANCE * usual
     wrong = np.flatnonzero(is_inside & is_unusual)
+    if usual > 0 and len(wrong) > max(FEW_GAPS, DRIFTING_SHARE * is_inside.sum()):
+        least = gaps[is_inside].min()
+        largest = gaps[is_inside].max()
+        raise BadFileError(
+            f"{name}: the clock drifts or jitters: rows are {least:.6g} to {largest:.6g} s apart, usually {usual:.6g} s. "
+            "Resample to a constant interval."
+        )
     if usual <= 0 or len(wrong):
         row = 0
         if len(wrong):
