@@ -11,24 +11,22 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from neuroanimator.cli.control_words import start_in_words, time_rows
 from neuroanimator.errors import ArgumentError
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from neuroanimator.control.synthesis.synthesise import Synthesis
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.systems.system import System
 
 EXAMPLE = "neuroanimator control pendulum --goal upright --seconds 1.5 --out swing-up.csv"
-MAX_PARTS_TOLD = 6
-"""Of a start, by name: more than these are a swimmer's mass points."""
-MIN_PHASE_TOLD = 0.1
-"""[s]"""
 # Written out, as is the default of iterations: looking them up would load JAX before it is needed; a test compares.
 START_HELP = (
     "Part of the state a goal is reached from, such as root.position=3,-2,8; may be given several times. "
     "The goal's own start if not given."
+)
+CLOSED_LOOP_HELP = (
+    "Plan again at every super step, from where the physics really is, and so hold the goal."
 )
 METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
 
@@ -66,6 +64,13 @@ def run(
     effort_weight: Annotated[
         float | None, typer.Option(help="Weight of effort in a goal's J; 1 if not given.")
     ] = None,
+    closed_loop: Annotated[bool, typer.Option("--closed-loop", help=CLOSED_LOOP_HELP)] = False,
+    horizon: Annotated[
+        float | None,
+        typer.Option(
+            help="How far a plan of --closed-loop looks ahead [s]; 20 super steps if not given."
+        ),
+    ] = None,
     system: Annotated[
         Path | None,
         typer.Option(
@@ -100,6 +105,10 @@ def run(
 
         own = load_system(str(system)) if system else None
         model = emulator_for([glb] if glb else [], emulator)
+        if closed_loop:
+            _refuse_in_closed_loop(objective=objective, starts=starts, data=data, log=log)
+        elif horizon is not None:
+            raise ArgumentError("horizon: goes with --closed-loop only. Leave it out.")
         if objective is None:
             search = _search_goal(model, own, goal, seconds, effort_weight, start or [])
         else:
@@ -108,6 +117,8 @@ def run(
                     "objective: its file says all that --goal, --seconds, --start and --effort-weight do. Leave these out."
                 )
             search = _search_objective(model, own, objective)
+    if search.closed_loop is not None and closed_loop:
+        return search.closed_loop(seconds=seconds, horizon=horizon, out=out, glb=glb, began=began)
     if search.nothing_to_find:
         return print_line(search.nothing_to_find)
     with watching(log, iterations) as on_iteration:
@@ -127,7 +138,7 @@ def run(
         print_line(f"neuroanimator: {warning}", to_stderr=True)
     _write(synthesis, out, glb)
     files = [("file", path) for path in (out, glb, log) if path]
-    rows = [("start", search.start), *outcome_rows(synthesis), *_time_rows(began), *files]
+    rows = [("start", search.start), *outcome_rows(synthesis), *time_rows(began), *files]
     return print_rows(rows)
 
 
@@ -145,6 +156,8 @@ class _Search(NamedTuple):
     """First guesses to descend from, if nothing else is said."""
     nothing_to_find: str = ""
     """What to say where the start fulfils the goal already; empty where it does not."""
+    closed_loop: Callable[..., None] | None = None
+    """What goes for it in closed loop; of goals only."""
 
 
 def _search_objective(emulator: Emulator, own: System | None, path: Path) -> _Search:
@@ -166,6 +179,7 @@ def _search_goal(
     starts: list[str],
 ) -> _Search:
     """Return what finds the controller for a goal; the goals of `own` may have been written after training."""
+    from neuroanimator.cli.closed_loop import run_closed_loop
     from neuroanimator.control.objective.goals import (
         find_goal,
         goal_start,
@@ -191,14 +205,29 @@ def _search_goal(
         effort_weight=1.0 if effort_weight is None else effort_weight,
         goals_from=system,
     )
+    closed_loop = partial(
+        run_closed_loop,
+        emulator,
+        system,
+        name,
+        start,
+        effort_weight=1.0 if effort_weight is None else effort_weight,
+    )
     words = start_in_words(system, start)
     if not is_reached(system, goal, start):
-        return _Search(find, words)
+        return _Search(find, words, closed_loop=closed_loop)
     told = (
         f"Already there: {system.name} at its start ({words}) fulfils the goal '{name}'. Nothing to find, nothing "
         "written. Name another start, such as --start root.position=3,-2,8."
     )
-    return _Search(find, words, nothing_to_find=told)
+    return _Search(find, words, nothing_to_find=told, closed_loop=closed_loop)
+
+
+def _refuse_in_closed_loop(**given: object) -> None:
+    """Refuse the options that a motion in closed loop has no use for."""
+    for name, value in given.items():
+        if value is not None:
+            raise ArgumentError(f"{name}: does not go with --closed-loop. Leave one of them out.")
 
 
 def _checked_system(emulator: Emulator, own: System | None) -> System:
@@ -209,31 +238,6 @@ def _checked_system(emulator: Emulator, own: System | None) -> System:
     system = own or system_of(emulator)
     check_same_system(emulator, system)
     return system
-
-
-def start_in_words(system: System, start: np.ndarray) -> str:
-    """Return which parts of `start` (S,) differ from rest, with their numbers and units."""
-    told = []
-    for part in system.state.slices:
-        entries = system.state.index(part.name)
-        if (start[entries] != system.rest[entries]).any():
-            numbers = ", ".join(f"{number:.4g}" for number in start[entries])
-            told.append(f"{part.name} {numbers} {part.unit}")
-    if len(told) > MAX_PARTS_TOLD:
-        return f"{len(told)} parts of the state other than at rest"
-    return "; ".join(told) or "at rest"
-
-
-def _time_rows(began: float) -> list[tuple[str, object]]:
-    """Return how long everything since `began` took, and the longest of its phases."""
-    from neuroanimator.terminal import phase_seconds
-
-    phases = sorted(phase_seconds().items(), key=lambda item: -item[1])
-    told = ", ".join(
-        f"{name} {seconds:.1f}" for name, seconds in phases if seconds >= MIN_PHASE_TOLD
-    )
-    total = f"{time.perf_counter() - began:.1f} s"
-    return [("time in all", f"{total}: {told}" if told else total)]
 
 
 def _write(synthesis: Synthesis, out: Path, glb: Path | None) -> None:

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         PhysicsPlant,
         control_plant,
     )
+    from neuroanimator.control.planning.pursue import Pursuit, pursue_goal
     from neuroanimator.control.synthesis.attempt import SearchCost
     from neuroanimator.control.synthesis.objective_file import read_objective, synthesise_file
     from neuroanimator.control.synthesis.replay import Replay
@@ -75,6 +76,8 @@ _HOMES = {
     "control_environment": "planning.environments",
     "mujoco_state": "planning.environments",
     "learn_from": "planning.learn",
+    "Pursuit": "planning.pursue",
+    "pursue_goal": "planning.pursue",
     "moved_on": "planning.planner",
 }
 
@@ -106,6 +109,8 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "EmulatorPlant",
     "PhysicsPlant",
     "moved_on",
+    "Pursuit",
+    "pursue_goal",
     # In somebody else's environment.
     "Environment",
     "DmEnvironment",

@@ -23,6 +23,7 @@ from neuroanimator.control import (
 )
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import goal
+from neuroanimator.control.planning.learn import SEEN_SHARE, with_episodes
 from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.data.store import Transitions
 
@@ -42,6 +43,7 @@ class PendulumWorld:
         self.data = mujoco.MjData(self.model)
         self.last = last
         self.action_space = SimpleNamespace(shape=(3,))
+        self.dt = PENDULUM.physics_dt * 50 / HOLD
 
     def reset(self, *, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
         mujoco.mj_resetData(self.model, self.data)
@@ -65,7 +67,7 @@ def planner(shipped: Emulator) -> Planner:
 
 def test_an_environment_of_the_same_physics_does_what_the_physics_does(planner: Planner):
     world = PendulumWorld()
-    found = control_environment(planner, world, SUPER_STEPS, hold=HOLD)
+    found = control_environment(planner, world, SUPER_STEPS)
     plant = PhysicsPlant(PENDULUM, planner.emulator.dt)
     driven = control_plant(planner, plant, PENDULUM.rest, SUPER_STEPS)
     assert is_upright(found.states[-1])
@@ -75,7 +77,7 @@ def test_an_environment_of_the_same_physics_does_what_the_physics_does(planner: 
 
 
 def test_an_episode_ends_where_the_environment_ends_it(planner: Planner):
-    found = control_environment(planner, PendulumWorld(last=12), SUPER_STEPS, hold=HOLD)
+    found = control_environment(planner, PendulumWorld(last=12), SUPER_STEPS)
     assert found.environment_steps == 12
     assert len(found.controls) == 3 == len(found.states) - 1
 
@@ -83,9 +85,9 @@ def test_an_episode_ends_where_the_environment_ends_it(planner: Planner):
 def test_every_episode_may_have_numbers_of_its_own(planner: Planner):
     lazy = Objective.of(effort(1e6), goal(PENDULUM, "upright", since=0, weight=20.0))
     idle = control_environment(
-        planner, PendulumWorld(), 5, hold=HOLD, objective_of=lambda world, seen: lazy, seed=3
+        planner, PendulumWorld(), 5, objective_of=lambda world, seen: lazy, seed=3
     )
-    again = control_environment(planner, PendulumWorld(), 5, hold=HOLD, seed=3)
+    again = control_environment(planner, PendulumWorld(), 5, seed=3)
     assert np.abs(idle.controls).max() < 0.1 * np.abs(again.controls).max()
     np.testing.assert_array_equal(idle.states[0], again.states[0])
 
@@ -105,6 +107,7 @@ def test_dm_controls_time_steps_are_gymnasiums(planner: Planner):
         reset=lambda: SimpleNamespace(observation=world.reset()[0]),
         step=step,
         physics=SimpleNamespace(data=world.data),
+        control_timestep=lambda: planner.emulator.dt,
     )
     found = control_environment(planner, DmEnvironment(dm), SUPER_STEPS)
     assert found.is_terminated
@@ -112,9 +115,26 @@ def test_dm_controls_time_steps_are_gymnasiums(planner: Planner):
     np.testing.assert_array_equal(found.states[-1], mujoco_state(world, None))
 
 
+def test_what_was_seen_is_a_fair_share_of_what_is_learnt_from(
+    planner: Planner, transitions: Transitions
+):
+    world = PendulumWorld()
+    episodes = [control_environment(planner, world, steps, seed=steps) for steps in (3, 10, 20)]
+    data = with_episodes(transitions, episodes)
+    known = len(transitions.states)
+    np.testing.assert_array_equal(data.states[:known], transitions.states)
+    share = 1 - known / len(data.states)
+    assert share == pytest.approx(SEEN_SHARE, abs=0.01)
+    last = episodes[-1]
+    np.testing.assert_allclose(data.states[-1], last.states[-MAX_UNROLL - 1 :], rtol=1e-6)
+    np.testing.assert_allclose(data.controls[-1], last.controls[-MAX_UNROLL:], rtol=1e-6)
+    assert len(np.unique(data.run)) == len(np.unique(transitions.run)) + 2
+
+
+@pytest.mark.endurance
 def test_what_was_seen_is_learnt(planner: Planner, transitions: Transitions):
-    heavy = control_environment(planner, PendulumWorld(mass=1.5), SUPER_STEPS, hold=HOLD)
-    taught = learn_from(planner.emulator, [heavy], transitions, updates=1000)
+    heavy = control_environment(planner, PendulumWorld(mass=1.5), SUPER_STEPS)
+    taught = learn_from(planner.emulator, [heavy], transitions, updates=500)
 
     def error(emulator: Emulator) -> float:
         said = emulator.rollout(heavy.states[:-1], heavy.controls[:, None])[:, 1]
@@ -164,6 +184,9 @@ REFUSED: dict[str, tuple[Any, dict[str, Any]]] = {
         Broken(unwrapped=None), {},
     ),
     "state_of: wanted": (PendulumWorld(), {"state_of": lambda world, seen: np.zeros(4)}),
+    "its step of 0.03 s does not fill the emulator's super step of 0.05 s a whole number": (
+        Broken(dt=0.03), {},
+    ),
     "steps and hold: wanted at least 1, came 60 and 0": (PendulumWorld(), {"hold": 0}),
 }  # fmt: skip
 

@@ -20,6 +20,9 @@ from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.planning.planner import Planner, moved_on
 from neuroanimator.errors import ArgumentError
 
+SAME_TIME = 1e-6
+"""Share by which times may differ and still be the same."""
+
 RESULTS = 5
 """What a step returns, by Gymnasium: observation, reward, whether it terminated, whether it was truncated, and infos."""
 
@@ -104,18 +107,21 @@ def control_environment(
     *,
     state_of: StateReader = mujoco_state,
     objective_of: ObjectiveReader | None = None,
-    hold: int = 1,
+    hold: int | None = None,
     seed: int | None = None,
     on_step: Callable[[int, float], None] = lambda step, reward: None,
 ) -> Episode:
     """Return one episode of at most `steps` super steps, planned again at each from the state as read.
 
-    A super step of the emulator is `hold` steps of the environment, under one control. `objective_of` makes the
-    episode's own objective from its first observation. `on_step` is told (super step, its reward).
+    A super step of the emulator is `hold` steps of the environment, under one control; as many as its `dt`, or
+    `control_timestep`, says, if not given. `objective_of` makes the episode's own objective from its first
+    observation. `on_step` is told (super step, its reward).
 
     Raises ArgumentError for an environment that does not return what Gymnasium's do, for states and actions of
-    another size than the emulator's, and for states that are not finite.
+    another size than the emulator's, for states that are not finite, and for steps that do not fill a super step.
     """
+    if hold is None:
+        hold = _steps_in(planner.emulator.dt, environment)
     if min(steps, hold) < 1:
         raise ArgumentError(f"steps and hold: wanted at least 1, came {steps} and {hold}.")
     _check_action_size(planner, environment)
@@ -156,6 +162,23 @@ def control_environment(
         moment.is_terminated,
         taken,
     )
+
+
+def _steps_in(dt: float, environment: Environment) -> int:
+    """Return how many steps of the environment make `dt` [s]; 1 where it does not say how long a step is."""
+    inner = getattr(environment, "unwrapped", environment)
+    step = getattr(inner, "dt", None)
+    if hasattr(inner, "control_timestep"):
+        step = inner.control_timestep()
+    if not isinstance(step, float) or not step > 0:
+        return 1
+    count = round(dt / step)
+    if count < 1 or abs(count * step - dt) > SAME_TIME * dt:
+        raise ArgumentError(
+            f"environment: its step of {step:g} s does not fill the emulator's super step of {dt:g} s a whole number of "
+            "times. Train with --substeps that make such a multiple."
+        )
+    return count
 
 
 class _Moment(NamedTuple):

@@ -70,10 +70,13 @@ def control_plant(
     start: np.ndarray,
     steps: int,
     disturb: Disturbance | None = None,
+    *,
+    on_step: Callable[[int], None] = lambda step: None,
 ) -> ControlledMotion:
     """Return the motion of `plant` from `start` (S,), planned again at each of `steps` super steps.
 
     A control acts from the state it was planned from: the time of planning is taken to be short against a super step.
+    `on_step` is told each super step that is done.
     """
     state = planner.emulator.state.check(start, "state")
     first = None
@@ -87,6 +90,7 @@ def control_plant(
         plans.append(plan)
         state = plant(state, plan.controls[0])
         first = moved_on(plan.controls)
+        on_step(step + 1)
     return ControlledMotion(
         np.stack([*states, state]),
         np.stack([plan.controls[0] for plan in plans]),

@@ -1,0 +1,63 @@
+"""`control --closed-loop`: go for a goal, planned again at every super step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from neuroanimator.cli.control_words import start_in_words, time_rows
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
+
+    from neuroanimator.emulator.emulator import Emulator
+    from neuroanimator.systems.system import System
+
+
+def run_closed_loop(
+    emulator: Emulator,
+    system: System,
+    goal: str,
+    start: Float[np.ndarray, " S"],
+    *,
+    seconds: float | None,
+    horizon: float | None,
+    effort_weight: float,
+    out: Path,
+    glb: Path | None,
+    began: float,
+) -> None:
+    """Go for `goal` from `start` (S,), write the controls and the motion, and print what was achieved."""
+    import numpy as np
+
+    from neuroanimator.animation.clip import make_clip
+    from neuroanimator.control.objective.goals import find_goal
+    from neuroanimator.control.planning.pursue import pursue_goal, pursuit_rows
+    from neuroanimator.export.csv_file import write_table
+    from neuroanimator.export.gltf.scene import write_glb
+    from neuroanimator.terminal import phase, print_rows, progress_bar
+
+    lasts = find_goal(system, goal).seconds if seconds is None else seconds
+    with progress_bar("planning", max(1, round(lasts / emulator.dt))) as bar:
+        pursuit = pursue_goal(
+            emulator,
+            system,
+            goal,
+            seconds,
+            start=start,
+            horizon=horizon,
+            effort_weight=effort_weight,
+            on_step=bar.advance_to,
+        )
+    motion = pursuit.motion
+    write_table(
+        out, np.arange(len(motion.controls)) * emulator.dt, motion.controls, emulator.control
+    )
+    if glb:
+        with phase("drawing"):
+            source = "physics" if pursuit.is_on_physics else "emulator"
+            write_glb(make_clip(emulator, motion.states, source=source), glb)
+    files = [("file", path) for path in (out, glb) if path]
+    words = start_in_words(system, start)
+    print_rows([("start", words), *pursuit_rows(pursuit), *time_rows(began), *files])

@@ -1,0 +1,42 @@
+"""What `control` says of where a motion starts, and of the time it took."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from neuroanimator.systems.system import System
+
+MAX_PARTS_TOLD = 6
+"""Of a start, by name: more than these are a swimmer's mass points."""
+
+MIN_PHASE_TOLD = 0.1
+"""[s]"""
+
+
+def start_in_words(system: System, start: np.ndarray) -> str:
+    """Return which parts of `start` (S,) differ from rest, with their numbers and units."""
+    told = []
+    for part in system.state.slices:
+        entries = system.state.index(part.name)
+        if (start[entries] != system.rest[entries]).any():
+            numbers = ", ".join(f"{number:.4g}" for number in start[entries])
+            told.append(f"{part.name} {numbers} {part.unit}")
+    if len(told) > MAX_PARTS_TOLD:
+        return f"{len(told)} parts of the state other than at rest"
+    return "; ".join(told) or "at rest"
+
+
+def time_rows(began: float) -> list[tuple[str, object]]:
+    """Return how long everything since `began` took, and the longest of its phases."""
+    from neuroanimator.terminal import phase_seconds
+
+    phases = sorted(phase_seconds().items(), key=lambda item: -item[1])
+    told = ", ".join(
+        f"{name} {seconds:.1f}" for name, seconds in phases if seconds >= MIN_PHASE_TOLD
+    )
+    total = f"{time.perf_counter() - began:.1f} s"
+    return [("time in all", f"{total}: {told}" if told else total)]

@@ -1,0 +1,132 @@
+"""Go for a goal in closed loop: plan again at every super step from where the physics really is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+from numpy.typing import ArrayLike
+
+from neuroanimator.control.objective.costs import effort
+from neuroanimator.control.objective.goals import find_goal, goal, goal_start, is_reached
+from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.planning.planner import Planner
+from neuroanimator.control.planning.plants import (
+    ControlledMotion,
+    EmulatorPlant,
+    PhysicsPlant,
+    control_plant,
+)
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.systems.system import System
+from neuroanimator.terminal import phase
+
+HORIZON_STEPS = 20
+"""Super steps a plan looks ahead: a super step is chosen by what a system can do in it, so they fit slow and quick ones."""
+
+MAX_HORIZON_STEPS = 400
+"""Gauss-Newton's model grows with the square of a plan's numbers."""
+
+GUESSES = 32
+"""Random controls tried at every plan. Without any the lander does not find to its pad from 6 m up."""
+
+MAX_SECONDS = 600.0
+"""[s] Longest motion in closed loop."""
+
+
+@dataclass(frozen=True)
+class Pursuit:
+    """A motion in closed loop, and where it was at its goal."""
+
+    motion: ControlledMotion
+    is_at_goal: Bool[np.ndarray, " N"]
+    """Of every state."""
+    dt: float
+    """Super step [s]."""
+    is_on_physics: bool
+    """False where there is none to be had, as of recordings: the emulator was driven, which proves nothing."""
+
+    @property
+    def is_reached(self) -> bool:
+        """Whether the motion ends at its goal."""
+        return bool(self.is_at_goal[-1])
+
+    @property
+    def seconds_to_goal(self) -> float:
+        """When it came to stay [s]; meaningless unless `is_reached`."""
+        away = np.flatnonzero(~self.is_at_goal)
+        return self.dt * (int(away[-1]) + 1 if len(away) else 0)
+
+
+def pursue_goal(
+    emulator: Emulator,
+    system: System,
+    name: str,
+    seconds: float | None = None,
+    *,
+    start: ArrayLike | None = None,
+    horizon: float | None = None,
+    effort_weight: float = 1.0,
+    guesses: int = GUESSES,
+    on_step: Callable[[int], None] = lambda step: None,
+) -> Pursuit:
+    """Return the motion of `system` towards its goal called `name`, for `seconds`, planned `horizon` [s] ahead.
+
+    A plan is to be at the goal throughout the second half of its horizon. `start` (S,) and `seconds` default to what the
+    goal says. `on_step` is told each super step that is done.
+
+    Raises ArgumentError for times and weights out of range.
+    """
+    wanted = find_goal(system, name)
+    seconds = wanted.seconds if seconds is None else seconds
+    dt = emulator.dt
+    horizon = HORIZON_STEPS * dt if horizon is None else horizon
+    if not dt <= seconds <= MAX_SECONDS:
+        raise ArgumentError(
+            f"seconds: wanted between {dt:g} and {MAX_SECONDS:g}, came {seconds:g}."
+        )
+    if not 2 * dt <= horizon <= MAX_HORIZON_STEPS * dt:
+        raise ArgumentError(
+            f"horizon: wanted between {2 * dt:g} and {MAX_HORIZON_STEPS * dt:g} s, came {horizon:g}."
+        )
+    if not 0 <= effort_weight < float("inf"):
+        raise ArgumentError(
+            f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}."
+        )
+    begin = goal_start(system, name) if start is None else start
+    there = goal(system, name, since=horizon / 2)
+    with phase("compiling"):
+        planner = Planner.of(
+            emulator,
+            Objective.of(effort(effort_weight), there),
+            round(horizon / dt),
+            guesses=guesses,
+        )
+    is_on_physics = system.recordings is None
+    plant = PhysicsPlant(system, dt) if is_on_physics else EmulatorPlant(emulator)
+    steps = round(seconds / dt)
+    motion = control_plant(planner, plant, np.asarray(begin, float), steps, on_step=on_step)
+    at_goal = np.array([is_reached(system, wanted, state) for state in motion.states])
+    return Pursuit(motion, at_goal, dt, is_on_physics)
+
+
+def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:
+    """Return names and values of what was achieved, the verdict last."""
+    motion = pursuit.motion
+    plan_ms = np.median(motion.plan_seconds) * 1e3
+    rows: list[tuple[str, object]] = [
+        ("super steps", f"{len(motion.controls)}, {pursuit.dt:g} s each"),
+        ("a plan takes", f"{plan_ms:.1f} ms; 99 of 100 at most {motion.p99_ms:.1f} ms"),
+    ]
+    where = (
+        "on the true physics" if pursuit.is_on_physics else "on the emulator, which proves nothing"
+    )
+    answer = "no"
+    if pursuit.is_reached:
+        answer = f"yes, from {pursuit.seconds_to_goal:.4g} s on"
+    elif pursuit.is_at_goal.any():
+        answer = "no: it was there, and left again"
+    return [*rows, (f"goal reached {where}", answer)]
