@@ -14,7 +14,10 @@ SHIPPED = [
 ]
 """(system, substeps) of each in its usual size."""
 
-LARGE = [(system, 50) for system in ("fish", "lander", "pendulum", "pendulum-passive", "truck")]
+LARGE = [
+    (system, 50)
+    for system in ("dolphin", "fish", "lander", "pendulum", "pendulum-passive", "truck")
+]
 """(system, substeps) of those that ship in a large size too: slower and more exact."""
 
 

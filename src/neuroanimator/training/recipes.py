@@ -115,7 +115,15 @@ RECIPES = {
 
 
 LARGE_RECIPES = {
-    # All the shapes there are: what few leave out is most of the usual size's error.
+    "dolphin": Recipe(
+        (128, 96),
+        transitions=360_000,
+        updates=100_000,
+        samples_per_run=36,
+        idle_share=0.15,
+        modes=(63, 63),
+    ),
+    # As the dolphin: all the shapes there are. What few leave out is most of the usual size's error.
     "fish": Recipe(
         (128, 96),
         transitions=184_320,
