@@ -9,12 +9,10 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.codegen.trace import LOOPS_AND_BRANCHES, NESTED, UnsupportedError
+from neuroanimator.jax_later import Array, jax, jaxprs, jnp
 
 SQUARINGS = 16
 """How often a matrix is squared: eigenvalues one part in 10,000 apart are told from each other then."""
@@ -78,13 +76,13 @@ def solve_three(matrix: Float[Array, "3 3"], right: Float[Array, " 3"]) -> Float
     return jnp.stack(products) / determinant
 
 
-def _evaluated(jaxpr: Jaxpr, constants: list[Any], arguments: list[Any]) -> list[Any]:
+def _evaluated(jaxpr: jaxprs.Jaxpr, constants: list[Any], arguments: list[Any]) -> list[Any]:
     """Return the outputs of `jaxpr`, whose decompositions are written out."""
-    values: dict[Var, Any] = dict(zip(jaxpr.constvars, constants, strict=True))
+    values: dict[jaxprs.Var, Any] = dict(zip(jaxpr.constvars, constants, strict=True))
     values |= dict(zip(jaxpr.invars, arguments, strict=True))
 
     def read(atom: Any) -> Any:
-        if isinstance(atom, Literal):
+        if isinstance(atom, jaxprs.Literal):
             return atom.val
         return values[atom]
 
@@ -94,7 +92,7 @@ def _evaluated(jaxpr: Jaxpr, constants: list[Any], arguments: list[Any]) -> list
     return [read(atom) for atom in jaxpr.outvars]
 
 
-def _equation(eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
+def _equation(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
     name = eqn.primitive.name
     if name == "eigh":
         return [_eigenvectors(inputs[0]), _Omitted()]
@@ -105,7 +103,7 @@ def _equation(eqn: JaxprEqn, inputs: list[Any]) -> list[Any]:
     if any(isinstance(value, _Omitted) for value in inputs):
         raise UnsupportedError(f"{name} of factors of a matrix")
     inner = next((eqn.params[key] for key in NESTED if key in eqn.params), None)
-    if isinstance(inner, ClosedJaxpr) and name not in LOOPS_AND_BRANCHES:
+    if isinstance(inner, jaxprs.ClosedJaxpr) and name not in LOOPS_AND_BRANCHES:
         return _evaluated(inner.jaxpr, inner.consts, inputs)
     results = eqn.primitive.bind(*inputs, **eqn.params)
     if eqn.primitive.multiple_results:
@@ -120,7 +118,7 @@ def _eigenvectors(matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:
     return jnp.concatenate([unknown, largest_eigenvector(matrix)[:, None]], axis=1)
 
 
-def _solution(eqn: JaxprEqn, inputs: list[Any]) -> Any:
+def _solution(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> Any:
     """Return what a linear system gives; its matrix is what it makes of unit vectors."""
     matvec = eqn.params["jaxprs"].matvec
     count = eqn.params["const_lengths"].matvec

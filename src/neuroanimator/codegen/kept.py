@@ -35,8 +35,11 @@ FLAGS = (
 )
 """Flags of the compiler, the first set it knows."""
 
-SOURCES = ("codegen", "emulator", "state", "control", "gym")
+SOURCES = ("codegen", "emulator", "state", "control", "animation", "export", "gym")
 """Folders of the package whose code says what a program does: when it changes, programs are made anew."""
+
+SUFFIXES = (".py", ".c", ".h")
+"""How the names of files with code end."""
 
 RECORD = "program"
 """The kind of file a record is."""
@@ -89,7 +92,7 @@ def _load(
     facts = compiler_facts()
     if facts is None:
         return None
-    key = hashlib.sha256("\n".join([about, facts, str(FLAGS), _sources()]).encode()).hexdigest()
+    key = hashlib.sha256("\n".join([about, facts, str(FLAGS), sources()]).encode()).hexdigest()
     folder = kept_folder("c-programs")
     if (folder, key) in _loaded:
         return _loaded[folder, key]
@@ -148,13 +151,13 @@ def _write(record: Path, program: CProgram) -> None:
 
 
 @cache
-def _sources() -> str:
+def sources() -> str:
     """Return what changes when the code that programs are made from does."""
     package = Path(str(resources.files("neuroanimator")))
     facts = []
     for folder in SOURCES:
-        for path in sorted((package / folder).rglob("*.[pc]*")):
-            if path.suffix in (".py", ".c"):
+        for path in sorted((package / folder).rglob("*.[pch]*")):
+            if path.suffix in SUFFIXES:
                 status = path.stat()
                 facts.append(f"{path.name} {status.st_size} {status.st_mtime_ns}")
     return "\n".join(facts)

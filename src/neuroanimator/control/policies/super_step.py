@@ -42,7 +42,7 @@ def make_super_step(
     outputs = call_rows(
         policy_super_step,
         policy,
-        lambda: _about(policy),
+        lambda: facts_of_policy(policy),
         lambda: _samples(policy),
         latent,
         np.asarray(phase)[:, None],
@@ -58,7 +58,9 @@ def is_in_c(policy: Policy) -> bool:
 
 
 def _in_c(policy: Policy) -> CRows | None:
-    return c_rows(policy_super_step, policy, lambda: _about(policy), lambda: _samples(policy))
+    return c_rows(
+        policy_super_step, policy, lambda: facts_of_policy(policy), lambda: _samples(policy)
+    )
 
 
 def policy_super_step(
@@ -76,7 +78,7 @@ def policy_super_step(
     return following, emulator.decode(following), controls
 
 
-def _about(policy: Policy) -> list[str]:
+def facts_of_policy(policy: Policy) -> list[str]:
     """Return what a policy does, in words and numbers."""
     return [canonical_json(describe_policy(policy)), digest(to_numpy(policy_leaves(policy)))]
 

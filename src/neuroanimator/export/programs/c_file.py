@@ -16,12 +16,13 @@ from neuroanimator.emulator.probes import BORDERLINE
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_header import c_header, identifier
 from neuroanimator.export.programs.definition import Definition, definition_of
+from neuroanimator.export.programs.kept_headers import CheckedHeader, kept_header
 from neuroanimator.export.programs.vectors import (
     VECTORS_SUFFIX,
     Vectors,
     make_gradient_vectors,
     make_vectors,
-    save_vectors,
+    vectors_text,
 )
 from neuroanimator.export.programs.written import Written
 from neuroanimator.storage.files import write_whole
@@ -34,7 +35,7 @@ Call = Callable[..., int | None]
 
 
 def write_c_header(model: Emulator | Policy, path: str | Path, licence: str = "") -> Written:
-    """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
+    """Write `model` to `path`, held against JAX once on this machine, and test vectors beside it (`fish.vectors.json`).
 
     Its functions begin with the file's name: `fish_step` in `fish.h`. The header says what they take. `licence` is
     named in it if there is one.
@@ -46,14 +47,22 @@ def write_c_header(model: Emulator | Policy, path: str | Path, licence: str = ""
     compiler = _compiler()
     definition = definition_of(model, licence)
     name = identifier(path.stem)
+    header = kept_header(model, definition, name, lambda: _checked(model, definition, name))
+    vectors_path = path.with_suffix(VECTORS_SUFFIX)
+    write_whole(vectors_path, header.vectors.encode("ascii"))
+    write_whole(path, header.text.encode("ascii"))
+    runtime = f"C by {compiler}"
+    return Written(
+        path, (vectors_path,), len(header.text), runtime, header.count, header.difference
+    )
+
+
+def _checked(model: Emulator | Policy, definition: Definition, name: str) -> CheckedHeader:
+    """Return the header of `model`, held against JAX."""
     text = c_header(model, definition, name)
     functions, difference = check_functions(compiled_header(text, name), model, definition)
-    vectors_path = path.with_suffix(VECTORS_SUFFIX)
-    save_vectors(vectors_path, definition, functions)
-    content = text.encode("ascii")
-    write_whole(path, content)
-    count = functions[definition.name].count
-    return Written(path, (vectors_path,), len(content), f"C by {compiler}", count, difference)
+    vectors = vectors_text(definition, functions)
+    return CheckedHeader(text, vectors, functions[definition.name].count, difference)
 
 
 def check_functions(

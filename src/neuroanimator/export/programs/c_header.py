@@ -12,9 +12,8 @@ from dataclasses import replace
 from importlib import resources
 from typing import Any
 
-import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.codegen.c_function import CFunction, c_function, prelude
 from neuroanimator.codegen.c_text import c_number
@@ -25,6 +24,7 @@ from neuroanimator.emulator.c_emulator import encode, super_step
 from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, latent_size, step
 from neuroanimator.emulator.probes import latent_is_covered
 from neuroanimator.export.programs.definition import Definition
+from neuroanimator.jax_later import Array, jax
 from neuroanimator.state.layout import Layout
 from neuroanimator.text import printable
 

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 import neuroanimator
 from neuroanimator.control.policies.policy import COMMAND, Policy
 from neuroanimator.emulator.emulator import Emulator, step
+from neuroanimator.jax_later import Array, jnp
 from neuroanimator.state.layout import Layout, Slice
 
 PHASE = Layout((Slice("phase", 1, "rad"),))

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.definition import Definition
+from neuroanimator.jax_later import Array, jax
 from neuroanimator.state.layout import Bounds, Layout
 from neuroanimator.storage.files import write_whole
 
@@ -124,11 +124,15 @@ class Vectors:
 
 def save_vectors(path: Path, definition: Definition, functions: dict[str, Vectors]) -> None:
     """Write the facts and the vectors of each function, by name, to `path` as JSON."""
+    write_whole(path, vectors_text(definition, functions).encode("ascii"))
+
+
+def vectors_text(definition: Definition, functions: dict[str, Vectors]) -> str:
+    """Return what `save_vectors` writes."""
     content: dict[str, Any] = {"facts": definition.facts}
     for name, vectors in functions.items():
         content[name] = vectors.to_json()
-    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-    write_whole(path, text.encode("ascii"))
+    return json.dumps(content, separators=(",", ":"), allow_nan=False)
 
 
 def make_vectors(definition: Definition, model: Emulator | Policy) -> Vectors:
