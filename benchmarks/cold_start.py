@@ -63,6 +63,7 @@ VERBS = {
     "animate fish": ("animate", "fish", "--out", "fish.csv"),
     "animate fish, GLB": ("animate", "fish", "--out", "fish.glb"),
     "animate fish, film": ("animate", "fish", "--out", "fish.mp4"),
+    "export fish, header": ("export", "fish-50", "--out", "fish.h"),
     "control lander": ("control", "lander", "--goal", "pad", "--out", "landing.csv"),
     "control pendulum": ("control", "pendulum", "--out", "swing.csv"),
 }

@@ -11,10 +11,9 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from functools import cache, wraps
 from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 JAX = "jax"
 """What the package is called."""
@@ -35,6 +34,8 @@ class _Later(ModuleType):
 
 
 if TYPE_CHECKING:
+    from importlib.abc import Loader
+
     import equinox as eqx
     import jax
     import jax.extend.core as jaxprs
@@ -112,7 +113,10 @@ _actions: list[Callable[[], object]] = []
 _contexts: list[Callable[[], AbstractContextManager[object]]] = []
 
 
-class _Finder(MetaPathFinder):
+# Both keep to the protocols of `importlib.abc` without deriving from its classes, which take long to import.
+
+
+class _Finder:
     """Finds JAX as the other finders do, and hears when it is imported."""
 
     def find_spec(
@@ -125,13 +129,13 @@ class _Finder(MetaPathFinder):
                 continue
             spec = finder.find_spec(fullname, path, target)
             if spec is not None and spec.loader is not None:
-                spec.loader = _HeardLoader(spec.loader)
+                spec.loader = cast("Loader", _HeardLoader(spec.loader))
             if spec is not None:
                 return spec
         return None
 
 
-class _HeardLoader(Loader):
+class _HeardLoader:
     """Loads JAX as `loader` does, within the contexts asked for, and does then what waits for it."""
 
     def __init__(self, loader: Loader):

@@ -78,11 +78,12 @@ def test_an_emulator_trusts_itself(shipped: Emulator, parametrisation: EachStep)
     )
 
     def follow(starts, held):
-        return np.asarray(jax.vmap(lambda s, u: rollout(shipped, s, u))(starts, held))
+        with jax.enable_x64(True):
+            motions = jax.vmap(lambda s, u: rollout(shipped, s, u))
+            return np.asarray(motions(jnp.asarray(starts), jnp.asarray(held)))
 
     itself = difference_gradient(
-        lambda starts, held: follow(jnp.asarray(starts), jnp.asarray(held)),
-        stand_upright(), parametrisation, shipped.bounds, shipped.dt, REST, parametrisation.guess(controls),
+        follow, stand_upright(), parametrisation, shipped.bounds, shipped.dt, REST, parametrisation.guess(controls),
     )  # fmt: skip
     assert GradientTrust.of(trust.emulator_gradient, itself).cosine == pytest.approx(1, abs=1e-3)
     np.testing.assert_allclose(trust.emulator_gradient, itself, atol=1e-3 * np.abs(itself).max())
