@@ -44,7 +44,7 @@ EPISODES = 20
 FIRST_SEED = 0
 
 HORIZON = 60
-"""Super steps a plan looks ahead."""
+"""Super steps a plan looks ahead. What is wanted is wanted in the second half of them: there is a way to go."""
 
 KNOTS = 15
 """Of the splines a plan is made of: smooth controls, and a quarter of the numbers."""
@@ -67,38 +67,38 @@ class DmTask:
     task: str
     model: Callable[[Any], tuple[str, dict[str, bytes]]]
     """The suite → its MJCF and the files that needs."""
-    costs: Callable[[System, Any], list[Any]]
-    """(system, MuJoCo's named model and data) → cost terms, by the words of the reward."""
+    costs: Callable[[System, Any, float], list[Any]]
+    """(system, physics, since when [s] in a plan) → cost terms, by the words of the reward."""
 
 
-def fish_costs(system: System, physics: Any) -> list[Any]:
+def fish_costs(system: System, physics: Any, since: float) -> list[Any]:
     """Mouth in the target (seven eighths of the reward), torso upright (the last)."""
     mouth = physics.named.model.geom_pos["mouth"]
     radii = physics.named.model.geom_size[["mouth", "target"], 0].sum()
     target = physics.named.model.geom_pos["target"]
     at_target = na.reach_point(
-        system, "torso", target, offset=mouth, within=float(radii), since=0.0
+        system, "torso", target, offset=mouth, within=float(radii), since=since
     )
     return [at_target, na.stay_upright(system, tolerance=0.1, within=0.5, weight=0.1)]
 
 
-def swimmer_costs(system: System, physics: Any) -> list[Any]:
+def swimmer_costs(system: System, physics: Any, since: float) -> list[Any]:
     """Nose in the target, seen from above."""
     nose = physics.named.model.geom_pos["nose"]
     radius = physics.named.model.geom_size["target", 0]
     target = physics.named.model.geom_pos["target"][:2]
     return [
         na.reach_point(
-            system, "head", target, offset=nose, axes="xy", within=float(radius), since=0.0
+            system, "head", target, offset=nose, axes="xy", within=float(radius), since=since
         )
     ]
 
 
-def cartpole_costs(system: System, physics: Any) -> list[Any]:
+def cartpole_costs(system: System, physics: Any, since: float) -> list[Any]:
     """Pole up, cart in the middle, both still."""
     wanted = {"slider": [0.0], "hinge_1": [0.0], "hinge_1.velocity": [0.0]}
     within = {"slider": 3.0, "hinge_1": 1.0, "hinge_1.velocity": 10.0}
-    return [na.reach_state(system, wanted, within=within, since=0.0)]
+    return [na.reach_state(system, wanted, within=within, since=since)]
 
 
 TASKS = {
@@ -182,7 +182,7 @@ def row_of(name: str, suite: Any, episodes: int) -> dict[str, Any]:
                 planner,
                 world,
                 sys.maxsize,
-                objective_of=lambda w, _: objective_of(task, test.system, w),
+                objective_of=lambda w, _: objective_of(task, emulator, test.system, w),
             )
             planned.append(episode.total_reward)
             plan_ms.append(np.median(episode.plan_seconds) * 1e3)
@@ -210,7 +210,7 @@ def planner_of(task: DmTask, emulator: na.Emulator, suite: Any) -> control.Plann
     world.reset()
     return control.Planner.of(
         emulator,
-        objective_of(task, system_of(emulator), world),
+        objective_of(task, emulator, system_of(emulator), world),
         HORIZON,
         iterations=ITERATIONS,
         guesses=GUESSES,
@@ -218,9 +218,11 @@ def planner_of(task: DmTask, emulator: na.Emulator, suite: Any) -> control.Plann
     )
 
 
-def objective_of(task: DmTask, system: System, world: Any) -> na.Objective:
+def objective_of(task: DmTask, emulator: na.Emulator, system: System, world: Any) -> na.Objective:
     """Return what is asked for in the episode that has just begun."""
-    return na.Objective.of(na.effort(EFFORT), *task.costs(system, world.unwrapped.physics))
+    since = HORIZON * emulator.dt / 2
+    costs = task.costs(system, world.unwrapped.physics, since)
+    return na.Objective.of(na.effort(EFFORT), *costs)
 
 
 def as_it_comes(rng: np.random.Generator, spec: Any) -> np.ndarray:
