@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import json
 import os
@@ -11,11 +12,16 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from shapes import check_shapes
 from tally import Tally, tally_line
+
+if TYPE_CHECKING:
+    from neuroanimator import Emulator
+    from neuroanimator.data.store import Transitions
 
 # Most of the tests' time went into compiling programs that run once. Unoptimised they compile in a fifth of the time;
 # processes the tests start inherit it. `XLA_FLAGS= make test` compiles as users do.
@@ -31,29 +37,17 @@ os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")
 # tests/emulator/test_c_emulator.py and the examples run in C; `NEUROANIMATOR_BACKEND=auto make test` runs all of it so.
 os.environ.setdefault("NEUROANIMATOR_BACKEND", "jax")
 
-# Before anything of the package is imported: what is imported already is not checked.
+# Before anything of the package is imported: what is imported already is not checked. Nothing is imported here, but
+# where it is used: the process that only hands tests out to the others has no use for it.
 check_shapes()
 
-from neuroanimator import (
-    DatasetConfig,
-    Emulator,
-    generate,
-    load_emulator,
-    read_transitions,
-    terminal,
-)
-from neuroanimator.cli import main as command_line
-from neuroanimator.data.store import Transitions
-from neuroanimator.storage.program_cache import keep_programs
-from neuroanimator.systems.rigid import warnings as mujoco_warnings
+# While modules are imported all that is made stays, so looking for garbage finds none.
+gc.disable()
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 
 FAULT_NAME = re.compile(r"test_f\d\d_")
 """Tests of faults that lie beside their subject."""
-
-
-keep_programs()  # for tests that neither load nor train an emulator, too
 
 
 @pytest.fixture
@@ -64,6 +58,13 @@ def tally(record_property: Callable[[str, object], None]) -> Tally:
     return counted
 
 
+def pytest_collection() -> None:
+    """Keep what JAX compiles, for tests that neither load nor train an emulator, too."""
+    from neuroanimator.storage.program_cache import keep_programs
+
+    keep_programs()
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark tests of faults and attacks, by their folder or their name."""
     for item in items:
@@ -72,6 +73,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.attack)
         elif folder == "faults" or FAULT_NAME.match(item.name):
             item.add_marker(pytest.mark.fault)
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage again, though seldom and not among modules: it took a tenth of the tests' time."""
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 100)
+    gc.enable()
 
 
 @pytest.hookimpl(trylast=True)
@@ -87,6 +95,8 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 @pytest.fixture(scope="session")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with 6,000 transitions of the active pendulum: two shards."""
+    from neuroanimator import DatasetConfig, generate
+
     folder = tmp_path_factory.mktemp("data") / "pendulum"
     generate(DatasetConfig(system="pendulum", count=6000), folder)
     return folder
@@ -94,17 +104,24 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def transitions(dataset: Path) -> Transitions:
+    from neuroanimator import read_transitions
+
     return read_transitions(dataset)
 
 
 @pytest.fixture(scope="session")
 def shipped() -> Emulator:
+    from neuroanimator import load_emulator
+
     return load_emulator("pendulum-50")
 
 
 @pytest.fixture
 def cli(monkeypatch: pytest.MonkeyPatch) -> Cli:
     """Run the command line in this process: without seconds of imports, and all else as `cli_process` does."""
+    from neuroanimator import terminal
+    from neuroanimator.cli import main as command_line
+    from neuroanimator.systems.rigid import warnings as mujoco_warnings
 
     def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         words = [str(argument) for argument in arguments]
