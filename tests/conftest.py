@@ -46,6 +46,17 @@ gc.disable()
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 
+LONG_FILES = (
+    "test_examples.py",
+    "test_train.py",
+    "test_wheel.py",
+    "test_run_table.py",
+    "test_documentation.py",
+    "test_model.py",
+    "test_policy.py",
+)
+"""Where the longest tests are. They begin first, so that at the end no process waits long for the other's last."""
+
 FAULT_NAME = re.compile(r"test_f\d\d_")
 """Tests of faults that lie beside their subject."""
 
@@ -66,7 +77,8 @@ def pytest_collection() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests of faults and attacks, by their folder or their name."""
+    """Mark tests of faults and attacks, by their folder or their name, and put the longest first."""
+    items.sort(key=lambda item: item.path.name not in LONG_FILES)
     for item in items:
         folder = item.path.parent.name
         if folder == "attacks":
