@@ -21,7 +21,7 @@ from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, DivergedError, ResourceError
-from neuroanimator.jax_later import Array, is_jax_array, jax, jnp
+from neuroanimator.jax_later import Array, filter_jit, is_jax_array, jax, jnp
 from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
@@ -176,14 +176,10 @@ class Emulator(Module):
 
     def rest_streams(self) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
         """Return what the network sees at rest without control; left and right are alike there, to the last bit."""
-        latent = self.encode(self.rest)
-        control = self.encode_control(self.bounds.idle)
-        raw = jnp.asarray(self.raw_features(latent, control), jnp.float32)
-        plain = self.normaliser.forward(self.domain.clip(raw))
-        odd, even = self.features.streams(jnp.asarray(latent, jnp.float32), plain)
-        if self.features.is_odd:
-            odd = jnp.zeros_like(odd)
-        return odd, even
+        latent = np.asarray(self.encode(self.rest))
+        control = np.asarray(self.encode_control(self.bounds.idle))
+        raw = np.asarray(self.raw_features(latent, control))
+        return _streams_at_rest(self, as_float32(latent), as_float32(raw))
 
     def at_rest(self, streams: tuple[Float[Array, " O"], Float[Array, " E"]]) -> Emulator:
         """Return the emulator that stays at rest: what the network says of it, `rest_streams`, is taken away.
@@ -449,6 +445,18 @@ def _quick_rollouts(
 ) -> Float[Array, "B T+1 S"]:
     """Return `_quick_rollout` from each of `states` (B, S) under `controls` (B, T, C)."""
     return jax.vmap(lambda state, held: _quick_rollout(emulator, state, held))(states, controls)
+
+
+@filter_jit
+def _streams_at_rest(
+    emulator: Emulator, latent: Float[AnyArray, " I"], raw: Float[AnyArray, " K"]
+) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
+    """Return what the network sees of `latent` and its `raw` features, where left and right are alike."""
+    plain = emulator.normaliser.forward(emulator.domain.clip(raw))
+    odd, even = emulator.features.streams(latent, plain)
+    if emulator.features.is_odd:
+        odd = jnp.zeros_like(odd)
+    return odd, even
 
 
 def latent_size(emulator: Emulator) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import optax
 
@@ -41,7 +42,7 @@ class Progress(NamedTuple):
         """Return the progress of a run that has not begun."""
         return cls(
             network=network,
-            optimizer_state=optimizer.init(network),  # pyright: ignore[reportArgumentType]
+            optimizer_state=eqx.filter_jit(optimizer.init)(network),  # pyright: ignore[reportArgumentType]
             best=network,
             best_error=WORST_ERROR,
             chunk=0,

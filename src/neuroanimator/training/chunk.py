@@ -46,6 +46,10 @@ def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> 
     return emulator.at_rest(rest)
 
 
+completed = filter_jit(with_network)
+"""`with_network` as one compiled function, for use outside of others."""
+
+
 @filter_jit
 def train_chunk(
     problem: TrainingProblem,

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
@@ -212,7 +212,7 @@ def _domain(raw: Float[np.ndarray, "N K"], odd: Bool[np.ndarray, " K"]) -> Domai
     high = raw.max(axis=0)
     high = np.where(odd, np.maximum(-low, high), high)
     low = np.where(odd, -high, low)
-    return Domain(jnp.asarray(low, jnp.float32), jnp.asarray(high, jnp.float32))
+    return Domain(as_jax(low), as_jax(high))
 
 
 def _normaliser(
@@ -238,11 +238,11 @@ def _normaliser(
     plain_scale = np.maximum(raw.std(axis=0), MIN_SCALE)
     change_mean = np.where(latent.odd_changes, 0.0, change.mean(axis=0))
     return Normaliser(
-        plain_mean=jnp.asarray(plain_mean, jnp.float32),
-        plain_scale=jnp.asarray(plain_scale, jnp.float32),
-        change_mean=jnp.asarray(change_mean, jnp.float32),
-        change_scale=jnp.asarray(change_scale, jnp.float32),
-        unit=jnp.asarray(unit, jnp.float32),
+        plain_mean=as_jax(plain_mean),
+        plain_scale=as_jax(plain_scale),
+        change_mean=as_jax(change_mean),
+        change_scale=as_jax(change_scale),
+        unit=as_jax(unit),
     )
 
 

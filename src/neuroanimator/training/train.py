@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
@@ -27,7 +27,7 @@ from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems.system import System
 from neuroanimator.training.batches import rare_rows
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
-from neuroanimator.training.chunk import TrainingProblem, train_chunk, with_network
+from neuroanimator.training.chunk import TrainingProblem, completed, train_chunk
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.initialise import build_emulator
 from neuroanimator.training.loss import squared_error
@@ -127,9 +127,9 @@ class _Run:
             config=config,
             structure=data.system.structure,
             base=base,
-            states=jnp.asarray(training.states),
-            controls=jnp.asarray(training.controls),
-            rare=jnp.asarray(rare_rows(base, training)),
+            states=as_jax(training.states),
+            controls=as_jax(training.controls),
+            rare=as_jax(rare_rows(base, training), np.int32),
             rest=rest,
         )
         fingerprint = f"{_content_hash(data, base)}-{config.hash}"
@@ -138,8 +138,8 @@ class _Run:
         _trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
         return cls(
             problem=problem,
-            validation_states=jnp.asarray(validation.states[:MAX_VALIDATION]),
-            validation_controls=jnp.asarray(validation.controls[:MAX_VALIDATION]),
+            validation_states=as_jax(validation.states[:MAX_VALIDATION]),
+            validation_controls=as_jax(validation.controls[:MAX_VALIDATION]),
             folder=folder,
             fingerprint=fingerprint,
             progress=progress,
@@ -154,7 +154,7 @@ class _Run:
     @property
     def best(self) -> Emulator:
         """The emulator with the lowest validation error so far."""
-        return with_network(self.problem.base, self.progress.best, self.problem.rest)
+        return completed(self.problem.base, self.progress.best, self.problem.rest)
 
     def advance(self) -> Report:
         """Train until the next report, then validate, log and checkpoint."""
@@ -166,7 +166,7 @@ class _Run:
                 self.problem,
                 progress.network,
                 progress.optimizer_state,
-                jnp.asarray(progress.chunk),
+                as_jax(progress.chunk, np.int32),
                 config.unroll_at(progress.chunk),
             )
             losses.append(float(loss))
@@ -190,7 +190,7 @@ class _Run:
 
     def _validation_errors(self, network: Network) -> Float[np.ndarray, " H"]:
         """Return the root mean square error after 1..H super steps, of all numbers that move."""
-        emulator = with_network(self.problem.base, network, self.problem.rest)
+        emulator = completed(self.problem.base, network, self.problem.rest)
         squares = _validate(emulator, self.validation_states, self.validation_controls)
         moves = np.asarray(self.problem.base.normaliser.unit) > 0
         return np.sqrt(np.asarray(squares)[:, moves].mean(axis=1))

@@ -11,7 +11,7 @@ from neuroanimator.control.policies.closed_loop import choose_controls
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.jax_later import Array, PRNGKeyArray, jax, jnp
+from neuroanimator.jax_later import Array, PRNGKeyArray, filter_jit, jax, jnp
 
 NEARLY_AHEAD = 0.2
 """Share of all angles within which half of the random targets lie: most of a life is small corrections."""
@@ -64,6 +64,7 @@ class Swimmers(NamedTuple):
     """Where each shall go."""
 
 
+@filter_jit
 def start_swimmers(policy: Policy, latent: Float[Array, "B I"], key: PRNGKeyArray) -> Swimmers:
     """Return bodies in the states `latent`, each with its clock at random and a random target."""
     phase_key, target_key = jax.random.split(key)

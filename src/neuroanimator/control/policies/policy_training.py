@@ -29,6 +29,7 @@ from neuroanimator.control.policies.policy_loss import (
 )
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.data.sampling import sample_starts
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.tensors import emulator_tensors
@@ -166,9 +167,9 @@ class _Run:
         states = sample_starts(system, rng, training.starts)
         starts = np.asarray(emulator.encode(states), np.float32)
         set_aside, pool = np.split(starts, [round(VALIDATION_SHARE * len(starts))])
-        pool = jnp.asarray(pool)
+        pool = as_jax(pool)
         key = jax.random.key(training.seed + 1)
-        validation = start_swimmers(base, jnp.asarray(set_aside), key)
+        validation = start_swimmers(base, as_jax(set_aside), key)
         fresh = _fresh_progress(base, training, pool)
         contents = {"starts": starts, **emulator_tensors(emulator)}
         identity = f"{digest(contents)[:16]}-{canonical_json(asdict(training))}"
@@ -192,7 +193,7 @@ class _Run:
             progress.network,
             progress.optimizer_state,
             self.pool,
-            jnp.asarray(progress.chunk),
+            as_jax(progress.chunk, np.int32),
         )
         done = progress.chunk + 1
         progress = progress._replace(network=network, optimizer_state=memory, chunk=done)
