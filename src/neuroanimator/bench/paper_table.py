@@ -98,7 +98,7 @@ def measure_row(
         "diverged_starts": sum(evaluation.diverged_starts for evaluation in evaluations),
     }
     figures |= latency(shipped)
-    figures |= _batch_figures(shipped)
+    figures |= _batch_figures(shipped, min(BATCH_REPEATS, budget.repeats))
     return TableRow(figures, evaluations)
 
 
@@ -157,12 +157,14 @@ def _nominal_tuned(evaluation: Evaluation) -> float | str:
     return speed.tuned_seconds * evaluation.substeps / speed.emulator_seconds
 
 
-def _batch_figures(shipped: Emulator) -> dict[str, Any]:
+def _batch_figures(shipped: Emulator, repeats: int) -> dict[str, Any]:
     """Return the time of a super step and of a physics step in batches."""
     program = program_in_c(shipped)
     figures: dict[str, Any] = {}
     for batch in BATCHES:
-        figures[f"us_in_batch_{batch}"] = batch_microseconds(shipped, program, batch)
+        figures[f"us_in_batch_{batch}"] = batch_microseconds(
+            shipped, program, batch, repeats=repeats
+        )
     for batch in BATCHES:
         figures[f"physics_us_in_batch_{batch}"] = physics_batch_microseconds(shipped, batch)
     return figures

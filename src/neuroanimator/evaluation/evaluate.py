@@ -227,7 +227,7 @@ def evaluate(
     with phase("timing"):
         if is_recorded:
             speed = None
-            emulator_seconds = measure_emulator(emulator)
+            emulator_seconds = measure_emulator(emulator, budget.repeats)
         else:
             error = float(root_mean_square(errors))
             speed = measure_speed(emulator, test, error, budget.repeats)

@@ -201,10 +201,10 @@ def _fastest(opponents: list[Opponent], error: float) -> Opponent:
     return min(able or opponents, key=lambda opponent: opponent.seconds)
 
 
-def measure_emulator(emulator: Emulator) -> float:
+def measure_emulator(emulator: Emulator, repeats: int = REPEATS) -> float:
     """Return the time of one super step [s], where there is no physics to compare it with."""
     with one_core():
-        seconds = interleaved(emulator_players(emulator))
+        seconds = interleaved(emulator_players(emulator), repeats)
     return min(seconds.values()) / TIMED_SUPER_STEPS
 
 
