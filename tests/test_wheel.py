@@ -44,7 +44,8 @@ def run_installed(programs: Path, cwd: Path, *arguments: str) -> str:
     """Run the installed command line where nothing else can be found: no compiler, no display, no home."""
     home = cwd / "home"
     home.mkdir(exist_ok=True)
-    kept = {key: os.environ[key] for key in ("LD_LIBRARY_PATH",) if key in os.environ}
+    wanted = ("LD_LIBRARY_PATH", "XLA_FLAGS")
+    kept = {key: os.environ[key] for key in wanted if key in os.environ}
     result = subprocess.run(
         [str(programs / "neuroanimator"), *arguments],
         cwd=cwd,

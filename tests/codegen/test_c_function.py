@@ -95,9 +95,10 @@ def test_a_function_is_the_same_in_c(name: str):
         "it", without_module(function), None, list(map(Input, shapes)), constants=constants
     )
     call = compiled(written, constants)
+    in_jax = jax.jit(function)
     for seed in range(3):
         inputs = random_inputs(shapes, seed)
-        expected = np.asarray(function(*map(jnp.asarray, inputs)))
+        expected = np.asarray(in_jax(*inputs))
         found = room(*expected.shape)
         call("it", [*inputs, found])
         np.testing.assert_allclose(found, expected, rtol=2e-5, atol=2e-6)
@@ -112,7 +113,8 @@ def test_sixteen_lanes_are_sixteen_calls(name: str):
     written = c_function("it", without_module(function), None, wide, constants=constants)
     call = compiled(written, constants)
     lanes = [random_inputs(shapes, seed) for seed in range(WIDTH)]
-    expected = np.stack([np.asarray(function(*map(jnp.asarray, lane))) for lane in lanes], axis=-1)
+    in_jax = jax.jit(function)
+    expected = np.stack([np.asarray(in_jax(*lane)) for lane in lanes], axis=-1)
     found = room(*expected.shape)
     together = [np.stack(arrays, axis=-1) for arrays in zip(*lanes, strict=True)]
     call("it", [*together, found])
@@ -135,7 +137,7 @@ def pulled_back(function: Callable) -> Callable:
 def test_a_gradient_is_the_same_in_c(name: str, is_wide: bool):
     function, shapes = FUNCTIONS[name]
     inputs = random_inputs(shapes, 1)
-    value = np.asarray(function(*map(jnp.asarray, inputs)))
+    value = np.asarray(jax.jit(function)(*inputs))
     rng = np.random.default_rng(2)
     lanes = (WIDTH,) if is_wide else ()
     cotangents = rng.normal(size=(*value.shape, *lanes)).astype(np.float32)
@@ -153,10 +155,10 @@ def test_a_gradient_is_the_same_in_c(name: str, is_wide: bool):
     np.testing.assert_allclose(found_value, value, rtol=2e-5, atol=2e-6)
     found = [room(*shape, *lanes) for shape in shapes]
     call("it_backward", [tape, wide_tape, cotangents, *found])
-    arrays = [jnp.asarray(array) for array in inputs]
+    in_jax = jax.jit(pull)
     for lane in range(WIDTH if is_wide else 1):
         cotangent = cotangents[..., lane] if is_wide else cotangents
-        for entry, expected in zip(found, pull(*arrays, cotangent)[1:], strict=True):
+        for entry, expected in zip(found, in_jax(*inputs, cotangent)[1:], strict=True):
             each = entry[..., lane] if is_wide else entry
             np.testing.assert_allclose(each, expected, rtol=1e-4, atol=1e-5)
 

@@ -56,7 +56,7 @@ def test_a_wild_emulator_is_kept_where_training_was(shipped: Emulator):
     wild = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: 500 * out)
     assert count_diverged(wild, starts=20, steps=200) == 0
     assert evaluate(
-        wild, budget=EvaluationBudget(runs=8, repeats=1, starts=10, steps=50)
+        wild, budget=EvaluationBudget(runs=2, repeats=1, starts=10, steps=50)
     ).verdict.is_useless
 
 
@@ -64,7 +64,7 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
     shipped: Emulator, transitions: Transitions, tmp_path: Path
 ):
     found = evaluate(
-        shipped, data=transitions, budget=EvaluationBudget(runs=8, repeats=3, starts=10, steps=50)
+        shipped, data=transitions, budget=EvaluationBudget(runs=4, repeats=3, starts=10, steps=50)
     )
     row = found.row()
     assert row["nominal_speedup"] > 20

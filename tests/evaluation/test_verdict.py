@@ -19,7 +19,7 @@ from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.training.config import TrainingConfig
 
-FAST = EvaluationBudget(runs=8, transitions=200, repeats=3, starts=20, steps=50)
+FAST = EvaluationBudget(runs=4, transitions=100, repeats=1, starts=20, steps=50)
 TRAINING = {"updates": 500, "widths": (24, 24), "batch": 128}
 
 REACHER = """\

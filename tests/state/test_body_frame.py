@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -70,17 +71,10 @@ def test_turning_and_moving_the_world_changes_a_prediction_by_less_than_1e_5(fre
     states, controls = random_states(system, 200)
     heading = facing(rng.uniform(-np.pi, np.pi, 200))
     shift = np.concatenate([rng.uniform(-10, 10, (200, 2)), np.zeros((200, 1))], axis=1)
-    step = jax.vmap(fresh.step)
-    kind = jnp.float32
-    here = moved(
-        system,
-        np.asarray(step(jnp.asarray(states, kind), jnp.asarray(controls, kind))),
-        heading,
-        shift,
-    )
-    there = step(
-        jnp.asarray(moved(system, states, heading, shift), kind), jnp.asarray(controls, kind)
-    )
+    step = jax.jit(jax.vmap(fresh.step))
+    controls = np.float32(controls)
+    here = moved(system, np.asarray(step(np.float32(states), controls)), heading, shift)
+    there = step(np.float32(moved(system, states, heading, shift)), controls)
     assert np.abs(np.asarray(there) - here).max() < 1e-5
     assert np.abs(here - moved(system, states, heading, shift)).max() > 1e-2  # something did happen
 
@@ -93,10 +87,8 @@ def test_gravity_is_not_turned_away(fresh: Emulator):
     tipped[:, 3:7] = multiply(
         np.broadcast_to([np.sqrt(0.5), np.sqrt(0.5), 0, 0], (50, 4)), states[:, 3:7]
     )
-    local = [
-        fresh.raw_features_of(jnp.asarray(s, jnp.float32), jnp.asarray(controls, jnp.float32))
-        for s in (states, tipped)
-    ]
+    seen = eqx.filter_jit(fresh.raw_features_of)
+    local = [np.asarray(seen(np.float32(s), np.float32(controls))) for s in (states, tipped)]
     assert np.abs(local[0] - local[1]).max() > 0.5
 
 
@@ -181,15 +173,16 @@ def test_the_gradient_through_the_frame_equals_finite_differences(fresh: Emulato
     states, controls = random_states(system, 1)
     with jax.enable_x64(True):
         exact = jax.tree.map(
-            lambda leaf: leaf.astype(jnp.float64) if hasattr(leaf, "astype") else leaf, fresh
+            lambda leaf: jnp.asarray(np.asarray(leaf, float)) if eqx.is_array(leaf) else leaf, fresh
         )
         start, scale = jnp.asarray(states[0]), jnp.asarray(system.bounds.half)
 
+        @jax.jit
         def cost(share):
             return jnp.sum(exact.step(start, share * scale)[:7] ** 2)
 
-        point = jnp.asarray(controls[0]) / scale * 0.5
-        gradient, step = jax.grad(cost)(point), 1e-6
-        for i in range(len(point)):
-            numeric = (cost(point.at[i].add(step)) - cost(point.at[i].add(-step))) / (2 * step)
+        point = controls[0] / system.bounds.half * 0.5
+        gradient, step = np.asarray(jax.grad(cost)(point)), 1e-6
+        for i, beside in enumerate(step * np.eye(len(point))):
+            numeric = (cost(point + beside) - cost(point - beside)) / (2 * step)
             np.testing.assert_allclose(gradient[i], numeric, rtol=1e-4, atol=1e-9)

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import jax
 import pytest
+
+from neuroanimator.storage import program_cache
+from neuroanimator.storage.program_cache import keep_programs
 
 STEP = """
 import logging, sys
@@ -33,23 +40,44 @@ def run(code: str, **environment: str | None) -> subprocess.CompletedProcess[str
     )
 
 
+@contextmanager
+def jax_without_folder() -> Iterator[None]:
+    """Let JAX forget, for a while, in which folder this process keeps its programs."""
+    before = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", None)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_compilation_cache_dir", before)
+
+
 def programs(home: Path) -> list[Path]:
     return sorted(home.rglob("*-cache"))
 
 
-def test_a_second_process_reads_what_the_first_compiled(tmp_path: Path):
-    first = run(STEP, XDG_CACHE_HOME=str(tmp_path))
-    kept = {path: path.stat().st_mtime_ns for path in programs(tmp_path)}
-    assert first.returncode == 0, first.stderr
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A home in which a first process kept what it compiled, and what that process said."""
+    home = tmp_path_factory.mktemp("first")
+    done = run(STEP, XDG_CACHE_HOME=str(home))
+    assert done.returncode == 0, done.stderr
+    return home, done.stdout
+
+
+def test_a_second_process_reads_what_the_first_compiled(first: tuple[Path, str]):
+    home, said = first
+    kept = {path: path.stat().st_mtime_ns for path in programs(home)}
     assert kept
-    second = run(STEP, XDG_CACHE_HOME=str(tmp_path))
-    assert second.stdout == first.stdout
-    assert {path: path.stat().st_mtime_ns for path in programs(tmp_path)} == kept
+    second = run(STEP, XDG_CACHE_HOME=str(home))
+    assert second.stdout == said
+    assert {path: path.stat().st_mtime_ns for path in programs(home)} == kept
 
 
-def test_the_folder_of_programs_is_the_users_alone(tmp_path: Path):
-    run(STEP, XDG_CACHE_HOME=str(tmp_path))
-    for folder in {path.parent for path in programs(tmp_path)}:
+def test_the_folder_of_programs_is_the_users_alone(first: tuple[Path, str]):
+    home, _ = first
+    folders = {path.parent for path in programs(home)}
+    assert folders
+    for folder in folders:
         for part in (folder, folder.parent, folder.parent.parent):
             assert part.stat().st_mode & 0o077 == 0
 
@@ -71,19 +99,24 @@ def test_it_can_be_switched_off(tmp_path: Path):
     assert not programs(tmp_path)
 
 
-def test_a_damaged_program_is_compiled_again_without_a_word(tmp_path: Path):
-    first = run(STEP, XDG_CACHE_HOME=str(tmp_path))
+def test_a_damaged_program_is_compiled_again_without_a_word(
+    first: tuple[Path, str], tmp_path: Path
+):
+    home, said = first
+    shutil.copytree(home, tmp_path, dirs_exist_ok=True)
     for path in programs(tmp_path):
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     again = run(STEP, XDG_CACHE_HOME=str(tmp_path))
     assert again.returncode == 0, again.stderr
-    assert again.stdout == first.stdout
+    assert again.stdout.splitlines()[0] == said.splitlines()[0]
     assert "Error reading" not in again.stderr
 
 
 @pytest.mark.parametrize("kind", ["missing", "file", "link", "open to all", "no home"])
-def test_where_no_safe_folder_can_be_had_it_works_without(tmp_path: Path, kind: str):
-    home: str | None = str(tmp_path / "cache")
+def test_a_folder_that_is_not_safe_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+):
+    home = str(tmp_path / "cache")
     if kind == "missing":
         home = "/proc/nowhere"
     elif kind == "file":
@@ -95,17 +128,23 @@ def test_where_no_safe_folder_can_be_had_it_works_without(tmp_path: Path, kind: 
     elif kind == "open to all":
         (tmp_path / "cache" / "neuroanimator").mkdir(parents=True)
         (tmp_path / "cache" / "neuroanimator").chmod(0o777)
-    else:
-        home = None
-    found = run(STEP, XDG_CACHE_HOME=home, HOME="/proc/nowhere")
-    assert found.returncode == 0, found.stderr
-    assert found.stdout.splitlines()[-1] == "None"
+    monkeypatch.setenv("HOME", "/proc/nowhere")
+    monkeypatch.setenv("XDG_CACHE_HOME", home)
+    if kind == "no home":
+        monkeypatch.delenv("XDG_CACHE_HOME")
+    with jax_without_folder():
+        assert keep_programs.__wrapped__() is None
+        assert jax.config.jax_compilation_cache_dir is None
     assert not programs(tmp_path)
 
 
-def test_too_many_programs_lose_their_older_half(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from neuroanimator.storage import program_cache
+def test_where_no_safe_folder_can_be_had_it_works_without():
+    found = run(STEP, XDG_CACHE_HOME=None, HOME="/proc/nowhere")
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.splitlines()[-1] == "None"
 
+
+def test_too_many_programs_lose_their_older_half(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(program_cache, "MAX_PROGRAMS", 10)
     for number in range(12):
         path = tmp_path / f"{number:02}-cache"

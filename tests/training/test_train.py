@@ -16,7 +16,7 @@ from neuroanimator import NeuroAnimatorError, TrainingConfig
 from neuroanimator.data.store import Transitions
 from neuroanimator.training.train import Report, run_folder, train, validation_mask
 
-SMALL = ["--widths", "16,16", "--updates", "3000", "--batch", "64"]
+SMALL = ["--widths", "8", "--updates", "3000", "--batch", "16"]
 
 
 def command(dataset: Path, out: Path) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -69,12 +70,20 @@ def starts(fish: DeformableSystem) -> np.ndarray:
     return sample_starts(fish, np.random.default_rng(12345), 8)
 
 
+@eqx.filter_jit
+def control_rows(
+    policy: Policy, latent: np.ndarray, phases: np.ndarray, commands: np.ndarray
+) -> jax.Array:
+    """Return the controls of each row, compiled as a whole."""
+    return jax.vmap(policy.control)(latent, phases, commands)
+
+
 def controls_of(
     policy: Policy, states: np.ndarray, phase: float, commands: ArrayLike
 ) -> np.ndarray:
-    latent = jnp.asarray(policy.emulator.encode(np.asarray(states, float)), jnp.float32)
-    phases = jnp.full(len(states), phase, jnp.float32)
-    return np.asarray(jax.vmap(policy.control)(latent, phases, jnp.asarray(commands, jnp.float32)))
+    latent = np.float32(policy.emulator.encode(np.asarray(states, float)))
+    phases = np.full(len(states), phase, np.float32)
+    return np.asarray(control_rows(policy, latent, phases, np.float32(commands)))
 
 
 def random_commands(policy: Policy, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -106,12 +115,10 @@ def steering_error(
 @pytest.mark.parametrize("size", [1.0, 1e3, 1e6])
 def test_controls_stay_within_bounds_whatever_comes(policy: Policy, size: float):
     rng = np.random.default_rng(0)
-    latent = jnp.asarray(
-        rng.normal(size=(64, len(policy.emulator.encode(policy.emulator.rest)))) * size,
-        jnp.float32,
-    )
-    commands = jnp.asarray(rng.normal(size=(64, 4)) * size, jnp.float32)
-    found = np.asarray(jax.vmap(policy.control)(latent, jnp.arange(64.0), commands))
+    latent_size = len(policy.emulator.encode(policy.emulator.rest))
+    latent = np.float32(rng.normal(size=(64, latent_size)) * size)
+    commands = np.float32(rng.normal(size=(64, 4)) * size)
+    found = np.asarray(control_rows(policy, latent, np.arange(64, dtype=np.float32), commands))
     bounds = policy.emulator.bounds
     assert ((found >= np.array(bounds.low)) & (found <= np.array(bounds.high))).all()
     assert np.ptp(found) > 0.5
@@ -168,8 +175,8 @@ def test_the_mirrored_fish_does_the_mirrored_thing(
 
 def test_on_the_true_physics_it_swims_faster_when_told_to(policy: Policy, fish: DeformableSystem):
     starts = np.tile(fish.rest, (3, 1))
-    pose = policy.pose(jnp.asarray(policy.emulator.encode(starts)))
-    target = steer_forward(pose, jnp.array([0.04, 0.08, 0.12]))
+    pose = policy.pose(np.asarray(policy.emulator.encode(starts)))
+    target = steer_forward(pose, np.array([0.04, 0.08, 0.12]))
     runs, _ = rollout_on_physics(policy, fish, starts, target, round(SECONDS / policy.dt))
     speed, off = steering_error(policy, runs.states, target)
     assert not runs.has_diverged.any()
@@ -182,7 +189,7 @@ def test_on_the_true_physics_it_swims_faster_when_told_to(policy: Policy, fish: 
 def test_on_the_true_physics_it_turns_left_or_right_as_told(
     policy: Policy, fish: DeformableSystem, angle: float
 ):
-    pose = policy.pose(jnp.asarray(policy.emulator.encode(fish.rest[None])))
+    pose = policy.pose(np.asarray(policy.emulator.encode(fish.rest[None])))
     target = steer_left(pose, angle, 0.08)
     runs, _ = rollout_on_physics(policy, fish, fish.rest[None], target, round(SECONDS / policy.dt))
     after = policy.pose(np.asarray(policy.emulator.encode(runs.states[:, -12:]))).forward.mean(
@@ -195,8 +202,8 @@ def test_on_the_true_physics_it_turns_left_or_right_as_told(
 def test_on_the_true_physics_most_targets_are_found_from_anywhere(
     policy: Policy, fish: DeformableSystem, starts: np.ndarray
 ):
-    pose = policy.pose(jnp.asarray(policy.emulator.encode(starts)))
-    target = steer_left(pose, jnp.linspace(-1.5, 1.5, len(starts)), 0.08)
+    pose = policy.pose(np.asarray(policy.emulator.encode(starts)))
+    target = steer_left(pose, np.linspace(-1.5, 1.5, len(starts)), 0.08)
     runs, _ = rollout_on_physics(policy, fish, starts, target, round(SECONDS / policy.dt))
     assert np.degrees(np.median(steering_error(policy, runs.states, target)[1])) < 10
 
@@ -283,7 +290,7 @@ def test_a_body_without_left_and_right_or_gait_gets_a_policy_too():
 
 def test_training_resumes_to_the_same_bytes_and_learns(fish: DeformableSystem, tmp_path: Path):
     emulator, reports = load_emulator("fish"), []
-    training = PolicyTraining(widths=(16, 16), updates=200, batch=8, steps=8, starts=64)
+    training = PolicyTraining(widths=(8,), updates=200, batch=4, steps=6, starts=32)
     whole, parts = tmp_path / "whole.policy.safetensors", tmp_path / "parts.policy.safetensors"
     train_policy(emulator, fish, whole, training, on_report=reports.append)
 

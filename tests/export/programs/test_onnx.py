@@ -73,7 +73,7 @@ def test_a_function_is_the_same_in_onnx(name: str, batch: int):
     x, y = (rng.normal(size=(batch, 6)).astype(np.float32) for _ in range(2))
     feeds = {"x": x, "y": y}
     _, computed = run_onnx(content, feeds)
-    expected = np.asarray(jax.vmap(FUNCTIONS[name])(x, y))
+    expected = np.asarray(jax.jit(jax.vmap(FUNCTIONS[name]))(x, y))
     np.testing.assert_allclose(computed, expected, rtol=2e-5, atol=2e-5)
     np.testing.assert_allclose(run_reference(content, feeds), expected, rtol=2e-5, atol=2e-5)
 
