@@ -87,6 +87,15 @@ def test_the_gradient_of_a_step_equals_finite_differences(emulators: dict[str, E
     np.testing.assert_allclose(slope, differences, rtol=2e-2, atol=1e-3)
 
 
+def test_an_emulator_first_used_inside_jit_can_be_used_elsewhere():
+    emulator = Emulator.load("pendulum-50")
+    state, control = inputs(emulator)
+    first = jax.jit(emulator.step)(state, control)
+    again = jax.jit(lambda state: emulator.step(state, control))(state)
+    np.testing.assert_allclose(again, first, atol=1e-6)
+    np.testing.assert_allclose(emulator.step(state, control), first, atol=1e-6)
+
+
 def test_vmap_of_step_is_every_step(emulators: dict[str, Emulator]):
     emulator = emulators["lander"]
     state, control = inputs(emulator)

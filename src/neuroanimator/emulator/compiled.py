@@ -102,7 +102,9 @@ def _taken_apart(module: Any) -> tuple[Leaves, Form]:
     form = Form(structure, others)
     if is_traced(leaves):
         return leaves, form
-    on_device = tuple(jax.device_put(leaf) for leaf in leaves)  # once, not at every call
+    # Once, not at every call. Inside somebody's `jax.jit` they would be part of that program, and of no use to others.
+    with jax.ensure_compile_time_eval():
+        on_device = tuple(jax.device_put(leaf) for leaf in leaves)
     return _known.keep((on_device, form), module)
 
 
