@@ -113,7 +113,7 @@ def test_a_batch_is_the_same_as_its_rows(shipped: Emulator):
 
 def test_a_rollout_is_repeated_steps(shipped: Emulator):
     states, controls = random_inputs(6)
-    path = rollout(shipped, states[0], controls)
+    path = rollout(shipped, jnp.asarray(states[0]), jnp.asarray(controls))
     state = states[0]
     for i, control in enumerate(controls):
         state = shipped.step(state, control)
