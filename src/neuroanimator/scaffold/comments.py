@@ -59,9 +59,10 @@ def comments_on(model: mujoco.MjModel, found: Findings) -> dict[str, str]:
         "physics.integrator": "the model's own",
         "sensors": f"those to be emulated too, of: {listed(filter(None, sensors)) or 'none'}",
         "sampling.warm_up": "something can touch something: let contacts settle first",
-        "sampling.tilt": "as in trial runs, within bounds",
         "sampling.above_ground": "lifts starts that would lie in the ground",
     }
+    if values["sampling"]["tilt"]:
+        notes["sampling.tilt"] = "as in trial runs, within bounds"
     if not values["sampling"]["warm_up"]:
         notes["sampling.warm_up"] = "nothing can touch anything"
     for actuator in range(model.nu):

@@ -14,6 +14,7 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.scaffold.defaults import ANGLE_SPREAD, MAX_TURN, WANTED_SUPER_STEP, tidy
 from neuroanimator.scaffold.holding import Hold
 from neuroanimator.scaffold.surroundings import (
+    actuated_joint,
     has_free_root,
     has_servo,
     has_spring,
@@ -40,9 +41,15 @@ SUPER_STEPS = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)
 """Super steps of about these lengths are tried, the longest first [s]."""
 
 
-HOPEFUL = 1.6
+HOPEFUL = 2.5
 """A shorter super step is tried if things would turn at most so many times too far at the last speeds: these fall with it."""
 
+
+ENOUGH = 0.04
+"""Controls of a model that only they hold are narrowed until the super step may be so long [s]."""
+
+BEARABLE = 1.5
+"""Controls of others are narrowed only if even in the shortest super step things would turn so many times too far."""
 
 SHARES = (1.0, 0.5, 0.25, 0.125)
 """Controls are tried over these shares of their room, the largest first."""
@@ -63,6 +70,9 @@ BALL_SPREAD = 0.5
 TILTS = (0.1, 0.5)
 """A free root starts with a tilt of at least and at most this standard deviation [rad]."""
 
+
+UNDRIVEN_REACH = 1.0
+"""A slide with a range in a part that nothing drives, such as a thing to be pushed, starts within this of rest [m]."""
 
 FAR = 10.0
 """A slide that goes farther than this in a trial run goes away [m]."""
@@ -94,6 +104,15 @@ class Motion(NamedTuple):
         """Whether nothing turns too far in a super step to be learned."""
         return self.speed * self.dt <= MAX_TURN
 
+    def is_good(self, must_be_held: bool, longest: float) -> bool:
+        """Return whether the controls need not be narrowed further; `longest` is the longest super step there may be [s].
+
+        A model that only its controls hold is not flung about: that takes super steps of some length.
+        """
+        if must_be_held:
+            return self.is_slow and self.dt >= min(ENOUGH, longest)
+        return self.speed * self.dt <= BEARABLE * MAX_TURN
+
 
 def choose_motion(
     values: dict[str, Any], model: mujoco.MjModel, hold: Hold, growth: float
@@ -106,11 +125,12 @@ def choose_motion(
     longest = WANTED_SUPER_STEP
     if growth > 0:
         longest = min(longest, MAX_GROWTH / growth)
+    must_be_held = has_free_root(model) and bool(hold.source)
     first = None
     with progress_bar("shares of the controls tried", len(SHARES)) as bar:
         for tried, share in enumerate(SHARES):
             motion = _motion_under(values, model, hold, share, longest)
-            if motion is not None and motion.is_slow:
+            if motion is not None and motion.is_good(must_be_held, longest):
                 return motion
             first = first or motion
             bar.advance_to(tried + 1)
@@ -270,10 +290,24 @@ def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float
         return BALL_SPREAD
     if is_limited(model, joint):
         low, high = model.jnt_range[joint]
+        if kind == "slide" and not _is_driven(model, joint):
+            rest = model.qpos0[model.jnt_qposadr[joint]]
+            low = max(low, rest - UNDRIVEN_REACH)
+            high = min(high, rest + UNDRIVEN_REACH)
         return round(float(low), 4), round(float(high), 4)
     if kind == "hinge":
         return ANGLE_SPREAD
     return None
+
+
+def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
+    """Return whether an actuator drives a joint of the same tree of bodies; one that is on no joint counts as any's."""
+    tree = model.body_rootid[model.jnt_bodyid[joint]]
+    for actuator in range(model.nu):
+        driven = actuated_joint(model, actuator)
+        if driven < 0 or model.body_rootid[model.jnt_bodyid[driven]] == tree:
+            return True
+    return False
 
 
 def _meets(model: mujoco.MjModel, joint: int) -> bool:

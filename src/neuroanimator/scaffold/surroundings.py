@@ -184,6 +184,13 @@ def servo_of(model: mujoco.MjModel, actuator: int) -> bool:
     return not is_affine or bool(model.actuator_biasprm[actuator][1])
 
 
+def actuated_joint(model: mujoco.MjModel, actuator: int) -> int:
+    """Return the joint an actuator is on, -1 if it is on something else."""
+    if actuator in _on_joints(model):
+        return int(model.actuator_trnid[actuator][0])
+    return -1
+
+
 def _on_joints(model: mujoco.MjModel) -> list[int]:
     # As whole numbers: MuJoCo's enumerations equal NumPy's numbers from one side only.
     kinds = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]

@@ -123,6 +123,22 @@ def test_a_urdf_compiles(tmp_path, mesh):
     assert model.joint("j").range.tolist() == [-1, 1]
 
 
+def test_a_urdf_in_a_ros_package_finds_that_packages_meshes_and_no_others(tmp_path):
+    files = {
+        "robot/urdf/r.urdf": urdf("package://robot/meshes/a.stl"),
+        "robot/meshes/a.stl": stl(1),
+    }
+    main = write(tmp_path, files)
+    assert "leaves" not in refusal(main)
+    assert "no such file" in refusal(main)
+    (tmp_path / "robot/package.xml").write_text("<package/>")
+    again = ModelFiles.from_json(json.loads(json.dumps(read_model_files(main).to_json())))
+    assert compile_model(again).nmesh == 1
+    (tmp_path / "b.stl").write_bytes(stl(1))
+    outside = write(tmp_path, {"robot/urdf/s.urdf": urdf("package://robot/../b.stl")})
+    assert "leaves the model's folder" in refusal(outside)
+
+
 def test_a_nan_state_is_not_reset_silently(tmp_path):
     model = compile_model(read_model_files(write(tmp_path, {"m.xml": mujoco_xml()})))
     assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET

@@ -29,6 +29,12 @@ from neuroanimator.systems.rigid.urdf import compile_urdf
 URDF_PARTS = {"link", "joint", "material", "mujoco"}
 """What MuJoCo reads of a URDF; the rest, such as <gazebo>, is dropped."""
 
+PACKAGE_FILE = "package.xml"
+"""A folder that holds this file is a ROS package."""
+
+PACKAGE_DEPTH = 4
+"""A URDF may lie so deep in its package, the package's own folder counted."""
+
 MAX_NAME = 255
 """A file's name may have so many characters, as on most file systems."""
 
@@ -77,22 +83,36 @@ def _is_main_and_files(value: Any) -> bool:
 
 
 def read_model_files(path: Path) -> ModelFiles:
-    """Return the model at `path` with every file it refers to, all from its folder; compiles nothing.
+    """Return the model at `path` with every file it refers to, all from its folder or ROS package; compiles nothing.
 
     Raises BadFileError naming the file and the fault: a path or link out of the folder, a missing file,
     a document type, an unsupported element, or anything beyond the limits in `model_xml` and `model_safety`.
     """
     try:
-        folder = path.parent.resolve()
+        folder = _folder_of(path)
+        main = (path.parent.resolve() / path.name).relative_to(folder).as_posix()
         source = Source(load=lambda name: _read(folder, name))
-        _assemble(path.name, source)
+        _assemble(main, source)
     except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a circle of links
         raise BadFileError(f"{path.name}: could not read it: {error}. Check the file.") from error
     files = []
     for name in sorted(source.taken):
         text = base64.b64encode(source.taken[name]).decode()
         files.append((name, text))
-    return ModelFiles(path.name, tuple(files))
+    return ModelFiles(main, tuple(files))
+
+
+def _folder_of(path: Path) -> Path:
+    """Return the folder a model's files are read from: its own, or that of the ROS package a URDF lies in.
+
+    `package://NAME/` stands for it; only a folder with a `package.xml` counts, so that no URDF can name any other.
+    """
+    folder = path.parent.resolve()
+    if path.suffix.lower() == ".urdf":
+        for above in (folder, *folder.parents)[:PACKAGE_DEPTH]:
+            if (above / PACKAGE_FILE).is_file():
+                return above
+    return folder
 
 
 def _read(folder: Path, name: str) -> bytes | None:
