@@ -161,3 +161,17 @@ def test_switched_off_actuators_are_refused(tmp_path: Path):
     (tmp_path / "off.xml").write_text(off)
     with pytest.raises(NeuroAnimatorError, match="switches all actuators off"):
         propose(tmp_path / "off.xml")
+
+
+def test_actuators_whose_names_clash_are_refused(tmp_path: Path):
+    clashing = ARM.replace('<motor joint="elbow"', '<motor name="actuator_0" joint="elbow"')
+    (tmp_path / "clash.xml").write_text(clashing)
+    with pytest.raises(NeuroAnimatorError, match="Two actuators would be called 'actuator_0'"):
+        propose(tmp_path / "clash.xml")
+
+
+def test_how_long_the_data_will_take_is_said_before_they_are_made(tmp_path: Path, cli):
+    (tmp_path / "arm.xml").write_text(ARM)
+    result = cli("new", tmp_path / "arm.xml")
+    assert "100,000 transitions take about" in result.stdout
+    assert "100,000 transitions take about" in (tmp_path / "arm.toml").read_text()

@@ -46,11 +46,11 @@ def run(
     following = f"edit {path}, then: neuroanimator train {path} --out {name}.emulator.safetensors"
     for warning in proposal.warnings:
         print_line(f"warning: {warning}", to_stderr=True)
-    print_rows(
-        [
-            ("system", name),
-            ("super step", f"{definition.substeps} physics steps, {dt:g} s"),
-            ("written", path),
-            ("next", following),
-        ]
-    )
+    rows: list[tuple[str, object]] = [
+        ("system", name),
+        ("super step", f"{definition.substeps} physics steps, {dt:g} s"),
+    ]
+    if proposal.data_time:
+        rows.append(("data", f"100,000 transitions take about {proposal.data_time}"))
+    rows += [("written", path), ("next", following)]
+    print_rows(rows)

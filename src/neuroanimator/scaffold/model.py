@@ -34,6 +34,7 @@ from neuroanimator.scaffold.surroundings import (
 )
 from neuroanimator.scaffold.teacher import (
     choose_teacher,
+    in_words,
 )
 from neuroanimator.scaffold.trials import (
     Trial,
@@ -45,6 +46,7 @@ from neuroanimator.systems.rigid.joints import FEATURES, joint_name
 from neuroanimator.systems.rigid.model_files import compile_model, read_model_files
 from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe_name
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
+from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import phase
 
@@ -67,6 +69,8 @@ class Proposal:
     """Names of the parts of the state."""
     warnings: tuple[str, ...] = ()
     """What the user should look at before anything is generated."""
+    data_time: str = ""
+    """About how long `generate` takes on this machine if nothing else is said; empty if nobody can tell."""
 
 
 def propose(
@@ -105,7 +109,11 @@ def propose(
     definition = check_table(values, path.name, Definition)
     parts = [part.name for part in system.state.slices]
     return Proposal(
-        definition, comments_on(model, found), parts, tuple(warnings_about(model, found))
+        definition,
+        comments_on(model, found),
+        parts,
+        tuple(warnings_about(model, found)),
+        in_words(teacher.seconds),
     )
 
 
@@ -195,11 +203,11 @@ def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...])
 def _usual_contacts(system: ModelSystem, trial: Trial) -> float:
     """Return how many contacts there are on average in trial runs."""
     data = mujoco.MjData(system.model)
+    every = max(1, trial.states.shape[1] // 4)
     counts = []
-    for state in trial.states[:, :: max(1, trial.states.shape[1] // 4)].reshape(
-        -1, system.state.size
-    ):
-        data.qpos[:] = state[: system.model.nq]
-        mujoco.mj_fwdPosition(system.model, data)
-        counts.append(data.ncon)
+    with warnings_counted:
+        for state in trial.states[:, ::every].reshape(-1, system.state.size):
+            data.qpos[:] = state[: system.model.nq]
+            mujoco.mj_fwdPosition(system.model, data)
+            counts.append(data.ncon)
     return float(np.mean(counts))

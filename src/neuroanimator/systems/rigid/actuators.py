@@ -17,8 +17,14 @@ def actuator_name(model: mujoco.MjModel, actuator: int) -> str:
 
 
 def layout_of_actuators(model: mujoco.MjModel) -> Layout:
-    """Return the actuators in the model's order, one number each."""
+    """Return the actuators in the model's order, one number each; ArgumentError if two have one name."""
     slices = [Slice(actuator_name(model, i), 1, control_unit(model, i)) for i in range(model.nu)]
+    names = [part.name for part in slices]
+    for name in names:
+        if names.count(name) > 1:
+            raise ArgumentError(
+                f"Two actuators would be called '{name}'. Rename one of them in the model."
+            )
     return Layout(tuple(slices))
 
 
