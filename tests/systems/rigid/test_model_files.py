@@ -139,6 +139,24 @@ def test_a_urdf_in_a_ros_package_finds_that_packages_meshes_and_no_others(tmp_pa
     assert "leaves the model's folder" in refusal(outside)
 
 
+@pytest.mark.parametrize("place", ["a.stl", "meshes/a.stl", "models/robot/meshes/a.stl"])
+def test_a_path_in_a_package_may_begin_above_the_models_folder(tmp_path, place):
+    files = {"r.urdf": urdf("package://robots/models/robot/meshes/a.stl"), place: stl(1)}
+    assert compile_model(read_model_files(write(tmp_path, files))).nmesh == 1
+
+
+def test_macros_are_refused_and_a_colour_that_is_none_is_not(tmp_path):
+    robot = urdf("a.stl")
+    macro = robot.replace("</robot>", '<xacro:leg prefix="l"/></robot>').replace(
+        "<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    )
+    main = write(tmp_path, {"r.urdf": macro, "a.stl": stl(1)})
+    assert "r.urdf: xacro:leg: xacro's macros are not expanded" in refusal(main)
+    color = '<material name="blue"><color rgba="0 0 1 1 1"/></material></robot>'
+    main = write(tmp_path, {"r.urdf": robot.replace("</robot>", color)})
+    assert compile_model(read_model_files(main)).nmesh == 1
+
+
 def test_a_nan_state_is_not_reset_silently(tmp_path):
     model = compile_model(read_model_files(write(tmp_path, {"m.xml": mujoco_xml()})))
     assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET

@@ -23,11 +23,18 @@ from neuroanimator.systems.rigid.model_xml import (
     expand,
     parse,
     refuse,
+    refuse_at,
 )
 from neuroanimator.systems.rigid.urdf import compile_urdf
 
 URDF_PARTS = {"link", "joint", "material", "mujoco"}
 """What MuJoCo reads of a URDF; the rest, such as <gazebo>, is dropped."""
+
+COLOR_SIZE = 4
+"""A colour is red, green, blue and opacity."""
+
+MACRO = "xacro:"
+"""The tags of xacro, the language most URDFs are made with, begin so."""
 
 PACKAGE_FILE = "package.xml"
 """A folder that holds this file is a ROS package."""
@@ -187,13 +194,29 @@ def _take_settings(root: Element) -> dict[str, str]:
 
 
 def _trim_urdf(root: Element, settings: dict[str, str]) -> None:
-    """Remove what MuJoCo does not read of a URDF, so that it needs no files for it."""
+    """Remove what MuJoCo does not read of a URDF, so that it needs no files for it; macros of xacro are refused."""
+    for element in root.descendants():
+        if element.tag.startswith(MACRO):
+            refuse_at(
+                element,
+                "",
+                "xacro's macros are not expanded. Run `xacro` on the file, and take what it writes",
+            )
     root[:] = [child for child in root if child.tag in URDF_PARTS]
     for texture in root.iter("texture"):
         texture.attrib.clear()
+    for material in root.descendants():
+        # A colour of three numbers, or of five, is no reason to refuse a robot.
+        if material.tag == "material":
+            material[:] = [child for child in material if _is_color(child)]
     if settings.get("discardvisual", "true") == "true":
         for visual in root.iter("visual"):
             visual[:] = [child for child in visual if child.tag != "geometry"]
+
+
+def _is_color(element: ET.Element) -> bool:
+    """Return whether an element of a material is anything but a colour that is not four numbers."""
+    return element.tag != "color" or len(element.get("rgba", "").split()) == COLOR_SIZE
 
 
 @contextmanager

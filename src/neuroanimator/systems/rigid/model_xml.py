@@ -33,6 +33,9 @@ ELEMENT_LIMIT = 10_000
 ATTRIBUTE_LIMIT = 100
 """An element may have so many attributes: MuJoCo compares each with all the others, 49 s for 150,000."""
 
+PATH_PARTS = 12
+"""So many last parts of the path of a URDF's mesh are tried."""
+
 MAX_TAG = 40
 """An error shows so many characters of an element's tag."""
 
@@ -125,12 +128,16 @@ class Source:
 
 
 def _candidates(element: Element, attribute: str, folders: list[str]) -> list[str]:
-    """Return the paths, all inside the model's folder, where a file may be; `package://name/` counts as that folder."""
+    """Return the paths, all inside the model's folder, where a file may be; `package://name/` counts as that folder.
+
+    A URDF's folder may be any part of its package, so that the path may begin too high up: its ends are tried, too.
+    """
     text = element.attrib[attribute]
     paths = [text]
     if attribute == "filename":
-        text = re.sub("^package://[^/]*/", "", text)
-        paths = [text, PurePosixPath(text).name]
+        text = re.sub("^(package|model)://[^/]*/", "", text)
+        parts = text.split("/")[-PATH_PARTS:]
+        paths = [text, *("/".join(parts[first:]) for first in range(len(parts)))]
     for part in (text, *folders):
         if re.search(r"^/|(^|/)\.\.(/|$)|[\\:\0]", part):
             culprit = ""
