@@ -133,9 +133,9 @@ LARGE_RECIPES = {
         modes=(63, 63),
     ),
     "lander": Recipe(
-        (128, 80),
+        (160, 96),
         transitions=1_440_000,
-        updates=80_000,
+        updates=160_000,
         samples_per_run=36,
         rare_share=0.5,
         idle_share=0.1,
