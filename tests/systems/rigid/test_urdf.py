@@ -75,6 +75,15 @@ def test_a_free_base_stands_on_a_floor(tmp_path: Path):
     assert model.body_subtreemass[1] == pytest.approx(6.0)
 
 
+def test_a_base_that_is_joined_to_the_world_cannot_be_free(tmp_path: Path):
+    world = '<link name="world"/><joint name="weld" type="{}"><parent link="world"/><child link="base"/></joint></robot>'
+    for kind in ("fixed", "floating"):
+        model = compiled(tmp_path, ROBOT.replace("</robot>", world.format(kind)), "fixed")
+        assert model.nu == 2
+    with pytest.raises(NeuroAnimatorError, match="no root link that could be free"):
+        compiled(tmp_path, ROBOT.replace("</robot>", world.format("floating")), "free")
+
+
 def test_a_mimicking_joint_follows_and_has_no_motor(tmp_path: Path):
     text = ROBOT.replace(
         '<dynamics damping="0.25"/>', '<mimic joint="hip" multiplier="-0.5" offset="0.1"/>'

@@ -37,7 +37,7 @@ def compile_urdf(
             _add_motor(spec, joint, element)
             _add_mimic(spec, joint, element, joints)
     if base == "free":
-        _free_base(spec)
+        _free_base(spec, robot)
     return spec.compile()
 
 
@@ -94,9 +94,15 @@ def _number(element: Element, tag: str, attribute: str, otherwise: float = 0.0) 
     return value
 
 
-def _free_base(spec: mujoco.MjSpec) -> None:
-    """Let the root move freely, just above a floor."""
+def _free_base(spec: mujoco.MjSpec, robot: Element) -> None:
+    """Let the root move freely, just above a floor; BadFileError if there is none, or if the file joins it to the world."""
     root = spec.worldbody.first_body()
+    if root is None or root.joints:
+        refuse_at(
+            robot,
+            "",
+            "no root link that could be free. Say base = fixed, or take out the link 'world'",
+        )
     root.add_freejoint(name=ROOT)
     spec.worldbody.add_geom(name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=list(FLOOR_SIZE))
     model = spec.compile()
