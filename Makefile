@@ -57,6 +57,8 @@ $(STAMP): pyproject.toml constraints.txt
 	  && $(BIN)/python -m pip install --quiet --require-hashes -r constraints.txt \
 	  && $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .; \
 	fi
+	@# Where Python may not keep what it compiles, every process would compile the package anew.
+	@test -z "$$PYTHONDONTWRITEBYTECODE" || $(BIN)/python -m compileall -q src
 	@touch $@
 
 # What only the documentation needs: `make demo` and `make test` do not wait for it.

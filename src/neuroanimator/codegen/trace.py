@@ -18,7 +18,7 @@ from neuroanimator.codegen.program import (
     Program,
 )
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.jax_later import jax, jaxprs, jnp
+from neuroanimator.jax_later import jax, jaxprs
 
 NESTED = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 """Parameters under which an operation keeps the operations it stands for."""
@@ -336,7 +336,8 @@ def _targets(
 
 def _bind(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
     """Return what an operation gives for `inputs`, carried out now."""
-    results = eqn.primitive.bind(*map(jnp.asarray, inputs), **eqn.params)
+    # `jnp.asarray` would compile a program for every shape.
+    results = eqn.primitive.bind(*jax.device_put(inputs), **eqn.params)
     if eqn.primitive.multiple_results:
         return list(results)
     return [results]
