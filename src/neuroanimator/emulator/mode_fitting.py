@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.pca import Basis, principal, reflection
 from neuroanimator.emulator.shape_modes import LIMITS, ShapeModes, view_in_frame
-from neuroanimator.jax_later import jnp
 from neuroanimator.state.segments import Lag
 from neuroanimator.state.structure import Structure
 
@@ -48,12 +48,12 @@ def modes_along(
     if lags:
         time_constant = lags[0].time_constant
     modes = ShapeModes(
-        positions=jnp.asarray(positions.directions, jnp.float32),
-        velocities=jnp.asarray(velocities.directions, jnp.float32),
-        mean_position=jnp.asarray(positions.mean, jnp.float32),
-        mean_velocity=jnp.asarray(velocities.mean, jnp.float32),
-        spread=jnp.ones(positions.directions.shape[1] + velocities.directions.shape[1]),
-        limits=jnp.ones(LIMITS.size),
+        positions=as_jax(positions.directions),
+        velocities=as_jax(velocities.directions),
+        mean_position=as_jax(positions.mean),
+        mean_velocity=as_jax(velocities.mean),
+        spread=as_jax(np.ones(positions.directions.shape[1] + velocities.directions.shape[1])),
+        limits=as_jax(np.ones(LIMITS.size)),
         cloud=structure.cloud,
         mirror=structure.mirror,
         odd_positions=positions.odd,
@@ -75,6 +75,6 @@ def _with_limits(modes: ShapeModes, states: Float[np.ndarray, "B S"]) -> ShapeMo
     limits = np.array([np.quantile(np.sqrt(square), HARDLY_EXCEEDED) for square in squares])
     return replace(
         modes,
-        spread=jnp.asarray(spread, jnp.float32),
-        limits=jnp.asarray(limits, jnp.float32),
+        spread=as_jax(spread),
+        limits=as_jax(limits),
     )

@@ -55,7 +55,7 @@ def rollout_on_emulator(
     phase = jax.random.uniform(jax.random.key(seed), (len(checked),), maxval=2 * jnp.pi)
     if is_in_c(policy):
         return _rollout_in_c(policy, behaviour, as_float32(checked), np.asarray(phase), steps)
-    return _rollout_on_emulator(policy, behaviour, jnp.asarray(checked, jnp.float32), phase, steps)
+    return _rollout_on_emulator(policy, behaviour, as_jax(checked), phase, steps)
 
 
 def _rollout_in_c(

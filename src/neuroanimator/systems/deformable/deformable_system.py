@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.definitions.body import BodyDefinition, control_names
-from neuroanimator.jax_later import Array, jax, jnp, when_imported
+from neuroanimator.jax_later import Array, jax, when_imported
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.reference_shape import to_world_axes
 from neuroanimator.state.rotation import facing, multiply, rotated_by
@@ -182,8 +182,8 @@ class DeformableSystem(System):
 
 
 def _rows_last(rows: np.ndarray) -> Array:
-    """Return `rows` (B, ...) as the physics in JAX takes them: (..., B)."""
-    return jnp.asarray(np.moveaxis(rows, 0, -1))
+    """Return `rows` (B, ...) as the physics in JAX takes them: (..., B). Nothing is compiled."""
+    return jax.device_put(np.array(np.moveaxis(rows, 0, -1), order="C"))
 
 
 def _lanes_last(rows: np.ndarray) -> np.ndarray:
