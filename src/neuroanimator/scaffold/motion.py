@@ -124,7 +124,7 @@ def choose_motion(
     """
     longest = WANTED_SUPER_STEP
     if growth > 0:
-        longest = min(longest, MAX_GROWTH / growth)
+        longest = max(SUPER_STEPS[-1], min(longest, MAX_GROWTH / growth))
     must_be_held = has_free_root(model) and bool(hold.source)
     first = None
     with progress_bar("shares of the controls tried", len(SHARES)) as bar:

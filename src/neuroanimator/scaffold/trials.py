@@ -12,6 +12,7 @@ from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.scaffold.defaults import FASTEST
 from neuroanimator.scaffold.holding import at
+from neuroanimator.scaffold.surroundings import has_contacts
 from neuroanimator.state.rotation import rotate_back
 from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.model_system import RATE_SIZES, ModelSystem
@@ -153,9 +154,11 @@ def growth_at_rest(
 ) -> float:
     """Return the rate at which the fastest fall from `rest` under `controls` grows [1/s]; 0 if none does.
 
-    It is the largest real part of the linearised model's eigenvalues. Of a model that touches something at rest it is
-    taken for 0: there contacts decide.
+    It is the largest real part of the linearised model's eigenvalues. Of a model that can touch something it is taken
+    for 0: what just touches at rest would look as if it were thrown off.
     """
+    if has_contacts(model):
+        return 0.0
     implicit = model.__copy__()
     implicit.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     with warnings_counted:
