@@ -84,7 +84,9 @@ def test_a_program_that_does_something_else_is_refused(
         return c_rows.CProgram(program.text, program.constants * np.float32(1.01), program.sizes)
 
     monkeypatch.setattr(c_rows, "_program", wrong)
-    monkeypatch.setattr(module, "_about", lambda policy: ["a policy nobody has made a program of"])
+    monkeypatch.setattr(
+        module, "facts_of_policy", lambda policy: ["one nobody has made a program of"]
+    )
     in_jax = super_step_in("auto", policy)
     assert "does not do what policy_super_step does in JAX" in capsys.readouterr().err
     set_backend("jax")
