@@ -23,6 +23,21 @@ from neuroanimator.state.layout import Bounds
 ITERATIONS = 2
 """Backward sweeps a plan: the last plan, moved on, is nearly optimal already. They swing the pendulum up and hold it."""
 
+WAVES = 13
+"""Joins the seed of waves, so that they are not drawn as anything else."""
+
+MAX_WAVE_FREQUENCY = 1.5
+"""Waves are no faster [Hz], nor than a quarter of a period a super step."""
+
+MIN_WAVE_SHARE = 0.1
+"""Waves are no slower than this share of the fastest."""
+
+MIN_WAVE_HEIGHT = 0.4
+"""Waves take at least this share of the controls' range to either side."""
+
+MAX_BEND = 0.5
+"""By at most this share of the range to one side half of the waves are bent, so that they turn."""
+
 MAX_GUESSES = 4096
 """Random controls tried at every plan, at most: J of each takes as long as a rollout."""
 
@@ -52,7 +67,7 @@ class Planner:
     iterations: int
     """Backward sweeps of a plan, at most."""
     guesses: Float[np.ndarray, "K Z"] = field(repr=False)
-    """Random controls tried at every plan, as numbers of the parametrisation."""
+    """Controls tried at every plan, as numbers of the parametrisation."""
     _evaluator: Evaluator = field(repr=False)
     """Of motions from the emulator's rest."""
 
@@ -74,8 +89,8 @@ class Planner:
 
         Times in `objective` count from the state planned from, so a goal `since` 0 s is one to stay at. `bounds`
         may be tighter than the emulator's own; `parametrisation` other than one value per super step bring their own.
-        Of so many random `guesses`, the same at every plan, the best is descended from beside the last plan: a plan
-        whose controls are at their bounds has hardly a slope, and a new beginning leads away from there.
+        Of so many `guesses`, random ones and waves, the same at every plan, the best is descended from beside the
+        last plan: a plan whose controls are at their bounds has hardly a slope, and a new beginning leads away from there.
 
         Raises ArgumentError for an unknown method, numbers below 1, and an objective that cannot be descended.
         """
@@ -100,7 +115,7 @@ class Planner:
             parametrisation,
             method,
             iterations,
-            random_guesses(emulator, parametrisation, guesses, seed),
+            _guesses(emulator, parametrisation, guesses, seed),
             evaluator_of(problem),
         )
         planner.plan(emulator.rest)
@@ -134,6 +149,38 @@ class Planner:
             )
         problem = pose_problem(self.emulator, objective, self.parametrisation, self.emulator.rest)
         return replace(self, objective=objective, _evaluator=evaluator_of(problem))
+
+
+def _guesses(
+    emulator: Emulator, parametrisation: Parametrisation, count: int, seed: int
+) -> Float[np.ndarray, "K Z"]:
+    """Return `count` first guesses: half random as training saw them, half waves."""
+    waves = wave_guesses(emulator, parametrisation, count // 2, seed)
+    others = random_guesses(emulator, parametrisation, count - count // 2, seed)
+    return np.concatenate([others, waves])
+
+
+def wave_guesses(
+    emulator: Emulator, parametrisation: Parametrisation, count: int, seed: int
+) -> Float[np.ndarray, "K Z"]:
+    """Return the z of `count` waves that run through the controls in their order, some of them bent to one side.
+
+    Bodies that swim or crawl come forward by the order in which joints move: a slope at rest knows nothing of that.
+    """
+    bounds = emulator.bounds
+    rng = np.random.default_rng([seed, WAVES])
+    seconds = (np.arange(parametrisation.steps) + 0.5) * emulator.dt
+    fastest = min(MAX_WAVE_FREQUENCY, 0.25 / emulator.dt)
+    guesses = np.empty((count, parametrisation.size))
+    for guess in guesses:
+        frequency = fastest * MIN_WAVE_SHARE ** rng.uniform()
+        lag = rng.uniform(-np.pi, np.pi)
+        height = rng.uniform(MIN_WAVE_HEIGHT, 1)
+        bend = rng.integers(0, 2) * rng.uniform(-MAX_BEND, MAX_BEND)
+        phases = rng.uniform(0, 2 * np.pi) + lag * np.arange(len(bounds.half))
+        wave = height * np.sin(2 * np.pi * frequency * seconds[:, None] + phases) + bend
+        guess[:] = parametrisation.guess(bounds.middle + np.clip(wave, -1, 1) * bounds.half)
+    return guesses
 
 
 def _without_numbers(objective: Objective) -> Objective:
