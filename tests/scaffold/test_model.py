@@ -18,7 +18,9 @@ from neuroanimator import (
     load_system,
 )
 from neuroanimator.data.store import read_transitions
+from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.evaluate import EvaluationBudget
+from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.model import propose
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
@@ -243,3 +245,27 @@ def test_a_dataset_carries_its_system_and_another_edit_is_another_dataset(
             DatasetConfig(system=name, definition=definition, substeps=n, count=120),
             tmp_path / "d",
         )
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("fish.xml", "my-fish"),
+        ("My Robot (v2).xml", "my-robot-v2"),
+        ("2.xml", "my-2"),
+        ("ünïcode.xml", "n-code"),
+        ("---.xml", "my"),
+    ],
+)
+def test_any_file_name_makes_a_name_of_its_own(file: str, name: str):
+    assert usual_name(Path(file)) == name
+
+
+def test_a_system_is_called_what_its_user_says(cart: Path):
+    path, proposal = write_definition(str(cart), name="trolley")
+    assert proposal.definition.name == "trolley"
+    assert 'name = "trolley"' in path.read_text()
+    for bad, why in (("fish", "is a system of the package"), ("a/b", "wanted letters, digits")):
+        with pytest.raises(ArgumentError, match=why):
+            write_definition(str(cart), name=bad, force=True)
+    assert 'name = "trolley"' in path.read_text()

@@ -21,6 +21,9 @@ def run(
     out: Annotated[
         Path | None, typer.Option(help="TOML file to write; beside the model if not given.")
     ] = None,
+    name: Annotated[
+        str, typer.Option(help="What to call the system; after its file if not given.")
+    ] = "",
     keyframe: Annotated[
         str,
         typer.Option(help="Keyframe of the model that is its state of rest; 'home' or the first."),
@@ -38,16 +41,15 @@ def run(
         from neuroanimator.scaffold.write_toml import checked_base, write_definition
     with phase("checking the model"):
         path, proposal = write_definition(
-            model, out, force=force, keyframe=keyframe, base=checked_base(base)
+            model, out, force=force, keyframe=keyframe, base=checked_base(base), name=name
         )
     definition = proposal.definition
-    name = definition.name
     dt = definition.substeps * definition.physics.step
-    following = f"edit {path}, then: neuroanimator train {path} --out {name}.emulator.safetensors"
+    following = f"edit {path}, then: neuroanimator train {path} --out {definition.name}.emulator.safetensors"
     for warning in proposal.warnings:
         print_line(f"warning: {warning}", to_stderr=True)
     rows: list[tuple[str, object]] = [
-        ("system", name),
+        ("system", definition.name),
         ("super step", f"{definition.substeps} physics steps, {dt:g} s"),
     ]
     if proposal.data_time:

@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
+from neuroanimator.systems import SYSTEMS
+
+MAX_USUAL_NAME = 30
+"""Characters of a name taken from a file: with `my-` before it, it may be a system's."""
+
 WANTED_SUPER_STEP = 0.1
 """A proposed super step lasts at most about this long [s], and never less than one step: three pictures of a film."""
 
@@ -26,3 +34,11 @@ def proposed_substeps(step: float) -> int:
 def tidy(value: float, digits: int = 12) -> float:
     """Return a number without the last digits that arithmetic leaves, for people to read."""
     return float(f"{value:.{digits}g}")
+
+
+def usual_name(path: Path) -> str:
+    """Return the name of a system by its file: of valid characters only, and no name of a system of the package."""
+    name = re.sub("[^a-z0-9_-]+", "-", path.stem.lower()).strip("-_")[:MAX_USUAL_NAME]
+    if not name or not name[0].isalpha() or name in SYSTEMS:
+        name = f"my-{name}".rstrip("-")
+    return name

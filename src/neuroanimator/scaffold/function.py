@@ -18,6 +18,7 @@ from neuroanimator.scaffold.defaults import (
     MAX_TEACHER_ERROR,
     MAX_TURN,
     proposed_substeps,
+    usual_name,
 )
 from neuroanimator.scaffold.step_structure import (
     placeless_entries,
@@ -214,7 +215,7 @@ def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
     for name, value in control.items():
         control_parts.append(_control_part(path, name, value))
     return {
-        "name": path.stem.lower().replace(" ", "-"),
+        "name": usual_name(path),
         "kind": "python",
         "file": path.name,
         "batched": bool(getattr(module, "BATCHED", False)),

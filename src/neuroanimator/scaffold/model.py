@@ -20,7 +20,7 @@ from neuroanimator.scaffold.actuators import (
     wide_enough,
 )
 from neuroanimator.scaffold.comments import Findings, comments_on, warnings_about
-from neuroanimator.scaffold.defaults import WANTED_SUPER_STEP, tidy
+from neuroanimator.scaffold.defaults import WANTED_SUPER_STEP, tidy, usual_name
 from neuroanimator.scaffold.holding import holding_controls
 from neuroanimator.scaffold.motion import TILTS, choose_motion, free_spread, system_of
 from neuroanimator.scaffold.surroundings import (
@@ -142,7 +142,7 @@ def _read_off(path: Path, model: mujoco.MjModel, keyframe: str, base: str) -> di
     if is_free:
         tilt = TILTS[0]
     return {
-        "name": path.stem.lower().replace(" ", "-"),
+        "name": usual_name(path),
         "model": path.name,
         "base": base,
         "keyframe": keyframe or _usual_keyframe(model),

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import BadFileError
-from neuroanimator.scaffold.defaults import FASTEST, MAX_TURN, proposed_substeps
+from neuroanimator.scaffold.defaults import FASTEST, MAX_TURN, proposed_substeps, usual_name
 from neuroanimator.state.units import rate_unit
 from neuroanimator.systems.recorded.recording import Recording, read_recording
 from neuroanimator.systems.trusted_files import digest_of
@@ -52,7 +52,7 @@ def propose_recording(
         control.append(_control_part(recording, entry, path))
     substeps, note = _substeps(recording, runs, state)
     values = {
-        "name": path.stem.lower().replace(" ", "-"),
+        "name": usual_name(path),
         "kind": "recorded",
         "file": path.name,
         "substeps": substeps,

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.parsing.names import SYSTEM_PATTERN
 from neuroanimator.scaffold.function import propose_function
 from neuroanimator.scaffold.model import Proposal, propose
 from neuroanimator.scaffold.recording import propose_recording
@@ -74,15 +77,17 @@ def write_definition(
     force: bool = False,
     keyframe: str = "",
     base: Literal["fixed", "free"] = "fixed",
+    name: str = "",
 ) -> tuple[Path, Proposal]:
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
-    run to see what it does. `keyframe` and `base` are as in `propose`.
+    run to see what it does. `keyframe` and `base` are as in `propose`; the system is called `name`, or after the file.
 
     Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside
-    the model, or if the name is taken; BadFileError for what cannot be emulated.
+    the model, or if `name` is none or taken; BadFileError for what cannot be emulated.
     """
+    _check_name(name)
     source = Path(model)
     if not source.suffix:
         source = _copy_from_gymnasium(model, out.parent if out else Path())
@@ -100,11 +105,21 @@ def write_definition(
         proposal = _propose_without_model(source)
     else:
         proposal = propose(source, keyframe=keyframe, base=base)
-    name = proposal.definition.name
-    if name in SYSTEMS:
-        raise ArgumentError(f"'{name}' is a system of the package. Rename {source.name}.")
+    if name:
+        definition = proposal.definition.model_copy(update={"name": name})
+        proposal = replace(proposal, definition=definition)
     write_whole(path, as_toml(proposal).encode())
     return path, proposal
+
+
+def _check_name(name: str) -> None:
+    """Raise ArgumentError for a name that no system of a user's can have; none at all is well."""
+    if name and not re.fullmatch(SYSTEM_PATTERN, name):
+        raise ArgumentError(
+            f"name: wanted letters, digits, _ and -, at most 40, came {quoted(name)}."
+        )
+    if name in SYSTEMS:
+        raise ArgumentError(f"name: '{name}' is a system of the package. Choose another.")
 
 
 def checked_base(text: str) -> Literal["fixed", "free"]:
