@@ -1,7 +1,7 @@
 """Draw every system's default film, and the leap, and lay twelve images of each side by side, to be looked at.
 
 python benchmarks/contact_sheets.py                    # films and sheets into out/films and out/sheets
-python benchmarks/contact_sheets.py --only cube leap   # some of them
+python benchmarks/contact_sheets.py --only fish leap   # some of them
 python benchmarks/contact_sheets.py images             # the pictures of the README into docs/images
 """
 
@@ -22,7 +22,7 @@ import neuroanimator as na
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.export.film.options import read_film
 
-SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin", "cube")
+SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin")
 SECONDS = 5.0
 """Of a default film, as `animate` has it."""
 COLUMNS, ROWS = 3, 4

@@ -59,7 +59,7 @@ def deformable(name: str) -> DeformableSystem:
 
 def accuracy_rows(repeats: int) -> Rows:
     """Return a row per shipped emulator: one step, a hundred steps, and what its modes cannot show."""
-    names = [f"{name}-{n}" for name in ("fish", "dolphin", "cube") for n in COUNTS]
+    names = [f"{name}-{n}" for name in ("fish", "dolphin") for n in COUNTS]
     return [accuracy_row(load_emulator(name), quick=repeats < 5) for name in names]
 
 

@@ -23,8 +23,8 @@ from neuroanimator.emulator.emulator import rollout_latent
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 
-SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin", "cube")
-"""The shipped systems measured."""
+SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin")
+"""The systems measured, those that an emulator ships of."""
 
 STEPS = 1_000_000
 """The super steps of a run."""

@@ -36,7 +36,7 @@ from neuroanimator.bench.csv_table import describe_machine, write_csv
 from neuroanimator.evaluation.speed import one_core
 from neuroanimator.terminal import print_table, progress_bar
 
-SYSTEMS = ("pendulum", "pendulum-passive", "truck", "lander", "fish", "dolphin", "cube")
+SYSTEMS = ("pendulum", "pendulum-passive", "truck", "lander", "fish", "dolphin")
 
 SUBSTEPS = 50
 

@@ -128,6 +128,20 @@ def shipped() -> Emulator:
     return load_emulator("pendulum-50")
 
 
+@pytest.fixture(scope="session")
+def untrained_cube() -> Emulator:
+    """A soft body on the ground that is pushed about. None ships; for laws that hold of any weights."""
+    from neuroanimator import DatasetConfig, TrainingConfig
+    from neuroanimator.data.generate import simulate_transitions
+    from neuroanimator.training.initialise import build_emulator
+
+    transitions = simulate_transitions(DatasetConfig(system="cube", count=360, samples_per_run=36))
+    config = TrainingConfig(
+        network="linear-glu", widths=(16, 8), position_modes=18, velocity_modes=18
+    )
+    return build_emulator(transitions, config)
+
+
 @pytest.fixture
 def cli(monkeypatch: pytest.MonkeyPatch) -> Cli:
     """Run the command line in this process: without seconds of imports, and all else as `cli_process` does."""

@@ -9,10 +9,13 @@ from neuroanimator.errors import BadFileError
 
 SHIPPED = [
     (system, substeps)
-    for system in ("cube", "dolphin", "fish", "lander", "pendulum", "pendulum-passive", "truck")
+    for system in ("dolphin", "fish", "lander", "pendulum", "pendulum-passive", "truck")
     for substeps in (50, 100, 25)
 ]
 """(system, substeps) of each in its usual size."""
+
+WITHOUT_EMULATOR = ("cube",)
+"""Systems no emulator ships of: their physics costs less than one as exact (docs/decisions/0017-strides.md)."""
 
 LARGE = [
     (system, 50)
@@ -57,6 +60,12 @@ def find_emulator(name: str) -> Path:
     found = (shipped | usual).get(name)
     if found is not None and found.is_file():
         return found
+    for system in WITHOUT_EMULATOR:
+        if name == system or name.startswith(f"{system}-"):
+            raise BadFileError(
+                f"No emulator file '{name}', and no emulator of {system} ships: its physics costs less. "
+                f"Make one with 'neuroanimator train {system} --out {system}.emulator.safetensors' and name that file."
+            )
     names = ", ".join(sorted(shipped))
     raise BadFileError(f"No emulator file '{name}', and none of that name ships. Shipped: {names}.")
 

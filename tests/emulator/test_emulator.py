@@ -27,8 +27,9 @@ from neuroanimator.emulator.emulator import rollout
 from neuroanimator.emulator.features import Features, sine_cosine
 from neuroanimator.emulator.networks import make_network
 from neuroanimator.storage.files import METADATA_KEY, _seal
+from neuroanimator.systems import SYSTEMS
 from neuroanimator.training.initialise import build_emulator
-from neuroanimator.zoo import find_emulator
+from neuroanimator.zoo import SHIPPED, WITHOUT_EMULATOR, find_emulator
 
 
 @pytest.fixture(params=["gated", "classic"])
@@ -226,7 +227,18 @@ def test_a_crowded_or_repeating_header_is_refused(tmp_path: Path):
 
 
 def test_a_missing_file_names_what_ships():
-    with pytest.raises(
-        NeuroAnimatorError, match="Shipped: cube-100, cube-25, cube-50, dolphin-100"
-    ):
+    with pytest.raises(NeuroAnimatorError, match="Shipped: dolphin-100, dolphin-25, dolphin-50"):
         find_emulator("nowhere")
+
+
+@pytest.mark.parametrize("name", ["cube", "cube-50", "cube-100"])
+def test_a_system_none_ships_of_says_how_to_make_one(name: str):
+    advice = "no emulator of cube ships.*neuroanimator train cube --out"
+    with pytest.raises(NeuroAnimatorError, match=advice):
+        find_emulator(name)
+
+
+def test_every_system_has_shipped_emulators_or_is_said_to_have_none():
+    with_emulators = {system for system, _ in SHIPPED}
+    assert with_emulators.isdisjoint(WITHOUT_EMULATOR)
+    assert with_emulators.union(WITHOUT_EMULATOR) == set(SYSTEMS)

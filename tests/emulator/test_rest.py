@@ -15,7 +15,6 @@ SECONDS = 60.0
 STILL = 1e-3
 """[m, rad, m/s or rad/s] A body at rest keeps its place to a millimetre in a minute."""
 RESTING = (
-    "cube-50",
     "dolphin-50",
     "dolphin-100",
     "fish-50",
@@ -56,7 +55,7 @@ def test_an_emulated_body_stays_at_rest(name: str):
     assert np.abs(start).max() < 5e-3 * max(1.0, np.abs(states).max())
 
 
-@pytest.mark.parametrize("name", ["cube-50", "lander-50", "truck-50"])
+@pytest.mark.parametrize("name", ["lander-50", "truck-50"])
 def test_a_body_that_was_driven_comes_to_rest(name: str):
     emulator = emulator_called(name)
     system = load_system(emulator.system)

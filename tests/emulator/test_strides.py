@@ -9,7 +9,9 @@ import jax
 import numpy as np
 import pytest
 
-from neuroanimator import Emulator, load_emulator, load_system
+from neuroanimator import Emulator, TrainingConfig, load_emulator, load_system
+from neuroanimator.data.config import DatasetConfig
+from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.artifact import load, read_metadata
 from neuroanimator.emulator.c_emulator import c_emulator
@@ -18,6 +20,7 @@ from neuroanimator.emulator.emulator import MAX_STRIDES
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.held_out import make_test
+from neuroanimator.training.train import train
 from neuroanimator.zoo import LARGE, emulator_name, shipped_path
 
 STEPS = 12
@@ -111,5 +114,13 @@ def test_the_large_size_ships_small():
         assert read_metadata(path)["provenance"]["training"]["seed"] == 0
 
 
-def test_a_cube_that_turns_far_in_a_super_step_is_followed():
-    assert errors_of(load_emulator("cube-100"))[0] < 0.3
+def test_a_cube_that_turns_far_in_a_super_step_is_followed(tmp_path: Path):
+    # Spinning at 20 rad/s it turns by more than half a turn in 0.2 s, which no rotation vector can say. Trained as
+    # briefly, one leap over 0.2 s has an error of 0.51, and linear regression 0.76.
+    data = simulate_transitions(DatasetConfig(system="cube", count=1800, samples_per_run=36))
+    config = TrainingConfig(
+        network="linear-glu", widths=(32,), updates=500, position_modes=18, velocity_modes=18
+    )
+    emulator = train(data, config, tmp_path / "cube.emulator.safetensors").in_strides(2)
+    assert emulator.substeps == 100
+    assert errors_of(emulator)[0] < 0.45

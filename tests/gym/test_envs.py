@@ -5,12 +5,14 @@ from __future__ import annotations
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import gymnasium
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from swing_up import stand_upright
 
@@ -32,9 +34,11 @@ def random_actions(emulator: Emulator, *shape: int) -> np.ndarray:
     )
 
 
-@pytest.fixture(scope="module", params=["pendulum-50", "lander-50", "fish-50", "cube-50"])
+@pytest.fixture(scope="module", params=["pendulum-50", "lander-50", "fish-50", "cube"])
 def every_kind(request: pytest.FixtureRequest) -> Emulator:
     """Hinges, a free root, a body with muscles and one that is pushed."""
+    if request.param == "cube":
+        return request.getfixturevalue("untrained_cube")
     return load_emulator(request.param)
 
 
@@ -43,11 +47,31 @@ def env(shipped: Emulator) -> EmulatorEnv:
     return EmulatorEnv(shipped)
 
 
-@pytest.mark.parametrize("name", ["pendulum-50", "fish-50", "cube-50"])
-def test_gymnasium_accepts_the_environment(name: str):
+def accepted_by_gymnasium(environment: gymnasium.Env) -> None:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", f".*{ADVICE}")
-        check_env(gymnasium.make(f"neuroanimator/{name}-v0").unwrapped)
+        check_env(environment)
+
+
+@pytest.mark.parametrize("name", ["pendulum-50", "fish-50"])
+def test_gymnasium_accepts_the_environment(name: str):
+    accepted_by_gymnasium(gymnasium.make(f"neuroanimator/{name}-v0").unwrapped)
+
+
+def test_gymnasium_accepts_the_environment_of_a_body_that_is_pushed(
+    untrained_cube: Emulator, tmp_path: Path
+):
+    file = tmp_path / "cube.emulator.safetensors"
+    untrained_cube.save(file)
+    own = EnvSpec("own/cube-v0", entry_point=EmulatorEnv, kwargs={"emulator": file})
+    accepted_by_gymnasium(gymnasium.make(own).unwrapped)
+
+
+def test_what_does_not_ship_is_no_environment_and_it_is_said_why():
+    with pytest.raises(gymnasium.error.NameNotFound, match="cube-50"):
+        gymnasium.make("neuroanimator/cube-50-v0")
+    with pytest.raises(NeuroAnimatorError, match="no emulator of cube ships"):
+        EmulatorEnv("cube-50")
 
 
 def test_gymnasium_makes_every_shipped_emulator_by_name(shipped: Emulator):

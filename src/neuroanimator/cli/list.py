@@ -9,7 +9,14 @@ def run() -> None:
     """List the systems and the ready-made emulators and policies."""
     from neuroanimator.systems import SYSTEMS, goal_names
     from neuroanimator.terminal import print_rows
-    from neuroanimator.zoo import LARGE, POLICIES, SHIPPED, shipped_path, shipped_policy
+    from neuroanimator.zoo import (
+        LARGE,
+        POLICIES,
+        SHIPPED,
+        WITHOUT_EMULATOR,
+        shipped_path,
+        shipped_policy,
+    )
 
     print("Systems")
     print_rows((f"  {name}", text) for name, text in SYSTEMS.items())
@@ -17,7 +24,10 @@ def run() -> None:
     goals = {name: goal_names(name) for name in SYSTEMS}
     print_rows((f"  {name}", ", ".join(named)) for name, named in goals.items() if named)
     print("\nReady-made emulators")
-    emulator_rows = []
+    emulator_rows = [
+        (f"  {system}", "none: stepping its physics costs less; 'train' makes one")
+        for system in WITHOUT_EMULATOR
+    ]
     for system, substeps in sorted(SHIPPED):
         if shipped_path(system, substeps).is_file():
             emulator_rows.append(

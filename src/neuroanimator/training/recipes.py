@@ -27,7 +27,6 @@ class Recipe:
     updates: int
     samples_per_run: Literal[12, 36] = 12
     """Examples from each run; 36 where contacts make rare events matter and physics is dear."""
-    network: Literal["gated", "linear-glu"] = "gated"
     rare_share: float = 0.0
     """See `TrainingConfig`."""
     aside: float = 1.0
@@ -64,7 +63,6 @@ class Recipe:
     def training(self, substeps: int, seed: int = 0) -> TrainingConfig:
         """Return how to train on strides of `substeps` physics steps; `seed` 0 is the emulator that ships."""
         return TrainingConfig(
-            network=self.network,
             widths=self.widths,
             updates=round(self.updates * self._share(substeps)),
             rare_share=self.rare_share,
@@ -75,18 +73,6 @@ class Recipe:
 
 
 RECIPES = {
-    "cube": Recipe(
-        (96, 64),
-        transitions=360_000,
-        updates=60_000,
-        samples_per_run=36,
-        network="linear-glu",
-        rare_share=0.5,
-        modes=(18, 18),
-        aside=0.5,
-        # In 0.2 s it may turn by more than half a turn, which no rotation vector can say.
-        longest_stride=50,
-    ),
     "dolphin": Recipe(
         (96, 64),
         transitions=360_000,
