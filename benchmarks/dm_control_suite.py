@@ -172,7 +172,6 @@ def row_of(name: str, suite: Any, episodes: int) -> dict[str, Any]:
     test = held_out_runs(emulator)
     planner = planner_of(task, emulator, suite)
     planned = []
-    plan_ms = []
     idle = []
     random = []
     with progress_bar(f"{name}: episodes", episodes) as bar:
@@ -185,7 +184,6 @@ def row_of(name: str, suite: Any, episodes: int) -> dict[str, Any]:
                 objective_of=lambda w, _: objective_of(task, emulator, test.system, w),
             )
             planned.append(episode.total_reward)
-            plan_ms.append(np.median(episode.plan_seconds) * 1e3)
             idle.append(return_of(suite, task, seed, lambda rng, spec: np.zeros(spec.shape)))
             random.append(return_of(suite, task, seed, as_it_comes))
             bar.advance_to(len(planned), f"mean return {np.mean(planned):.0f}")
@@ -200,7 +198,6 @@ def row_of(name: str, suite: Any, episodes: int) -> dict[str, Any]:
         "one_step_error": float(root_mean_square(one_step_error(emulator, test))),
         "super_step_s": emulator.dt,
         "learnt_from_control_steps": learnt_from,
-        "plan_ms_p50": float(np.median(plan_ms)),
     }
 
 
