@@ -234,6 +234,14 @@ def test_every_emulator_that_ships_can_be_a_header(system: str, substeps: int, t
 
 @pytest.mark.endurance
 @needs_compiler
+def test_an_emulator_of_a_body_that_is_pushed_can_be_a_header(
+    untrained_cube: Emulator, tmp_path: Path
+):
+    assert write_c_header(untrained_cube, tmp_path / "it.h").difference < 1e-3
+
+
+@pytest.mark.endurance
+@needs_compiler
 @pytest.mark.parametrize("name", POLICIES)
 def test_every_policy_that_ships_can_be_a_header(name: str, tmp_path: Path):
     assert write_c_header(load_policy(name), tmp_path / "it.h").difference < 1e-3

@@ -103,14 +103,21 @@ def test_an_eigenvector_that_is_not_computed_is_no_number():
 
 
 def models() -> list:
-    """Return one emulator of every system, and every policy, by what loads it."""
+    """Return one emulator of every system that has one, and every policy, by what loads it."""
     emulators = [pytest.param(Emulator.load, name, id=name) for name in EMULATORS]
     return emulators + [pytest.param(Policy.load, name, id=f"{name} policy") for name in POLICIES]
 
 
 @pytest.mark.parametrize(("load", "name"), models())
 def test_every_kind_of_model_is_the_same_in_onnxruntime_at_any_batch(load: Callable, name: str):
-    model = load(name)
+    assert_same_in_onnxruntime(load(name))
+
+
+def test_a_body_that_is_pushed_is_the_same_in_onnxruntime_at_any_batch(untrained_cube: Emulator):
+    assert_same_in_onnxruntime(untrained_cube)
+
+
+def assert_same_in_onnxruntime(model: Emulator | Policy) -> None:
     definition = definition_of(model)
     session = onnxruntime.InferenceSession(onnx_bytes(definition))
     emulator = model.emulator if isinstance(model, Policy) else model
@@ -134,6 +141,12 @@ def test_every_emulator_that_ships_is_written_and_checked(
 ):
     written = write_onnx(load_emulator(f"{system}-{substeps}"), tmp_path / "it.onnx")
     onnx.checker.check_model(onnx.load(written.path), full_check=True)
+    assert (written.checked, written.difference < 1e-3) == (COUNT, True)
+
+
+@pytest.mark.endurance
+def test_a_body_that_is_pushed_is_written_and_checked(untrained_cube: Emulator, tmp_path: Path):
+    written = write_onnx(untrained_cube, tmp_path / "it.onnx")
     assert (written.checked, written.difference < 1e-3) == (COUNT, True)
 
 

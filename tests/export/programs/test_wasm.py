@@ -13,7 +13,7 @@ import pytest
 import wasmtime
 from conftest import Cli
 
-from neuroanimator import NeuroAnimatorError, load_emulator, load_policy, write_wasm
+from neuroanimator import Emulator, NeuroAnimatorError, load_emulator, load_policy, write_wasm
 from neuroanimator.compiler.wasm import wasm_module
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.programs import wasm_file
@@ -171,6 +171,13 @@ def test_every_system_can_be_a_module(system: str, tmp_path: Path):
     written = write_wasm(load_emulator(system), tmp_path / "it.wasm")
     assert written.difference < 1e-3
     assert np.all([path.is_file() for path in written.others])
+
+
+@pytest.mark.endurance
+def test_an_emulator_of_a_body_that_is_pushed_can_be_a_module(
+    untrained_cube: Emulator, tmp_path: Path
+):
+    assert write_wasm(untrained_cube, tmp_path / "it.wasm").difference < 1e-3
 
 
 @pytest.mark.endurance
