@@ -67,7 +67,7 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
         shipped, data=transitions, budget=EvaluationBudget(runs=4, repeats=3, starts=10, steps=50)
     )
     row = found.row()
-    # The table says 45 and more on an idle machine; here nothing is optimised, and others use the cores.
+    # A hundred and more on an idle machine; here nothing is optimised, and others use the cores.
     assert row["nominal_speedup"] > 5
     assert found.speed.equal_error_opponent.error <= found.one_step_error
     assert {o.scheme.integrator for o in found.speed.opponents} == set(OPPONENT_INTEGRATORS)

@@ -31,7 +31,7 @@ def kill_and_resume(dataset: Path, folder: Path, tally: Tally, kills: int, longe
 def test_f01_killed_and_started_again_it_ends_with_the_same_bytes(
     dataset: Path, tmp_path: Path, tally: Tally
 ):
-    kill_and_resume(dataset, tmp_path, tally, kills=3, longest=2.0)
+    kill_and_resume(dataset, tmp_path, tally, kills=5, longest=0.8)
     assert tally.tried
 
 
@@ -40,7 +40,7 @@ def test_f01_killed_twenty_times_it_ends_with_the_same_bytes(
     dataset: Path, tmp_path: Path, tally: Tally
 ):
     for number in range(4):
-        kill_and_resume(dataset, tmp_path / str(number), tally, kills=5, longest=4.0)
+        kill_and_resume(dataset, tmp_path / str(number), tally, kills=5, longest=1.2)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
