@@ -32,14 +32,12 @@ def run_closed_loop(
     import numpy as np
 
     from neuroanimator.animation.clip import make_clip
-    from neuroanimator.control.objective.goals import find_goal
-    from neuroanimator.control.planning.pursue import pursue_goal, pursuit_rows
+    from neuroanimator.control.planning.pursue import pursue_goal, pursuit_rows, pursuit_steps
     from neuroanimator.export.csv_file import write_table
     from neuroanimator.export.gltf.scene import write_glb
     from neuroanimator.terminal import phase, print_rows, progress_bar
 
-    lasts = find_goal(system, goal).seconds if seconds is None else seconds
-    with progress_bar("planning", max(1, round(lasts / emulator.dt))) as bar:
+    with progress_bar("planning", pursuit_steps(emulator, system, goal, seconds)) as bar:
         pursuit = pursue_goal(
             emulator,
             system,

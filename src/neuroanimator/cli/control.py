@@ -196,13 +196,14 @@ def _search_goal(
         start = system.start_at(read_starts(starts))
     else:
         start = goal_start(system, name)
+    weight = 1.0 if effort_weight is None else effort_weight
     find = partial(
         synthesise_goal,
         emulator,
         name,
         seconds,
         start=start,
-        effort_weight=1.0 if effort_weight is None else effort_weight,
+        effort_weight=weight,
         goals_from=system,
     )
     closed_loop = partial(
@@ -211,7 +212,7 @@ def _search_goal(
         system,
         name,
         start,
-        effort_weight=1.0 if effort_weight is None else effort_weight,
+        effort_weight=weight,
     )
     words = start_in_words(system, start)
     if not is_reached(system, goal, start):

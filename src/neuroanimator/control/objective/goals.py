@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -79,12 +80,25 @@ def state_goal(
     return system.goal("reach_state", table)
 
 
-def goal_objective(system: System, name: str, effort_weight: float = 1.0) -> Objective:
-    """Return the objective 'be at the goal called `name` at the end, with little effort'.
+def goal_objective(
+    system: System, name: str, effort_weight: float = 1.0, since: float | None = None
+) -> Objective:
+    """Return the objective 'be at the goal called `name` at the end, or `since` [s] all along, with little effort'.
 
-    J = μ_u/2 ∫|u|² dt + μ_s/2 |s_{M+1} - s_d|², the seminar paper's eq. 11.
+    J = μ_u/2 ∫|u|² dt + μ_s/2 |s_{M+1} - s_d|², the seminar paper's eq. 11. Raises ArgumentError for a weight below 0.
     """
-    return Objective.of(effort(effort_weight), goal(system, name))
+    if not 0 <= effort_weight < math.inf:
+        raise ArgumentError(
+            f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}."
+        )
+    return Objective.of(effort(effort_weight), goal(system, name, since=since))
+
+
+def steps_in(seconds: float, dt: float, longest: float) -> int:
+    """Return how many super steps of `dt` [s] are in `seconds`; ArgumentError for less than one, or more than `longest`."""
+    if not dt <= seconds <= longest:
+        raise ArgumentError(f"seconds: wanted between {dt:g} and {longest:g}, came {seconds:g}.")
+    return round(seconds / dt)
 
 
 def goal_state(system: System, goal: Goal) -> Float[np.ndarray, " S"]:

@@ -119,7 +119,6 @@ class ReachState(TimedTerm):
     goal: Float[AnyArray, " S"]
     judged: Float[AnyArray, "R V"]
     """Turns the difference from the goal into numbers of which one is a sizeable error."""
-    when: Moments = static()
 
     @classmethod
     def of(
@@ -157,7 +156,6 @@ class ReachPositions(TimedTerm):
     """[m] Along the axes that matter."""
     within: Float[AnyArray, ""]
     axes: tuple[int, ...] = static()
-    when: Moments = static()
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         return _along(self.axes, read_pose(self.structure, state).position)
@@ -178,7 +176,6 @@ class ReachPoint(TimedTerm):
     """[m] Along the axes that matter."""
     within: Float[AnyArray, ""]
     axes: tuple[int, ...] = static()
-    when: Moments = static()
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         return _along(self.axes, point_of_chain(self.chain, self.offset, state))
@@ -195,7 +192,6 @@ class ReachHeight(TimedTerm):
     height: Float[AnyArray, ""]
     """[m]"""
     within: Float[AnyArray, ""]
-    when: Moments = static()
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B N"]:
         return read_heights(self.structure, state)
@@ -261,7 +257,6 @@ class KeepVelocity(TimedTerm):
     velocity: Float[AnyArray, " A"]
     within: Float[AnyArray, ""]
     axes: tuple[int, ...] = static()
-    when: Moments = static()
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B A"]:
         return _along(self.axes, read_pose(self.structure, state).velocity)
@@ -278,7 +273,6 @@ class KeepSpeed(TimedTerm):
     structure: Structure = static()
     speed: Float[AnyArray, ""]
     within: Float[AnyArray, ""]
-    when: Moments = static()
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 1"]:
         pose = read_pose(self.structure, state)
@@ -299,7 +293,6 @@ class Point(TimedTerm):
     """[rad]"""
     axis: str = static()
     """`forward` or `upward`."""
-    when: Moments = static()
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
         return getattr(read_pose(self.structure, state), self.axis)
@@ -320,7 +313,6 @@ class StayUpright(TimedTerm):
     """[rad]"""
     may_pitch: bool = static()
     """Whether only rolling counts, so that the body may dive and leap."""
-    when: Moments = static()
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 1"]:
         return lean(read_pose(self.structure, state), may_pitch=self.may_pitch)[..., None]

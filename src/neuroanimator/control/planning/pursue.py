@@ -9,9 +9,13 @@ import numpy as np
 from jaxtyping import Bool
 from numpy.typing import ArrayLike
 
-from neuroanimator.control.objective.costs import effort
-from neuroanimator.control.objective.goals import find_goal, goal, goal_start, is_reached
-from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.goals import (
+    find_goal,
+    goal_objective,
+    goal_start,
+    is_reached,
+    steps_in,
+)
 from neuroanimator.control.planning.planner import Planner
 from neuroanimator.control.planning.plants import (
     ControlledMotion,
@@ -81,36 +85,29 @@ def pursue_goal(
     Raises ArgumentError for times and weights out of range.
     """
     wanted = find_goal(system, name)
-    seconds = wanted.seconds if seconds is None else seconds
     dt = emulator.dt
+    steps = pursuit_steps(emulator, system, name, seconds)
     horizon = HORIZON_STEPS * dt if horizon is None else horizon
-    if not dt <= seconds <= MAX_SECONDS:
-        raise ArgumentError(
-            f"seconds: wanted between {dt:g} and {MAX_SECONDS:g}, came {seconds:g}."
-        )
     if not 2 * dt <= horizon <= MAX_HORIZON_STEPS * dt:
         raise ArgumentError(
             f"horizon: wanted between {2 * dt:g} and {MAX_HORIZON_STEPS * dt:g} s, came {horizon:g}."
         )
-    if not 0 <= effort_weight < float("inf"):
-        raise ArgumentError(
-            f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}."
-        )
     begin = goal_start(system, name) if start is None else start
-    there = goal(system, name, since=horizon / 2)
+    objective = goal_objective(system, name, effort_weight, since=horizon / 2)
     with phase("compiling"):
-        planner = Planner.of(
-            emulator,
-            Objective.of(effort(effort_weight), there),
-            round(horizon / dt),
-            guesses=guesses,
-        )
+        planner = Planner.of(emulator, objective, round(horizon / dt), guesses=guesses)
     is_on_physics = system.recordings is None
     plant = PhysicsPlant(system, dt) if is_on_physics else EmulatorPlant(emulator)
-    steps = round(seconds / dt)
     motion = control_plant(planner, plant, np.asarray(begin, float), steps, on_step=on_step)
     at_goal = np.array([is_reached(system, wanted, state) for state in motion.states])
     return Pursuit(motion, at_goal, dt, is_on_physics)
+
+
+def pursuit_steps(emulator: Emulator, system: System, name: str, seconds: float | None) -> int:
+    """Return how many super steps a pursuit takes, of `seconds` or of what its goal says."""
+    if seconds is None:
+        seconds = find_goal(system, name).seconds
+    return steps_in(seconds, emulator.dt, MAX_SECONDS)
 
 
 def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:

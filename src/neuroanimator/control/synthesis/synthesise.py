@@ -11,7 +11,13 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.descent.descend import Descent
 from neuroanimator.control.descent.gradient_check import GradientTrust, gradient_trust
 from neuroanimator.control.descent.options import DescentOptions
-from neuroanimator.control.objective.goals import find_goal, goal_objective, goal_start, is_reached
+from neuroanimator.control.objective.goals import (
+    find_goal,
+    goal_objective,
+    goal_start,
+    is_reached,
+    steps_in,
+)
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.synthesis.attempt import Attempt, Search, SearchCost, make_attempt
 from neuroanimator.control.synthesis.replay import Replay
@@ -214,19 +220,11 @@ def synthesise_goal(
     system = system_of(emulator)
     named = system if goals_from is None else goals_from
     check_same_system(emulator, named)
-    if not 0 <= effort_weight < float("inf"):
-        raise ArgumentError(
-            f"effort_weight: wanted a finite number of at least 0, came {effort_weight:g}."
-        )
+    objective = goal_objective(named, name, effort_weight)
     goal = find_goal(named, name)
     seconds = goal.seconds if seconds is None else seconds
-    if not emulator.dt <= seconds <= MAX_SECONDS:
-        raise ArgumentError(
-            f"seconds: wanted between {emulator.dt:g} and {MAX_SECONDS:g}, came {seconds:g}."
-        )
-    objective = goal_objective(named, name, effort_weight)
+    steps = steps_in(seconds, emulator.dt, MAX_SECONDS)
     begin = emulator.state.check(goal_start(named, name) if start is None else start, "state")
-    steps = round(seconds / emulator.dt)
     synthesis = synthesise(
         emulator,
         system,
