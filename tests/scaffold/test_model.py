@@ -247,6 +247,26 @@ def test_a_dataset_carries_its_system_and_another_edit_is_another_dataset(
         )
 
 
+def test_goals_are_no_physics_and_a_dataset_takes_new_ones(cart: Path, tmp_path: Path):
+    path, _ = write_definition(str(cart))
+    proposed = path.read_text()
+    folder = tmp_path / "d"
+
+    def generated(goals: str) -> bytes:
+        path.write_text(proposed + goals)
+        name, definition, n = resolve(str(path))
+        generate(DatasetConfig(system=name, definition=definition, substeps=n, count=120), folder)
+        return (folder / "shard-00000.safetensors").read_bytes()
+
+    first = generated("")
+    age = (folder / "shard-00000.safetensors").stat().st_mtime_ns
+    assert generated('[goals.up]\nreach = { "hinge" = [3.1416] }\n') == first
+    assert list(read_transitions(folder).system.goals) == ["up"]
+    assert generated('[goals.side]\nreach = { "hinge" = [1.5] }\n') == first
+    assert list(read_transitions(folder).system.goals) == ["side"]
+    assert (folder / "shard-00000.safetensors").stat().st_mtime_ns == age
+
+
 @pytest.mark.parametrize(
     ("file", "name"),
     [

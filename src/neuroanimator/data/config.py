@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
-from neuroanimator.definitions.carried import MAX_TEXT
+from neuroanimator.definitions.carried import MAX_TEXT, without_goals
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import SystemName
 from neuroanimator.storage.files import canonical_json
@@ -30,6 +31,10 @@ MAX_UNROLL = 4
 
 RUNS_PER_SHARD = 256
 """A file of the dataset holds this many runs: large enough to be few, small enough to be made again quickly."""
+
+
+_physics_of = lru_cache(maxsize=4)(without_goals)
+"""Every shard asks for the hash, and a definition may be long."""
 
 
 class DatasetTable(Table):
@@ -88,8 +93,9 @@ class DatasetConfig(Settings, DatasetTable):
 
     @property
     def hash(self) -> str:
-        """Sixteen hex digits that name this configuration."""
-        return hashlib.sha256(canonical_json(self.model_dump()).encode()).hexdigest()[:16]
+        """Sixteen hex digits that name all the bytes depend on: goals do not count, as they are no physics."""
+        values = self.model_dump() | {"definition": _physics_of(self.definition)}
+        return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:16]
 
     def shard_path(self, folder: Path, shard: int) -> Path:
         """Return where shard number `shard` lies."""

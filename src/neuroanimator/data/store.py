@@ -64,18 +64,21 @@ HELD_OUT_NAME = "held-out.safetensors"
 
 
 def claim_folder(folder: Path, config: DatasetConfig) -> None:
-    """Mark `folder` as holding `config`; refuse a folder that holds another one."""
+    """Mark `folder` as holding `config`; refuse a folder that holds another one.
+
+    One that differs in goals alone is the same dataset, and now has the goals of `config`.
+    """
     path = folder / CONFIG_NAME
-    if not path.exists():
-        text = json.dumps({"format": FORMAT} | config.model_dump(), indent=2)
-        write_whole(path, f"{text}\n".encode())
+    present = read_config(folder) if path.exists() else None
+    if present == config:
         return
-    present = read_config(folder)
-    if present != config:
+    if present is not None and present.hash != config.hash:
         raise BadFileError(
             f"{folder} holds another dataset ({_differences(present, config)}). "
             "Choose another --out, or the same values."
         )
+    text = json.dumps({"format": FORMAT} | config.model_dump(), indent=2)
+    write_whole(path, f"{text}\n".encode())
 
 
 def _differences(present: DatasetConfig, wanted: DatasetConfig) -> str:

@@ -19,6 +19,7 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.parsing.names import check_file_name
 from neuroanimator.parsing.numbers import listed, whole
+from neuroanimator.storage.files import canonical_json
 from neuroanimator.tables import check_table
 from neuroanimator.text import quoted
 
@@ -88,6 +89,18 @@ def read_definition_text(text: str) -> Written:
     except (ValueError, KeyError, TypeError) as error:
         raise BadFileError(f"{DAMAGED}: {error}. Make the dataset or emulator again.") from error
     return Written(kind, checked, files)
+
+
+def without_goals(text: str) -> str:
+    """Return the definition in the JSON `text` without its goals, which are no physics; a text that is none as it is."""
+    try:
+        values = parse_json_object(text, MAX_TEXT)
+    except ValueError:
+        return text
+    definition = values.get("definition")
+    if not isinstance(definition, dict) or not definition.get("goals"):
+        return text
+    return canonical_json(values | {"definition": definition | {"goals": {}}})
 
 
 def _check_files(kind: str, files: Any) -> None:
