@@ -8,6 +8,7 @@ from neuroanimator.lazy import lazy_names
 
 if TYPE_CHECKING:
     from neuroanimator.animation.clip import Clip, make_clip
+    from neuroanimator.animation.gauges import as_gauges
     from neuroanimator.backend import set_backend
     from neuroanimator.control.descent.descend import descend
     from neuroanimator.control.descent.options import DescentOptions
@@ -110,6 +111,7 @@ _HOMES = {
     "Pilot": "control.policies.pilot",
     "Clip": "animation.clip",
     "make_clip": "animation.clip",
+    "as_gauges": "animation.gauges",
     "read_clip": "export.csv_file",
     "write_clip": "export.csv_file",
     "write_glb": "export.gltf.scene",
@@ -174,6 +176,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     # Show.
     "Clip",
     "make_clip",
+    "as_gauges",
     "read_clip",
     "write_clip",
     "write_glb",

@@ -48,6 +48,14 @@ class Clip:
         return (len(self.times) - 1) / float(self.times[-1])
 
 
+def check_drawable(clip: Clip) -> None:
+    """Raise ArgumentError for a clip that has no bodies to draw, as of a step function or recordings."""
+    if not clip.skeleton.bones:
+        raise ArgumentError(
+            f"clip: {clip.name} has no bodies to draw, only numbers. Draw na.as_gauges(clip, emulator) instead."
+        )
+
+
 def make_clip(
     emulator: Emulator,
     states: ArrayLike,

@@ -32,6 +32,7 @@ def run_closed_loop(
     import numpy as np
 
     from neuroanimator.animation.clip import make_clip
+    from neuroanimator.animation.gauges import drawable
     from neuroanimator.control.planning.pursue import pursue_goal, pursuit_rows, pursuit_steps
     from neuroanimator.export.csv_file import write_table
     from neuroanimator.export.gltf.scene import write_glb
@@ -55,7 +56,8 @@ def run_closed_loop(
     if glb:
         with phase("drawing"):
             source = "physics" if pursuit.is_on_physics else "emulator"
-            write_glb(make_clip(emulator, motion.states, source=source), glb)
+            clip = make_clip(emulator, motion.states, source=source)
+            write_glb(drawable(clip, emulator), glb)
     files = [("file", path) for path in (out, glb) if path]
     words = start_in_words(system, start)
     print_rows([("start", words), *pursuit_rows(pursuit), *time_rows(began), *files])

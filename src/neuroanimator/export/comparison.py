@@ -1,18 +1,26 @@
-"""A replay as GLB: what the physics does, and the emulator's ghost."""
+"""A replay as GLB: what the physics does, and the emulator's ghost; or the emulator's motion where there is no physics."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from neuroanimator.animation.clip import make_clip
+from neuroanimator.animation.gauges import drawable
 from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.export.gltf.scene import write_glb
 
 
 def write_comparison(emulator: Emulator, replay: Replay, path: str | Path) -> None:
-    """Write the motion on the true physics to `path` as GLB, with the emulator's as a ghost beside it."""
+    """Write the motion on the true physics to `path` as GLB, with the emulator's as a ghost beside it.
+
+    Where there is no physics, as of recordings, it is the emulator's motion alone.
+    """
     path = Path(path)
-    physics_clip = make_clip(emulator, replay.physics_states, source="physics")
     emulator_clip = make_clip(emulator, replay.emulator_states, source="emulator")
-    write_glb(physics_clip, path, ghost=emulator_clip)
+    if not replay.is_on_physics:
+        write_glb(drawable(emulator_clip, emulator), path)
+        return
+    physics_clip = make_clip(emulator, replay.physics_states, source="physics")
+    ghost = drawable(emulator_clip, emulator, ranges_from=physics_clip)
+    write_glb(drawable(physics_clip, emulator), path, ghost=ghost)

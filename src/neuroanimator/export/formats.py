@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from neuroanimator.animation.clip import Clip
-from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.animation.gauges import drawable
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import write_clip
@@ -27,24 +27,25 @@ def is_clip(reference: str) -> bool:
 
 
 def emulator_for(outs: list[Path], name: str) -> Emulator:
-    """Return the emulator called `name`; refuse file names it cannot be exported to, before any work is done."""
+    """Return the emulator called `name`; refuse file names no clip can be exported to, before any work is done."""
     _check_formats(outs)
-    emulator = Emulator.load(find_emulator(name))
-    _check_bodies(emulator.skeleton, outs)
-    return emulator
+    return Emulator.load(find_emulator(name))
 
 
 def export_clip(
     clip: Clip, emulator: Emulator, outs: list[Path], film: Film = DEFAULT_FILM
 ) -> None:
-    """Write `clip` to each path as .csv, .glb or .mp4 (a `film`); nothing is written if one of them is refused."""
+    """Write `clip` to each path as .csv, .glb or .mp4 (a `film`); nothing is written if one of them is refused.
+
+    A system without bodies is drawn as gauges: see `drawable`.
+    """
     _check_formats(outs)
-    _check_bodies(clip.skeleton, outs)
+    drawn = drawable(clip, emulator)
     for path in outs:
         if path.suffix == ".glb":
-            write_glb(clip, path)
+            write_glb(drawn, path)
         elif path.suffix == ".mp4":
-            write_video(clip, path, size=film.size, camera=film.camera)
+            write_video(drawn, path, size=film.size, camera=film.camera)
         else:
             write_clip(clip, path, emulator.state)
 
@@ -53,12 +54,3 @@ def _check_formats(outs: list[Path]) -> None:
     for path in outs:
         if path.suffix not in FORMATS:
             raise ArgumentError(f"out: '{path.name}' ends in none of {', '.join(FORMATS)}.")
-
-
-def _check_bodies(skeleton: Skeleton, outs: list[Path]) -> None:
-    """Refuse to draw a system that has no bodies: a step function or recordings."""
-    for path in outs:
-        if not skeleton.bones and path.suffix != ".csv":
-            raise ArgumentError(
-                f"out: {path.name} shows bodies, and this system has none, only numbers. Use .csv."
-            )

@@ -45,6 +45,10 @@ class EmulatedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = Box(low, high, dtype=np.float32)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._random = [np_random()[0] for _ in range(num_envs)]
+        if self.render_mode is not None and not emulator.skeleton.bones:
+            raise ArgumentError(
+                f"render_mode: {emulator.system} has no bodies to draw, only numbers. Leave it out; 'animate' draws gauges."
+            )
         self._camera = LiveCamera(emulator.spec)
 
     def set_observation_space(self, space: Box) -> None:

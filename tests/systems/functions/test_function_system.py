@@ -206,9 +206,7 @@ def test_a_strangers_dataset_and_emulator_never_run_code(
     refused = cli("evaluate", emulator, "--data", "data", cwd=tmp_path)
     assert refused.returncode == 3
     assert "run only if you say so: give the TOML file beside it, --system PATH" in refused.stderr
-    drawn = cli("animate", emulator, "--out", "clip.glb", cwd=tmp_path)
-    assert (drawn.returncode, drawn.stderr.count("\n")) == (2, 1)
-    assert "Use .csv" in drawn.stderr
+    assert cli("animate", emulator, "--out", "clip.glb", cwd=tmp_path).returncode == 0
     assert not marker.exists()
 
 

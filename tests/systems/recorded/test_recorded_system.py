@@ -215,7 +215,7 @@ def test_the_command_line_goes_all_the_way(folder: Path, cli: Cli, tmp_path: Pat
         result = cli(*arguments, cwd=tmp_path)
         assert result.returncode == 0, result.stderr
     assert (tmp_path / "clip.csv").read_text().startswith("time s,angle[0] rad,speed[0] rad/s")
-    refused = cli("animate", emulator, "--out", "clip.mp4", cwd=tmp_path)
+    refused = cli("animate", emulator, "--out", "clip.obj", cwd=tmp_path)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
     assert cli("new", "runs.csv", cwd=tmp_path).returncode == 2
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.animation.clip import Clip
+from neuroanimator.animation.clip import Clip, check_drawable
 from neuroanimator.animation.interpolate import continuous
 from neuroanimator.appearance.skeleton import Bone, Skeleton
 from neuroanimator.errors import ArgumentError
@@ -59,6 +59,8 @@ def write_glb(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | N
     together = [clips] if isinstance(clips, Clip) else list(clips)
     if not 1 <= len(together) <= MAX_CLIPS:
         raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} in one file, came {len(together)}.")
+    for clip in together:
+        check_drawable(clip)
     if ghost is not None and (len(together) > 1 or ghost.skeleton != together[0].skeleton):
         names = " and ".join(clip.name for clip in together[:3])
         raise ArgumentError(

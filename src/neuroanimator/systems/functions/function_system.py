@@ -34,6 +34,7 @@ class PythonSystem(System):
     """
 
     is_self_contained = False
+    has_ground = True
 
     def __init__(
         self, definition: PythonDefinition, files: dict[str, Any], definition_text: str = ""

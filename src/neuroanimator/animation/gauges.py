@@ -1,0 +1,173 @@
+"""Gauges: how a system without bodies is drawn. A pointer for each angle, a slider for each other number."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.animation.clip import Clip
+from neuroanimator.appearance.joints import Joint, Numbers
+from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
+from neuroanimator.emulator.emulator import Emulator
+
+MAX_GAUGES = 24
+"""So many numbers of a state are shown; more would be too small to read."""
+
+GAUGES_PER_ROW = 6
+"""Gauges stand side by side, then above each other."""
+
+PITCH = 1.2
+"""From the middle of a gauge to that of the next [m]."""
+
+HEIGHT = 0.75
+"""Height of the middle of the lowest row over the ground [m]."""
+
+REACH = 0.45
+"""Length of a pointer, and half that of a slider's rail [m]."""
+
+THICKNESS = 0.02
+"""Half the thickness of what does not move [m]."""
+
+BEFORE = 0.05
+"""What moves is so far before what does not [m], to the side of whoever looks along y."""
+
+TICKS = 12
+"""Marks around a dial; that of the angle 0 is longer."""
+
+ANGLE = "rad"
+"""The unit of what gets a pointer."""
+
+FACE: Numbers = (0.80, 0.82, 0.85, 1.0)
+MARK: Numbers = (0.35, 0.38, 0.42, 1.0)
+HAND: Numbers = (0.87, 0.42, 0.13, 1.0)
+
+UPRIGHT: Numbers = (1.0, 0.0, 0.0, 0.0)
+"""The quaternion of what is not turned."""
+
+FACING: Numbers = (float(np.sqrt(0.5)), float(np.sqrt(0.5)), 0.0, 0.0)
+"""The quaternion that turns a cylinder's axis from z to y: towards whoever looks."""
+
+TOWARDS_VIEWER: Numbers = (0.0, -1.0, 0.0)
+"""The axis of a pointer: seen from there, a growing angle turns it anticlockwise."""
+
+UP: Numbers = (0.0, 0.0, 1.0)
+"""The axis of a slider."""
+
+
+def drawable(clip: Clip, emulator: Emulator, *, ranges_from: Clip | None = None) -> Clip:
+    """Return `clip` if it shows bodies; of a step function or recordings, the gauges that show its numbers."""
+    if clip.skeleton.bones:
+        return clip
+    return as_gauges(clip, emulator, ranges_from=ranges_from)
+
+
+def as_gauges(clip: Clip, emulator: Emulator, *, ranges_from: Clip | None = None) -> Clip:
+    """Return the clip of gauges that show the motion in `clip`, which is of `emulator`'s system.
+
+    A pointer hangs down at the angle 0 and turns anticlockwise as the angle grows. A slider goes from the
+    lowest to the highest number in the clip, or in `ranges_from`: clips seen together need the same ranges. The
+    rates of other numbers have no gauge, for they are seen as motion.
+    """
+    ranges = clip.states if ranges_from is None else ranges_from.states
+    shown = shown_entries(emulator)
+    names, units = _names_and_units(emulator)
+    bones: list[Bone] = []
+    # The first number never moves: see `_face`.
+    columns = [np.zeros(len(clip.states))]
+    for place, entry in enumerate(shown):
+        name = names[entry]
+        middle = _middle(place, len(shown))
+        numbers = clip.states[:, entry]
+        if units[entry] == ANGLE:
+            bones += _pointer(name, middle, len(columns))
+            columns.append(numbers)
+        else:
+            bones += _slider(name, middle, len(columns))
+            columns.append(_along_rail(numbers, ranges[:, entry]))
+    return replace(clip, skeleton=Skeleton(tuple(bones)), states=np.stack(columns, axis=1))
+
+
+def shown_entries(emulator: Emulator) -> list[int]:
+    """Return the state entries that have a gauge: the first `MAX_GAUGES` that are nothing else's rate."""
+    rates = {rate for _, rate in emulator.rates}
+    entries = [entry for entry in range(emulator.state.size) if entry not in rates]
+    return entries[:MAX_GAUGES]
+
+
+def _names_and_units(emulator: Emulator) -> tuple[list[str], list[str]]:
+    """Return the name of each entry of the state, as a bone may have it, and its unit."""
+    names: list[str] = []
+    units: list[str] = []
+    for part in emulator.state.slices:
+        if part.size == 1:
+            names.append(part.name)
+        else:
+            names += [f"{part.name}.{number}" for number in range(part.size)]
+        units += [part.unit] * part.size
+    return names, units
+
+
+def _middle(place: int, count: int) -> Numbers:
+    """Return where the middle of gauge number `place` of `count` is [m]; the first stands on the upper left."""
+    row, column = divmod(place, GAUGES_PER_ROW)
+    last_row = (count - 1) // GAUGES_PER_ROW
+    return (PITCH * column, 0.0, HEIGHT + PITCH * (last_row - row))
+
+
+def _along_rail(
+    numbers: Float[np.ndarray, " F"], shown: Float[np.ndarray, " R"]
+) -> Float[np.ndarray, " F"]:
+    """Return `numbers` as heights over a rail's middle [m]: the lowest of `shown` is its lower end, the highest its upper."""
+    low = shown.min()
+    high = shown.max()
+    if high == low:
+        return np.zeros(len(numbers))
+    return REACH * (2 * (numbers - low) / (high - low) - 1)
+
+
+def _pointer(name: str, middle: Numbers, entry: int) -> list[Bone]:
+    """Return a dial, and the pointer on it that the state entry turns."""
+    dial = [Shape("cylinder", (REACH, THICKNESS), (0.0, 0.0, 0.0), FACING, FACE)]
+    for tick in range(TICKS):
+        dial.append(_tick(2 * np.pi * tick / TICKS, is_zero=tick == 0))
+    # From the middle down: so it hangs at the angle 0.
+    hand = Shape("capsule", (0.025, REACH / 2), (0.0, 0.0, -REACH / 2), UPRIGHT, HAND)
+    pin = Shape("sphere", (0.05,), (0.0, 0.0, 0.0), UPRIGHT, HAND)
+    turn = Joint("hinge", entry, TOWARDS_VIEWER, (0.0, 0.0, 0.0))
+    return [_face(f"{name} dial", middle, dial), _mover(name, middle, turn, [hand, pin])]
+
+
+def _tick(angle: float, *, is_zero: bool) -> Shape:
+    """Return the mark of an angle [rad] on a dial."""
+    half_length = 0.06 if is_zero else 0.03
+    radius = REACH - half_length
+    position = (float(np.sin(angle)) * radius, -THICKNESS, -float(np.cos(angle)) * radius)
+    orientation = (float(np.cos(angle / 2)), 0.0, -float(np.sin(angle / 2)), 0.0)
+    return Shape("box", (0.008, 0.008, half_length), position, orientation, MARK)
+
+
+def _slider(name: str, middle: Numbers, entry: int) -> list[Bone]:
+    """Return a rail with its ends, and the knob on it that the state entry moves."""
+    rail = [Shape("box", (0.05, THICKNESS, REACH), (0.0, 0.0, 0.0), UPRIGHT, FACE)]
+    for end in (-REACH, REACH):
+        rail.append(Shape("box", (0.14, THICKNESS, 0.01), (0.0, 0.0, end), UPRIGHT, MARK))
+    knob = Shape("box", (0.12, 0.03, 0.04), (0.0, 0.0, 0.0), UPRIGHT, HAND)
+    slide = Joint("slide", entry, UP, (0.0, 0.0, 0.0))
+    return [_face(f"{name} rail", middle, rail), _mover(name, middle, slide, [knob])]
+
+
+def _face(name: str, middle: Numbers, shapes: list[Shape]) -> Bone:
+    """Return what does not move of a gauge.
+
+    Cameras look at what can move, so it hangs from a joint whose number never changes.
+    """
+    held = Joint("slide", 0, UP, (0.0, 0.0, 0.0))
+    return Bone(name, -1, middle, UPRIGHT, (held,), tuple(shapes))
+
+
+def _mover(name: str, middle: Numbers, joint: Joint, shapes: list[Shape]) -> Bone:
+    """Return what moves of a gauge."""
+    x, y, z = middle
+    return Bone(name, -1, (x, y - BEFORE, z), UPRIGHT, (joint,), tuple(shapes))
