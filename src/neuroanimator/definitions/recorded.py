@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from neuroanimator.definitions.goal import GoalTable
 from neuroanimator.definitions.parts import ControlPart, StatePart
 from neuroanimator.parsing.names import FileName, SystemName
 from neuroanimator.tables import MIN_STEP, Table
@@ -29,3 +30,4 @@ class RecordedDefinition(Table):
     physics: RecordedPhysics
     state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
     control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
+    goals: dict[SystemName, GoalTable] = Field(default={})

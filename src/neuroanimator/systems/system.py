@@ -110,6 +110,11 @@ class System(abc.ABC):
         return f'{kind}("{self.name}", {sizes}, step {self.physics_dt * 1e3:g} ms{goals})'
 
     @property
+    def can_simulate(self) -> bool:
+        """Whether there is physics to simulate; not of a system known from recordings alone."""
+        return self.recordings is None
+
+    @property
     def physics_dt(self) -> float:
         """The step δt that `substeps` counts [s]."""
         return self.scheme.dt

@@ -96,7 +96,7 @@ def pursue_goal(
     objective = goal_objective(system, name, effort_weight, since=horizon / 2)
     with phase("compiling"):
         planner = Planner.of(emulator, objective, round(horizon / dt), guesses=guesses)
-    is_on_physics = system.recordings is None
+    is_on_physics = system.can_simulate
     plant = PhysicsPlant(system, dt) if is_on_physics else EmulatorPlant(emulator)
     motion = control_plant(planner, plant, np.asarray(begin, float), steps, on_step=on_step)
     at_goal = np.array([is_reached(system, wanted, state) for state in motion.states])

@@ -18,7 +18,7 @@ from neuroanimator.control.synthesis.replay import (
     Motion,
     Replay,
     beside_emulated,
-    ranked_on_physics,
+    ranked_motions,
 )
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems.system import System
@@ -94,11 +94,13 @@ class Search:
         return new.cost < old.cost or self.is_enough(new.states)
 
     def replay(self, emulator: Emulator, candidates: Float[np.ndarray, "K T C"]) -> list[Motion]:
-        """Return what candidates do on the physics, the least J first."""
-        return ranked_on_physics(emulator, self.system, self.objective, self.start, candidates)
+        """Return what candidates do on the physics, if there is any, the least J first."""
+        return ranked_motions(emulator, self.system, self.objective, self.start, candidates)
 
     def cost_of_replays(self, emulator: Emulator, count: int) -> SearchCost:
-        """Return what so many replays take."""
+        """Return what so many replays take: nothing where there is no physics."""
+        if not self.system.can_simulate:
+            return SearchCost()
         steps = count * self.steps * self.system.truth.steps(emulator.dt)
         return SearchCost(physics_steps=steps)
 
@@ -143,7 +145,7 @@ def make_attempt(search: Search, emulator: Emulator, options: DescentOptions) ->
             best = corrected
         if search.is_enough(best.states) or not is_gap_large(descent.cost, best.cost):
             break
-    outcome = beside_emulated(emulator, search.objective, best)
+    outcome = beside_emulated(emulator, search.system, search.objective, best)
     return Attempt(emulator, descent, best.controls, outcome, spent)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.objective.objective import Objective, objective_cost
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.systems.system import System
+from neuroanimator.systems.system import Runs, System
 from neuroanimator.terminal import phase
 
 
@@ -23,9 +23,11 @@ class Replay:
     emulator_states: np.ndarray
     """(T+1, S)"""
     physics_states: np.ndarray
-    """(T+1, S) by the system's truth."""
+    """(T+1, S) by the system's truth; by the emulator, too, unless `is_on_physics`."""
     cost_emulator: float
     cost_physics: float
+    is_on_physics: bool = True
+    """False where there is no physics to replay on, as of recordings: the emulator is then believed, which proves nothing."""
 
     @property
     def gap(self) -> float:
@@ -44,12 +46,12 @@ def replay(
 
     Raises NeuroAnimatorError where the physics blows up.
     """
-    motion = ranked_on_physics(emulator, system, objective, start, controls[None])[0]
-    return beside_emulated(emulator, objective, motion)
+    motion = ranked_motions(emulator, system, objective, start, controls[None])[0]
+    return beside_emulated(emulator, system, objective, motion)
 
 
 class Motion(NamedTuple):
-    """What controls do on the true physics."""
+    """What controls do on the true physics; on the emulator where there is none, as of recordings."""
 
     controls: np.ndarray
     """(T, C)"""
@@ -59,28 +61,38 @@ class Motion(NamedTuple):
     """J"""
 
 
-def beside_emulated(emulator: Emulator, objective: Objective, motion: Motion) -> Replay:
+def beside_emulated(
+    emulator: Emulator, system: System, objective: Objective, motion: Motion
+) -> Replay:
     """Return the physics' `motion` with the emulator's under the same controls from the same start."""
     with phase("emulating"):
         emulator_states = np.asarray(emulator.rollout(motion.states[0], motion.controls))
     cost = objective_cost(objective, emulator, emulator_states, motion.controls)
-    return Replay(emulator_states, motion.states, cost, motion.cost)
+    return Replay(emulator_states, motion.states, cost, motion.cost, system.can_simulate)
 
 
-def ranked_on_physics(
+def ranked_motions(
     emulator: Emulator,
     system: System,
     objective: Objective,
     start: ArrayLike,
     candidates: Float[np.ndarray, "K T C"],
 ) -> list[Motion]:
-    """Return what `candidates` do from `start` (S,) on the true physics, the least J first; those that diverge are left out."""
+    """Return what `candidates` do from `start` (S,) on the true physics, the least J first; those that diverge are left out.
+
+    Where there is no physics, as of recordings, it is what they do on the emulator.
+    """
     starts = np.broadcast_to(np.asarray(start, float), (len(candidates), system.state.size))
-    with phase("replaying"):
-        runs = system.simulate_fastest(starts, candidates, emulator.dt)
+    if system.can_simulate:
+        with phase("replaying"):
+            runs = system.simulate_fastest(starts, candidates, emulator.dt)
+        judge = "physics"
+    else:
+        runs = _emulated_runs(emulator, starts, candidates)
+        judge = "emulator"
     if runs.has_diverged.all():
         raise NeuroAnimatorError(
-            "The physics diverged under these controls. Raise effort_weight, or shorten the motion."
+            f"The {judge} diverged under these controls. Raise effort_weight, or shorten the motion."
         )
     motions = []
     for number in np.flatnonzero(~runs.has_diverged):
@@ -89,3 +101,13 @@ def ranked_on_physics(
         cost = objective_cost(objective, emulator, states, controls)
         motions.append(Motion(controls, states, cost))
     return sorted(motions, key=lambda motion: motion.cost)
+
+
+def _emulated_runs(
+    emulator: Emulator, starts: Float[np.ndarray, "K S"], candidates: Float[np.ndarray, "K T C"]
+) -> Runs:
+    """Return what `candidates` do from `starts` on the emulator."""
+    with phase("emulating"):
+        states = np.asarray(emulator.rollout(starts, candidates, may_diverge=True), float)
+    has_diverged = np.asarray(~np.isfinite(states).all(axis=(1, 2)))
+    return Runs(states, has_diverged)

@@ -8,6 +8,9 @@ from neuroanimator.control.synthesis.synthesise import Synthesis
 SMALL_GAP = 0.05
 """Share of J by which two values of it may differ and still be called the same."""
 
+UNPROVED = "nothing proves this controller: recordings cannot be simulated. Try it with care where they were made"
+"""What is said of a controller that only the emulator was asked about."""
+
 
 def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
     """Return names and values, the physics' verdict last."""
@@ -17,6 +20,10 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
         ("method", synthesis.descent.method),
         ("iterations", spent.iterations),
         ("descents, compiling not counted", f"{spent.seconds:.2f} s"),
+    ]
+    if not outcome.is_on_physics:
+        return rows + _unproved_rows(synthesis)
+    rows += [
         ("corrections by replay", spent.corrections),
         ("refinements by training", spent.refinements),
         ("physics steps taken", spent.physics_steps),
@@ -32,6 +39,24 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
     if synthesis.is_reached is not None:
         answer = "yes" if synthesis.is_reached else "no"
         rows.append(("goal reached on the true physics", answer))
+    return rows
+
+
+def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
+    """Return names and values of what was achieved on the emulator alone, the goal last."""
+    states = synthesis.outcome.emulator_states[:-1]
+    are_covered = [
+        synthesis.emulator.covers(state, control)
+        for state, control in zip(states, synthesis.controls, strict=True)
+    ]
+    rows: list[tuple[str, object]] = [
+        ("J on emulator", f"{synthesis.outcome.cost_emulator:.3f}"),
+        ("super steps within what was recorded", f"{sum(are_covered)} of {len(are_covered)}"),
+        ("in words", UNPROVED),
+    ]
+    if synthesis.is_reached is not None:
+        answer = "yes" if synthesis.is_reached else "no"
+        rows.append(("goal reached on the emulator, which proves nothing", answer))
     return rows
 
 

@@ -48,7 +48,7 @@ class Synthesis:
     descent: Descent
     """The descent it began with, before corrections; what all of them took is in `spent`."""
     controls: np.ndarray
-    """(T, C) proved on the physics."""
+    """(T, C) proved on the physics, if there is any: see `Replay.is_on_physics`."""
     outcome: Replay
     """These controls on the emulator and on the physics."""
     spent: SearchCost
@@ -56,7 +56,7 @@ class Synthesis:
     trust: GradientTrust | None = None
     """In the emulator's gradient, if it was measured."""
     is_reached: bool | None = None
-    """Whether the physics ends within the goal's tolerances; None where no named goal was asked for."""
+    """Whether the physics, or the emulator where there is none, ends within the goal's tolerances; None without a goal."""
 
 
 def synthesise(
@@ -86,9 +86,16 @@ def synthesise(
     All ends as soon as `is_enough` says so of the states (T+1, S) of the physics. Whether the emulator's gradient can
     be trusted is measured at random controls, if `measures_trust`: at its optimum it vanishes.
 
+    Of recordings there is no physics: the controller is then the best on the emulator, which proves nothing. Nothing is
+    corrected, refined or measured, and `outcome.is_on_physics` is False.
+
     Raises ArgumentError for an objective that cannot be descended, NeuroAnimatorError where the physics blows up.
     """
     state = emulator.state.check(start, "state")
+    if not system.can_simulate:
+        corrections = 0
+        refinements = 0
+        measures_trust = False
     search = Search(system, objective, state, steps, options, corrections, is_enough)
     attempt = make_attempt(search, emulator, options)
     attempt = restart(search, attempt, restarts)
@@ -240,6 +247,6 @@ def synthesise_goal(
     )
     reached = is_reached(named, goal, synthesis.outcome.physics_states[-1])
     trust = None
-    if measures_trust and not reached:
+    if measures_trust and not reached and system.can_simulate:
         trust = _measure_trust(emulator, system, objective, begin, steps, options)
     return replace(synthesis, is_reached=reached, trust=trust)

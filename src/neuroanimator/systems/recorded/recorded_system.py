@@ -24,6 +24,7 @@ class RecordedSystem(System):
     """Recordings as the pipeline sees them. Their file is read when its samples are needed, if the user allowed that."""
 
     is_self_contained = False
+    has_ground = True
 
     def __init__(
         self, definition: RecordedDefinition, files: dict[str, Any], definition_text: str = ""
@@ -54,6 +55,7 @@ class RecordedSystem(System):
             angles=tuple(angles),
         )
         self.recordings = self._recordings
+        self.goals = self.goals_of(definition.goals)
 
     def _simulate(
         self,
