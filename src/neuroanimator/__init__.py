@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from neuroanimator.control.synthesis.replay import replay
     from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
     from neuroanimator.data.config import DatasetConfig
+    from neuroanimator.data.coverage import coverage
     from neuroanimator.data.diverged_runs import read_diverged
     from neuroanimator.data.generate import generate
     from neuroanimator.data.store import read_transitions
@@ -69,6 +70,7 @@ _HOMES = {
     "generate": "data.generate",
     "read_transitions": "data.store",
     "read_diverged": "data.diverged_runs",
+    "coverage": "data.coverage",
     "TrainingConfig": "training.config",
     "train": "training.train",
     "Emulator": "emulator.emulator",
@@ -131,6 +133,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "generate",
     "read_transitions",
     "read_diverged",
+    "coverage",
     "TrainingConfig",
     "train",
     "Emulator",

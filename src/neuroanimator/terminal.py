@@ -203,6 +203,35 @@ def _text(value: object) -> str:
     return printable(str(value))
 
 
+BARS = "▁▂▃▄▅▆▇█"
+"""Bars of a small histogram, from the lowest to the highest."""
+
+PLAIN_BARS = ".:-=+*#@"
+"""The same on a terminal that has no other letters."""
+
+
+def sparkline(counts: Iterable[float]) -> str:
+    """Return a histogram as one letter a bar, the highest bar full; a blank where there is nothing at all."""
+    counts = list(counts)
+    bars = BARS if _can_print(BARS) else PLAIN_BARS
+    most = max(counts, default=0)
+    letters = []
+    for count in counts:
+        if count > 0:
+            letters.append(bars[min(int(len(bars) * count / most), len(bars) - 1)])
+        else:
+            letters.append(" ")
+    return "".join(letters)
+
+
+def _can_print(text: str) -> bool:
+    try:
+        text.encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 @cache
 def warn_once(message: str) -> None:
     """Print one line on stderr; the same one never again."""

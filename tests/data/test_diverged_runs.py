@@ -12,6 +12,7 @@ from conftest import Cli
 from neuroanimator import (
     DatasetConfig,
     NeuroAnimatorError,
+    coverage,
     generate,
     load_system,
     read_diverged,
@@ -90,6 +91,20 @@ def test_a_body_that_diverges_is_dropped_counted_and_diverges_again_when_replaye
     assert len(transitions.states) == (500 - len(starts)) * 12
     assert system.simulate(starts, controls, 0.1).has_diverged.all()
     assert not system.simulate(starts, controls, 0.1, scheme=system.fine).has_diverged.all()
+
+
+def test_diverged_runs_are_counted_and_told_with_what_to_do(folder: Path, cli: Cli):
+    starts, _ = read_diverged(folder)
+    found = coverage(folder)
+    assert found.diverged.runs == len(starts)
+    assert found.diverged.share == pytest.approx(len(starts) / 500)
+    assert found.runs == 500 - len(starts)
+    assert found.transitions == found.runs * 12
+    assert all(spread.counts.sum() == len(starts) for spread in found.diverged.starts)
+    assert any("controls, rms share" in condition for condition in found.diverged.conditions)
+    shown = cli("info", folder).stdout
+    assert f"{len(starts)} runs, dropped" in shown
+    assert "take a shorter truth_step" in shown
 
 
 def test_made_again_and_resumed_the_bytes_are_the_same(folder: Path, toml: Path, tmp_path: Path):

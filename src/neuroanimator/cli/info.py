@@ -31,8 +31,12 @@ def run(
     """Check an emulator, a policy or a dataset and show what it is; --json says all, with every column."""
     from json import dumps
 
+    from neuroanimator.cli.info_dataset import show_dataset
     from neuroanimator.terminal import print_rows
 
+    if Path(file).is_dir():
+        show_dataset(Path(file), json=json)
+        return
     everything, rows = _read(file)
     if json:
         print(dumps(everything, indent=2, sort_keys=True))
@@ -42,8 +46,6 @@ def run(
 
 def _read(file: str) -> tuple[dict[str, Any], Rows]:
     """Return (all that the file says, the rows to show)."""
-    if Path(file).is_dir():
-        return _dataset(Path(file))
     if file.endswith(".policy.safetensors"):
         return _policy(Path(file))
     return _emulator(file)
@@ -118,23 +120,6 @@ def _check_policy(path: Path) -> None:
     from neuroanimator.control.policies.policy_file import load_policy
 
     load_policy(path)
-
-
-def _dataset(folder: Path) -> tuple[dict[str, Any], Rows]:
-    from neuroanimator.data.store import read_config
-
-    config = read_config(folder)
-    present = sum(config.shard_path(folder, shard).is_file() for shard in range(config.shards))
-    rows: Rows = [
-        ("dataset", folder),
-        ("system", config.system),
-        ("super step", f"{config.substeps} physics steps"),
-        ("transitions", f"{config.count:,} asked for, seed {config.seed}"),
-        ("shards", f"{present} of {config.shards} made"),
-        ("MuJoCo", config.mujoco),
-        ("config", config.hash),
-    ]
-    return config.model_dump(), rows
 
 
 def summary_of(layout: Layout) -> str:

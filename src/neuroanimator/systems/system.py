@@ -227,3 +227,10 @@ class System(abc.ABC):
     @abc.abstractmethod
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return `count` random states (count, S) covering what occurs in use."""
+
+    def contact_counts(self, states: np.ndarray) -> np.ndarray | None:
+        """Return in how many points something touches something in each of `states` (N, S): (N,).
+
+        None where that is not known, or nothing can touch anything.
+        """
+        return None

@@ -81,6 +81,17 @@ class MujocoSystem(System):
         is_slow = (velocities < DIVERGED_VELOCITY).all(axis=(1, 2))
         return np.asarray(~(is_finite & is_slow))
 
+    def contact_counts(self, states: np.ndarray) -> np.ndarray:
+        data = mujoco.MjData(self.model)
+        counts = np.empty(len(states), int)
+        with warnings_counted:
+            for row, state in enumerate(states):
+                data.qpos[:] = state[: self.model.nq]
+                mujoco.mj_kinematics(self.model, data)
+                mujoco.mj_collision(self.model, data)
+                counts[row] = data.ncon
+        return counts
+
     def put(self, data: mujoco.MjData, state: np.ndarray) -> None:
         """Make `state` (S,) the state of `data`."""
         mujoco.mj_resetData(self.model, data)
