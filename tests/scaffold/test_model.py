@@ -165,7 +165,9 @@ def test_a_toml_file_holds_edits_and_is_not_overwritten(cart: Path):
 def test_the_toml_says_all_of_the_definition_and_nothing_else(cart: Path):
     path, proposal = write_definition(str(cart))
     written = tomllib.loads(path.read_text())
-    assert written == json.loads(proposal.definition.model_dump_json(exclude={"goals", "groups"}))
+    assert written == json.loads(
+        proposal.definition.model_dump_json(exclude={"goals", "groups", "tree"})
+    )
 
 
 @pytest.mark.parametrize(
@@ -209,7 +211,11 @@ def test_models_that_cannot_be_emulated_are_refused_by_name(change, message: str
         ),
         (
             lambda toml: toml.replace('model = "cart.xml"', 'model = "../cart.xml"'),
-            "a file beside it",
+            "wanted a file in the folder of this one, or an absolute path",
+        ),
+        (
+            lambda toml: toml.replace('model = "cart.xml"', 'model = "cart.xml"\ntree = ".."'),
+            "tree: value error, wanted a file in the folder of this one",
         ),
         (
             lambda toml: toml + '\n[goals.x]\nreach = { "trakc" = [1.0] }\n',
@@ -222,6 +228,37 @@ def test_a_wrong_line_in_the_toml_is_named(change, message: str, cart: Path):
     path.write_text(change(path.read_text()))
     with pytest.raises(NeuroAnimatorError, match=message):
         resolve(str(path))
+
+
+def test_the_toml_may_lie_anywhere_and_says_where_the_model_is(
+    cart: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    beside, _ = write_definition(str(cart))
+    elsewhere, _ = write_definition(str(cart), tmp_path / "other" / "cart.toml")
+    (tmp_path / "deep").mkdir()
+    inside = cart.rename(tmp_path / "deep" / "cart.xml")
+    above, _ = write_definition(str(inside), tmp_path / "above.toml", name="cart")
+    inside.rename(cart)
+    assert tomllib.loads(elsewhere.read_text())["model"] == str(cart)
+    assert tomllib.loads(above.read_text())["model"] == "deep/cart.xml"
+    monkeypatch.chdir(tmp_path / "deep")
+    assert resolve(str(elsewhere)) == resolve(str(beside))
+    assert str(tmp_path) not in resolve(str(elsewhere))[1]
+
+
+def test_a_tree_is_written_down_as_its_model_is(tmp_path: Path):
+    (tmp_path / "robots" / "arm").mkdir(parents=True)
+    model = tmp_path / "robots" / "arm" / "cart.xml"
+    model.write_text('<mujoco><include file="../cart.xml"/></mujoco>')
+    tree = tmp_path / "robots"
+    (tree / "cart.xml").write_text(CART)
+    with pytest.raises(NeuroAnimatorError, match=f"say 'new --tree {tree}'"):
+        write_definition(str(model))
+    within, _ = write_definition(str(model), tree / "cart.toml", tree=tree)
+    elsewhere, _ = write_definition(str(model), tmp_path / "other.toml", tree=tree, name="cart")
+    assert tomllib.loads(within.read_text())["tree"] == "."
+    assert tomllib.loads(elsewhere.read_text())["tree"] == "robots"
+    assert resolve(str(within)) == resolve(str(elsewhere))
 
 
 def test_a_dataset_carries_its_system_and_another_edit_is_another_dataset(

@@ -31,6 +31,12 @@ def run(
     base: Annotated[
         str, typer.Option(help="Of a URDF: 'fixed' to the world, or 'free' to move over a floor.")
     ] = "fixed",
+    tree: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder in which the model's includes and meshes may lie; its own if not given."
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the TOML file.")] = False,
 ) -> None:
     """Check a model and write how an emulator should see it: a TOML file to read, edit and generate from."""
@@ -41,7 +47,13 @@ def run(
         from neuroanimator.scaffold.write_toml import checked_base, write_definition
     with phase("checking the model"):
         path, proposal = write_definition(
-            model, out, force=force, keyframe=keyframe, base=checked_base(base), name=name
+            model,
+            out,
+            force=force,
+            keyframe=keyframe,
+            base=checked_base(base),
+            name=name,
+            tree=tree,
         )
     definition = proposal.definition
     dt = definition.substeps * definition.physics.step

@@ -1,6 +1,6 @@
 """The tables of a TOML file about a system whose physics is a MuJoCo model.
 
-The file lies beside its model and is checked key by key:
+The file lies beside its model, or names its path, and is checked key by key:
 
     name = "hopper"
     model = "hopper.xml"
@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from neuroanimator.definitions.goal import GoalTable
-from neuroanimator.parsing.names import FileName, PartName, SystemName
+from neuroanimator.parsing.names import ModelPath, PartName, SystemName
 from neuroanimator.tables import Finite, Share, Step, Table
 
 Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
@@ -90,7 +90,10 @@ class Definition(Table):
     substeps: int = Field(50, ge=1, le=1000)
     """Physics steps n in a super step, if nothing else is asked for."""
     kind: Literal["mujoco"] = "mujoco"
-    model: FileName
+    model: ModelPath
+    """The model's file, beside this one or wherever it lies."""
+    tree: ModelPath | None = None
+    """The folder in which the model's includes and meshes may lie; if not given its own, or the ROS package it lies in."""
     base: Literal["fixed", "free"] = "fixed"
     """Whether the root of a URDF is fixed to the world or free to move over a floor; of no meaning to MJCF."""
     keyframe: str = ""

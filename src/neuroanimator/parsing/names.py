@@ -32,6 +32,9 @@ MAX_MODEL_NAME = 60
 MAX_FILE_NAME = 200
 """Characters the name of a file may have."""
 
+MAX_PATH = 1000
+"""Characters the path of a file may have."""
+
 SystemName = Annotated[str, Field(pattern=SYSTEM_PATTERN)]
 """The name of a system or goal in a table."""
 
@@ -89,6 +92,17 @@ def _check_file_name(value: str) -> str:
 
 FileName = Annotated[str, AfterValidator(_check_file_name)]
 """The name of a file beside its definition: no path."""
+
+
+def _check_model_path(value: str) -> str:
+    is_plain = value.isprintable() and "\\" not in value and 0 < len(value) <= MAX_PATH
+    if not is_plain or value.endswith("/") or ".." in value.split("/"):
+        raise ValueError("wanted a file in the folder of this one, or an absolute path")
+    return value
+
+
+ModelPath = Annotated[str, AfterValidator(_check_model_path)]
+"""The path of a model: in the folder of its definition, or absolute. A definition from elsewhere knows no absolute one."""
 
 
 def check_file_name(value: object) -> str:

@@ -74,15 +74,20 @@ class Proposal:
 
 
 def propose(
-    path: Path, *, keyframe: str = "", base: Literal["fixed", "free"] = "fixed"
+    path: Path,
+    *,
+    keyframe: str = "",
+    base: Literal["fixed", "free"] = "fixed",
+    tree: Path | None = None,
 ) -> Proposal:
     """Return a definition of the MJCF or URDF model at `path`.
 
     `keyframe` names the one that is the state of rest; `base` says whether the root of a URDF stands fixed or is free.
+    Includes and meshes may lie in the folder `tree`; without it in the model's own, or in the ROS package it lies in.
     Raises BadFileError for a model that cannot be emulated, saying why; ArgumentError for a keyframe that is not there
     and if no scheme steps the model without diverging.
     """
-    model = compile_model(read_model_files(path), base)
+    model = compile_model(read_model_files(path, tree), base)
     faults = actuator_faults(path, model)
     if faults:
         raise BadFileError(faults)

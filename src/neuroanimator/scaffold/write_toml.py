@@ -50,7 +50,18 @@ PART_TITLES = {
 PROPOSERS = {".py": propose_function, ".csv": propose_recording, ".npz": propose_recording}
 """A file with one of these endings is no model: its definition is proposed by this function."""
 
-TOP_KEYS = ("name", "kind", "model", "base", "keyframe", "file", "batched", "substeps", "sensors")
+TOP_KEYS = (
+    "name",
+    "kind",
+    "model",
+    "tree",
+    "base",
+    "keyframe",
+    "file",
+    "batched",
+    "substeps",
+    "sensors",
+)
 """These keys belong to no table; TOML wants them before the first one."""
 
 GROUP_HINT = """
@@ -78,14 +89,16 @@ def write_definition(
     keyframe: str = "",
     base: Literal["fixed", "free"] = "fixed",
     name: str = "",
+    tree: Path | None = None,
 ) -> tuple[Path, Proposal]:
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
-    run to see what it does. `keyframe` and `base` are as in `propose`; the system is called `name`, or after the file.
+    run to see what it does. `keyframe`, `base` and `tree` are as in `propose`; the system is called `name`, or after the
+    file. Beside the model or above it `out` names it by its path from there, elsewhere by its absolute path.
 
-    Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside
-    the model, or if `name` is none or taken; BadFileError for what cannot be emulated.
+    Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside a step function or
+    recordings, or if `name` is none or taken; BadFileError for what cannot be emulated.
     """
     _check_name(name)
     source = Path(model)
@@ -96,18 +109,22 @@ def write_definition(
         raise ArgumentError(
             f"{path} exists, and may hold your edits. --force overwrites it; --out names another."
         )
-    if path.parent.resolve() != source.parent.resolve():
-        raise ArgumentError(
-            f"{path}: the TOML file must lie beside the model, in {source.parent or '.'}."
-        )
     if source.suffix in PROPOSERS:
-        _refuse_model_options(source, keyframe, base)
+        if path.parent.resolve() != source.parent.resolve():
+            raise ArgumentError(
+                f"{path}: the TOML file must lie beside {source.name}, in {source.parent or '.'}."
+            )
+        _refuse_model_options(source, keyframe, base, tree)
         proposal = _propose_without_model(source)
+        changes = {}
     else:
-        proposal = propose(source, keyframe=keyframe, base=base)
+        proposal = propose(source, keyframe=keyframe, base=base, tree=tree)
+        changes = {"model": _seen_from(path, source)}
+        if tree is not None:
+            changes["tree"] = _seen_from(path, tree.resolve())
     if name:
-        definition = proposal.definition.model_copy(update={"name": name})
-        proposal = replace(proposal, definition=definition)
+        changes["name"] = name
+    proposal = replace(proposal, definition=proposal.definition.model_copy(update=changes))
     write_whole(path, as_toml(proposal).encode())
     return path, proposal
 
@@ -129,12 +146,22 @@ def checked_base(text: str) -> Literal["fixed", "free"]:
     raise ArgumentError(f"base: wanted fixed or free, came {quoted(text)}.")
 
 
-def _refuse_model_options(source: Path, keyframe: str, base: str) -> None:
+def _refuse_model_options(source: Path, keyframe: str, base: str, tree: Path | None) -> None:
     """Raise ArgumentError for options that only a model file can have."""
-    if keyframe or base != "fixed":
+    if keyframe or base != "fixed" or tree is not None:
         raise ArgumentError(
-            f"{source.name} is no MuJoCo model, so it has neither keyframes nor a base. Leave --keyframe and --base out."
+            f"{source.name} is no MuJoCo model, so it has neither keyframes, base nor meshes. Leave --keyframe, --base and "
+            "--tree out."
         )
+
+
+def _seen_from(toml: Path, path: Path) -> str:
+    """Return how a TOML file names a path: from its own folder if it lies in there, else as an absolute path."""
+    folder = toml.parent.resolve()
+    place = path.parent.resolve() / path.name
+    if place.is_relative_to(folder):
+        return place.relative_to(folder).as_posix()
+    return place.as_posix()
 
 
 def _propose_without_model(source: Path) -> Proposal:
@@ -163,6 +190,8 @@ def as_toml(proposal: Proposal) -> str:
     definition = proposal.definition
     is_model = isinstance(definition, Definition)
     values = definition.model_dump(mode="json", exclude_unset=not is_model)
+    if is_model and not definition.tree:
+        del values["tree"]
     top = {key: values.pop(key) for key in TOP_KEYS if key in values}
     values.pop("goals", None)
     values.pop("groups", None)
@@ -170,7 +199,7 @@ def as_toml(proposal: Proposal) -> str:
     source = top.get("file")
     if is_model:
         titles = TITLES
-        source = top["model"]
+        source = Path(top["model"]).name
     lines = [
         f"# How NeuroAnimator sees {source}. Edit what you know better; every line is checked when used."
     ]

@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 
 from neuroanimator.definitions.body import BodyDefinition
 from neuroanimator.definitions.carried import MAX_TEXT, TABLES, kind_of, read_definition_text
+from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
+from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
@@ -46,14 +48,15 @@ class Loader(NamedTuple):
     """Key of the TOML that names the file beside it; empty if there is none."""
     needs_trust: bool
     """Whether that file is run or opened again later, where the user must have allowed it."""
-    pack: Callable[[Path], Any]
-    """Returns what of that file travels along, as JSON values."""
+    pack: Callable[[Path, Any], Any]
+    """Returns what of that file travels along, as JSON values, given the TOML file's folder and the definition."""
     make: Callable[[Any, Any, str], System]
     """Returns the system made of (definition, what travelled along, definition text)."""
 
 
-def _pack_model(path: Path) -> Any:
-    return read_model_files(path).to_json()
+def _pack_model(folder: Path, definition: Definition) -> Any:
+    tree = folder / definition.tree if definition.tree else None
+    return read_model_files(folder / definition.model, tree).to_json()
 
 
 def _make_model(definition: Definition, files: Any, text: str) -> System:
@@ -61,18 +64,20 @@ def _make_model(definition: Definition, files: Any, text: str) -> System:
     return ModelSystem(definition, model, text)
 
 
-def _pack_function(path: Path) -> dict[str, Any]:
+def _pack_function(folder: Path, definition: PythonDefinition) -> dict[str, Any]:
+    path = folder / definition.file
     return {"name": path.name, "sha256": digest_of(path)}
 
 
-def _pack_recording(path: Path) -> dict[str, Any]:
+def _pack_recording(folder: Path, definition: RecordedDefinition) -> dict[str, Any]:
+    path = folder / definition.file
     digest = digest_of(path)
     runs = read_recording(digest, path.name)
     rows = [len(states) for states in runs.states]
     return {"name": path.name, "sha256": digest, "rows": rows, "origins": list(runs.origins)}
 
 
-def _pack_nothing(path: Path) -> None:
+def _pack_nothing(folder: Path, definition: BodyDefinition) -> None:
     """A body is all in its definition."""
 
 
@@ -115,8 +120,8 @@ def resolve(reference: str) -> tuple[str, str, int]:
         return reference, "", USUAL_SUBSTEPS
     path = Path(reference)
     loader, definition = _read_definition(path)
-    files = loader.pack(_source(path, loader, definition))
-    text = canonical_json({"definition": definition.model_dump(mode="json"), "files": files})
+    files = loader.pack(path.parent, definition)
+    text = canonical_json({"definition": _travelling(definition), "files": files})
     if len(text) > MAX_TEXT:
         raise BadFileError(
             f"{path.name}: the model with its meshes takes {len(text):,} bytes; wanted at most {MAX_TEXT:,}. "
@@ -124,6 +129,15 @@ def resolve(reference: str) -> tuple[str, str, int]:
         )
     from_text(text)
     return definition.name, text, definition.substeps
+
+
+def _travelling(definition: Any) -> dict[str, Any]:
+    """Return the definition as JSON values, without the folders it was read from: nobody else has these."""
+    values = definition.model_dump(mode="json")
+    if isinstance(definition, Definition):
+        values["model"] = Path(definition.model).name
+        del values["tree"]
+    return values
 
 
 def _read_definition(path: Path) -> tuple[Loader, Any]:
@@ -134,7 +148,7 @@ def _read_definition(path: Path) -> tuple[Loader, Any]:
 
 
 def _source(path: Path, loader: Loader, definition: Any) -> Path:
-    """Return the file beside a TOML file that it names, or its folder if it names none."""
+    """Return the file that a TOML file names, or its folder if it names none."""
     if not loader.file_key:
         return path.parent
     return path.parent / getattr(definition, loader.file_key)

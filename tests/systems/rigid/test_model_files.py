@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from neuroanimator.errors import BadFileError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model, read_model_files
 
 BODY = '<worldbody><body name="b"><joint name="j"/><geom size="1"/></body></worldbody>'
@@ -190,7 +190,34 @@ def test_an_include_outside_the_folder_is_refused(tmp_path, path):
     main = write(tmp_path / "model", {"robot.xml": mujoco_xml(f'<include file="{path}"/>')})
     message = refusal(main)
     assert message.startswith(f"robot.xml: include file={path!r}: leaves the model's folder")
-    assert "Put the file beside the model" in message
+    assert "Put the file beside the model" in message or "new --tree" in message
+
+
+def test_files_above_the_model_are_read_where_its_user_says_so(tmp_path, monkeypatch):
+    inside = '<compiler meshdir="../meshes"/><asset><mesh name="a" file="a.stl"/></asset>'
+    body = '<worldbody><body><joint/><geom type="mesh" mesh="a"/></body></worldbody>'
+    tree = tmp_path / "robots"
+    write(tree, {"meshes/a.stl": stl(1), "parts/body.xml": mujoco_xml(body=body)})
+    main = write(tree, {"arm/m.xml": mujoco_xml(inside, '<include file="../parts/body.xml"/>')})
+    assert f"say 'new --tree {tree}'" in refusal(main)
+    files = read_model_files(main, tree)
+    assert [name for name, _ in files.files] == ["arm/m.xml", "meshes/a.stl", "parts/body.xml"]
+    assert compile_model(ModelFiles.from_json(files.to_json())).nmesh == 1
+    monkeypatch.setenv("HOME", str(tree / "arm"))
+    assert "Put the file beside the model" in refusal(main)
+    with pytest.raises(ArgumentError, match="does not lie in"):
+        read_model_files(main, tree / "meshes")
+
+
+def test_the_folder_of_a_package_without_its_file_is_told(tmp_path):
+    main = write(
+        tmp_path / "robot",
+        {"urdf/r.urdf": urdf("package://robot/meshes/a.stl"), "meshes/a.stl": stl(1)},
+    )
+    message = refusal(main)
+    assert "no such file" in message
+    assert f"say 'new --tree {tmp_path / 'robot'}'" in message
+    assert compile_model(read_model_files(main, tmp_path / "robot")).nmesh == 1
 
 
 ASSETS = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import os
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ from typing import Any, Literal
 
 import mujoco
 
-from neuroanimator.errors import BadFileError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.systems.rigid.model_safety import check_cells, check_elements, check_model
 from neuroanimator.systems.rigid.model_xml import (
     FILE_LIMIT,
@@ -40,7 +41,7 @@ PACKAGE_FILE = "package.xml"
 """A folder that holds this file is a ROS package."""
 
 PACKAGE_DEPTH = 4
-"""A URDF may lie so deep in its package, the package's own folder counted."""
+"""A model may lie so deep in its package, the package's own folder counted."""
 
 MAX_NAME = 255
 """A file's name may have so many characters, as on most file systems."""
@@ -89,16 +90,23 @@ def _is_main_and_files(value: Any) -> bool:
     return all(isinstance(text, str) for text in texts)
 
 
-def read_model_files(path: Path) -> ModelFiles:
-    """Return the model at `path` with every file it refers to, all from its folder or ROS package; compiles nothing.
+def read_model_files(path: Path, tree: Path | None = None) -> ModelFiles:
+    """Return the model at `path` with every file it refers to, all from the folder `tree`; compiles nothing.
 
-    Raises BadFileError naming the file and the fault: a path or link out of the folder, a missing file,
-    a document type, an unsupported element, or anything beyond the limits in `model_xml` and `model_safety`.
+    Without `tree` that is the model's own folder, or the ROS package it lies in.
+
+    Raises ArgumentError if the model does not lie in `tree`; BadFileError naming the file and the fault: a path or link
+    out of the folder, a missing file, a document type, an unsupported element, or anything beyond the limits in
+    `model_xml` and `model_safety`.
     """
+    allowed = None if tree is None else _checked_tree(path, tree)
     try:
-        folder = _folder_of(path)
+        folder = allowed or _folder_of(path)
         main = (path.parent.resolve() / path.name).relative_to(folder).as_posix()
-        source = Source(load=lambda name: _read(folder, name))
+        source = Source(
+            load=lambda name: _read(folder, name),
+            where_outside=lambda name: _folder_with(folder, name),
+        )
         _assemble(main, source)
     except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a circle of links
         raise BadFileError(f"{path.name}: could not read it: {error}. Check the file.") from error
@@ -110,16 +118,39 @@ def read_model_files(path: Path) -> ModelFiles:
 
 
 def _folder_of(path: Path) -> Path:
-    """Return the folder a model's files are read from: its own, or that of the ROS package a URDF lies in.
+    """Return the folder a model's files are read from: its own, or that of the ROS package it lies in.
 
-    `package://NAME/` stands for it; only a folder with a `package.xml` counts, so that no URDF can name any other.
+    `package://NAME/` stands for it; only a folder with a `package.xml` counts, so that no model can name any other.
     """
     folder = path.parent.resolve()
-    if path.suffix.lower() == ".urdf":
-        for above in (folder, *folder.parents)[:PACKAGE_DEPTH]:
-            if (above / PACKAGE_FILE).is_file():
-                return above
+    for above in (folder, *folder.parents)[:PACKAGE_DEPTH]:
+        if (above / PACKAGE_FILE).is_file():
+            return above
     return folder
+
+
+def _checked_tree(path: Path, tree: Path) -> Path:
+    """Return the folder `tree`; ArgumentError if the model does not lie in it."""
+    folder = tree.resolve()
+    if not path.parent.resolve().is_relative_to(folder):
+        raise ArgumentError(
+            f"tree: {path} does not lie in {tree}. Name a folder that holds the model and its files."
+        )
+    return folder
+
+
+def _folder_with(folder: Path, name: str) -> str:
+    """Return the folder that holds `folder` and the file `name` outside of it; empty if there is no such file.
+
+    Empty, too, if that were the user's home or a folder above it: nobody should be told to open that to a model.
+    """
+    path = (folder / name).resolve()
+    if not path.is_file():
+        return ""
+    common = Path(os.path.commonpath([folder, path]))
+    if Path.home().is_relative_to(common):
+        return ""
+    return str(common)
 
 
 def _read(folder: Path, name: str) -> bytes | None:
@@ -178,7 +209,7 @@ def _assemble(main: str, source: Source) -> tuple[Element, dict[str, bytes]]:
     if root.tag == "robot":
         _trim_urdf(root, settings)
     check_elements(root)
-    assets = attach_files(source, root, settings)
+    assets = attach_files(source, main, root, settings)
     check_cells(root, assets)
     return root, assets
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import posixpath
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
+from shlex import quote
 from typing import Any, NoReturn, cast
 from xml.parsers import expat
 
@@ -32,6 +34,9 @@ ELEMENT_LIMIT = 10_000
 
 ATTRIBUTE_LIMIT = 100
 """An element may have so many attributes: MuJoCo compares each with all the others, 49 s for 150,000."""
+
+MAX_UP = 4
+"""A file that is not there is looked for less than so many folders higher up, to tell where it is."""
 
 PATH_PARTS = 12
 """So many last parts of the path of a URDF's mesh are tried."""
@@ -99,6 +104,9 @@ class Source:
     elements: int = 0
     """The number of elements read so far, in all files."""
 
+    where_outside: Callable[[str], str] = lambda _: ""
+    """Returns the folder that holds both the model and a path outside its tree, `../a.stl`, as words; empty if none may."""
+
     def take(self, name: str) -> bytes | None:
         """Return the bytes of `name`, or None if there is no such file; BadFileError beyond the limits."""
         content = self.taken.get(name)
@@ -120,26 +128,46 @@ class Source:
 
     def find(self, element: Element, attribute: str, folders: list[str]) -> tuple[str, bytes]:
         """Return (name, bytes) of the file an attribute names, in the first of `folders` that has it."""
-        for name in _candidates(element, attribute, folders):
+        inside, outside = _candidates(element, attribute, folders)
+        for name in inside:
             content = self.take(name)
             if content is not None:
                 return name, content
-        refuse_at(element, attribute, "no such file. Put the file beside the model")
+        if outside:
+            advice = _advice([self.where_outside(name) for name in outside])
+            culprit = ""
+            if not posixpath.normpath(element.attrib[attribute]).startswith(".."):
+                culprit = f" by {_shown(folders[0])}"
+            refuse_at(element, attribute, f"leaves the model's folder{culprit}. {advice}")
+        above = ["../" * up + name for up in range(1, MAX_UP) for name in inside]
+        advice = _advice([self.where_outside(name) for name in above])
+        refuse_at(element, attribute, f"no such file. {advice}")
 
 
-def _candidates(element: Element, attribute: str, folders: list[str]) -> list[str]:
-    """Return the paths, all inside the model's folder, where a file may be; `package://name/` counts as that folder.
+def _advice(folders: list[str]) -> str:
+    """Return what to do about a file that is not in the model's tree but may be in one of `folders`."""
+    for folder in folders:
+        if folder:
+            return f"If the model may read files there, say 'new --tree {quote(folder)}'"
+    return "Put the file beside the model"
 
-    A URDF's folder may be any part of its package, so that the path may begin too high up: its ends are tried, too.
+
+def _candidates(
+    element: Element, attribute: str, folders: list[str]
+) -> tuple[list[str], list[str]]:
+    """Return the paths where a file may be, inside the model's tree and outside of it (`../a.stl`), each once.
+
+    `package://name/` counts as the tree. A URDF's folder may be any part of its package, so that a path may begin too
+    high up: its ends are tried, too. Paths that are absolute, or no plain ones, are refused.
     """
     text = element.attrib[attribute]
     paths = [text]
     if attribute == "filename":
         text = re.sub("^(package|model)://[^/]*/", "", text)
-        parts = text.split("/")[-PATH_PARTS:]
+        parts = [part for part in text.split("/") if part != ".."][-PATH_PARTS:]
         paths = [text, *("/".join(parts[first:]) for first in range(len(parts)))]
     for part in (text, *folders):
-        if re.search(r"^/|(^|/)\.\.(/|$)|[\\:\0]", part):
+        if re.search(r"^/|[\\:\0]", part):
             culprit = ""
             if part != text:
                 culprit = f" by {_shown(part)}"
@@ -148,11 +176,16 @@ def _candidates(element: Element, attribute: str, folders: list[str]) -> list[st
                 attribute,
                 f"leaves the model's folder{culprit}. Put the file beside the model",
             )
-    candidates: list[str] = []
+    inside: list[str] = []
+    outside: list[str] = []
     for path in paths:
         for folder in folders:
-            candidates.append(str(PurePosixPath(folder, path)))
-    return list(dict.fromkeys(candidates))  # each once
+            name = posixpath.normpath(PurePosixPath(folder, path).as_posix())
+            if name == ".." or name.startswith("../"):
+                outside.append(name)
+            else:
+                inside.append(name)
+    return list(dict.fromkeys(inside)), list(dict.fromkeys(outside))
 
 
 def parse(source: Source, name: str, content: bytes) -> Element:
@@ -217,8 +250,8 @@ def _included(
 ) -> list[Element]:
     if "file" not in include.attrib:
         refuse_at(include, "", "no file attribute. Name the file to include")
-    beside_includer = str(PurePosixPath(chain[-1]).parent)
-    name, content = source.find(include, "file", ["", beside_includer])
+    folders = [str(PurePosixPath(file).parent) for file in (chain[0], chain[-1])]
+    name, content = source.find(include, "file", folders)
     if name in seen or len(chain) > INCLUDE_LIMIT:
         refuse_at(
             include,
@@ -231,12 +264,18 @@ def _included(
     return root.children()
 
 
-def attach_files(source: Source, root: Element, settings: dict[str, str]) -> dict[str, bytes]:
-    """Return the assets by names no two files share, and point the attributes of `root` to those names."""
+def attach_files(
+    source: Source, main: str, root: Element, settings: dict[str, str]
+) -> dict[str, bytes]:
+    """Return the assets by names no two files share, and point the attributes of `root` to those names.
+
+    Paths begin at the folder of the file `main`, or at that of the file the attribute stands in.
+    """
     assets: dict[str, bytes] = {}
     for element in root.descendants():
         for attribute in element.file_attributes():
-            name, content = source.find(element, attribute, _folders(element, attribute, settings))
+            folders = _folders(element, attribute, settings, main)
+            name, content = source.find(element, attribute, folders)
             if attribute == "file" and "name" not in element.attrib:
                 element.set("name", PurePosixPath(name).stem)
             number = list(source.taken).index(name)  # two folders may hold files of one name
@@ -246,7 +285,7 @@ def attach_files(source: Source, root: Element, settings: dict[str, str]) -> dic
     return assets
 
 
-def _folders(element: Element, attribute: str, settings: dict[str, str]) -> list[str]:
+def _folders(element: Element, attribute: str, settings: dict[str, str], main: str) -> list[str]:
     """Return where the file an attribute names may be, after removing the path MuJoCo would strip from it."""
     if settings.get("strippath") == "true" and attribute != "filename":
         element.set(attribute, re.split(r"[/\\]", element.attrib[attribute])[-1])
@@ -254,6 +293,10 @@ def _folders(element: Element, attribute: str, settings: dict[str, str]) -> list
     if element.tag == "texture":
         setting = "texturedir"
     folder = settings.get(setting, settings.get("assetdir", ""))
-    file, _ = element.origin
-    beside_file = PurePosixPath(folder, PurePosixPath(file).parent)
-    return [folder, str(beside_file)]
+    beside_main = PurePosixPath(main).parent
+    beside_file = PurePosixPath(element.origin[0]).parent
+    # Older models say it the other way round.
+    folders = [beside_main / folder, beside_file / folder, PurePosixPath(folder) / beside_file]
+    if attribute == "filename":
+        folders.append(PurePosixPath(folder))  # a URDF's paths may begin at its package
+    return [str(each) for each in folders]
