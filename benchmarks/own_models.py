@@ -168,6 +168,7 @@ def _figures(evaluation: Evaluation) -> dict[str, Any]:
     figures = evaluation.row()
     chosen: dict[str, Any] = {
         "one_step_error": evaluation.one_step_error,
+        "noise_error": figures["noise_error"],
         "error_after_1s": evaluation.rollout_error_at(SECOND),
         "self_divergence_after_1s": _self_divergence_at(evaluation, SECOND),
     }

@@ -19,6 +19,7 @@ from neuroanimator.data.config import (
     DatasetConfig,
     window_length,
 )
+from neuroanimator.data.recorded_noise import noise_of
 from neuroanimator.data.recorded_segments import Segment, split_recordings
 from neuroanimator.data.store import HELD_OUT_NAME
 from neuroanimator.storage.files import write_tensors
@@ -86,7 +87,10 @@ def super_steps(
 
 
 def write_held_out(recordings: RecordingFile, config: DatasetConfig, folder: Path) -> None:
-    """Store the test's runs beside the shards: as many as fit, equally long, none overlapping another."""
+    """Store the test's runs beside the shards: as many as fit, equally long, none overlapping another.
+
+    With them goes the noise of all recordings, by which the test's errors are judged.
+    """
     segments = split_recordings(recordings, window_length(config.substeps)).test
     fitting = [(segment.stop - segment.start - 1) // config.substeps for segment in segments]
     steps = min(RUN_STEPS, *fitting)
@@ -100,5 +104,6 @@ def write_held_out(recordings: RecordingFile, config: DatasetConfig, folder: Pat
     tensors = {
         "states": np.stack([piece.states for piece in pieces]),
         "controls": np.stack([piece.controls for piece in pieces]),
+        "noise": noise_of([run.states for run in runs], [run.controls for run in runs]),
     }
     write_tensors(folder / HELD_OUT_NAME, tensors, {"kind": "held-out", "config": config.hash})

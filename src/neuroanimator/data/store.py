@@ -140,6 +140,8 @@ class Transitions:
     diverged: int
     held_out: tuple[np.ndarray, np.ndarray] | None = None
     """(states (B, T+1, S), controls (B, T, C)) kept for the test; of recordings only."""
+    noise: Float[np.ndarray, " S"] | None = None
+    """Standard deviation of the noise in each state entry; of recordings only."""
 
     def __repr__(self) -> str:
         config = self.config
@@ -170,14 +172,18 @@ def read_transitions(folder: str | Path) -> Transitions:
     counted = ((tensors, metadata["diverged"]) for tensors, metadata in shards)
     transitions = gather_transitions(config, system, counted)
     if system.recordings is not None:
-        return replace(transitions, held_out=read_held_out(folder, config, system))
+        states, controls, noise = read_held_out(folder, config, system)
+        return replace(transitions, held_out=(states, controls), noise=noise)
     return transitions
 
 
 def read_held_out(
     folder: Path, config: DatasetConfig, system: System
-) -> tuple[Float[np.ndarray, "B _ S"], Float[np.ndarray, "B T C"]]:
-    """Return (states (B, T+1, S), controls (B, T, C)) of the recorded runs kept for the test."""
+) -> tuple[Float[np.ndarray, "B _ S"], Float[np.ndarray, "B T C"], Float[np.ndarray, " S"] | None]:
+    """Return (states (B, T+1, S), controls (B, T, C)) of the recorded runs kept for the test, and the recordings' noise.
+
+    Datasets of older versions do not say what that is.
+    """
     path = folder / HELD_OUT_NAME
     tensors, metadata = read_tensors(path, "held-out", MAX_HELD_OUT)
     if metadata.get("config") != config.hash:
@@ -188,10 +194,15 @@ def read_held_out(
         "states": TensorSpec(np.float64, (None, steps + 1, system.state.size)),
         "controls": TensorSpec(np.float64, (None, steps, system.control.size)),
     }
+    noise = tensors.get("noise")
+    if noise is not None:
+        specs["noise"] = TensorSpec(np.float64, (system.state.size,))
     runs = check_tensors(path, tensors, specs)
     if not runs or not 1 <= steps <= RUN_STEPS:
         refuse(path, f"no runs of 1 to {RUN_STEPS} super steps")
-    return tensors["states"], tensors["controls"]
+    if noise is not None and not (noise >= 0).all():  # NaN is refused too
+        refuse(path, "the noise is no number of 0 or more")
+    return tensors["states"], tensors["controls"], noise
 
 
 def gather_transitions(

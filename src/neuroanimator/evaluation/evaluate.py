@@ -25,12 +25,14 @@ from neuroanimator.evaluation.held_out import (
     recorded_runs,
     system_of,
 )
+from neuroanimator.evaluation.noise import noise_error
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
 from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
 from neuroanimator.evaluation.speed_mass_spring import JAX, NO_COMPILER
 from neuroanimator.evaluation.stability import count_diverged
-from neuroanimator.evaluation.verdict import Verdict, judge
+from neuroanimator.evaluation.verdict import NOISE_TOLD, Verdict, beyond_noise, judge
 from neuroanimator.terminal import phase
+from neuroanimator.text import listed
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import validation_mask
 
@@ -104,6 +106,10 @@ class Evaluation:
     """So many random starts were tried."""
     still: list[str] = field(default_factory=list)
     """State entries that never move and are left out of all errors."""
+    noise: Float[np.ndarray, " S"] | None = None
+    """Standard deviation of the noise in each state entry of recordings; None where nobody knows it."""
+    noise_by_entry: Float[np.ndarray, " M"] | None = None
+    """One-step errors that this noise alone makes, in what `error_by_entry` is in."""
 
     @property
     def verdict(self) -> Verdict:
@@ -114,6 +120,7 @@ class Evaluation:
             diverged=self.diverged,
             rollouts=self.diverged_starts,
             error_after_second=self.rollout_error_at(1.0),
+            noise=self.noise_error or 0.0,
         )
 
     @property
@@ -139,8 +146,31 @@ class Evaluation:
     @property
     def note(self) -> str:
         """What must be said about the figures, if anything."""
-        notes = [self._note_on_speed, self._note_on_errors]
+        notes = [self._note_on_noise, self._note_on_speed, self._note_on_errors]
         return " ".join(note for note in notes if note)
+
+    @property
+    def _note_on_noise(self) -> str:
+        noise = self.noise_error
+        if noise is None or self.noise is None:
+            return ""
+        left = beyond_noise(self.one_step_error, noise)
+        if noise < NOISE_TOLD * self.one_step_error:
+            return f"{self.system}: hardly any of the one-step error is noise of the recordings."
+        return (
+            f"{self.system}: the recordings' own noise ({self._noise_in_words}) makes a one-step error of {noise:.2g} "
+            f"by itself; no more than {left:.2g} of {self.one_step_error:.2g} is left to gain, in root mean squares."
+        )
+
+    @property
+    def _noise_in_words(self) -> str:
+        """The noise of the state entries, with their units."""
+        assert self.noise is not None
+        told = []
+        for name, deviation in zip(self.entries, self.noise, strict=True):
+            entry, _, unit = name.rpartition(" ")
+            told.append(f"{entry} {deviation:.2g} {unit}")
+        return listed(told)
 
     @property
     def _note_on_errors(self) -> str:
@@ -166,6 +196,13 @@ class Evaluation:
         """Root mean square over all state entries."""
         return float(root_mean_square(self.error_by_entry))
 
+    @property
+    def noise_error(self) -> float | None:
+        """The one-step error that a perfect emulator would have, by the recordings' noise; None where nobody knows it."""
+        if self.noise_by_entry is None:
+            return None
+        return float(root_mean_square(self.noise_by_entry))
+
     def rollout_error_at(self, seconds: float) -> float:
         """Return the rollout error after `seconds` [s], to the nearest super step."""
         last = len(self.rollout_errors) - 1
@@ -177,6 +214,7 @@ class Evaluation:
             "system": self.system,
             "substeps": self.substeps,
             "one_step_error": self.one_step_error,
+            "noise_error": NONE if self.noise_error is None else self.noise_error,
             "rollout_error_1s": self.rollout_error_at(1.0),
             "nominal_speedup": NONE,
             "equal_error_speedup": NONE,
@@ -254,6 +292,8 @@ def evaluate(
         diverged=diverged,
         diverged_starts=budget.starts,
         still=test.still,
+        noise=test.noise,
+        noise_by_entry=noise_error(emulator, test),
     )
 
 
@@ -265,5 +305,8 @@ def judge_training(emulator: Emulator, data: Transitions, config: TrainingConfig
     test = make_test(data.system, emulator.dt, states, controls)
     if emulator.encoding.is_identity:  # the same unit as in the error that training reports
         test = replace(test, change_scale=np.asarray(emulator.normaliser.unit, float))
+    test = replace(test, noise=data.noise)
     error = float(root_mean_square(one_step_error(emulator, test)))
-    return judge(error, baselines(None, test))
+    by_noise = noise_error(emulator, test)
+    noise = 0.0 if by_noise is None else float(root_mean_square(by_noise))
+    return judge(error, baselines(None, test), noise=noise)

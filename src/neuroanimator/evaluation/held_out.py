@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -58,6 +58,8 @@ class HeldOut:
     What never moves has none, and no error: see `moves`.
     """
     most_transitions: int = MAX_TRANSITIONS
+    noise: Float[np.ndarray, " S"] | None = None
+    """Standard deviation of the noise in the states, where they were recorded and it is known."""
 
     @property
     def frame(self) -> Frame:
@@ -182,4 +184,4 @@ def recorded_runs(emulator: Emulator, data: Transitions | None) -> HeldOut:
             f"data: other state, control or super step than the emulator's of {spec.system}."
         )
     states, controls = data.held_out
-    return make_test(data.system, spec.dt, states, controls)
+    return replace(make_test(data.system, spec.dt, states, controls), noise=data.noise)

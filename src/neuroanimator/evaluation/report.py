@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from neuroanimator.evaluation.evaluate import NO_OPPONENT, Evaluation
+from neuroanimator.evaluation.verdict import beyond_noise
 from neuroanimator.evaluation.work_precision import EMULATOR, draw_work
 from neuroanimator.storage.files import write_whole
 from neuroanimator.text import printable
@@ -25,6 +26,22 @@ PHYSICS = "#2b5a94"
 
 QUIET = "#8a94a0"
 """The colour of what is drawn for comparison."""
+
+NOISE_HEADS = (
+    "number of the state",
+    "noise [its unit]",
+    "one-step error",
+    "by noise alone",
+    "left to gain",
+)
+"""The columns of the table of noise."""
+
+NOISE_CAPTION = (
+    "What differs from sample to sample without belonging to a smooth motion is taken for noise. A perfect emulator would "
+    "have the error that it makes by itself: noise of the state a step begins at, carried on, and of the state it is "
+    "compared with. Squares add up: what is left to gain is the root of their difference."
+)
+"""What stands below the table of noise."""
 
 STYLE = """body{font:16px/1.55 system-ui,sans-serif;color:#1c2733;max-width:62rem;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}table{border-collapse:collapse;margin:1rem 0}
@@ -106,7 +123,26 @@ def _section(evaluation: Evaluation) -> str:
     for draw, caption in RECORDED_FIGURES if is_recorded else FIGURES:
         body += f"{plot(partial(draw, evaluation=evaluation))}<p>{caption}</p>"
     heading = f"<h2>{_title(evaluation)} (Δt = {evaluation.dt * 1e3:g} ms)</h2>"
-    return f"{heading}{body}{_cheap_predictors(evaluation)}"
+    return f"{heading}{body}{_noise(evaluation)}{_cheap_predictors(evaluation)}"
+
+
+def _noise(evaluation: Evaluation) -> str:
+    """Return a table of the recordings' noise and what it makes of the error, number by number; empty without any."""
+    if evaluation.noise is None or evaluation.noise_by_entry is None:
+        return ""
+    moving = [name not in evaluation.still for name in evaluation.entries]
+    names = np.array(evaluation.entries)[moving]
+    deviations = evaluation.noise[moving]
+    figures = zip(
+        names, deviations, evaluation.error_by_entry, evaluation.noise_by_entry, strict=True
+    )
+    rows = ""
+    for name, deviation, error, by_noise in figures:
+        left = beyond_noise(error, by_noise)
+        cells = "".join(f"<td>{value:.3g}</td>" for value in (deviation, error, by_noise, left))
+        rows += f"<tr><td>{html.escape(str(name))}</td>{cells}</tr>"
+    heads = "".join(f"<th>{head}</th>" for head in NOISE_HEADS)
+    return f"<h3>Noise of the recordings</h3><table><tr>{heads}</tr>{rows}</table><p>{NOISE_CAPTION}</p>"
 
 
 def _cheap_predictors(evaluation: Evaluation) -> str:

@@ -33,6 +33,12 @@ MANY_DIVERGED = 0.1
 SOME_DIVERGED = 0.001
 """Where a larger share of long rollouts leaves physics, an emulator is not good."""
 
+AT_THE_NOISE = 1.1
+"""An error of at most so many times what noise alone makes is as small as it can be seen to be."""
+
+NOISE_TOLD = 0.1
+"""Noise that makes less than this share of an error is not worth a word."""
+
 LOST = 1.0
 """Rollout error, in how far a run gets, at which one may as well say that the run stays where it began."""
 
@@ -69,21 +75,24 @@ def judge(
     diverged: int = 0,
     rollouts: int = 0,
     error_after_second: float = 0.0,
+    noise: float = 0.0,
 ) -> Verdict:
     """Return the verdict on a one-step `error`, in standard deviations of the change, that may be NaN or infinite.
 
     `cheap` are the errors of predictors that need no emulator, `diverged` of so many `rollouts` left physics, and
-    `error_after_second` is the rollout error after a second, in how far runs get.
+    `error_after_second` is the rollout error after a second, in how far runs get. `noise` is the error that a perfect
+    emulator would have on the same recordings: what it makes of the error is no fault of the emulator's.
     """
     without_data = {name: value for name, value in cheap.items() if name in IN_WORDS}
-    reason = _why_useless(error, without_data)
+    reason = _why_useless(error, without_data, noise)
     if reason:
         return Verdict(USELESS, (reason,))
     share = diverged / rollouts if rollouts else 0.0
-    on_error = f"one step is off by {error:.2g} of the change's standard deviation"
+    own_error = beyond_noise(error, noise)
+    on_error = _error_in_words(error, noise)
     on_divergence = f"{diverged:,} of {rollouts:,} long rollouts diverged"
     faults = []
-    if without_data and error > USABLE_SHARE * min(without_data.values()):
+    if without_data and own_error > USABLE_SHARE * min(without_data.values()):
         best = min(without_data, key=lambda name: without_data[name])
         faults.append(f"{on_error}, {IN_WORDS[best]} by no more than {without_data[best]:.2g}")
     if share > MANY_DIVERGED:
@@ -91,7 +100,7 @@ def judge(
     if faults:
         return Verdict(POOR, tuple(faults))
     flaws = []
-    if error > GOOD_ERROR:
+    if own_error > GOOD_ERROR:
         flaws.append(on_error)
     if share > SOME_DIVERGED:
         flaws.append(on_divergence)
@@ -105,10 +114,25 @@ def judge(
     return Verdict(GOOD, tuple(merits))
 
 
-def _why_useless(error: float, without_data: dict[str, float]) -> str:
-    """Return why an emulator is useless; empty if it is not."""
+def beyond_noise(error: float, noise: float) -> float:
+    """Return what is left of an error without the part that noise makes: they are independent, so their squares add up."""
+    return math.sqrt(max(0.0, error**2 - noise**2))
+
+
+def _error_in_words(error: float, noise: float) -> str:
+    """Return half a sentence on a one-step error, and what noise makes of it if that is worth a word."""
+    told = f"one step is off by {error:.2g} of the change's standard deviation"
+    if noise >= NOISE_TOLD * error:
+        told += f", of which the recordings' own noise makes {noise:.2g}"
+    return told
+
+
+def _why_useless(error: float, without_data: dict[str, float], noise: float) -> str:
+    """Return why an emulator is useless; empty if it is not, or if noise hides whether it is."""
     if not math.isfinite(error):
         return "it does not even give finite numbers"
+    if error <= AT_THE_NOISE * noise:
+        return ""
     beaten_by = [name for name, value in without_data.items() if error >= value]
     if not beaten_by:
         return ""
