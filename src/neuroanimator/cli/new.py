@@ -64,6 +64,8 @@ def run(
         ("system", definition.name),
         ("super step", f"{definition.substeps} physics steps, {dt:g} s"),
     ]
+    if proposal.left_out:
+        rows.append(("made light", proposal.left_out))
     if proposal.data_time:
         rows.append(("data", f"100,000 transitions take about {proposal.data_time}"))
     rows += [("written", path), ("next", following)]

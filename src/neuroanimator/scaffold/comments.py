@@ -44,6 +44,8 @@ class Findings(NamedTuple):
     whole: dict[str, tuple[float, float]]
     """The whole range of each control."""
     teacher: Teacher
+    left_out: str
+    """What became of a large model's textures and meshes."""
 
 
 def comments_on(model: mujoco.MjModel, found: Findings) -> dict[str, str]:
@@ -52,6 +54,7 @@ def comments_on(model: mujoco.MjModel, found: Findings) -> dict[str, str]:
     sensors = [sensor_name(model, sensor) for sensor in range(model.nsensor)]
     keyframes = [keyframe_name(model, keyframe) for keyframe in range(model.nkey)]
     notes = {
+        "model": found.left_out,
         "substeps": _substeps_note(found.motion, found.growth),
         "base": "of a URDF: fixed to the world, or free to move over a floor",
         "keyframe": f"the state of rest, of: {listed(keyframes) or 'none; the reference pose'}",

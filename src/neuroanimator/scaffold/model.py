@@ -43,7 +43,7 @@ from neuroanimator.scaffold.trials import (
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.ground import height_entry
 from neuroanimator.systems.rigid.joints import FEATURES, joint_name
-from neuroanimator.systems.rigid.model_files import compile_model, read_model_files
+from neuroanimator.systems.rigid.model_files import compile_model, read_model
 from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe_name
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
 from neuroanimator.systems.rigid.warnings import warnings_counted
@@ -71,6 +71,8 @@ class Proposal:
     """What the user should look at before anything is generated."""
     data_time: str = ""
     """About how long `generate` takes on this machine if nothing else is said; empty if nobody can tell."""
+    left_out: str = ""
+    """What became of a large model's textures and meshes; empty if they are all in the emulator."""
 
 
 def propose(
@@ -87,7 +89,8 @@ def propose(
     Raises BadFileError for a model that cannot be emulated, saying why; ArgumentError for a keyframe that is not there
     and if no scheme steps the model without diverging.
     """
-    model = compile_model(read_model_files(path, tree), base)
+    read = read_model(path, tree)
+    model = compile_model(read.files, base)
     faults = actuator_faults(path, model)
     if faults:
         raise BadFileError(faults)
@@ -110,7 +113,7 @@ def propose(
         "fine_step": teacher.fine.dt,
         "fine_integrator": teacher.fine.integrator,
     }
-    found = Findings(motion, hold, growth, whole, teacher)
+    found = Findings(motion, hold, growth, whole, teacher, read.note)
     definition = check_table(values, path.name, Definition)
     parts = [part.name for part in system.state.slices]
     return Proposal(
@@ -119,6 +122,7 @@ def propose(
         parts,
         tuple(warnings_about(model, found)),
         in_words(teacher.seconds),
+        read.note,
     )
 
 

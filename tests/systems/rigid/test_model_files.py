@@ -1,5 +1,6 @@
 """Models from strangers: good ones compile anywhere from memory, attacks are refused by name."""
 
+import base64
 import json
 import os
 import struct
@@ -10,7 +11,12 @@ import numpy as np
 import pytest
 
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model, read_model_files
+from neuroanimator.systems.rigid.model_files import (
+    ModelFiles,
+    compile_model,
+    read_model,
+    read_model_files,
+)
 
 BODY = '<worldbody><body name="b"><joint name="j"/><geom size="1"/></body></worldbody>'
 INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -143,6 +149,21 @@ def test_a_urdf_in_a_ros_package_finds_that_packages_meshes_and_no_others(tmp_pa
 def test_a_path_in_a_package_may_begin_above_the_models_folder(tmp_path, place):
     files = {"r.urdf": urdf("package://robots/models/robot/meshes/a.stl"), place: stl(1)}
     assert compile_model(read_model_files(write(tmp_path, files))).nmesh == 1
+
+
+def test_a_package_may_be_called_as_a_folder_beside_the_model(tmp_path):
+    files = {"r.urdf": urdf("package://meshes/collision/a.stl"), "meshes/collision/a.stl": stl(1)}
+    assert compile_model(read_model_files(write(tmp_path, files))).nmesh == 1
+
+
+def test_windows_paths_are_paths(tmp_path):
+    files = {"r.urdf": urdf("meshes\\a.stl"), "meshes/a.stl": stl(1)}
+    assert compile_model(read_model_files(write(tmp_path, files))).nmesh == 1
+
+
+def test_what_mujoco_cannot_read_is_refused_with_what_it_can(tmp_path):
+    files = {"r.urdf": urdf("a.dae"), "a.dae": b"<COLLADA/>"}
+    assert "MuJoCo reads STL, OBJ and MSH" in refusal(write(tmp_path, files))
 
 
 def test_macros_are_refused_and_a_colour_that_is_none_is_not(tmp_path):
@@ -307,16 +328,30 @@ def test_what_is_not_xml_is_refused(tmp_path, content):
     assert "m.xml: not XML" in refusal(write(tmp_path, {"m.xml": content}))
 
 
+def carried(files: dict[str, str | bytes]) -> ModelFiles:
+    """Return the files of a model as an emulator from a stranger might carry them."""
+    texts = []
+    for name, content in files.items():
+        raw = content if isinstance(content, bytes) else content.encode()
+        texts.append((name, base64.b64encode(raw).decode()))
+    return ModelFiles(next(iter(files)), tuple(texts))
+
+
+def refusal_of_carried(files: dict[str, str | bytes]) -> str:
+    with pytest.raises(BadFileError) as caught:
+        compile_model(carried(files))
+    return str(caught.value)
+
+
 def test_too_much_is_refused(tmp_path):
     mesh = '<mesh file="{}.stl"/>'.format
     many = {f"{index}.stl": b"x" for index in range(201)}
     asset = f"<asset>{''.join(map(mesh, range(201)))}</asset>"
-    assert "more than 200 files" in refusal(write(tmp_path, {"m.xml": mujoco_xml(asset), **many}))
+    assert "more than 200 files" in refusal_of_carried({"m.xml": mujoco_xml(asset), **many})
     large = {f"{index}.stl": bytes(2 * 2**20) for index in range(2)}
-    assert "4,194,304 bytes" in refusal(write(tmp_path, {"m.xml": mujoco_xml(asset), **large}))
-    assert "m.xml: larger than 2,097,152 bytes" in refusal(
-        write(tmp_path, {"m.xml": bytes(2**21 + 1)})
-    )
+    assert "4,194,304 bytes" in refusal_of_carried({"m.xml": mujoco_xml(asset), **large})
+    for refused in (refusal_of_carried, lambda files: refusal(write(tmp_path, files))):
+        assert "m.xml: larger than 2,097,152 bytes" in refused({"m.xml": bytes(2**21 + 1)})
     assert "100 elements deep" in refusal(
         write(tmp_path, {"m.xml": "<a>" * 10_000 + "</a>" * 10_000})
     )
@@ -340,7 +375,6 @@ REFUSALS = {
     "model: models inside": '<asset><model file="m.xml"/></asset>',
     "lengthrange: it lets": '<compiler><lengthrange timestep="1e-9"/></compiler>',
     "texture 'sky': over": SKY,
-    "texture 'bomb': over": '<asset><texture type="2d" file="bomb.png"/></asset>',
     "actuator: 501 with copies": "<actuator>" + '<muscle joint="j"/>' * 501 + "</actuator>",
     "size nuserdata='1000000000': at most": '<size nuserdata="1000000000"/>',
     "option timestep=-1: wanted": '<option timestep="-1"/>',
@@ -372,6 +406,17 @@ def test_what_cannot_be_simulated_is_refused_by_name(tmp_path, fault):
     )
     main = write(tmp_path, {"m.xml": mujoco_xml(REFUSALS[fault], body), "bomb.png": PNG})
     assert fault in refusal(main)
+
+
+def test_a_picture_too_large_is_refused_if_carried_and_left_out_if_read(tmp_path):
+    texture = (
+        '<asset><texture type="2d" file="bomb.png"/><material name="m" texture="bomb"/></asset>'
+    )
+    files = {"m.xml": mujoco_xml(texture), "bomb.png": PNG}
+    assert "texture 'bomb': over" in refusal_of_carried(files)
+    light = read_model(write(tmp_path, files))
+    assert light.note == "textures left out: 1"
+    assert compile_model(light.files).nq == 1
 
 
 def test_a_file_counts_each_time_it_is_used(tmp_path):

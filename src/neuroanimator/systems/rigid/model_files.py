@@ -9,17 +9,22 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal, NamedTuple
 
 import mujoco
 
+from neuroanimator.definitions.carried import MAX_TEXT
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.systems.rigid.light_model import Assets, lighten, without_pictures
 from neuroanimator.systems.rigid.model_safety import check_cells, check_elements, check_model
 from neuroanimator.systems.rigid.model_xml import (
-    FILE_LIMIT,
+    CARRIED,
+    ON_DISK,
     Element,
+    Limits,
     Source,
+    TooLargeError,
     attach_files,
     expand,
     parse,
@@ -43,6 +48,9 @@ PACKAGE_FILE = "package.xml"
 PACKAGE_DEPTH = 4
 """A model may lie so deep in its package, the package's own folder counted."""
 
+DEFINITION_ROOM = 64 * 1024
+"""Of the text that travels with an emulator so much is left to the definition [bytes]."""
+
 MAX_NAME = 255
 """A file's name may have so many characters, as on most file systems."""
 
@@ -51,6 +59,17 @@ MAX_SHOWN = 40
 
 MAX_MESSAGE = 300
 """An error shows so many characters of what MuJoCo says."""
+
+
+ADVICE = {
+    "no decoder found": "MuJoCo reads STL, OBJ and MSH: convert the mesh, or put a primitive shape in its place",
+    "ASCII": "Save the mesh as a binary STL",
+    "balanceinertia": 'Correct the inertia, or add <compiler balanceinertia="true"/> (in a URDF inside of <mujoco>)',
+    "positive eigenvalues": "Correct the inertia: no body has a negative one",
+    "mjMINVAL": 'Give the body a mass, or add <compiler boundmass="1e-4" boundinertia="1e-7"/> (in a URDF inside of <mujoco>)',
+    "mujocoinclude": "It is a part of other models: name one that includes it",
+}
+"""What to do about some of MuJoCo's refusals, by a part of what it says."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +109,24 @@ def _is_main_and_files(value: Any) -> bool:
     return all(isinstance(text, str) for text in texts)
 
 
-def read_model_files(path: Path, tree: Path | None = None) -> ModelFiles:
-    """Return the model at `path` with every file it refers to, all from the folder `tree`; compiles nothing.
+class ReadModel(NamedTuple):
+    """A model as an emulator file carries it, and what was left out of it."""
 
-    Without `tree` that is the model's own folder, or the ROS package it lies in.
+    files: ModelFiles
+    note: str
+    """What became of textures and meshes, in words; empty if nothing was left out."""
+
+
+def read_model_files(path: Path, tree: Path | None = None) -> ModelFiles:
+    """Return the files of the model at `path` as an emulator file carries them; see `read_model`."""
+    return read_model(path, tree).files
+
+
+def read_model(path: Path, tree: Path | None = None) -> ReadModel:
+    """Return the model at `path` with every file it refers to, all from the folder `tree`.
+
+    Without `tree` that is the model's own folder, or the ROS package it lies in. A model too large for an emulator file
+    is made light, see `light_model`.
 
     Raises ArgumentError if the model does not lie in `tree`; BadFileError naming the file and the fault: a path or link
     out of the folder, a missing file, a document type, an unsupported element, or anything beyond the limits in
@@ -103,18 +136,50 @@ def read_model_files(path: Path, tree: Path | None = None) -> ModelFiles:
     try:
         folder = allowed or _folder_of(path)
         main = (path.parent.resolve() / path.name).relative_to(folder).as_posix()
-        source = Source(
-            load=lambda name: _read(folder, name),
-            where_outside=lambda name: _folder_with(folder, name),
-        )
-        _assemble(main, source)
+        try:
+            source = _source_in(folder, CARRIED)
+            _assemble(main, source)
+            if _fits(source.taken):
+                return ReadModel(_packed(main, source.taken), "")
+        except TooLargeError:
+            pass
+        return _read_light(main, _source_in(folder, ON_DISK))
     except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a circle of links
         raise BadFileError(f"{path.name}: could not read it: {error}. Check the file.") from error
-    files = []
-    for name in sorted(source.taken):
-        text = base64.b64encode(source.taken[name]).decode()
-        files.append((name, text))
-    return ModelFiles(main, tuple(files))
+
+
+def _source_in(folder: Path, limits: Limits) -> Source:
+    """Return what reads files of a folder."""
+    return Source(
+        load=lambda name: _read(folder, name, limits.file),
+        limits=limits,
+        where_outside=lambda name: _folder_with(folder, name),
+    )
+
+
+def _fits(files: Assets) -> bool:
+    """Return whether files travel with an emulator: they are written in base64, four characters for three bytes."""
+    characters = sum(len(content) for content in files.values()) * 4 / 3
+    return characters + DEFINITION_ROOM <= MAX_TEXT
+
+
+def _packed(main: str, files: Assets) -> ModelFiles:
+    """Return the files as text."""
+    texts = []
+    for name in sorted(files):
+        texts.append((name, base64.b64encode(files[name]).decode()))
+    return ModelFiles(main, tuple(texts))
+
+
+def _read_light(main: str, source: Source) -> ReadModel:
+    """Return the model of `main` without its textures, its meshes made light."""
+    root, settings = _read_tree(main, source)
+    pictures = without_pictures(root)
+    assets = attach_files(source, main, root, settings)
+    check_cells(root, assets)
+    with _faults_named(main):
+        light = lighten(main, root, assets, _compiled_tree, _fits, pictures)
+    return ReadModel(_packed(PurePosixPath(main).name, light.files), light.note)
 
 
 def _folder_of(path: Path) -> Path:
@@ -148,20 +213,22 @@ def _folder_with(folder: Path, name: str) -> str:
     if not path.is_file():
         return ""
     common = Path(os.path.commonpath([folder, path]))
+    if common == folder:  # the path leaves the folder and comes back by its name
+        common = folder.parent
     if Path.home().is_relative_to(common):
         return ""
     return str(common)
 
 
-def _read(folder: Path, name: str) -> bytes | None:
-    """Return the bytes of a file in `folder`, one more than allowed at most; None if there is no such file."""
+def _read(folder: Path, name: str, limit: int) -> bytes | None:
+    """Return the bytes of a file in `folder`, one more than `limit` at most; None if there is no such file."""
     path = (folder / name).resolve()
     if not path.is_relative_to(folder):
         refuse(name, "", "a link that leaves the model's folder. Put the file itself there")
     if not path.is_file():
         return None
     with open(path, "rb") as file:
-        return file.read(FILE_LIMIT + 1)
+        return file.read(limit + 1)
 
 
 def compile_model(files: ModelFiles, base: Literal["fixed", "free"] = "fixed") -> mujoco.MjModel:
@@ -182,24 +249,60 @@ def compile_model(files: ModelFiles, base: Literal["fixed", "free"] = "fixed") -
     source = Source(load)
     try:
         root, assets = _assemble(files.main, source)
-        with _quiet():
-            text = ET.tostring(root, encoding="unicode")
-            if root.tag == "robot":
-                model = compile_urdf(root, text, assets, base)
-            else:
-                model = mujoco.MjModel.from_xml_string(text, assets)
-    except (ValueError, RuntimeError, mujoco.FatalError, MemoryError) as error:
-        # MuJoCo's line numbers count in the text without includes, so they would mislead.
-        line = " ".join(str(error).split())
-        message = re.sub(r",? ?\(?line =? ?\d+\)?", "", line)[:MAX_MESSAGE]
-        raise BadFileError(f"{files.main}: {message}. Correct the model.") from error
+    except ValueError as error:  # no base64
+        raise BadFileError(f"{files.main}: {error}. Correct the model.") from error
+    with _faults_named(files.main):
+        model = _compiled_tree(root, assets, base=base)
     check_model(files.main, model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return model
 
 
-def _assemble(main: str, source: Source) -> tuple[Element, dict[str, bytes]]:
+@contextmanager
+def _faults_named(main: str) -> Iterator[None]:
+    """Raise what MuJoCo raises as a BadFileError about the file `main`."""
+    try:
+        yield
+    except (ValueError, RuntimeError, mujoco.FatalError, MemoryError) as error:
+        # MuJoCo's line numbers count in the text without includes, so they would mislead.
+        line = " ".join(str(error).split())
+        message = re.sub(r",? ?\(?line =? ?\d+\)?", "", line)[:MAX_MESSAGE]
+        advice = "Correct the model"
+        for part, better in ADVICE.items():
+            if part in message:
+                advice = better
+        raise BadFileError(f"{main}: {message.rstrip('. ')}. {advice}.") from error
+
+
+def _compiled_tree(
+    root: Element,
+    assets: Assets,
+    hull_corners: int = 0,
+    base: Literal["fixed", "free"] = "fixed",
+) -> mujoco.MjModel:
+    """Return the model of an XML tree, hulls of meshes cut down to `hull_corners` if that is no 0."""
+    text = ET.tostring(root, encoding="unicode")
+    with _quiet():
+        if root.tag == "robot":
+            return compile_urdf(root, text, assets, base, hull_corners)
+        if not hull_corners:
+            return mujoco.MjModel.from_xml_string(text, assets)
+        spec = mujoco.MjSpec.from_string(text, assets=assets)
+        for mesh in spec.meshes:
+            mesh.maxhullvert = hull_corners
+        return spec.compile()
+
+
+def _assemble(main: str, source: Source) -> tuple[Element, Assets]:
     """Return (one checked XML tree without includes, its assets by the names the tree gives them)."""
+    root, settings = _read_tree(main, source)
+    assets = attach_files(source, main, root, settings)
+    check_cells(root, assets)
+    return root, assets
+
+
+def _read_tree(main: str, source: Source) -> tuple[Element, dict[str, str]]:
+    """Return (one checked XML tree without includes, what its <compiler> elements set)."""
     content = source.take(main)
     if content is None:
         refuse(main, "", "no such file. Check the path")
@@ -209,9 +312,7 @@ def _assemble(main: str, source: Source) -> tuple[Element, dict[str, bytes]]:
     if root.tag == "robot":
         _trim_urdf(root, settings)
     check_elements(root)
-    assets = attach_files(source, main, root, settings)
-    check_cells(root, assets)
-    return root, assets
+    return root, settings
 
 
 def _take_settings(root: Element) -> dict[str, str]:

@@ -9,7 +9,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from neuroanimator.systems.rigid.model_xml import Element, refuse, refuse_at
+from neuroanimator.systems.rigid.model_xml import (
+    Element,
+    TooLargeError,
+    named,
+    refuse,
+    refuse_at,
+)
 from neuroanimator.tables import MIN_STEP
 
 BODY_LIMIT = 500
@@ -78,6 +84,14 @@ LARGEST = {
 """By what a compiled model has much of: MuJoCo's name and the most there may be."""
 
 
+TOO_MUCH = {
+    "narena": 'Write <size memory="64M"/> without njmax, nconmax and nstack',
+    "nv": "Fix joints that need not move",
+    "nbody": "Join bodies that are fixed to each other",
+}
+"""What to do about a model that has too much of something, where it is not plain."""
+
+
 def check_elements(root: Element) -> None:
     """Refuse what is not supported, and more elements than the limits, counting every copy <replicate> makes."""
     elements = 0
@@ -139,10 +153,10 @@ def check_cells(root: Element, assets: dict[str, bytes]) -> None:
         for attribute in element.file_attributes():
             cells += _file_cells(assets[element.attrib[attribute]])
         if cells > CELL_LIMIT:
-            refuse_at(
-                element,
-                "",
-                f"over {CELL_LIMIT:,} pixels or cells up to here. Use smaller images and meshes",
+            file, line = element.origin
+            raise TooLargeError(
+                f"{file}: {named(element)}: over {CELL_LIMIT:,} pixels or cells up to here. Use smaller images and meshes "
+                f"(line {line})."
             )
 
 
@@ -178,7 +192,11 @@ def check_model(main: str, model: mujoco.MjModel) -> None:
     for name, (field, limit) in LARGEST.items():
         size = getattr(model, field)
         if size > limit:
-            refuse(main, f"{name} ({field}={size:,})", f"at most {limit:,} is supported")
+            refuse(
+                main,
+                f"{name} ({field}={size:,})",
+                f"at most {limit:,} is supported. {TOO_MUCH.get(field, 'Write a smaller model')}",
+            )
     for part in (model, model.opt, model.stat):
         for name in dir(part):
             if not _is_finite(getattr(part, name)):

@@ -9,19 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from shlex import quote
-from typing import Any, NoReturn, cast
+from typing import Any, NamedTuple, NoReturn, cast
 from xml.parsers import expat
 
 from neuroanimator.errors import BadFileError
 
-FILE_LIMIT = 2 * 2**20
-"""No file of a model may be larger [bytes]."""
-
-TOTAL_LIMIT = 4 * 2**20
-"""All files of a model together may not be larger [bytes]: an emulator file carries them."""
-
-COUNT_LIMIT = 200
-"""A model may have so many files."""
+XML_LIMIT = 2 * 2**20
+"""No XML file of a model may be larger [bytes]."""
 
 INCLUDE_LIMIT = 16
 """An include may lie so deep in other includes."""
@@ -67,6 +61,28 @@ class Element(ET.Element):
         return [name for name in self.attrib if name.startswith("file")]
 
 
+class Limits(NamedTuple):
+    """How much of files a model may have."""
+
+    file: int
+    """The largest file [bytes]."""
+    total: int
+    """All files together [bytes]."""
+    files: int
+    """The number of files."""
+
+
+CARRIED = Limits(2 * 2**20, 4 * 2**20, 200)
+"""Of a model that travels with an emulator, or as it is."""
+
+ON_DISK = Limits(64 * 2**20, 256 * 2**20, 2000)
+"""Of a model that a user names, and that is made light before it travels."""
+
+
+class TooLargeError(BadFileError):
+    """A model's files are beyond the limits."""
+
+
 def refuse(file: str, where: str, fault: str) -> NoReturn:
     """Raise BadFileError: `file: where: fault.`"""
     if not where:
@@ -76,13 +92,19 @@ def refuse(file: str, where: str, fault: str) -> NoReturn:
 
 def refuse_at(element: Element, attribute: str, fault: str) -> NoReturn:
     """Raise BadFileError naming the element, its line, and `attribute` where it has it."""
-    where = element.tag[:MAX_TAG]
-    if "name" in element.attrib:
-        where += f" {_shown(element.attrib['name'])}"
+    where = named(element)
     if attribute in element.attrib:
         where += f" {attribute}={_shown(element.attrib[attribute])}"
     file, line = element.origin
     refuse(file, where, f"{fault} (line {line})")
+
+
+def named(element: Element) -> str:
+    """Return what an element is, and its name if it has one."""
+    tag = element.tag[:MAX_TAG]
+    if "name" not in element.attrib:
+        return tag
+    return f"{tag} {_shown(element.attrib['name'])}"
 
 
 def _shown(text: str) -> str:
@@ -104,6 +126,8 @@ class Source:
     elements: int = 0
     """The number of elements read so far, in all files."""
 
+    limits: Limits = CARRIED
+
     where_outside: Callable[[str], str] = lambda _: ""
     """Returns the folder that holds both the model and a path outside its tree, `../a.stl`, as words; empty if none may."""
 
@@ -115,14 +139,15 @@ class Source:
         if content is None:
             return None
         self.taken[name] = content
-        if len(content) > FILE_LIMIT:
-            refuse(name, "", f"larger than {FILE_LIMIT:,} bytes. Make the file smaller")
+        limits = self.limits
+        if len(content) > limits.file:
+            raise TooLargeError(
+                f"{name}: larger than {limits.file:,} bytes. Make the file smaller."
+            )
         total = sum(len(file) for file in self.taken.values())
-        if len(self.taken) > COUNT_LIMIT or total > TOTAL_LIMIT:
-            refuse(
-                name,
-                "",
-                f"the model has more than {COUNT_LIMIT} files or {TOTAL_LIMIT:,} bytes. Make it smaller",
+        if len(self.taken) > limits.files or total > limits.total:
+            raise TooLargeError(
+                f"{name}: the model has more than {limits.files:,} files or {limits.total:,} bytes. Make it smaller."
             )
         return content
 
@@ -160,14 +185,16 @@ def _candidates(
     `package://name/` counts as the tree. A URDF's folder may be any part of its package, so that a path may begin too
     high up: its ends are tried, too. Paths that are absolute, or no plain ones, are refused.
     """
-    text = element.attrib[attribute]
+    written = element.attrib[attribute].replace("\\", "/")
+    text = written
     paths = [text]
     if attribute == "filename":
         text = re.sub("^(package|model)://[^/]*/", "", text)
+        named = re.sub("^(package|model)://", "", written)  # its name may be a folder's
         parts = [part for part in text.split("/") if part != ".."][-PATH_PARTS:]
-        paths = [text, *("/".join(parts[first:]) for first in range(len(parts)))]
+        paths = [text, named, *("/".join(parts[first:]) for first in range(len(parts)))]
     for part in (text, *folders):
-        if re.search(r"^/|[\\:\0]", part):
+        if re.search(r"^/|[:\0]", part):
             culprit = ""
             if part != text:
                 culprit = f" by {_shown(part)}"
@@ -190,6 +217,8 @@ def _candidates(
 
 def parse(source: Source, name: str, content: bytes) -> Element:
     """Return the root element; refuses document types, which can define entities that explode."""
+    if len(content) > XML_LIMIT:
+        refuse(name, "", f"larger than {XML_LIMIT:,} bytes. Write a smaller model")
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
     roots: list[Element] = []
