@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from neuroanimator.emulator.emulator import Emulator, load_emulator
     from neuroanimator.errors import NeuroAnimatorError
     from neuroanimator.evaluation.evaluate import EvaluationBudget, evaluate
+    from neuroanimator.evaluation.inspection import inspect
     from neuroanimator.evaluation.report import write_report
     from neuroanimator.export.comparison import write_comparison
     from neuroanimator.export.csv_file import read_clip, write_clip
@@ -78,6 +79,7 @@ _HOMES = {
     "set_backend": "backend",
     "EvaluationBudget": "evaluation.evaluate",
     "evaluate": "evaluation.evaluate",
+    "inspect": "evaluation.inspection",
     "write_report": "evaluation.report",
     "Objective": "control.objective.objective",
     "CostTerm": "control.objective.objective",
@@ -141,6 +143,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "set_backend",
     "EvaluationBudget",
     "evaluate",
+    "inspect",
     "write_report",
     # Control: what a motion should achieve.
     "Objective",

@@ -6,6 +6,7 @@ Names out of files are checked when they are read (`parsing/names.py`); these ar
 from __future__ import annotations
 
 import io
+import math
 import sys
 from collections.abc import Iterable
 
@@ -14,6 +15,12 @@ MAX_QUOTE = 60
 
 MAX_LISTED = 12
 """Names an error lists at most."""
+
+SMALL_NUMBER = 1e-4
+"""Numbers below it are written with a power of ten."""
+
+LARGE_NUMBER = 1e6
+"""Numbers from there on are written with a power of ten."""
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 """What makes a spreadsheet run a cell (OWASP, CSV injection)."""
@@ -43,6 +50,17 @@ def listed(names: Iterable[str]) -> str:
     if len(every) > MAX_LISTED:
         return f"{shown} and {len(every) - MAX_LISTED} more"
     return shown
+
+
+def short_number(number: float) -> str:
+    """Return a number as people write it: three significant digits, a power of ten only where there are many zeros."""
+    if not math.isfinite(number):
+        return str(number)
+    if number and not SMALL_NUMBER <= abs(number) < LARGE_NUMBER:
+        return f"{number:.3g}"
+    digits = max(0, 2 - math.floor(math.log10(abs(number)))) if number else 0
+    text = f"{float(f'{number:.3g}'):.{digits}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def table_cell(text: str) -> str:

@@ -75,5 +75,10 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
     assert found.rollout_error_at(1.0) > found.rollout_error_at(0.1)
     write_report([found], tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
-    assert page.count("<svg") == 3
+    assert page.count("<svg class=plot") == 5
+    assert page.count("<svg class=bars") == 9
+    assert found.inspection is not None
+    for spread in found.inspection.coverage.spreads:
+        assert spread.counts.sum() == 6000
+    assert found.weak_spots == found.inspection.weak_spots
     assert not re.search(r'(src|href)="https?://', page.replace('xlink:href="#', ""))

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from neuroanimator.evaluation.evaluate import Evaluation
 
 EXAMPLE = "neuroanimator evaluate pendulum-25 pendulum-50 pendulum-100 --report report.html"
 
@@ -51,6 +54,7 @@ def _evaluate(
 ) -> None:
     from json import dumps
 
+    from neuroanimator.cli.inspection_words import print_weak_spots
     from neuroanimator.terminal import phase, print_table, progress_bar
     from neuroanimator.text import print_line
 
@@ -77,15 +81,25 @@ def _evaluate(
         write_report(evaluations, report)
     rows = [evaluation.row() for evaluation in evaluations]
     if json:
-        print(dumps(rows, indent=2))
+        print(dumps([_everything(evaluation) for evaluation in evaluations], indent=2))
         return
     print_table([dict(row) for row in rows])
     for evaluation in evaluations:
         print_line(f"{evaluation.system}, n = {evaluation.substeps}: {evaluation.verdict}.")
         if evaluation.verdict.is_useless and evaluation.measured_speed:
             print_line(f"{evaluation.system}: equal-error speed-up: {evaluation.equal_error_text}.")
+        if evaluation.inspection:
+            print_weak_spots(evaluation.inspection)
         if evaluation.note:
             print_line(evaluation.note)
+
+
+def _everything(evaluation: Evaluation) -> dict[str, Any]:
+    """Return an evaluation's row, and all that was found by inspection."""
+    found: dict[str, Any] = dict(evaluation.row())
+    if evaluation.inspection:
+        found["inspection"] = evaluation.inspection.to_json()
+    return found
 
 
 def _sweep(

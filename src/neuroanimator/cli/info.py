@@ -27,6 +27,13 @@ def run(
         ),
     ],
     json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
+    errors: Annotated[
+        bool,
+        typer.Option("--errors", help="Of an emulator: measure where it is weak, in some seconds."),
+    ] = False,
+    data: Annotated[
+        Path | None, typer.Option(help="Of an emulator of recordings: the dataset folder.")
+    ] = None,
 ) -> None:
     """Check an emulator, a policy or a dataset and show what it is; --json says all, with every column."""
     from json import dumps
@@ -37,11 +44,38 @@ def run(
     if Path(file).is_dir():
         show_dataset(Path(file), json=json)
         return
+    if errors:
+        _show_errors(file, data, json=json)
+        return
     everything, rows = _read(file)
     if json:
         print(dumps(everything, indent=2, sort_keys=True))
     else:
         print_rows(rows)
+
+
+def _show_errors(file: str, data: Path | None, *, json: bool) -> None:
+    """Print where an emulator is good and where it is weak."""
+    from json import dumps
+
+    from neuroanimator.cli.inspection_words import print_components, print_weak_spots
+    from neuroanimator.terminal import phase
+
+    with phase("loading"):
+        from neuroanimator.data.store import read_transitions
+        from neuroanimator.emulator.emulator import Emulator
+        from neuroanimator.evaluation.inspection import inspect
+        from neuroanimator.zoo import find_emulator
+
+        emulator = Emulator.load(find_emulator(file))
+        transitions = read_transitions(data) if data else None
+    found = inspect(emulator, data=transitions)
+    if json:
+        print(dumps(found.to_json(), indent=2, sort_keys=True))
+        return
+    print_components(found)
+    print()
+    print_weak_spots(found)
 
 
 def _read(file: str) -> tuple[dict[str, Any], Rows]:
@@ -75,6 +109,7 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("numbers stored", f"{stored_numbers:,}"),
         ("runs in", backend_in_words()),
         ("sha256", metadata["sha256"]),
+        ("where it is weak", "--errors measures that, in some seconds"),
     ]
     return metadata, rows
 

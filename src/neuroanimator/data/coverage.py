@@ -6,6 +6,7 @@ found.states[3].counts  # a histogram
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import System
+from neuroanimator.text import short_number
 
 BINS = 24
 """Bars of a histogram."""
@@ -68,7 +70,7 @@ class Spread:
         """Least, 5 %, median, 95 % and most with three digits, as 0 what is nothing beside the others."""
         numbers = (self.least, self.low, self.median, self.high, self.most)
         nothing = NOTHING * (self.most - self.least)
-        return tuple(f"{number:.3g}" if abs(number) > nothing else "0" for number in numbers)
+        return tuple(short_number(number) if abs(number) > nothing else "0" for number in numbers)
 
     @classmethod
     def of(cls, reading: Reading, bounds: tuple[float, float] | None = None) -> Spread:
@@ -163,7 +165,7 @@ class Coverage:
 
     def to_json(self) -> dict[str, Any]:
         """Return all of it as plain lists and numbers."""
-        return _plain(asdict(self))
+        return as_plain(asdict(self))
 
 
 def coverage(data: Transitions | str | Path) -> Coverage:
@@ -340,12 +342,14 @@ def _effort(system: System, controls: Float[np.ndarray, "B T C"]) -> Reading:
     )
 
 
-def _plain(value: Any) -> Any:
-    """Return `value` with lists instead of arrays and tuples."""
+def as_plain(value: Any) -> Any:
+    """Return `value` with lists instead of arrays and tuples, and None for numbers JSON has no word for."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
+        return {key: as_plain(inner) for key, inner in value.items()}
     if isinstance(value, tuple | list):
-        return [_plain(inner) for inner in value]
+        return [as_plain(inner) for inner in value]
     return value

@@ -100,14 +100,16 @@ def find_spots(
     is_left = np.ones(len(values), dtype=bool)
     spots = []
     candidates = list(readings)
-    while len(spots) < MAX_SPOTS:
+    for _ in range(MAX_SPOTS):
         condition = _best(clipped, candidates, chooses & is_left)
         if condition is None:
             break
         holds = condition.holds(readings)
         if not _is_confirmed(values, holds, judges & is_left):
             break
-        spots.append((_measured(values, holds, judges, condition.text(readings)), holds))
+        spot = _measured(values, holds, judges, condition.text(readings))
+        if spot.ratio >= MIN_RATIO:  # also if what the conditions before explain is not left out
+            spots.append((spot, holds))
         is_left &= ~holds
         # What is left beyond a nearby threshold of the same number is no other spot.
         candidates[condition.reading] = readings[condition.reading]._replace(can_matter=False)

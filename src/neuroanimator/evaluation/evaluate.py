@@ -25,12 +25,14 @@ from neuroanimator.evaluation.held_out import (
     recorded_runs,
     system_of,
 )
+from neuroanimator.evaluation.inspection import INSPECTED_RUNS, Inspection, inspect
 from neuroanimator.evaluation.noise import noise_error
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
 from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
 from neuroanimator.evaluation.speed_mass_spring import JAX, NO_COMPILER
 from neuroanimator.evaluation.stability import count_diverged
 from neuroanimator.evaluation.verdict import NOISE_TOLD, Verdict, beyond_noise, judge
+from neuroanimator.evaluation.weak_spots import WeakSpot
 from neuroanimator.terminal import phase
 from neuroanimator.text import listed
 from neuroanimator.training.config import TrainingConfig
@@ -38,6 +40,9 @@ from neuroanimator.training.train import validation_mask
 
 MAX_NAMED = 6
 """So many state entries are named in a note; of the others only the number is told."""
+
+INSPECTED_PER_RUN = INSPECTED_RUNS // HELD_OUT_RUNS
+"""So many runs are inspected for each that is simulated finely."""
 
 NO_OPPONENT = (
     "learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
@@ -64,6 +69,11 @@ class EvaluationBudget:
     """Super steps rolled out from each."""
     rounds: int = 5
     """Sets of unseen runs, in a table."""
+
+    @property
+    def inspected(self) -> int:
+        """Unseen runs that are inspected: more, as conditions are looked for in them. They are cheaper by far."""
+        return INSPECTED_PER_RUN * self.runs
 
 
 THOROUGH = EvaluationBudget()
@@ -110,6 +120,13 @@ class Evaluation:
     """Standard deviation of the noise in each state entry of recordings; None where nobody knows it."""
     noise_by_entry: Float[np.ndarray, " M"] | None = None
     """One-step errors that this noise alone makes, in what `error_by_entry` is in."""
+    inspection: Inspection | None = None
+    """Where it is good and where it is weak; None if that was not looked for."""
+
+    @property
+    def weak_spots(self) -> tuple[WeakSpot, ...]:
+        """Conditions under which the error is several times that elsewhere, worst first."""
+        return self.inspection.weak_spots if self.inspection else ()
 
     @property
     def verdict(self) -> Verdict:
@@ -294,6 +311,7 @@ def evaluate(
         still=test.still,
         noise=test.noise,
         noise_by_entry=noise_error(emulator, test),
+        inspection=inspect(emulator, data=data, runs=budget.inspected, seed=seed),
     )
 
 

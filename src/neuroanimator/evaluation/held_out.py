@@ -17,7 +17,7 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.cores import core_count
-from neuroanimator.systems.system import System
+from neuroanimator.systems.system import Scheme, System
 
 HELD_OUT_SEED = 2**31
 """Test runs are drawn from this seed, one above the largest a dataset may have."""
@@ -131,8 +131,9 @@ def held_out_runs(
     seed: int = 0,
     *,
     is_shifted: bool = False,
+    scheme: Scheme | None = None,
 ) -> HeldOut:
-    """Return `count` unseen runs of the emulator's system under random, never idle controls.
+    """Return `count` unseen runs of the emulator's system under random, never idle controls, by its `fine` scheme or `scheme`.
 
     Shifted ones use the full range and another control at every super step: training seldom saw such.
     """
@@ -145,7 +146,7 @@ def held_out_runs(
     controls = sample_control_runs(rng, count, steps, dt, system)
     if is_shifted:
         controls = system.bounds.middle + rng.uniform(-1, 1, controls.shape) * system.bounds.half
-    runs = system.simulate(starts, controls, dt, scheme=system.fine, threads=threads)
+    runs = system.simulate(starts, controls, dt, scheme=scheme or system.fine, threads=threads)
     return make_test(system, dt, runs.states[~runs.has_diverged], controls[~runs.has_diverged])
 
 

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import html
-import io
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from neuroanimator.evaluation.evaluate import NO_OPPONENT, Evaluation
+from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, QUIET, plot
+from neuroanimator.evaluation.report_inspection import inspection_html
 from neuroanimator.evaluation.verdict import beyond_noise
-from neuroanimator.evaluation.work_precision import EMULATOR, draw_work
+from neuroanimator.evaluation.work_precision import draw_work
 from neuroanimator.storage.files import write_whole
 from neuroanimator.text import printable
 
 MAX_SHOWN = 3
 """So many state entries of a motion are drawn at most."""
 
-PHYSICS = "#2b5a94"
-"""The physics' colour in all plots."""
-
-QUIET = "#8a94a0"
-"""The colour of what is drawn for comparison."""
+VIEWPORT = "<meta name=viewport content='width=device-width,initial-scale=1'>"
+"""Without it a phone shows a page as wide as a desk's, and tiny."""
 
 NOISE_HEADS = (
     "number of the state",
@@ -43,11 +39,19 @@ NOISE_CAPTION = (
 )
 """What stands below the table of noise."""
 
-STYLE = """body{font:16px/1.55 system-ui,sans-serif;color:#1c2733;max-width:62rem;margin:2rem auto;padding:0 1rem}
-h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}table{border-collapse:collapse;margin:1rem 0}
-td,th{padding:.3rem .8rem;border-bottom:1px solid #dde3ea;text-align:right}
-td:first-child,th:first-child{text-align:left}
-svg{max-width:100%;height:auto}p{max-width:46rem}"""
+STYLE = """:root{color-scheme:light dark;--line:#dde3ea;--bar:#e8892b}
+body{font:16px/1.55 system-ui,sans-serif;color:#1c2733;background:#fff;max-width:62rem;margin:2rem auto;padding:0 1rem;
+overflow-wrap:break-word}
+h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}h3{margin-top:1.8rem;font-size:1rem}
+.wide{overflow-x:auto}table{border-collapse:collapse;margin:1rem 0}
+td,th{padding:.3rem .8rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
+th{white-space:normal;vertical-align:bottom}td:first-child,th:first-child{text-align:left}
+svg,video{max-width:100%;height:auto}p{max-width:46rem}
+svg.bars{width:9rem;height:1.6rem;fill:var(--bar);vertical-align:middle}
+@media (max-width:40rem){td,th{padding:.3rem .4rem;font-size:.85rem}}
+@media (prefers-color-scheme:dark){:root{--line:#3a4653}body{color:#dbe3ec;background:#14191f}
+svg.plot{filter:invert(.92) hue-rotate(180deg)}}"""
+"""How the page looks: on a phone wide tables scroll by themselves; in the dark plots are turned from light to dark."""
 
 
 def write_report(
@@ -64,7 +68,7 @@ def write_report(
         parts.append(f"<h2>{html.escape(title)}</h2>{body}")
     for evaluation in evaluations:
         parts.append(_section(evaluation))
-    head = f"<!doctype html><html lang=en><meta charset=utf-8><title>NeuroAnimator report</title><style>{STYLE}</style>"
+    head = f"<!doctype html><html lang=en><meta charset=utf-8>{VIEWPORT}<title>NeuroAnimator report</title><style>{STYLE}</style>"
     page = head + "".join(parts) + "</html>\n"
     write_whole(path, page.encode())
 
@@ -76,7 +80,7 @@ def _table(evaluations: list[Evaluation]) -> str:
     for row in rows:
         cells = "".join(f"<td>{_format(value)}</td>" for value in row.values())
         lines.append(f"<tr>{cells}</tr>")
-    return f"<table>{''.join(lines)}</table>"
+    return f"<div class=wide><table>{''.join(lines)}</table></div>"
 
 
 def _format(value: str | int | float) -> str:
@@ -123,7 +127,8 @@ def _section(evaluation: Evaluation) -> str:
     for draw, caption in RECORDED_FIGURES if is_recorded else FIGURES:
         body += f"{plot(partial(draw, evaluation=evaluation))}<p>{caption}</p>"
     heading = f"<h2>{_title(evaluation)} (Δt = {evaluation.dt * 1e3:g} ms)</h2>"
-    return f"{heading}{body}{_noise(evaluation)}{_cheap_predictors(evaluation)}"
+    inspected = inspection_html(evaluation.inspection) if evaluation.inspection else ""
+    return f"{heading}{body}{_noise(evaluation)}{_cheap_predictors(evaluation)}{inspected}"
 
 
 def _noise(evaluation: Evaluation) -> str:
@@ -142,7 +147,8 @@ def _noise(evaluation: Evaluation) -> str:
         cells = "".join(f"<td>{value:.3g}</td>" for value in (deviation, error, by_noise, left))
         rows += f"<tr><td>{html.escape(str(name))}</td>{cells}</tr>"
     heads = "".join(f"<th>{head}</th>" for head in NOISE_HEADS)
-    return f"<h3>Noise of the recordings</h3><table><tr>{heads}</tr>{rows}</table><p>{NOISE_CAPTION}</p>"
+    table = f"<div class=wide><table><tr>{heads}</tr>{rows}</table></div>"
+    return f"<h3>Noise of the recordings</h3>{table}<p>{NOISE_CAPTION}</p>"
 
 
 def _cheap_predictors(evaluation: Evaluation) -> str:
@@ -162,16 +168,6 @@ def _label(evaluation: Evaluation) -> str:
     # Matplotlib reads what is between dollars as formulas.
     shown = printable(", ".join(units)).replace("$", r"\$")
     return f"state [{shown}]"
-
-
-def plot(draw: Callable[[Axes], None]) -> str:
-    """Return what `draw` draws, as inline SVG with the same bytes every time."""
-    figure = Figure(figsize=(8, 3.6), layout="constrained")
-    draw(figure.add_subplot())
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
 
 
 def _plot_motion(axes: Axes, evaluation: Evaluation) -> None:

@@ -9,11 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from neuroanimator.evaluation.evaluate import Evaluation
+from neuroanimator.evaluation.plots import EMULATOR
 from neuroanimator.evaluation.speed import Speed
 from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
-
-EMULATOR = "#e8892b"
-"""The emulator's colour in all plots."""
 
 COLOURS = {
     "euler": "#2b5a94",

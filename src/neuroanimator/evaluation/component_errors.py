@@ -1,0 +1,118 @@
+"""One-step errors number by number, in its own unit and beside how much it changes; and how they are spread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.data.readings import entry_names, entry_units
+from neuroanimator.evaluation.accuracy import root_mean_square
+from neuroanimator.evaluation.held_out import HeldOut
+from neuroanimator.state.segments import place_segments
+from neuroanimator.systems.system import System
+
+BINS = 24
+"""Bars of the histogram of errors."""
+
+SMALLEST = 1e-7
+"""Errors below this are counted in the first bar: float32 knows no smaller ones."""
+
+AXES = ("x", "y", "z")
+"""The axes that an orientation's error is told about."""
+
+
+@dataclass(frozen=True)
+class ComponentError:
+    """The one-step error of one number of the state, or of an orientation about one axis."""
+
+    name: str
+    unit: str
+    error: float
+    """Root mean square, in `unit`."""
+    worst: float
+    """The largest magnitude, in `unit`."""
+    change: float
+    """Standard deviation of its change in a super step, in `unit`."""
+    relative: float | None
+    """`error` over `change`; None of what never moves."""
+
+
+@dataclass(frozen=True)
+class ErrorSpread:
+    """How the one-step errors of single super steps are spread, in standard deviations of the change."""
+
+    mean: float
+    median: float
+    high: float
+    """5 % of the super steps have a larger error."""
+    worst: float
+    """The largest; infinite where one came to no finite number."""
+    edges: Float[np.ndarray, " B1"]
+    """Ends of the histogram's bars; a bar is as many times as wide as the one before."""
+    counts: Int[np.ndarray, " B"]
+    """Super steps in each bar; all of them together."""
+
+
+def component_errors(test: HeldOut, errors: Float[np.ndarray, "N V"]) -> tuple[ComponentError, ...]:
+    """Return what `errors` (N, V) [units of the state] come to, number by number."""
+    sound = errors[np.isfinite(errors).all(axis=1)]
+    rms = root_mean_square(sound) if len(sound) else np.full(errors.shape[1], np.inf)
+    worst = np.abs(errors).max(axis=0, initial=0)
+    names = change_names(test.system)
+    found = []
+    for number, (name, unit) in enumerate(names):
+        change = float(test.change_scale[number])
+        error = float(rms[number])
+        relative = error / change if test.moves[number] else None
+        found.append(ComponentError(name, unit, error, float(worst[number]), change, relative))
+    return tuple(found)
+
+
+def change_names(system: System) -> list[tuple[str, str]]:
+    """Return name and unit of each number that describes a change of the state.
+
+    They are those of the state's entries, but of an orientation's: it turns about three axes.
+    """
+    names = entry_names(system.state)
+    units = entry_units(system.state)
+    if not system.structure.segments:
+        return list(zip(names, units, strict=True))
+    found = []
+    for placed in place_segments(system.structure.segments):
+        size = placed.segment.change_size
+        entries = range(placed.entries.start, placed.entries.stop)
+        if size == len(entries):
+            found += [(names[entry], units[entry]) for entry in entries]
+        elif size:
+            part = names[entries.start].rpartition("[")[0]
+            found += [(f"{part} about {axis}", "rad") for axis in AXES[:size]]
+    return found
+
+
+def error_spread(errors: Float[np.ndarray, " N"]) -> ErrorSpread:
+    """Return how `errors` (N,), none below zero, are spread; what is not finite counts as infinite."""
+    errors = np.where(np.isfinite(errors), errors, np.inf)
+    sound = errors[np.isfinite(errors)]
+    least = max(float(sound.min(initial=1.0)), SMALLEST)
+    most = max(float(sound.max(initial=0.0)), 2 * least)
+    edges = np.geomspace(least, most, BINS + 1)
+    counts, _ = np.histogram(np.clip(errors, edges[0], edges[-1]), edges)
+    with np.errstate(invalid="ignore"):  # halfway between two infinite ones
+        median, high = np.nan_to_num(np.quantile(errors, [0.5, 0.95]), nan=np.inf, posinf=np.inf)
+    return ErrorSpread(
+        mean=float(errors.mean()),
+        median=float(median),
+        high=float(high),
+        worst=float(errors.max()),
+        edges=edges,
+        counts=counts,
+    )
+
+
+def by_relative_error(components: Sequence[ComponentError]) -> list[ComponentError]:
+    """Return the components that move, the worst first."""
+    moving = [component for component in components if component.relative is not None]
+    return sorted(moving, key=lambda component: -(component.relative or 0.0))

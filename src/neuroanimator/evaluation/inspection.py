@@ -1,0 +1,130 @@
+"""Where an emulator is good and where it is weak: number by number, condition by condition, and its worst cases."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from neuroanimator.data.config import RUN_STEPS
+from neuroanimator.data.coverage import Coverage, as_plain, coverage, coverage_of_states
+from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.evaluation.component_errors import (
+    ComponentError,
+    ErrorSpread,
+    component_errors,
+    error_spread,
+)
+from neuroanimator.evaluation.held_out import (
+    HELD_OUT_RUNS,
+    HeldOut,
+    held_out_runs,
+    recorded_runs,
+    system_of,
+)
+from neuroanimator.evaluation.weak_spots import WeakSpot, find_weak_spots, step_errors
+from neuroanimator.evaluation.worst_segments import Segment, worst_segments
+from neuroanimator.terminal import phase
+
+INSPECTED_RUNS = 4 * HELD_OUT_RUNS
+"""So many unseen runs are inspected: a condition that one super step in twenty fulfils then has 250 of them."""
+
+INSPECTED_SEED = 2**20
+"""Runs to inspect are drawn apart from those that the figures of `evaluate` are measured on."""
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Where an emulator is good and where it is weak, on unseen runs."""
+
+    system: str
+    substeps: int
+    dt: float
+    runs: int
+    samples: int
+    """Super steps, `data.config.RUN_STEPS` at most of each run."""
+    errors: ErrorSpread
+    """How one-step errors are spread over the super steps."""
+    components: tuple[ComponentError, ...]
+    """The one-step error of every number of the state."""
+    weak_spots: tuple[WeakSpot, ...]
+    """Conditions under which it is weak; empty if none was found that holds."""
+    worst: tuple[Segment, ...]
+    """The segments on which it goes furthest astray, worst first."""
+    coverage: Coverage
+    """What the data cover; without data what the inspected runs do, which are drawn as data are."""
+    has_data: bool
+    """Whether `coverage` is of data that were given."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the figures as plain lists and numbers; of the worst segments all but their states."""
+        found = as_plain(asdict(self))
+        for segment in found["worst"]:
+            for name in ("physics", "emulated", "controls", "curves"):
+                del segment[name]
+        return found
+
+
+def inspect(
+    emulator: Emulator,
+    *,
+    data: Transitions | None = None,
+    runs: int = INSPECTED_RUNS,
+    seed: int = 0,
+) -> Inspection:
+    """Return where `emulator` is good and where it is weak, on `runs` unseen runs drawn from `seed`.
+
+    It is held against what teaches emulators, the system's `truth`. An emulator of recordings is inspected on what
+    `data` kept apart.
+
+    Raises ArgumentError where that is missing.
+    """
+    with phase("simulating"):
+        test = _test(emulator, data, runs, seed)
+    with phase("inspecting"):
+        return _inspected(emulator, test, data)
+
+
+def _test(emulator: Emulator, data: Transitions | None, runs: int, seed: int) -> HeldOut:
+    system = system_of(emulator)
+    if system.recordings is not None:
+        test = recorded_runs(emulator, data)
+    else:
+        test = held_out_runs(
+            emulator,
+            count=runs,
+            seconds=RUN_STEPS * emulator.dt,
+            seed=INSPECTED_SEED + seed,
+            scheme=system.truth,
+        )
+    return replace(test, most_transitions=test.states.shape[0] * test.states.shape[1])
+
+
+def _inspected(emulator: Emulator, test: HeldOut, data: Transitions | None) -> Inspection:
+    steps = test.transitions
+    emulated = emulator.rollout(steps.states, steps.controls[:, None], may_diverge=True)[:, 1]
+    errors = test.frame.difference(steps.next_states, np.asarray(emulated, float))
+    relative = test.relative(errors)
+    run_length = len(steps.states) // len(test.states)
+    return Inspection(
+        system=emulator.system,
+        substeps=emulator.substeps,
+        dt=emulator.dt,
+        runs=len(test.states),
+        samples=len(steps.states),
+        errors=error_spread(step_errors(relative)),
+        components=component_errors(test, errors),
+        weak_spots=find_weak_spots(test, steps, relative, run_length=run_length),
+        worst=worst_segments(emulator, test),
+        coverage=_coverage(test, data),
+        has_data=data is not None,
+    )
+
+
+def _coverage(test: HeldOut, data: Transitions | None) -> Coverage:
+    if data is not None:
+        return coverage(data)
+    steps = test.transitions
+    return coverage_of_states(test.system, steps.states, steps.controls, len(test.states))

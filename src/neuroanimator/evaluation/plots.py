@@ -1,0 +1,56 @@
+"""Plots as text: inline SVG, with the same bytes every time."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+EMULATOR = "#e8892b"
+"""The emulator's colour in all plots."""
+
+PHYSICS = "#2b5a94"
+"""The physics' colour in all plots."""
+
+QUIET = "#8a94a0"
+"""The colour of what is drawn for comparison."""
+
+WIDTH = 8.0
+"""Width of a plot [inch]; a page makes it as wide as there is room."""
+
+HEIGHT = 3.6
+"""Height of a plot [inch]."""
+
+BAR_HEIGHT = 16
+"""Height of the highest bar of a small histogram, over the width of a bar that is 10."""
+
+
+def plot(draw: Callable[[Axes], None]) -> str:
+    """Return what `draw` draws, as inline SVG."""
+    figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
+    draw(figure.add_subplot())
+    return inline_svg(figure)
+
+
+def inline_svg(figure: Figure) -> str:
+    """Return a figure as it may stand in a page."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :].replace("<svg", "<svg class=plot", 1)
+
+
+def small_bars(counts: Sequence[float]) -> str:
+    """Return a small histogram as inline SVG, without axes, in the colour of the page's bars."""
+    most = max(counts, default=0) or 1
+    bars = []
+    for number, count in enumerate(counts):
+        if count <= 0:
+            continue
+        height = max(BAR_HEIGHT * 10 * count / most, 2)  # one of thousands is seen, too
+        top = BAR_HEIGHT * 10 - height
+        bars.append(f"M{10 * number} {top:.0f}h9v{height:.0f}h-9z")
+    box = f"0 0 {10 * len(counts)} {BAR_HEIGHT * 10}"
+    return f'<svg class=bars viewBox="{box}" preserveAspectRatio="none"><path d="{"".join(bars)}"/></svg>'

@@ -1,0 +1,140 @@
+"""The unseen segments on which an emulator goes furthest astray: what is worth looking at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.normaliser import MIN_CHANGE
+from neuroanimator.evaluation.accuracy import root_mean_square
+from neuroanimator.evaluation.component_errors import change_names
+from neuroanimator.evaluation.held_out import HeldOut
+from neuroanimator.state.segments import place_segments
+
+SEGMENT_SECONDS = 1.0
+"""Length of a segment, but for super steps so long that it would hold too few [s]."""
+
+MIN_STEPS = 4
+"""A segment holds at least so many super steps, if runs are as long."""
+
+SEGMENTS = 4
+"""So many segments are kept."""
+
+CURVES = 3
+"""So many numbers of each segment are kept as curves."""
+
+LOST = 1e3
+"""An error that is larger, or no finite number, counts as this."""
+
+
+class Curve(NamedTuple):
+    """One number of the state through a segment."""
+
+    name: str
+    unit: str
+    physics: Float[np.ndarray, " T1"]
+    emulated: Float[np.ndarray, " T1"]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of an unseen run, by the physics and by the emulator from the same state under the same controls."""
+
+    run: int
+    start: float
+    """Since the run's start [s]."""
+    dt: float
+    """Super step [s]."""
+    error: float
+    """Root mean square error, over how far runs get from their start in the same time."""
+    component: str
+    """What is most wrong in it."""
+    curves: tuple[Curve, ...]
+    """What is most wrong, the worst first, over the segment's time."""
+    physics: Float[np.ndarray, "T1 S"]
+    """The states by the physics, or as recorded."""
+    emulated: Float[np.ndarray, "T1 S"]
+    """The states by the emulator."""
+    controls: Float[np.ndarray, "T C"]
+
+
+def worst_segments(emulator: Emulator, test: HeldOut, count: int = SEGMENTS) -> tuple[Segment, ...]:
+    """Return the `count` segments of the test's runs with the largest error, at most one of each run, worst first."""
+    runs, total, _ = test.states.shape
+    steps = min(max(round(SEGMENT_SECONDS / test.dt), MIN_STEPS), total - 1)
+    starts = np.arange(0, total - steps, max(1, steps // 2))
+    pieces = starts[:, None] + np.arange(steps + 1)
+    physics = test.states[:, pieces].reshape(-1, steps + 1, test.states.shape[-1])
+    controls = test.controls[:, pieces[:, :-1]].reshape(-1, steps, test.controls.shape[-1])
+    emulated = np.asarray(emulator.rollout(physics[:, 0], controls, may_diverge=True), float)
+    relative = _relative(test, physics, emulated)
+    errors = root_mean_square(relative, axis=(1, 2)).reshape(runs, len(starts))
+    found = []
+    for run in np.argsort(-errors.max(axis=1), kind="stable")[:count].tolist():
+        piece = int(np.argmax(errors[run]))
+        row = run * len(starts) + piece
+        wrong = root_mean_square(relative[row])
+        found.append(
+            Segment(
+                run=run,
+                start=float(starts[piece]) * test.dt,
+                dt=test.dt,
+                error=float(errors[run, piece]),
+                component=change_names(test.system)[int(np.argmax(wrong))][0],
+                curves=_curves(test, wrong, physics[row], emulated[row]),
+                physics=physics[row],
+                emulated=emulated[row],
+                controls=controls[row],
+            )
+        )
+    return tuple(found)
+
+
+def _relative(
+    test: HeldOut, physics: Float[np.ndarray, "B T S"], emulated: Float[np.ndarray, "B T S"]
+) -> Float[np.ndarray, "B T V"]:
+    """Return the errors over how far the physics gets from the start; 0 of what gets nowhere."""
+    reach = root_mean_square(test.frame.difference(physics[:, :1], physics), axis=(0, 1))
+    moves = reach >= MIN_CHANGE
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = test.frame.difference(physics, emulated) / np.where(moves, reach, np.inf)
+    return np.clip(np.nan_to_num(errors, nan=LOST), -LOST, LOST)
+
+
+def _curves(
+    test: HeldOut,
+    wrong: Float[np.ndarray, " V"],
+    physics: Float[np.ndarray, "T1 S"],
+    emulated: Float[np.ndarray, "T1 S"],
+) -> tuple[Curve, ...]:
+    """Return what is most wrong, `wrong` (V,), as curves: entries of the state, and turns since the start about an axis."""
+    names = change_names(test.system)
+    entry_of = _entry_of_changes(test)
+    turned = [test.frame.difference(states[:1], states) for states in (physics, emulated)]
+    curves = []
+    for number in np.argsort(-wrong, kind="stable")[:CURVES].tolist():
+        name, unit = names[number]
+        entry = entry_of[number]
+        if entry is None:
+            curves.append(Curve(name, unit, turned[0][:, number], turned[1][:, number]))
+        else:
+            curves.append(Curve(name, unit, physics[:, entry], emulated[:, entry]))
+    return tuple(curves)
+
+
+def _entry_of_changes(test: HeldOut) -> list[int | None]:
+    """Return the state entry that each number of a change changes; None where it is one of a quaternion's turns."""
+    segments = test.system.structure.segments
+    if not segments:
+        return list(range(test.states.shape[-1]))
+    entries: list[int | None] = []
+    for placed in place_segments(segments):
+        if placed.segment.change_size == placed.segment.size:
+            entries += range(placed.entries.start, placed.entries.stop)
+        else:
+            entries += [None] * placed.segment.change_size
+    return entries
