@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -43,19 +44,28 @@ class Split(NamedTuple):
 
 
 def split_recordings(recordings: RecordingFile, length: int) -> Split:
-    """Return the segments of all runs, each at least `length` samples long; BadFileError where they are too few."""
-    for rows, origin in zip(recordings.rows, recordings.origins, strict=True):
-        if rows < length:
-            raise BadFileError(
-                f"{recordings.name}, {origin}: a run of {rows} rows; wanted at least {length} for so long a super step. "
-                "Use a smaller --substeps, or leave the run out."
-            )
+    """Return the segments of all runs, each at least `length` samples long; BadFileError where they are too few.
+
+    Shorter runs are left out.
+    """
+    return split_runs(recordings.name, recordings.rows, length)
+
+
+def split_runs(name: str, rows: Sequence[int], length: int) -> Split:
+    """Return the segments of runs of so many `rows` each, which the file called `name` holds; see `split_recordings`."""
+    longest = max(rows)
+    if longest < length:
+        raise BadFileError(
+            f"{name}: the longest run has {longest} rows; wanted at least {length} for so long a super step. "
+            "Record longer, or use a smaller --substeps."
+        )
     segments: list[Segment] = []
-    for run in range(len(recordings.rows)):
-        segments += _cut_run(recordings, run, length)
+    for run in range(len(rows)):
+        if rows[run] >= length:
+            segments += _cut_run(rows, run, length)
     if len(segments) < MIN_SEGMENTS:
         raise BadFileError(
-            f"{recordings.name}: {sum(recordings.rows)} rows are too few to learn from and to test on; "
+            f"{name}: {sum(rows)} rows are too few to learn from and to test on; "
             f"wanted at least {MIN_SEGMENTS * MIN_WINDOWS * length}. Record longer, or use a smaller --substeps."
         )
     test = segments[TEST_EVERY - 1 :: TEST_EVERY] or segments[-1:]
@@ -63,11 +73,12 @@ def split_recordings(recordings: RecordingFile, length: int) -> Split:
     return Split(learning, test)
 
 
-def _cut_run(recordings: RecordingFile, run: int, length: int) -> list[Segment]:
-    rows = recordings.rows[run]
-    most_parts = rows // (MIN_WINDOWS * length)
-    parts = max(1, min(round(MANY_SEGMENTS * rows / sum(recordings.rows)), most_parts))
-    edges = [rows * part // parts for part in range(parts + 1)]
+def _cut_run(rows: Sequence[int], run: int, length: int) -> list[Segment]:
+    """Return the segments of run number `run` of all."""
+    own = rows[run]
+    most_parts = own // (MIN_WINDOWS * length)
+    parts = max(1, min(round(MANY_SEGMENTS * own / sum(rows)), most_parts))
+    edges = [own * part // parts for part in range(parts + 1)]
     return [Segment(run, start, stop) for start, stop in pairwise(edges)]
 
 

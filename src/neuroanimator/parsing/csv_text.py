@@ -10,7 +10,7 @@ MAX_LINE = 128 * 1024
 """Characters a line may have: a thousand columns of numbers at full precision take a fifth of it."""
 
 
-def csv_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
+def csv_rows(content: bytes, delimiter: str = ",") -> Iterator[tuple[int, list[str]]]:
     """Yield (line number from 1, cells) of every line of `content`, in UTF-8; a line without text has no cells.
 
     Raises ValueError naming the line. A cell cannot go on in the next line.
@@ -22,7 +22,7 @@ def csv_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
             number += 1
             if len(line) > MAX_LINE:
                 raise ValueError(f"more than {MAX_LINE:,} characters in a line")
-            yield number, _cells(line.rstrip("\n"))
+            yield number, _cells(line.rstrip("\n"), delimiter)
     except UnicodeDecodeError as error:
         raise ValueError(
             f"after line {number}: not text in UTF-8 ({error.reason}). Save it as CSV in UTF-8"
@@ -31,7 +31,7 @@ def csv_rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
         raise ValueError(f"line {number}: {error}") from error
 
 
-def _cells(line: str) -> list[str]:
+def _cells(line: str, delimiter: str) -> list[str]:
     if not line.strip():
         return []
-    return next(csv.reader([line]), [])
+    return next(csv.reader([line], delimiter=delimiter), [])

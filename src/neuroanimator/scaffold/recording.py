@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.data.config import window_length
+from neuroanimator.data.recorded_segments import split_runs
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.scaffold.defaults import FASTEST, MAX_TURN, proposed_substeps, usual_name
+from neuroanimator.scaffold.scales import refuse_large, warn_of_small
 from neuroanimator.state.units import rate_unit
 from neuroanimator.systems.recorded.recording import Recording, read_recording
 from neuroanimator.systems.trusted_files import digest_of
@@ -26,6 +29,12 @@ RATE_ERROR = 0.15
 
 SPANS = (1, 2, 5, 10, 20, 50)
 """Changes over so many samples are compared: noise stays as it is, and the change grows."""
+
+USUAL_SHARE = 99
+"""Samples within this percentile of all distances from the middle are what usually occurs."""
+
+FAR_OUT = 10
+"""A sample that lies so many times as far out is worth a word."""
 
 MIN_CHANGES = 8
 """A span counts if the recordings have so many changes over it."""
@@ -50,6 +59,7 @@ def propose_recording(
     control = []
     for entry in range(len(recording.control)):
         control.append(_control_part(recording, entry, path))
+    refuse_large(path.name, _names(recording), np.concatenate(recording.states))
     substeps, note = _substeps(recording, runs, state)
     values = {
         "name": usual_name(path),
@@ -66,7 +76,7 @@ def propose_recording(
         "state.rate": "where one column adds up to another's changes, noise left aside",
     }
     definition = check_table(values, path.name, RecordedDefinition)
-    return definition, notes, tuple(_warnings(recording))
+    return definition, notes, tuple(_warnings(recording, runs, substeps))
 
 
 def _refuse_standstill(recording: Recording, path: Path) -> None:
@@ -77,12 +87,19 @@ def _refuse_standstill(recording: Recording, path: Path) -> None:
         )
 
 
+def _names(recording: Recording) -> list[str]:
+    """Return the names of the state columns, with units."""
+    return [f"{name} {unit}" for name, unit in recording.state]
+
+
 def _column(recording: Recording, entry: int) -> Float[np.ndarray, " N"]:
     """Return a state column, all runs one after the other."""
     return np.concatenate([states[:, entry] for states in recording.states])
 
 
-def _warnings(recording: Recording) -> Iterator[str]:
+def _warnings(
+    recording: Recording, runs: list[Float[np.ndarray, "_ S"]], substeps: int
+) -> Iterator[str]:
     """Yield what the user should look at, one line each."""
     still = []
     for entry, (name, _) in enumerate(recording.state):
@@ -90,6 +107,38 @@ def _warnings(recording: Recording) -> Iterator[str]:
             still.append(f"state.{name}")
     if still:
         yield f"{listed(still)}: the same in every row, so nothing can be learned of it. Remove the column."
+    yield from _outliers(recording)
+    yield from _short_runs(recording, window_length(substeps))
+    changes = [_changes(runs, entry, substeps) for entry in range(len(recording.state))]
+    yield from warn_of_small(_names(recording), np.stack(changes, axis=1))
+
+
+def _outliers(recording: Recording) -> Iterator[str]:
+    """Yield a line for each state column in which a few samples lie far from all others: a sensor may have failed."""
+    # As they are in the file: an angle far out would be taken for one that has turned often.
+    states = np.concatenate(recording.states)
+    for entry, (name, unit) in enumerate(recording.state):
+        distance = np.abs(states[:, entry] - np.median(states[:, entry]))
+        usual = float(np.percentile(distance, USUAL_SHARE))
+        count = int((distance > FAR_OUT * usual).sum())
+        if not usual or not count:
+            continue
+        farthest = int(np.argmax(distance))
+        yield (
+            f"state.{name}: {count} of {len(states)} samples lie more than {FAR_OUT} times as far out as {USUAL_SHARE} % do, "
+            f"such as {states[farthest, entry]:.4g} {unit} in {recording.where(farthest)}. Correct them, or cut them out."
+        )
+
+
+def _short_runs(recording: Recording, length: int) -> Iterator[str]:
+    """Yield a line if there are runs shorter than `length` samples, which nothing can be learned from."""
+    short = [run for run, states in enumerate(recording.states) if len(states) < length]
+    if short:
+        first = short[0]
+        yield (
+            f"{len(short)} of {len(recording.states)} runs are left out, for they have fewer than {length} rows, such as the "
+            f"{len(recording.states[first])} from {recording.origins[first]} on. Record longer, or use a smaller substeps."
+        )
 
 
 def _unwrapped(recording: Recording) -> list[Float[np.ndarray, "_ S"]]:
@@ -118,10 +167,27 @@ def _substeps(
             turn = max(turn, fastest / substeps)
     if turn > 0:
         substeps = max(1, min(substeps, int(MAX_TURN / turn)))
+    rows = [len(states) for states in runs]
+    substeps = _largest_for(recording.file, rows, substeps)
     note = f"samples; a super step of {substeps * recording.step:g} s"
     if turning:
         note += f", in which angles turn by up to {substeps * turn:.2g} rad"
     return substeps, note
+
+
+def _largest_for(file: str, rows: list[int], most: int) -> int:
+    """Return the largest number of samples a super step may have, up to `most`, so that enough is left to test on.
+
+    Raises BadFileError if the recordings are too short for any.
+    """
+    for substeps in range(most, 1, -1):
+        try:
+            split_runs(file, rows, window_length(substeps))
+        except BadFileError:
+            continue
+        return substeps
+    split_runs(file, rows, window_length(1))
+    return 1
 
 
 def _state_part(recording: Recording, entry: int, rate_entry: int | None) -> dict[str, Any]:
@@ -150,8 +216,9 @@ def _control_part(recording: Recording, entry: int, path: Path) -> dict[str, Any
     name, unit = recording.control[entry]
     column = np.concatenate([controls[:, entry] for controls in recording.controls])
     if np.ptp(column) == 0:
+        remedy = "Remove the column." if len(recording.control) > 1 else "Record while it changes."
         raise BadFileError(
-            f"{path.name}: control.{name} never changes, so nothing can be learned of it. Remove the column."
+            f"{path.name}: control.{name} never changes, so nothing can be learned of it. {remedy}"
         )
     low = float(column.min())
     high = float(column.max())

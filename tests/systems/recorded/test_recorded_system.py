@@ -273,14 +273,100 @@ def test_a_missing_file_is_refused(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("rows", "message"),
-    [(18, "bad.csv, line 2: a run of 18 rows; wanted at least 21"), (40, "too few")],
+    [(18, "the longest run has 18 rows; wanted at least 21"), (40, "40 rows are too few")],
 )
 def test_runs_too_short_or_too_few_are_refused(tmp_path: Path, rows: int, message: str):
     write_csv(tmp_path / "bad.csv", recordings(runs=1, rows=rows))
-    system = system_from(tmp_path / "bad.csv")
+    write_csv(tmp_path / "good.csv", recordings(runs=1, rows=400))
+    with pytest.raises(BadFileError, match="too few to learn from"):
+        system_from(tmp_path / "bad.csv")
+    # Who edits the proposal for long recordings may have short ones.
+    system_from(tmp_path / "good.csv")
+    toml = tmp_path / "bad.toml"
+    toml.write_text((tmp_path / "good.toml").read_text().replace("good", "bad"))
+    system = load_system(*resolve(str(toml))[:2])
     config = DatasetConfig(system=system.name, definition=system.definition_text, substeps=SUBSTEPS)
     with pytest.raises(BadFileError, match=message):
         limited_to_recordings(config)
+
+
+def test_runs_may_be_of_any_length_and_too_short_ones_are_left_out_and_named(
+    tmp_path: Path, table: np.ndarray
+):
+    rows_per_run = 400
+    keep = [slice(0, 400), slice(400, 408), slice(800, 1000), slice(1200, 1600)]
+    lengths = [400, 8, 200, 400]
+    cut = np.concatenate([table[rows] for rows in keep])
+    assert len(table) > 4 * rows_per_run - 1
+    write_csv(tmp_path / "lengths.csv", cut)
+    toml, proposal = write_definition(str(tmp_path / "lengths.csv"))
+    assert "1 of 4 runs are left out" in proposal.warnings[0]
+    assert "the 8 from line 402 on" in proposal.warnings[0]
+    system = load_system(*resolve(str(toml))[:2])
+    assert isinstance(system, RecordedSystem)
+    recordings = system.recordings
+    assert recordings is not None
+    assert list(recordings.rows) == lengths
+    split = split_recordings(recordings, window_length(SUBSTEPS))
+    assert {segment.run for segment in (*split.learning, *split.test)} == {0, 2, 3}
+    data = read_transitions(dataset_from(system, tmp_path / "data"))
+    assert rows_of(table, data.states.reshape(-1, 2)).min() >= 0
+
+
+def test_short_recordings_get_a_shorter_super_step(tmp_path: Path):
+    write_csv(tmp_path / "short.csv", recordings(runs=1, rows=150))
+    write_csv(tmp_path / "long.csv", recordings(runs=1, rows=400))
+    substeps = {}
+    for name in ("short", "long"):
+        _, proposal = write_definition(str(tmp_path / f"{name}.csv"))
+        substeps[name] = proposal.definition.substeps
+    assert 1 <= substeps["short"] < substeps["long"]
+
+
+def as_written_elsewhere(text: str, delimiter: str, decimal: str) -> str:
+    header, _, rows = text.partition("\n")
+    header = header.replace("time s", "time [s]").replace("angle rad", "angle (rad)")
+    rows = rows.replace(",", delimiter).replace(".", decimal)
+    return f"# from a logger\n\n{header.replace(',', delimiter)}\n{rows}"
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "decimal"), [(",", "."), (";", "."), (";", ","), ("\t", ",")], ids=repr
+)
+def test_semicolons_decimal_commas_and_units_in_brackets_say_the_same(
+    folder: Path, tmp_path: Path, delimiter: str, decimal: str
+):
+    text = (folder / "runs.csv").read_text()
+    (tmp_path / "runs.csv").write_text(as_written_elsewhere(text, delimiter, decimal))
+    found = system_from(tmp_path / "runs.csv").recordings
+    assert found is not None
+    usual = recordings_from(folder / "runs.csv").read()
+    for states, expected in zip(found.read().states, usual.states, strict=True):
+        np.testing.assert_array_equal(states, expected)
+
+
+@pytest.mark.parametrize(
+    ("scale", "offset", "message"),
+    [
+        (1e8, 0.0, "state.angle rad comes to"),
+        (1e-8, 0.0, "taken for rounding. Give it in another unit"),
+        (1.0, 1e4, "1 of 2400 samples lie more than 10 times as far out"),
+    ],
+)
+def test_numbers_no_emulator_can_hold_and_samples_far_out_are_named(
+    tmp_path: Path, table: np.ndarray, scale: float, offset: float, message: str
+):
+    odd = table.copy()
+    odd[:, 2] *= scale
+    odd[700, 2] += offset
+    write_csv(tmp_path / "odd.csv", odd)
+    try:
+        _, proposal = write_definition(str(tmp_path / "odd.csv"))
+        told = " ".join(proposal.warnings)
+    except BadFileError as error:
+        told = str(error)
+    assert message in told
+    assert "line 702" in told or not offset
 
 
 class _Trap:

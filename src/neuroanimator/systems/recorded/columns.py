@@ -45,14 +45,24 @@ class Samples:
 
     def where(self, row: int) -> str:
         """Return where in the file a row lies, for people."""
-        if self.lines is None:
-            return f"row {row}"
-        return f"line {self.lines[row]}"
+        return where_in_file(self.lines, row)
+
+
+def where_in_file(lines: Int[np.ndarray, " N"] | None, row: int) -> str:
+    """Return where in the file a row lies, for people; `lines` are the rows' line numbers if it is text."""
+    if lines is None:
+        return f"row {row}"
+    return f"line {lines[row]}"
+
+
+def without_brackets(text: str) -> str:
+    """Return `angle rad` for `angle [rad]` and `angle (rad)`, as many programs write it; any other text as it is."""
+    return re.sub(r"\s*[\[(]([^\[\]()]+)[\])]$", r" \1", text.strip())
 
 
 def name_and_unit(text: str, where: str) -> tuple[str, str]:
     """Return (name, unit) of a column called `angle rad`; BadFileError says `where` it is not."""
-    name, _, unit = text.strip().partition(" ")
+    name, _, unit = without_brackets(text).partition(" ")
     if not re.fullmatch(PART_PATTERN, name) or not unit.strip():
         raise BadFileError(
             f"{where}: wanted a name and a unit such as 'angle rad', came {quoted(text, MAX_SHOWN)}."

@@ -1,4 +1,7 @@
-"""Recordings as CSV: a header of names and units, then a line for each sample."""
+"""Recordings as CSV: a header of names and units, then a line for each sample.
+
+Cells may be parted by semicolons or tabs, too; numbers may then have decimal commas.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,7 @@ from neuroanimator.systems.recorded.columns import (
     Samples,
     name_and_unit,
     refuse_columns,
+    without_brackets,
 )
 
 HEADER = "run,time s,state.angle rad,state.velocity rad/s,control.torque N·m"
@@ -30,12 +34,20 @@ RUN = "run"
 TIME = "time s"
 """What the column of times is called."""
 
+DELIMITERS = (",", ";", "\t")
+"""What cells may be parted by: the first of these with which the header has a column of times."""
+
+REMARK = "#"
+"""Lines before the header that begin so are left out, and empty ones."""
+
 
 @dataclass(frozen=True)
 class _Header:
     """Which column of the file holds what."""
 
     cells: list[str]
+    has_decimal_commas: bool
+    """Whether a comma in a number stands for a point: it cannot where commas part the cells."""
     run: int | None
     """The column of the run's label, if there is one."""
     time: int
@@ -48,18 +60,30 @@ class _Header:
 
 def read_csv(content: bytes, name: str) -> Samples:
     """Return the samples in a CSV file; BadFileError names line, column and fix."""
-    rows = csv_rows(content)
     try:
-        cells = _first(rows, name)
-        header = _header(cells, name)
+        delimiter = _delimiter(content, name)
+        rows = csv_rows(content, delimiter)
+        line, cells = _first(rows, name)
+        header = _header(cells, delimiter, f"{name}, line {line}")
         return _samples(header, rows, name)
     except ValueError as error:
         raise BadFileError(f"{name}, {one_line(error)}.") from error
 
 
-def _first(rows: Iterator[tuple[int, list[str]]], name: str) -> list[str]:
-    for _, cells in rows:
-        return cells
+def _delimiter(content: bytes, name: str) -> str:
+    """Return what parts the cells of the header; a comma if none of `DELIMITERS` gives a column of times."""
+    for delimiter in DELIMITERS:
+        _, cells = _first(csv_rows(content, delimiter), name)
+        if TIME in cells:
+            return delimiter
+    return DELIMITERS[0]
+
+
+def _first(rows: Iterator[tuple[int, list[str]]], name: str) -> tuple[int, list[str]]:
+    """Return the line number of the header and its cells, units without brackets."""
+    for line, cells in rows:
+        if cells and not cells[0].startswith(REMARK):
+            return line, [without_brackets(cell) for cell in cells]
     raise BadFileError(f"{name} is empty. It should begin with a header such as '{HEADER}'.")
 
 
@@ -92,20 +116,18 @@ def _samples(header: _Header, rows: Iterator[tuple[int, list[str]]], name: str) 
     )
 
 
-def _header(cells: list[str], name: str) -> _Header:
-    cells = [cell.strip() for cell in cells]
+def _header(cells: list[str], delimiter: str, place: str) -> _Header:
+    """Return which column holds what; BadFileError begins with `place`, the header's file and line."""
     if len(cells) > MAX_COLUMNS:
         raise BadFileError(
-            f"{name}, line 1: {len(cells):,} columns; wanted at most {MAX_COLUMNS}. Leave some out."
+            f"{place}: {len(cells):,} columns; wanted at most {MAX_COLUMNS}. Leave some out."
         )
     if TIME not in cells:
-        raise BadFileError(
-            f"{name}, line 1: no column 'time s'. Wanted a header such as '{HEADER}'."
-        )
+        raise BadFileError(f"{place}: no column 'time s'. Wanted a header such as '{HEADER}'.")
     states: dict[int, tuple[str, str]] = {}
     controls: dict[int, tuple[str, str]] = {}
     for column, cell in enumerate(cells):
-        where = f"{name}, line 1, column {column + 1}"
+        where = f"{place}, column {column + 1}"
         if cell.startswith("state."):
             states[column] = name_and_unit(cell.removeprefix("state."), where)
         elif cell.startswith("control."):
@@ -116,14 +138,19 @@ def _header(cells: list[str], name: str) -> _Header:
             )
     for cell in (RUN, TIME):
         if cells.count(cell) > 1:
-            raise BadFileError(
-                f"{name}, line 1: two columns are called '{cell}'. Remove one of them."
-            )
-    refuse_columns(f"{name}, line 1", list(states.values()), list(controls.values()))
+            raise BadFileError(f"{place}: two columns are called '{cell}'. Remove one of them.")
+    refuse_columns(place, list(states.values()), list(controls.values()))
     run = None
     if RUN in cells:
         run = cells.index(RUN)
-    return _Header(cells, run, cells.index(TIME), states, controls)
+    return _Header(
+        cells=cells,
+        has_decimal_commas=delimiter != ",",
+        run=run,
+        time=cells.index(TIME),
+        states=states,
+        controls=controls,
+    )
 
 
 def _row(cells: list[str], columns: list[int], header: _Header, where: str) -> list[float]:
@@ -134,7 +161,10 @@ def _row(cells: list[str], columns: list[int], header: _Header, where: str) -> l
     numbers = []
     for column in columns:
         cell_place = f"{where}, column {column + 1} ({header.cells[column]})"
-        numbers.append(_number(cells[column], cell_place))
+        cell = cells[column]
+        if header.has_decimal_commas:
+            cell = cell.replace(",", ".")
+        numbers.append(_number(cell, cell_place))
     return numbers
 
 

@@ -18,10 +18,10 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.systems.recorded.columns import Samples
+from neuroanimator.systems.recorded.columns import Samples, where_in_file
 from neuroanimator.systems.recorded.csv_file import read_csv
 from neuroanimator.systems.recorded.npz_file import read_npz
 from neuroanimator.systems.trusted_files import trusted_file
@@ -65,6 +65,12 @@ class Recording:
     """The controls of each run: row k acts from sample k to sample k+1."""
     origins: tuple[str, ...]
     """Where in the file each run begins."""
+    lines: Int[np.ndarray, " N"] | None = None
+    """The line number of each row of all runs, if the file is text."""
+
+    def where(self, row: int) -> str:
+        """Return where in the file a row of all runs lies, for people."""
+        return where_in_file(self.lines, row)
 
 
 @lru_cache(maxsize=4)
@@ -104,6 +110,7 @@ def cut_runs(samples: Samples, name: str) -> Recording:
         states=tuple(np.split(samples.states, begins)),
         controls=tuple(np.split(samples.controls, begins)),
         origins=tuple(origins),
+        lines=samples.lines,
     )
 
 
