@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from neuroanimator.export.programs.c_file import write_c_header
     from neuroanimator.export.programs.onnx_file import write_onnx
     from neuroanimator.export.programs.wasm_file import write_wasm
+    from neuroanimator.export.worst_cases import write_worst
     from neuroanimator.state.layout import Bounds
     from neuroanimator.state.pose import read_heights, read_pose
     from neuroanimator.systems import load_system
@@ -121,6 +122,7 @@ _HOMES = {
     "write_glb": "export.gltf.scene",
     "write_comparison": "export.comparison",
     "write_video": "export.film.video",
+    "write_worst": "export.worst_cases",
     "write_c_header": "export.programs.c_file",
     "write_onnx": "export.programs.onnx_file",
     "write_wasm": "export.programs.wasm_file",
@@ -188,6 +190,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "write_glb",
     "write_comparison",
     "write_video",
+    "write_worst",
     # Use elsewhere.
     "write_c_header",
     "write_onnx",

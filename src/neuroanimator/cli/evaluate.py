@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 if TYPE_CHECKING:
+    from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.evaluation.evaluate import Evaluation
 
 EXAMPLE = "neuroanimator evaluate pendulum-25 pendulum-50 pendulum-100 --report report.html"
+
+
+class Files(NamedTuple):
+    """Files to write, beside what is printed."""
+
+    report: Path | None
+    worst: Path | None
 
 
 def run(
@@ -25,6 +33,10 @@ def run(
         typer.Option(help="Your TOML file, whose step function may then run; see 'new'."),
     ] = None,
     report: Annotated[Path | None, typer.Option(help="HTML file with plots.")] = None,
+    worst: Annotated[
+        Path | None,
+        typer.Option(help="Worst cases: a film in .mp4, also in the report; curves in .svg, .png."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
     sweep: Annotated[
         bool, typer.Option("--sweep", help="Which n? Train several and compare.")
@@ -46,44 +58,64 @@ def run(
     if sweep:
         _sweep(emulators, substeps, tolerance, seconds, count, updates, out, json)
     else:
-        _evaluate(emulators, data, system, report, json)
+        _evaluate(emulators, data, system, Files(report, worst), json)
 
 
 def _evaluate(
-    emulators: list[str], data: Path | None, system: Path | None, report: Path | None, json: bool
+    emulators: list[str], data: Path | None, system: Path | None, files: Files, json: bool
 ) -> None:
     from json import dumps
 
-    from neuroanimator.cli.inspection_words import print_weak_spots
-    from neuroanimator.terminal import phase, print_table, progress_bar
-    from neuroanimator.text import print_line
+    from neuroanimator.terminal import phase, progress_bar
 
     with phase("loading"):
         from neuroanimator.data.store import read_transitions
         from neuroanimator.emulator.emulator import Emulator
         from neuroanimator.evaluation.evaluate import evaluate
-        from neuroanimator.evaluation.report import write_report
+        from neuroanimator.export.worst_cases import check_worst_path
         from neuroanimator.systems.loading import trust_files
         from neuroanimator.zoo import find_emulator
 
         if system:
             trust_files(system)
         loaded = [Emulator.load(find_emulator(name)) for name in emulators]
-        transitions = None
-        if data:
-            transitions = read_transitions(data)
+        if files.worst:
+            check_worst_path(files.worst, loaded)
+        transitions = read_transitions(data) if data else None
     evaluations = []
     with progress_bar("emulators", len(loaded)) as bar:
         for emulator in loaded:
             evaluations.append(evaluate(emulator, data=transitions))
             bar.advance_to(len(evaluations))
-    if report:
-        write_report(evaluations, report)
-    rows = [evaluation.row() for evaluation in evaluations]
+    _write(loaded, evaluations, files)
     if json:
         print(dumps([_everything(evaluation) for evaluation in evaluations], indent=2))
-        return
-    print_table([dict(row) for row in rows])
+    else:
+        _print(evaluations)
+
+
+def _write(emulators: list[Emulator], evaluations: list[Evaluation], files: Files) -> None:
+    """Write the files that are asked for; a film lies in the report, too."""
+    from neuroanimator.evaluation.report import write_report
+    from neuroanimator.export.worst_cases import WORST_TITLE, film_html, write_worst
+
+    extra: list[tuple[str, str]] = []
+    if files.worst:
+        inspections = [found.inspection for found in evaluations if found.inspection]
+        write_worst(emulators, inspections, files.worst)
+        if files.worst.suffix == ".mp4":
+            extra.append((WORST_TITLE, film_html(files.worst)))
+    if files.report:
+        write_report(evaluations, files.report, extra=extra)
+
+
+def _print(evaluations: list[Evaluation]) -> None:
+    """Print a row for each emulator, then what is to be said of each."""
+    from neuroanimator.cli.inspection_words import print_weak_spots
+    from neuroanimator.terminal import print_table
+    from neuroanimator.text import print_line
+
+    print_table([dict(evaluation.row()) for evaluation in evaluations])
     for evaluation in evaluations:
         print_line(f"{evaluation.system}, n = {evaluation.substeps}: {evaluation.verdict}.")
         if evaluation.verdict.is_useless and evaluation.measured_speed:

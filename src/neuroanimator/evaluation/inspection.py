@@ -57,6 +57,13 @@ class Inspection:
     """What the data cover; without data what the inspected runs do, which are drawn as data are."""
     has_data: bool
     """Whether `coverage` is of data that were given."""
+    is_recorded: bool = False
+    """Whether it is held against recordings, which hold noise, instead of the physics that teaches."""
+
+    @property
+    def truth_name(self) -> str:
+        """What it is held against, as legends say it."""
+        return "recorded" if self.is_recorded else "physics"
 
     def to_json(self) -> dict[str, Any]:
         """Return the figures as plain lists and numbers; of the worst segments all but their states."""
@@ -120,6 +127,7 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Transitions | None) -> I
         worst=worst_segments(emulator, test),
         coverage=_coverage(test, data),
         has_data=data is not None,
+        is_recorded=test.system.recordings is not None,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -23,6 +24,9 @@ WIDTH = 8.0
 HEIGHT = 3.6
 """Height of a plot [inch]."""
 
+SALT = "neuroanimator"
+"""What ids in SVG are made with, beside what they stand for; else they would be drawn at random."""
+
 BAR_HEIGHT = 16
 """Height of the highest bar of a small histogram, over the width of a bar that is 10."""
 
@@ -36,10 +40,16 @@ def plot(draw: Callable[[Axes], None]) -> str:
 
 def inline_svg(figure: Figure) -> str:
     """Return a figure as it may stand in a page."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
+    text = svg_text(figure)
     return text[text.index("<svg") :].replace("<svg", "<svg class=plot", 1)
+
+
+def svg_text(figure: Figure) -> str:
+    """Return a figure as the text of an SVG file: the same every time, without its date and with ids made of contents."""
+    buffer = io.StringIO()
+    with rc_context({"svg.hashsalt": SALT}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    return buffer.getvalue()
 
 
 def small_bars(counts: Sequence[float]) -> str:

@@ -24,9 +24,9 @@ MAX_SPREADS = 40
 """So many numbers of the data are shown."""
 
 ERRORS_CAPTION = (
-    "How often which one-step error occurs on unseen runs, against the physics that teaches emulators. Errors are "
-    "the root mean square over all numbers that move, each in standard deviations of its change in a super step: at 1 "
-    "the emulator knows no more than how much things change on average."
+    "How often which one-step error occurs on unseen runs, against {}. Errors are the root mean square over all numbers "
+    "that move, each in standard deviations of its change in a super step: at 1 the emulator knows no more than how much "
+    "things change on average."
 )
 
 WEAK_CAPTION = (
@@ -54,16 +54,17 @@ COVERAGE_CAPTION = (
 
 def inspection_html(inspection: Inspection) -> str:
     """Return the sections of one emulator."""
+    truth = "the recordings" if inspection.is_recorded else "the physics that teaches emulators"
     parts = [
         "<h3>How large its errors are</h3>",
         plot(partial(_draw_errors, spread=inspection.errors)),
-        f"<p>{_spread_sentence(inspection)} {ERRORS_CAPTION}</p>",
+        f"<p>{_spread_sentence(inspection)} {ERRORS_CAPTION.format(truth)}</p>",
         "<h3>Where it is weak</h3>",
         _weak_table(inspection.weak_spots),
         "<h3>Error of each number</h3>",
         _component_table(inspection),
         "<h3>Its worst cases</h3>",
-        inline_svg(draw_segments(inspection.worst)),
+        inline_svg(draw_segments(inspection.worst, inspection.truth_name)),
         f"<p>{WORST_CAPTION}</p>",
         f"<h3>What {'the data' if inspection.has_data else 'unseen runs'} cover</h3>",
         _coverage_tables(inspection.coverage, has_data=inspection.has_data),

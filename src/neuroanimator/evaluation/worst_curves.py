@@ -25,15 +25,18 @@ MAX_OVER = 3.0
 """An emulator that leaves the physics' range by more than so many of it is drawn out of the picture."""
 
 
-def draw_segments(segments: Sequence[Segment]) -> Figure:
-    """Return a figure with a row for each segment: the numbers that are most wrong in it, by physics and emulator."""
+def draw_segments(segments: Sequence[Segment], truth_name: str = "physics") -> Figure:
+    """Return a figure with a row for each segment: the numbers that are most wrong in it, by physics and emulator.
+
+    `truth_name` is what the legend calls the physics.
+    """
     count = len(segments[0].curves)
     size = (WIDTH, ROW_HEIGHT * len(segments))
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(len(segments), count, squeeze=False)
     for row, segment in zip(panels, segments, strict=True):
         for axes, curve in zip(row, segment.curves, strict=True):
-            _draw(axes, segment, curve)
+            _draw(axes, segment, curve, truth_name)
         row[0].set_title(
             f"run {segment.run + 1}, from {segment.start:.2g} s: error {segment.error:.2g}",
             fontsize=SMALL,
@@ -45,10 +48,10 @@ def draw_segments(segments: Sequence[Segment]) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, segment: Segment, curve: Curve) -> None:
+def _draw(axes: Axes, segment: Segment, curve: Curve, truth_name: str) -> None:
     """Draw one number of a segment."""
     times = segment.start + np.arange(len(curve.physics)) * segment.dt
-    axes.plot(times, curve.physics, color=PHYSICS, lw=1.2, label="physics")
+    axes.plot(times, curve.physics, color=PHYSICS, lw=1.2, label=truth_name)
     axes.plot(times, curve.emulated, "o-", color=EMULATOR, ms=2, lw=0.6, label="emulator")
     # Matplotlib reads what is between dollars as formulas.
     label = printable(f"{curve.name} [{curve.unit}]").replace("$", r"\$")

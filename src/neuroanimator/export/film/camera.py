@@ -11,6 +11,7 @@ from jaxtyping import Float
 from neuroanimator.animation.clip import Clip
 from neuroanimator.export.film.bounding_boxes import BoundingBoxes, bounding_boxes
 from neuroanimator.export.film.options import Film
+from neuroanimator.export.film.takes import Take
 from neuroanimator.state.rotation import heading_of
 
 FIELD_OF_VIEW = 40.0
@@ -51,6 +52,9 @@ EMERGED = 0.5
 
 LEAPING = 0.1
 """A body leaps if its middle comes so high over the water, over its size."""
+
+MAX_GHOST_ROOM = 3.0
+"""The camera goes at most so many times further away to have a ghost that goes astray in the picture."""
 
 MIN_SIZE = 1e-3
 """A body is never taken as smaller than this [m]."""
@@ -137,6 +141,27 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
         clearance = MIN_CLEARANCE * size
         position[:, 2] = _on_one_side(position[:, 2], surface, clearance, is_under_water)
     return Shots(lookat, position, size, is_under_water)
+
+
+def take_shots(take: Take, film: Film, surface: float | None = None) -> Shots:
+    """Return the camera in every image of a take, with room for its ghost; at the end of its clips it stays."""
+    shots = shots_of(take.clips, film, surface)
+    lookat = shots.lookat
+    position = shots.position
+    if take.ghost is not None:
+        astray = _distance_apart(take.clips[0], take.ghost)
+        room = min(1 + astray / shots.size, MAX_GHOST_ROOM)
+        position = lookat + room * (position - lookat)
+    index = np.minimum(np.arange(take.frames), len(lookat) - 1)
+    return shots._replace(lookat=lookat[index], position=position[index])
+
+
+def _distance_apart(clip: Clip, ghost: Clip) -> float:
+    """Return how far apart the middles of two motions of a body come [m]."""
+    centres = bounding_boxes([clip]).centres
+    others = bounding_boxes([ghost]).centres
+    frames = min(len(centres), len(others))
+    return float(np.linalg.norm(centres[:frames] - others[:frames], axis=1).max())
 
 
 def _size_and_distance(framing: _Framing, film: Film) -> tuple[float, float]:

@@ -12,33 +12,55 @@ import numpy as np
 from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.export.film.options import Film, checked_film
+from neuroanimator.export.film.takes import Take
 
 
-def pack_clips(clips: Sequence[Clip], film: Film) -> bytes:
+def pack_takes(takes: Sequence[Take], film: Film) -> bytes:
     """Return all that the drawing process needs, as the bytes of an .npz file."""
-    rows = [
-        {"name": clip.name, "definition": clip.definition, "skeleton": clip.skeleton.to_json()}
-        for clip in clips
-    ]
-    description = {"size": list(film.size), "camera": film.camera, "clips": rows}
-    arrays: dict[str, Any] = {"description": np.array(json.dumps(description))}
-    for number, clip in enumerate(clips):
-        arrays[f"times{number}"] = clip.times
-        arrays[f"states{number}"] = clip.states
+    arrays: dict[str, Any] = {}
+    rows = []
+    for number, take in enumerate(takes):
+        clips = []
+        for place, clip in enumerate(take.everything):
+            clips.append(
+                {
+                    "name": clip.name,
+                    "definition": clip.definition,
+                    "skeleton": clip.skeleton.to_json(),
+                }
+            )
+            arrays[f"times {number} {place}"] = clip.times
+            arrays[f"states {number} {place}"] = clip.states
+        has_ghost = take.ghost is not None
+        rows.append(
+            {"clips": clips, "has_ghost": has_ghost, "caption": take.caption, "held": take.held}
+        )
+    description = {
+        "size": list(film.size),
+        "camera": film.camera,
+        "is_quick": film.is_quick,
+        "takes": rows,
+    }
+    arrays["description"] = np.array(json.dumps(description))
     content = io.BytesIO()
     np.savez(content, **arrays)
     return content.getvalue()
 
 
-def unpack_clips(content: bytes) -> tuple[list[Clip], Film]:
-    """Return what `pack_clips` was given."""
+def unpack_takes(content: bytes) -> tuple[list[Take], Film]:
+    """Return what `pack_takes` was given."""
     arrays = np.load(io.BytesIO(content), allow_pickle=False)
     description = json.loads(str(arrays["description"]))
-    clips = []
-    for number, row in enumerate(description["clips"]):
-        skeleton = Skeleton.from_json(row["skeleton"])
-        times = arrays[f"times{number}"]
-        states = arrays[f"states{number}"]
-        clips.append(Clip(row["name"], skeleton, times, states, row["definition"]))
+    takes = []
+    for number, row in enumerate(description["takes"]):
+        clips = []
+        for place, described in enumerate(row["clips"]):
+            skeleton = Skeleton.from_json(described["skeleton"])
+            times = arrays[f"times {number} {place}"]
+            states = arrays[f"states {number} {place}"]
+            clips.append(Clip(described["name"], skeleton, times, states, described["definition"]))
+        ghost = clips.pop() if row["has_ghost"] else None
+        takes.append(Take(tuple(clips), ghost, row["caption"], row["held"]))
     width, height = description["size"]
-    return clips, checked_film((width, height), description["camera"])
+    film = checked_film((width, height), description["camera"], is_quick=description["is_quick"])
+    return takes, film

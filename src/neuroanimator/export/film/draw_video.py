@@ -1,65 +1,111 @@
-"""Clips drawn image by image by MuJoCo and encoded as they come: what the drawing process of a video does."""
+"""Takes drawn image by image by MuJoCo and encoded as they come: what the drawing process of a video does."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import imageio_ffmpeg
 import mujoco
 import numpy as np
+from jaxtyping import UInt8
 
-from neuroanimator.animation.clip import Clip
 from neuroanimator.export.film.camera import Shots
-from neuroanimator.export.film.clip_bytes import unpack_clips
+from neuroanimator.export.film.caption import caption_image
+from neuroanimator.export.film.clip_bytes import unpack_takes
 from neuroanimator.export.film.options import Film
 from neuroanimator.export.film.rigid_scene import RigidScene
 from neuroanimator.export.film.scene import Scene
 from neuroanimator.export.film.skeleton_scene import Setting, SkeletonScene
+from neuroanimator.export.film.takes import Take
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
-SAMPLES = 8
-"""Points a pixel is sampled at; OpenGL gives as many as it has, software 4."""
 
-SHADOW_MAP = 4096
-"""A side of the shadow map [texels]: shadows have edges finer than a pixel."""
+class Quality(NamedTuple):
+    """How finely images are drawn."""
 
-ENCODER = ["-preset", "veryfast", "-crf", "18", "-movflags", "+faststart"]
-"""What ffmpeg is told: H.264 without visible loss; slower presets make files a fifth smaller and take as long as
-drawing."""
+    samples: int
+    """Points a pixel is sampled at; OpenGL gives as many as it has, software 4."""
+    shadow_map: int
+    """A side of the shadow map [texels]."""
+    scale: int
+    """Images are drawn so many times larger, and made smaller by averaging."""
+    loss: int
+    """ffmpeg's constant rate factor: 18 shows no loss, 6 more halve the file."""
+
+
+FINE = Quality(samples=8, shadow_map=4096, scale=1, loss=18)
+"""Shadows have edges finer than a pixel."""
+
+QUICK = Quality(samples=0, shadow_map=1024, scale=2, loss=27)
+"""Software samples a pixel at four points in twice the time it takes to draw four pixels."""
+
+ENCODER = ["-preset", "veryfast", "-movflags", "+faststart"]
+"""What ffmpeg is told: slower presets make files a fifth smaller and take as long as drawing."""
 
 BLOCK = 2
 """H.264 wants sides that are multiples of so many pixels."""
 
 
 def draw_video(out: str, content: bytes) -> None:
-    """Write the video of clips, packed by `pack_clips`, to `out`; print the number of each image as it is done."""
-    clips, film = unpack_clips(content)
-    scene = scene_of(clips, film)
-    width, height = film.size
-    visual = scene.model.vis
-    visual.global_.offwidth = width
-    visual.global_.offheight = height
-    visual.quality.offsamples = SAMPLES
-    visual.quality.shadowsize = SHADOW_MAP
+    """Write the takes, packed by `pack_takes`, to `out`; print the number of each image as it is done."""
+    takes, film = unpack_takes(content)
+    quality = _quality(film)
     writer = imageio_ffmpeg.write_frames(
         out,
         film.size,
-        fps=clips[0].rate,  # pyright: ignore[reportArgumentType]
+        fps=takes[0].clips[0].rate,  # pyright: ignore[reportArgumentType]
         quality=None,  # pyright: ignore[reportArgumentType]
         macro_block_size=BLOCK,
-        output_params=ENCODER,
+        output_params=[*ENCODER, "-crf", str(quality.loss)],
     )
     writer.send(None)
+    done = 0
+    for take in takes:
+        for image in _images(take, film):
+            writer.send(np.ascontiguousarray(image))
+            done += 1
+            print(done, flush=True)
+    writer.close()
+
+
+def _images(take: Take, film: Film) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
+    """Yield the images of a take, one after another."""
+    quality = _quality(film)
+    width, height = (quality.scale * side for side in film.size)
+    caption = caption_image(take.caption, film.size)
+    scene = scene_of(take, film)
+    visual = scene.model.vis
+    visual.global_.offwidth = width
+    visual.global_.offheight = height
+    visual.quality.offsamples = quality.samples
+    visual.quality.shadowsize = quality.shadow_map
     with mujoco.Renderer(scene.model, height, width) as renderer:
         scene.prepare(renderer.scene)
-        for frame in range(len(scene.shots.lookat)):
+        for frame in range(take.frames):
             scene.pose(frame)
             renderer.update_scene(scene.data, camera=_camera(scene.shots, frame))
             scene.fill(renderer.scene)
-            writer.send(np.ascontiguousarray(renderer.render()))
-            print(frame + 1, flush=True)
-    writer.close()
+            image = averaged(renderer.render(), quality.scale)
+            if len(caption):
+                image[-len(caption) :] = caption
+            yield image
+            if frame == take.frames - 1:
+                yield from [image] * take.held
+
+
+def _quality(film: Film) -> Quality:
+    return QUICK if film.is_quick else FINE
+
+
+def averaged(image: UInt8[np.ndarray, "H W 3"], scale: int) -> UInt8[np.ndarray, "h w 3"]:
+    """Return the image with the mean of each `scale` times `scale` pixels as one."""
+    if scale == 1:
+        return image
+    height, width, _ = image.shape
+    tiles = image.reshape(height // scale, scale, width // scale, scale, 3)
+    return tiles.mean(axis=(1, 3), dtype=np.float32).astype(np.uint8)
 
 
 def _camera(shots: Shots, frame: int) -> mujoco.MjvCamera:
@@ -70,9 +116,9 @@ def _camera(shots: Shots, frame: int) -> mujoco.MjvCamera:
     return camera
 
 
-def scene_of(clips: Sequence[Clip], film: Film) -> Scene:
-    """Return what is filmed of `clips`: rigid bodies as MuJoCo has them, others as their skeletons have them."""
-    system = carried_system(clips[0].name, clips[0].definition)
+def scene_of(take: Take, film: Film) -> Scene:
+    """Return what is filmed of a take: rigid bodies as MuJoCo has them, others as their skeletons have them."""
+    system = carried_system(take.clips[0].name, take.clips[0].definition)
     if isinstance(system, MujocoSystem):
-        return RigidScene(system, clips, film)
-    return SkeletonScene(clips, film, Setting(system.water_surface, system.has_ground))
+        return RigidScene(system, take, film)
+    return SkeletonScene(take, film, Setting(system.water_surface, system.has_ground))

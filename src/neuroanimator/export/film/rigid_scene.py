@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
-from neuroanimator.animation.clip import Clip
-from neuroanimator.export.film.camera import FIELD_OF_VIEW, shots_of
+from neuroanimator.export.film.camera import FIELD_OF_VIEW, take_shots
 from neuroanimator.export.film.options import Film
+from neuroanimator.export.film.takes import Take
+from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
 NEAREST = 0.05
@@ -27,11 +27,13 @@ SHADOW_REACH = 3.0
 
 
 class RigidScene:
-    """A system's own MuJoCo model; of several clips, the others' bodies in the same place."""
+    """A system's own MuJoCo model; of several clips, the others' bodies in the same place, and the ghost among them."""
 
-    def __init__(self, system: MujocoSystem, clips: Sequence[Clip], film: Film):
+    def __init__(self, system: MujocoSystem, take: Take, film: Film):
         self.model = copy.deepcopy(system.model)
-        self.shots = shots_of(clips, film)
+        self.shots = take_shots(take, film)
+        self._has_ghost = take.ghost is not None
+        clips = take.everything
         self._states = [clip.states[:, : self.model.nq] for clip in clips]
         self._datas = [mujoco.MjData(self.model) for _ in clips]
         self.data = self._datas[0]
@@ -65,5 +67,13 @@ class RigidScene:
         option = mujoco.MjvOption()
         perturbation = mujoco.MjvPerturb()
         moving = mujoco.mjtCatBit.mjCAT_DYNAMIC
+        before = scene.ngeom
         for data in self._datas[1:]:
+            before = scene.ngeom
             mujoco.mjv_addGeoms(self.model, data, option, perturbation, moving, scene)
+        if self._has_ghost:
+            for number in range(before, scene.ngeom):
+                geom = scene.geoms[number]
+                geom.matid = -1
+                geom.rgba[:] = GHOST_RGBA
+                geom.size[:] *= GHOST_GROWTH

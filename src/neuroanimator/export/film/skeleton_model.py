@@ -43,20 +43,32 @@ def add_bone(spec: mujoco.MjSpec, name: str, bone: Bone) -> None:
         )
 
 
-def add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, mesh: SkinMesh) -> None:
-    """Add a skin that follows the bones called `prefix` and their number; its colours are a texture."""
+def add_skin(
+    spec: mujoco.MjSpec,
+    prefix: str,
+    skeleton: Skeleton,
+    mesh: SkinMesh,
+    colour: tuple[float, float, float, float] | None = None,
+) -> mujoco.MjsSkin:
+    """Add and return a skin that follows the bones called `prefix` and their number.
+
+    Its colours are a texture, or all one `colour`.
+    """
     assert skeleton.skin is not None
     name = f"{prefix}skin"
-    spec.add_texture(
-        name=name,
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        width=PALETTE_WIDTH,
-        height=PALETTE_HEIGHT,
-        nchannel=3,
-        data=_palette(skeleton.skin).ravel().tolist(),
-    )
     material = spec.add_material(name=name, specular=SPECULAR, shininess=SHININESS)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+    if colour is None:
+        spec.add_texture(
+            name=name,
+            type=mujoco.mjtTexture.mjTEXTURE_2D,
+            width=PALETTE_WIDTH,
+            height=PALETTE_HEIGHT,
+            nchannel=3,
+            data=_palette(skeleton.skin).ravel().tolist(),
+        )
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+    else:
+        material.rgba = colour
     coloured = PALETTE_WIDTH - 1 - 2 * PALETTE_MARGIN
     across = (PALETTE_MARGIN + mesh.shades * coloured + 0.5) / PALETTE_WIDTH
     texture_points = np.stack([across, np.full_like(across, 0.5)], axis=1)
@@ -75,6 +87,7 @@ def add_skin(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, mesh: SkinMes
         weights_of_bones.append(weights[weights > 0].tolist())
     skin.vertid = points_of_bones
     skin.vertweight = weights_of_bones
+    return skin
 
 
 def _palette(skin: Skin) -> UInt8[np.ndarray, "H W 3"]:

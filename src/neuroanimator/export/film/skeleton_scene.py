@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import mujoco
@@ -13,9 +13,11 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import skin_mesh
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
-from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots, shots_of
+from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots, take_shots
 from neuroanimator.export.film.options import Film
 from neuroanimator.export.film.skeleton_model import add_bone, add_skin
+from neuroanimator.export.film.takes import Take
+from neuroanimator.export.ghost import GHOST_RGBA
 
 SEABED_DEPTH = 0.45
 """How far the seabed lies under the deepest point of the motion, over the body's size."""
@@ -28,6 +30,9 @@ SHADOW_REACH = 1.6
 
 HALF_WIDTH = 60.0
 """Half the width of floor and water, over the body's size."""
+
+GHOST_SWELLING = 0.004
+"""How much further out a ghost's surface is drawn, over the body's size: it shows no spots where both are the same."""
 
 WATER_THICKNESS = 0.002
 """Half the thickness of the water's surface, over the body's size."""
@@ -97,19 +102,20 @@ ON_GROUND = Colours(
 class SkeletonScene:
     """A MuJoCo model that shows motions of bones in a sea or a hall, image by image."""
 
-    def __init__(self, clips: Sequence[Clip], film: Film, setting: Setting):
-        frames = max(len(clip.times) for clip in clips)
-        poses = [_held_poses(clip, frames) for clip in clips]
+    def __init__(self, take: Take, film: Film, setting: Setting):
+        poses = [_held_poses(clip, take.frames) for clip in take.everything]
         self.positions = np.concatenate([positions for positions, _ in poses], axis=1)
         self.orientations = np.concatenate([orientations for _, orientations in poses], axis=1)
-        self.shots = shots_of(clips, film, setting.surface)
+        self.shots = take_shots(take, film, setting.surface)
         floor = 0.0
         if not setting.has_ground:
-            lowest = float(bounding_boxes(clips).low[:, 2].min())
+            lowest = float(bounding_boxes(take.clips).low[:, 2].min())
             floor = lowest - SEABED_DEPTH * self.shots.size
         spec = mujoco.MjSpec.from_string(_place_mjcf(self.shots, floor, setting))
-        for number, clip in enumerate(clips):
+        for number, clip in enumerate(take.clips):
             _add_skeleton(spec, f"{number} ", clip.skeleton)
+        if take.ghost is not None:
+            _add_ghost(spec, "ghost ", take.ghost.skeleton, GHOST_SWELLING * self.shots.size)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
 
@@ -140,6 +146,27 @@ def _add_skeleton(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton) -> None:
         add_bone(spec, f"{prefix}bone{number}", bone)
     if skeleton.skin is not None:
         add_skin(spec, prefix, skeleton, skin_mesh(skeleton))
+
+
+def _add_ghost(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, swelling: float) -> None:
+    """Add what moves of a skeleton, and its skin, in the one colour of ghosts; its names after `prefix`.
+
+    It is larger on all sides by `swelling` [m].
+    """
+    for number, bone in enumerate(skeleton.bones):
+        shapes = bone.shapes if skeleton.is_moved(number) else ()
+        tinted = tuple(
+            replace(
+                shape,
+                colour=GHOST_RGBA,
+                size=tuple(length + swelling for length in shape.size),
+            )
+            for shape in shapes
+        )
+        add_bone(spec, f"{prefix}bone{number}", replace(bone, shapes=tinted))
+    if skeleton.skin is not None:
+        skin = add_skin(spec, prefix, skeleton, skin_mesh(skeleton), colour=GHOST_RGBA)
+        skin.inflate = swelling
 
 
 def _held_poses(

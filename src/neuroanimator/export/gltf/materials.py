@@ -6,13 +6,8 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from neuroanimator.appearance.skeleton import Shape, Skeleton
+from neuroanimator.export.ghost import GHOST_COLOUR, GHOST_OPACITY
 from neuroanimator.export.gltf.colour import linear_of
-
-GHOST_COLOUR = (0.95, 0.1, 0.7)
-"""The sRGB colour of a ghost: a magenta that no body has."""
-
-GHOST_OPACITY = 0.45
-"""The opacity of a ghost: the body behind stays visible, and the ghost too where it is elsewhere."""
 
 MAX_FLOOR_THICKNESS = 0.05
 """A box in the scenery that is thinner than this share of its other sides is a floor."""

@@ -1,0 +1,132 @@
+"""The worst cases of an emulator as a file: a film of bodies, or curves of whatever there is."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.animation.clip import Clip, make_clip
+from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.inspection import Inspection
+from neuroanimator.evaluation.plots import svg_text
+from neuroanimator.evaluation.worst_curves import draw_segments
+from neuroanimator.evaluation.worst_segments import Segment
+from neuroanimator.export.film.takes import Take
+from neuroanimator.export.film.video import write_takes
+from neuroanimator.storage.files import write_whole
+from neuroanimator.text import short_number
+
+FORMATS = (".mp4", ".png", ".svg")
+"""How the names of files of worst cases end."""
+
+SIZE = (640, 360)
+"""Width and height of the film [pixels]: small enough to lie in a page, and to be drawn in seconds."""
+
+SLOWER = 2.0
+"""So many times slower than it happens: what goes wrong goes wrong within a super step or two."""
+
+RATE = 20.0
+"""Images a second of the film."""
+
+HELD_SECONDS = 0.5
+"""The film stays so long on the end of each case [s]."""
+
+WORST_TITLE = "The worst cases as a film"
+"""The heading of the film in a report."""
+
+WORST_WORDS = (
+    "The unseen segments with the largest errors, half as fast as they happen: the physics, and in magenta the emulator "
+    "from the same state under the same controls. Off by: root mean square error, over how far runs get in this time."
+)
+"""What stands below it."""
+
+DPI = 130
+"""Pixels an inch of a PNG file."""
+
+
+def check_worst_path(path: Path, emulators: Sequence[Emulator]) -> None:
+    """Raise ArgumentError for a file name that their worst cases cannot be written to."""
+    if path.suffix not in FORMATS:
+        raise ArgumentError(f"worst: '{path.name}' ends in none of {', '.join(FORMATS)}.")
+    for emulator in emulators:
+        if path.suffix == ".mp4" and not emulator.skeleton.bones:
+            raise ArgumentError(
+                f"worst: {path.name} shows bodies, and {emulator.system} has none, only numbers. Use .svg or .png."
+            )
+
+
+def write_worst(
+    emulators: Emulator | Sequence[Emulator],
+    inspections: Inspection | Sequence[Inspection],
+    path: str | Path,
+) -> None:
+    """Write the worst segments that `na.inspect` found of one emulator, or of several, to `path`.
+
+    `.mp4` is a film: the physics, and the emulator as a translucent ghost in the same place, half as fast as it happens.
+    `.svg` and `.png` are curves of what is most wrong. Raises ArgumentError for other endings, and for a film of what
+    has no bodies; ResourceError where nothing can be drawn.
+    """
+    path = Path(path)
+    several = [emulators] if isinstance(emulators, Emulator) else list(emulators)
+    found = [inspections] if isinstance(inspections, Inspection) else list(inspections)
+    check_worst_path(path, several)
+    if path.suffix == ".mp4":
+        takes = []
+        for emulator, inspection in zip(several, found, strict=True):
+            takes += _takes(emulator, inspection)
+        write_takes(takes, path, size=SIZE, is_quick=True)
+        return
+    segments = [segment for inspection in found for segment in inspection.worst]
+    figure = draw_segments(segments, found[0].truth_name)
+    if path.suffix == ".svg":
+        write_whole(path, svg_text(figure).encode())
+        return
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=DPI)
+    write_whole(path, content.getvalue())
+
+
+def film_html(path: Path) -> str:
+    """Return the film at `path` as part of a page that needs no other file."""
+    content = base64.b64encode(path.read_bytes()).decode("ascii")
+    source = f"data:video/mp4;base64,{content}"
+    return f'<video controls loop muted playsinline src="{source}"></video><p>{WORST_WORDS}</p>'
+
+
+def _takes(emulator: Emulator, inspection: Inspection) -> list[Take]:
+    takes = []
+    for number, segment in enumerate(inspection.worst, start=1):
+        physics = _slow_clip(emulator, segment.physics, "physics")
+        ghost = _slow_clip(emulator, segment.emulated, "emulator")
+        caption = (
+            f"{emulator.system}, n = {emulator.substeps}, worst {number} of {len(inspection.worst)}: "
+            f"{_error_words(segment)}. Magenta: the emulator"
+        )
+        takes.append(Take((physics,), ghost, caption, round(HELD_SECONDS * RATE)))
+    return takes
+
+
+def _error_words(segment: Segment) -> str:
+    return f"off by {short_number(segment.error)}, most of all in {segment.component}"
+
+
+def _slow_clip(emulator: Emulator, states: Float[np.ndarray, "T1 S"], source: str) -> Clip:
+    """Return the clip of a segment in slow motion."""
+    clip = make_clip(emulator, _sound(states), rate=SLOWER * RATE, source=source)
+    return replace(clip, times=np.arange(len(clip.states)) / RATE)
+
+
+def _sound(states: Float[np.ndarray, "T1 S"]) -> Float[np.ndarray, "T1 S"]:
+    """Return a trajectory that stays where it was last when it comes to no usable numbers."""
+    with np.errstate(invalid="ignore"):
+        is_sound = (np.abs(states) < MAX_MAGNITUDE).all(axis=1)
+    last = len(states) if is_sound.all() else int(np.argmin(is_sound))
+    index = np.minimum(np.arange(len(states)), max(last - 1, 0))
+    return states[index]

@@ -1,0 +1,130 @@
+"""The worst cases of an emulator as a film or as curves; what cannot be drawn is refused before any work is done."""
+
+from __future__ import annotations
+
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from conftest import Cli
+
+from neuroanimator import Emulator, inspect, write_worst
+from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.errors import ArgumentError, ResourceError
+from neuroanimator.evaluation.inspection import Inspection
+from neuroanimator.export import worst_cases
+from neuroanimator.export.film.caption import caption_image
+from neuroanimator.export.film.clip_bytes import pack_takes, unpack_takes
+from neuroanimator.export.film.draw_video import averaged
+from neuroanimator.export.film.options import Film
+from neuroanimator.export.film.video import graphics_backend
+from neuroanimator.export.worst_cases import _takes, film_html
+
+
+@pytest.fixture(scope="module")
+def found(shipped: Emulator) -> Inspection:
+    inspection = inspect(shipped, runs=4)
+    return replace(inspection, worst=inspection.worst[:2])
+
+
+@pytest.fixture(scope="module")
+def without_bodies(shipped: Emulator) -> Emulator:
+    return replace(shipped, spec=replace(shipped.spec, skeleton=Skeleton(())))
+
+
+def test_a_film_shows_every_worst_case_at_half_its_speed(
+    shipped: Emulator, found: Inspection, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    if graphics_backend() is None:
+        with pytest.raises(ResourceError, match="No OpenGL"):
+            write_worst(shipped, found, tmp_path / "worst.mp4")
+        return
+    monkeypatch.setattr(worst_cases, "SIZE", (64, 36))
+    monkeypatch.setattr(worst_cases, "RATE", 6.0)
+    write_worst(shipped, found, tmp_path / "worst.mp4")
+    ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+    raw = subprocess.run(
+        [ffmpeg, "-loglevel", "error", "-i", tmp_path / "worst.mp4", "-f", "rawvideo", "-"],
+        capture_output=True,
+        check=True,
+    ).stdout
+    seconds = len(found.worst) * (2 * 1.0 + worst_cases.HELD_SECONDS)
+    images = len(raw) / (64 * 36 * 3 / 2)
+    assert images == pytest.approx(seconds * worst_cases.RATE, abs=2 * len(found.worst))
+    page = film_html(tmp_path / "worst.mp4")
+    assert page.startswith("<video controls")
+    assert 'src="data:video/mp4;base64,' in page
+
+
+def test_takes_are_what_they_were_after_their_way_to_the_drawing_process(
+    shipped: Emulator, found: Inspection
+):
+    takes = _takes(shipped, found)
+    film = Film((64, 36), is_quick=True)
+    again, film_again = unpack_takes(pack_takes(takes, film))
+    assert film_again == film
+    for take, other in zip(takes, again, strict=True):
+        assert (other.caption, other.held, other.frames) == (take.caption, take.held, take.frames)
+        for clip, clip_again in zip(take.everything, other.everything, strict=True):
+            np.testing.assert_array_equal(clip.states, clip_again.states)
+        assert other.ghost is not None
+
+
+@pytest.mark.parametrize("name", ["worst.svg", "worst.png"])
+def test_curves_need_no_bodies(
+    name: str, without_bodies: Emulator, found: Inspection, tmp_path: Path
+):
+    write_worst(without_bodies, found, tmp_path / name)
+    first = (tmp_path / name).read_bytes()
+    write_worst(without_bodies, found, tmp_path / name)
+    assert (tmp_path / name).read_bytes() == first
+    assert len(first) > 10_000
+
+
+def test_a_film_of_no_bodies_is_refused_with_what_to_do(
+    without_bodies: Emulator, found: Inspection, tmp_path: Path
+):
+    with pytest.raises(ArgumentError, match=r"has none, only numbers. Use \.svg or \.png"):
+        write_worst(without_bodies, found, tmp_path / "worst.mp4")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_line_refuses_other_endings_before_any_work_is_done(cli: Cli, tmp_path: Path):
+    refused = cli("evaluate", "pendulum-50", "--worst", tmp_path / "worst.gif")
+    assert refused.returncode == 2
+    assert "worst: 'worst.gif' ends in none of .mp4, .png, .svg" in refused.stderr
+    assert refused.stderr.count("\n") == 1
+
+
+def test_an_emulator_that_comes_to_no_numbers_stays_where_it_was_last(
+    shipped: Emulator, found: Inspection
+):
+    broken = np.array(found.worst[0].emulated)
+    broken[3:] = np.nan
+    segments = (replace(found.worst[0], emulated=broken),)
+    [take] = _takes(shipped, replace(found, worst=segments))
+    assert take.ghost is not None
+    assert np.isfinite(take.ghost.states).all()
+    np.testing.assert_allclose(take.ghost.states[-1], broken[2], atol=1e-6)
+
+
+def test_captions_fit_and_hold_no_formulas():
+    for text in ("short", "$x_{1}$ \x1b[2J " * 10):
+        image = caption_image(text, (320, 180))
+        assert image.shape[1:] == (320, 3)
+        assert 0 < len(image) < 20
+        # The margins stay dark: nothing is cut off.
+        assert image[:, :2].max() < 60
+        assert image[:, -2:].max() < 60
+    assert len(caption_image("", (320, 180))) == 0
+
+
+def test_averaging_keeps_the_mean():
+    image = np.random.default_rng(0).integers(0, 255, (8, 12, 3), dtype=np.uint8)
+    small = averaged(image, 2)
+    assert small.shape == (4, 6, 3)
+    assert small.mean() == pytest.approx(image.mean(), abs=1)
+    assert averaged(image, 1) is image
