@@ -24,7 +24,7 @@ from neuroanimator.tables import Finite, Share, Step, Table
 Integrator = Literal["euler", "implicit", "implicitfast", "rk4"]
 """These are our names of MuJoCo's integrators."""
 
-Feature = Literal["sine", "plain", "cyclic", "free", "ball", "planar"]
+Feature = Literal["sine", "plain", "cyclic", "free", "placed", "ball", "planar"]
 """A joint is represented to the network by one of these; `systems.rigid.joints.FEATURES` says which suit it."""
 
 
@@ -78,7 +78,7 @@ class Sampling(Table):
     """Whether a start in which something lies in the ground is lifted out of it, by a free root or a vertical slide."""
     position: dict[str, Spread] = Field(default={})
     """Per hinge or slide: half the width of the uniform spread around rest, or its two ends [rad or m]; a ball's standard
-    deviation [rad]."""
+    deviation [rad]; of a free joint whose place matters half the width along x and y [m]."""
     velocity: dict[str, tuple[Annotated[float, Field(ge=0, le=1e4)], ...]] = Field(default={})
     """Per joint: standard deviation of each of its velocities [rad/s or m/s]; a root's along its own axes."""
 

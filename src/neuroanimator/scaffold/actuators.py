@@ -53,7 +53,7 @@ def possible_controls(
     model: mujoco.MjModel, bounds: Bounds
 ) -> tuple[Float[np.ndarray, " C"], Float[np.ndarray, " C"]]:
     """Return the least and the largest controls that might hold the model: `bounds`, but any where it gives no range."""
-    is_limited = model.actuator_ctrllimited.astype(bool)
+    is_limited = np.array([control_range(model, i) is not None for i in range(model.nu)], bool)
     low = np.where(is_limited, bounds.low, np.minimum(bounds.low, -ANY))
     high = np.where(is_limited, bounds.high, np.maximum(bounds.high, ANY))
     return low, high
@@ -66,7 +66,7 @@ def wide_enough(
     wide = {}
     for actuator, (name, (low, high)) in enumerate(bounds.items()):
         wide[name] = (low, high)
-        if not model.actuator_ctrllimited[actuator] and not servo_of(model, actuator):
+        if control_range(model, actuator) is None and not servo_of(model, actuator):
             needed = tidy(2 * abs(float(held[actuator])), 2)
             wide[name] = (min(low, -needed), max(high, needed))
     return wide

@@ -12,6 +12,7 @@ from neuroanimator.parsing.names import model_name
 from neuroanimator.scaffold.holding import Hold
 from neuroanimator.scaffold.motion import FAR, OFF_MIDDLE, Motion, free_spread, system_of
 from neuroanimator.scaffold.surroundings import (
+    LEVEL,
     can_touch_ground,
     gravity_of,
     has_free_root,
@@ -24,7 +25,7 @@ from neuroanimator.scaffold.teacher import (
     Teacher,
     in_words,
 )
-from neuroanimator.systems.rigid.actuators import actuator_name
+from neuroanimator.systems.rigid.actuators import actuator_name, control_range
 from neuroanimator.systems.rigid.joints import joint_name, sensor_name
 from neuroanimator.systems.rigid.model_system import keyframe_name
 from neuroanimator.text import listed
@@ -95,7 +96,7 @@ def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
     low, high = found.whole[name]
     proposed = found.motion.values["control"][name]
     notes = []
-    if not model.actuator_ctrllimited[actuator]:
+    if control_range(model, actuator) is None:
         notes.append("the model gives no range: say what your motor can do")
     if found.hold.source and abs(found.hold.controls[actuator]) > OFF_MIDDLE * (high - low):
         notes.append(f"{found.hold.controls[actuator]:.3g} {found.hold.source}")
@@ -126,9 +127,25 @@ def _feature_note(model: mujoco.MjModel, values: dict[str, Any], joint: int) -> 
         return "nothing can tell where it stands"
     if feature == "planar":
         return "a root that moves in the plane"
+    if feature == "placed":
+        return _place_note(model, joint)
     if feature == "sine":
         return "may turn more than half round"
     return ""
+
+
+def _place_note(model: mujoco.MjModel, joint: int) -> str:
+    """Return why it matters where a free joint stands."""
+    note = "where it stands matters"
+    if np.sum(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) > 1:
+        return f"{note}: it is not the only free body"
+    pushing = [actuator_name(model, actuator) for actuator in world_axis_actuators(model)]
+    if pushing:
+        return f"{note}: {listed(pushing)} push it along the world's axes"
+    reason = what_tells_place(model, joint, LEVEL)
+    if reason:
+        return f"{note}: '{model_name(reason, reason)}' can tell"
+    return f"{note}: it is not the first joint"
 
 
 def _teacher_note(teacher: Teacher) -> str:
@@ -147,7 +164,7 @@ def warnings_about(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
     """Yield what the user should look at, one line each."""
     unlimited = []
     for actuator in range(model.nu):
-        if not model.actuator_ctrllimited[actuator]:
+        if control_range(model, actuator) is None:
             unlimited.append(actuator_name(model, actuator))
     if unlimited:
         yield (
@@ -189,16 +206,3 @@ def _root_warnings(model: mujoco.MjModel, hold: Hold) -> Iterator[str]:
                 f"{name}: there is no floor and no control holds it, so it falls for ever. Add a plane, or set "
                 'gravity="0 0 0" if it floats.'
             )
-    pushing = [actuator_name(model, actuator) for actuator in world_axis_actuators(model)]
-    if pushing:
-        yield (
-            f"control: {listed(pushing)} push {name} along the world's axes, so its heading matters, which an emulator does "
-            "not see. Put a site on the body, and let the actuators act there."
-        )
-    level = [np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])]
-    reason = what_tells_place(model, 0, level)
-    if reason:
-        yield (
-            f"{name}: '{model_name(reason, reason)}' makes it matter where the root stands, which an emulator does not "
-            "see. Expect errors near it, or take it out of the model."
-        )

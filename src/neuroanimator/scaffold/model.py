@@ -25,6 +25,7 @@ from neuroanimator.scaffold.holding import holding_controls
 from neuroanimator.scaffold.motion import TILTS, choose_motion, free_spread, system_of
 from neuroanimator.scaffold.surroundings import (
     can_touch_ground,
+    free_root_is_placed,
     gravity_of,
     has_contacts,
     has_free_root,
@@ -131,7 +132,7 @@ def _read_off(path: Path, model: mujoco.MjModel, keyframe: str, base: str) -> di
     step = float(model.opt.timestep)
     integrator = _own_integrator(model)
     planar = planar_root(model)
-    is_free = has_free_root(model)
+    is_free = has_free_root(model) and not free_root_is_placed(model)
     has_weight = bool(np.any(gravity_of(model)))
     has_ground = can_touch_ground(model)
     features = {}
@@ -140,7 +141,7 @@ def _read_off(path: Path, model: mujoco.MjModel, keyframe: str, base: str) -> di
         name = joint_name(model, joint)
         features[name] = proposed_feature(model, joint, planar)
         width = free_spread(model, joint)
-        if features[name] not in ("cyclic", "free") and width is not None:
+        if features[name] not in ("cyclic", "free", "placed") and width is not None:
             widths[name] = width
     for name in planar[:2]:
         widths.pop(name, None)
@@ -148,7 +149,7 @@ def _read_off(path: Path, model: mujoco.MjModel, keyframe: str, base: str) -> di
     if has_contacts(model):
         warm_up = WARM_UP
     tilt = 0.0
-    if is_free:
+    if has_free_root(model):
         tilt = TILTS[0]
     return {
         "name": usual_name(path),
@@ -201,6 +202,8 @@ def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...])
     kind = JOINT_NAMES[int(model.jnt_type[joint])]
     if joint_name(model, joint) in planar:
         return "planar"
+    if kind == "free" and (joint > 0 or free_root_is_placed(model)):
+        return "placed"
     if kind == "hinge":
         is_bounded = is_limited(model, joint) and np.ptp(model.jnt_range[joint]) < np.pi
         return "plain" if is_bounded else "sine"

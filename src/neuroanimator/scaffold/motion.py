@@ -11,7 +11,13 @@ from jaxtyping import Float
 
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import BadFileError
-from neuroanimator.scaffold.defaults import ANGLE_SPREAD, MAX_TURN, WANTED_SUPER_STEP, tidy
+from neuroanimator.scaffold.defaults import (
+    ANGLE_SPREAD,
+    FASTEST,
+    MAX_TURN,
+    WANTED_SUPER_STEP,
+    tidy,
+)
 from neuroanimator.scaffold.holding import Hold
 from neuroanimator.scaffold.surroundings import (
     actuated_joint,
@@ -33,6 +39,7 @@ from neuroanimator.scaffold.trials import (
 )
 from neuroanimator.state.rotation import rotate
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
+from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import progress_bar
@@ -70,6 +77,9 @@ BALL_SPREAD = 0.5
 TILTS = (0.1, 0.5)
 """A free root starts with a tilt of at least and at most this standard deviation [rad]."""
 
+
+REACHES = (0.05, 2.0)
+"""A free body whose place matters starts at least and at most so far from rest along x and y [m]."""
 
 UNDRIVEN_REACH = 1.0
 """A slide with a range in a part that nothing drives, such as a thing to be pushed, starts within this of rest [m]."""
@@ -222,24 +232,43 @@ def _fill_sampling(values: dict[str, Any], model: mujoco.MjModel) -> Trial | Non
     if trial.explodes:
         return None
     for view in system.views:
-        if view.kind == "free":
-            sampling["tilt"] = _usual_tilt(trial, view.position_entry + 3, system.rest)
-        elif view.feature in ("sine", "plain") and view.name not in sampling["position"]:
-            limits = (-FAR, FAR)
-            if is_limited(model, view.index):
-                limits = tuple(model.jnt_range[view.index])
-            ends = occurring_range(trial, view.position_entry, limits)
-            if view.feature == "sine" and ends[1] - ends[0] > 2 * np.pi:
-                sampling["position"][view.name] = ANGLE_SPREAD
-            else:
-                sampling["position"][view.name] = ends
-        elif view.kind == "ball" and view.name not in sampling["position"]:
-            sampling["position"][view.name] = BALL_SPREAD
+        _fill_joint(sampling, system, trial, view)
     sampling["velocity"] = usual_velocities(system, trial)
     trial = run_trial(system_of(values, model), values["substeps"])
     if trial.explodes:
         return None
     return trial
+
+
+def _fill_joint(
+    sampling: dict[str, Any], system: ModelSystem, trial: Trial, view: JointView
+) -> None:
+    """Fill in how random starts of one joint are spread, as `trial` shows it, unless that is said already."""
+    position = sampling["position"]
+    if view.feature == "placed":
+        position[view.name] = _usual_reach(trial, view.position_entry, system.rest)
+    if view.kind == "free" and view.index == 0:
+        sampling["tilt"] = _usual_tilt(trial, view.position_entry + 3, system.rest)
+    if view.name in position:
+        return
+    if view.kind == "ball":
+        position[view.name] = BALL_SPREAD
+    elif view.feature in ("sine", "plain"):
+        limits = (-FAR, FAR)
+        if is_limited(system.model, view.index):
+            limits = tuple(system.model.jnt_range[view.index])
+        ends = occurring_range(trial, view.position_entry, limits)
+        if view.feature == "sine" and ends[1] - ends[0] > 2 * np.pi:
+            position[view.name] = ANGLE_SPREAD
+        else:
+            position[view.name] = ends
+
+
+def _usual_reach(trial: Trial, entry: int, rest: Float[np.ndarray, " S"]) -> float:
+    """Return how far from rest a free body goes along x or y [m], seldom-reached places left out, within `REACHES`."""
+    level = slice(entry, entry + 2)
+    distances = np.abs(trial.states[..., level] - rest[level])
+    return two_digits(float(np.clip(np.percentile(distances, FASTEST), *REACHES)))
 
 
 def _usual_tilt(trial: Trial, entry: int, rest: Float[np.ndarray, " S"]) -> float:

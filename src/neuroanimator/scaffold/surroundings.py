@@ -100,6 +100,8 @@ def can_touch_ground(model: mujoco.MjModel) -> bool:
 
 def planar_root(model: mujoco.MjModel) -> tuple[str, ...]:
     """Return the joints x, y, heading of a root that moves freely in a level plane, or nothing."""
+    if (model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any():
+        return ()
     root = model.jnt_bodyid[0]
     joints = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] == root][:3]
     kinds = [JOINT_NAMES[int(model.jnt_type[joint])] for joint in joints]
@@ -139,6 +141,20 @@ def world_axis_actuators(model: mujoco.MjModel) -> list[int]:
         return []
     on_root = [i for i in _on_joints(model) if model.actuator_trnid[i][0] == 0]
     return [i for i in on_root if np.any(model.actuator_gear[i][:2])]
+
+
+LEVEL = (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+"""The level axes of the world."""
+
+
+def free_root_is_placed(model: mujoco.MjModel) -> bool:
+    """Return whether it matters where the free joint at the root stands, or which way it faces.
+
+    It does where another body is free, where something tells the place, and where actuators push along the world's axes.
+    """
+    if np.sum(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) > 1:
+        return True
+    return bool(what_tells_place(model, 0, LEVEL) or world_axis_actuators(model))
 
 
 def is_placeless(model: mujoco.MjModel, joint: int) -> bool:

@@ -24,8 +24,8 @@ TITLES = {
     "physics": "How the physics is stepped. Speed-ups are measured against step and integrator.\n"
     "# truth teaches; fine is the reference of every error, at most a tenth of the step.",
     "state": "How the network sees each joint.\n"
-    f"# hinge: {', '.join(FEATURES['hinge'][:3])}; slide: {', '.join(FEATURES['slide'][:2])}; ball: ball; free: free.\n"
-    "# cyclic: where it stands does not matter, how fast it moves does.",
+    f"# hinge: {', '.join(FEATURES['hinge'][:3])}; slide: {', '.join(FEATURES['slide'][:2])}; ball: ball; free: free, placed.\n"
+    "# cyclic: where it stands does not matter, how fast it moves does; free: nor which way it faces; placed: both matter.",
     "frame": "What of the root's position matters. ground: its height; probes: x, y, z, radius of feet [m];\n"
     "# planar: joints x, y, heading of a root that moves in a plane, where position and heading do not matter.",
     "control": "The least and the largest value of each actuator.",

@@ -10,6 +10,9 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import model_name
 from neuroanimator.state.layout import Bounds, Layout, Slice
 
+MUSCLE = (0.0, 1.0)
+"""A muscle is excited within this range, whatever it is told."""
+
 
 def actuator_name(model: mujoco.MjModel, actuator: int) -> str:
     """Return what an actuator is called; `actuator_3` if the model does not say."""
@@ -53,9 +56,10 @@ def bounds_of_actuators(model: mujoco.MjModel, given: Mapping[str, tuple[float, 
 
 
 def control_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float] | None:
-    """Return the least and largest control the model allows, or None if it does not say."""
+    """Return the least and largest control the model allows, or None if it does not say; a muscle's are `MUSCLE`."""
     if not model.actuator_ctrllimited[actuator]:
-        return None
+        is_muscle = model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_MUSCLE
+        return MUSCLE if is_muscle else None
     low, high = model.actuator_ctrlrange[actuator]
     return float(low), float(high)
 

@@ -29,9 +29,12 @@ FEATURES = {
     "hinge": ("sine", "plain", "cyclic", "planar"),
     "slide": ("plain", "cyclic", "planar"),
     "ball": ("ball",),
-    "free": ("free",),
+    "free": ("free", "placed"),
 }
-"""The features each kind of joint may be represented by, the proposed one first."""
+"""The features each kind of joint may be represented by, the proposed one first.
+
+Where a `free` joint stands, and its heading, do not matter; where a `placed` one stands does, as there is something else.
+"""
 
 
 @dataclass(frozen=True)
@@ -77,15 +80,19 @@ def joint_views(
     """Return the joints in the model's order.
 
     `features` says by a joint's name what represents it; a joint that is not there takes the first of its
-    kind's `FEATURES`. `planar` names the three joints of a root in the plane. Raises ArgumentError for a
-    feature a joint cannot have, an unknown joint, a free joint that is not the first, and planar joints out of order.
+    kind's `FEATURES`, a free one that is not alone `placed`. `planar` names the three joints of a root in the plane.
+    Raises ArgumentError for a feature a joint cannot have, an unknown joint, and planar joints out of order.
     """
     views = []
+    free_joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    has_one_root = free_joints.tolist() == [0]
     for joint in range(model.njnt):
         kind = JOINT_NAMES[int(model.jnt_type[joint])]
         name = joint_name(model, joint)
         is_planar = name in planar
         feature = features.get(name) or FEATURES[kind][0]
+        if kind == "free" and name not in features and not has_one_root:
+            feature = "placed"
         if is_planar:
             feature = "planar"
         if feature not in FEATURES[kind] or (feature == "planar") != is_planar:
@@ -115,11 +122,13 @@ def _check_names(views: list[JointView], wanted: list[str]) -> None:
 
 
 def _check_root(views: list[JointView], planar: tuple[str, ...]) -> None:
-    has_second_free_joint = any(view.kind == "free" for view in views[1:])
-    if has_second_free_joint:
-        raise ArgumentError(
-            "A free joint must be the model's first joint, and the only free one. Fix the other bodies in place."
-        )
+    roots = [view.name for view in views if view.kind == "free"]
+    for view in views:
+        if view.feature == "free" and (len(roots) > 1 or view.index > 0):
+            raise ArgumentError(
+                f"state.{view.name}: 'free' says that it does not matter where the body stands, so it must be the first joint, "
+                "and the only free one. Say 'placed'."
+            )
     if planar and not _is_planar_root(views, planar):
         raise ArgumentError(
             "frame.planar: wanted three joints x, y, heading, of which x and y follow each other."
@@ -127,7 +136,7 @@ def _check_root(views: list[JointView], planar: tuple[str, ...]) -> None:
 
 
 def _is_planar_root(views: list[JointView], planar: tuple[str, ...]) -> bool:
-    if len(planar) != 3 or views[0].kind == "free":
+    if len(planar) != 3 or any(view.kind == "free" for view in views):
         return False
     names = [view.name for view in views]
     return names[names.index(planar[0]) + 1] == planar[1]
@@ -184,7 +193,7 @@ def structure_of(
 
     Raises ArgumentError for a rotational symmetry of a body that has more joints than a free one.
     """
-    if frame.symmetry_order > 1 and [view.kind for view in views] != ["free"]:
+    if frame.symmetry_order > 1 and [view.feature for view in views] != ["free"]:
         raise ArgumentError(
             "frame.symmetry_order: only a body whose one joint is free may have such a symmetry."
         )
@@ -219,12 +228,15 @@ def _rates(views: list[JointView]) -> list[tuple[int, int]]:
 def _plain_entries(model: mujoco.MjModel, views: list[JointView], has_ground: bool) -> list[int]:
     """Return the state entries a network is given as they are; a free root's velocity comes along its own axes instead."""
     entries = [view.position_entry for view in views if view.feature == "plain"]
-    if views[0].kind == "free" and has_ground:
+    if views[0].feature == "free" and has_ground:
         height = views[0].position_entry + 2
         entries.append(height)
     for view in views:
         first = view.velocity_entry
-        if view.kind == "free":
+        if view.feature == "placed":
+            entries += range(view.position_entry, view.position_entry + 3)
+            entries += range(first, first + 6)
+        elif view.kind == "free":
             entries += range(first + 3, first + 6)  # its angular velocity
         elif view.kind == "ball":
             entries += range(first, first + 3)
@@ -285,6 +297,8 @@ def _segments(views: list[JointView], planar: tuple[str, ...], size: int) -> tup
 
 
 def _position_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+    if view.feature == "placed":
+        return [Plain(size=3), Quaternion(rate=view.velocity_entry + 3)]
     if view.kind == "free":
         return [Position(rate=view.velocity_entry), Quaternion(rate=view.velocity_entry + 3)]
     if view.kind == "ball":
@@ -301,6 +315,8 @@ def _position_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment
 
 
 def _velocity_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+    if view.feature == "placed":
+        return [Plain(size=6)]
     if view.kind == "free":
         return [Velocity(), Plain(size=3)]
     if view.kind == "ball":

@@ -41,7 +41,7 @@ def groups_of(
 
 
 def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
-    of_root = [view.name for view in views if view.kind == "free" or view.feature == "planar"]
+    of_root = [view.name for view in views if view.feature in ("free", "planar")]
     names = [view.name for view in views if view.name not in of_root]
     for group, joints in groups.items():
         if not joints:

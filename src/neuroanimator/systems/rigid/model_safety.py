@@ -56,9 +56,15 @@ SIZES = re.compile(
 )
 """Attributes whose value MuJoCo allocates or repeats, whatever it is."""
 
+FLATTEN = (
+    "Write one model: python -c \"import mujoco; s = mujoco.MjSpec.from_file('ROBOT.xml'); s.compile(); "
+    "open('FLAT.xml', 'w').write(s.to_xml())\", then name FLAT.xml"
+)
+"""How a model that attaches others becomes one."""
+
 REFUSED = {
     **dict.fromkeys(("composite", "flexcomp", "flex"), "soft bodies are not supported"),
-    **dict.fromkeys(("attach", "model"), "models inside models are not supported; write one model"),
+    **dict.fromkeys(("attach", "model"), f"models inside models are not supported. {FLATTEN}"),
     "plugin": "plugins run foreign code",
     "lengthrange": "it lets a model take any time to compile",
 }
@@ -129,7 +135,10 @@ def check_elements(root: Element) -> None:
 
 def _check_element(element: Element) -> None:
     if element.tag in REFUSED:
-        refuse_at(element, "", f"{REFUSED[element.tag]}. Remove it")
+        fault = REFUSED[element.tag]
+        if FLATTEN not in fault:
+            fault += ". Remove it"
+        refuse_at(element, "", fault)
     for attribute in element.attrib:
         if (element.tag, attribute) in REFUSED_ATTRIBUTES:
             refuse_at(element, attribute, REFUSED_ATTRIBUTES[element.tag, attribute])
@@ -189,6 +198,12 @@ def check_model(main: str, model: mujoco.MjModel) -> None:
         refuse(main, f"option timestep={step:g}", f"wanted {MIN_STEP:g} to {STEP_LIMIT} s")
     if model.njnt == 0:
         refuse(main, "worldbody", "no joints, so nothing can move. Add a joint")
+    if model.nhistory:
+        refuse(
+            main,
+            "delay",
+            "what an actuator or a sensor remembers of the past is no part of the state. Remove nsample and delay",
+        )
     for name, (field, limit) in LARGEST.items():
         size = getattr(model, field)
         if size > limit:

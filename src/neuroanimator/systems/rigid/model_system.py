@@ -110,7 +110,10 @@ class ModelSystem(MujocoSystem):
         sizes = np.array(self.sampling.velocity.get(view.name, ()))
         drawn = rng.normal(size=(len(starts), len(sizes))) * sizes * spread
         if view.kind == "free":
-            self._scatter_root(view, starts, spread, drawn, rng)
+            if view.index == 0:
+                self._scatter_root(view, starts, spread, drawn, rng)
+            else:
+                self._scatter_thing(view, starts, spread, drawn, rng)
             return
         width = self.sampling.position.get(view.name, 0.0)
         if view.kind == "ball":
@@ -143,7 +146,37 @@ class ModelSystem(MujocoSystem):
         tilt = rng.normal(size=(count, 3)) * [1, 1, 0] * self.sampling.tilt * spread
         tilted = rotated_by(starts[:, orientation], tilt)
         starts[:, orientation] = multiply(heading, tilted)
+        self._scatter_level(view, starts, spread, rng)
         starts[:, height] += rng.uniform(*self.sampling.height, count) * spread[:, 0]
+        self._scatter_velocity(view, starts, drawn)
+
+    def _scatter_thing(
+        self,
+        view: JointView,
+        starts: np.ndarray,
+        spread: np.ndarray,
+        drawn: np.ndarray,
+        rng: np.random.Generator,
+    ) -> None:
+        """Scatter a free body that is not the root: over the level plane, with any heading, so that it stays on what it is on."""
+        orientation = slice(view.position_entry + 3, view.position_entry + 7)
+        angles = rng.uniform(-np.pi, np.pi, len(starts)) * spread[:, 0]
+        starts[:, orientation] = multiply(facing(angles), starts[:, orientation])
+        self._scatter_level(view, starts, spread, rng)
+        self._scatter_velocity(view, starts, drawn)
+
+    def _scatter_level(
+        self, view: JointView, starts: np.ndarray, spread: np.ndarray, rng: np.random.Generator
+    ) -> None:
+        """Scatter a free body along x and y, if the sampling table says how far: for most it does not matter."""
+        width = self.sampling.position.get(view.name, 0.0)
+        if width:
+            level = slice(view.position_entry, view.position_entry + 2)
+            starts[:, level] += rng.uniform(-1, 1, (len(starts), 2)) * width * spread
+
+    def _scatter_velocity(self, view: JointView, starts: np.ndarray, drawn: np.ndarray) -> None:
+        """Give a free body the velocities `drawn` along its own axes."""
+        orientation = slice(view.position_entry + 3, view.position_entry + 7)
         if drawn.shape[1]:
             velocity = slice(view.velocity_entry, view.velocity_entry + 3)
             angular_velocity = slice(view.velocity_entry + 3, view.velocity_entry + 6)

@@ -190,7 +190,7 @@ def _candidates(
     paths = [text]
     if attribute == "filename":
         text = re.sub("^(package|model)://[^/]*/", "", text)
-        named = re.sub("^(package|model)://", "", written)  # its name may be a folder's
+        named = re.sub("^(package|model):/*", "", written)  # its name may be a folder's
         parts = [part for part in text.split("/") if part != ".."][-PATH_PARTS:]
         paths = [text, named, *("/".join(parts[first:]) for first in range(len(parts)))]
     for part in (text, *folders):
