@@ -277,6 +277,13 @@ def test_a_point_of_the_body_is_where_mujoco_has_it():
         np.testing.assert_allclose(wheel.observe(jnp.asarray(state)), there, atol=1e-5)
 
 
+def test_one_body_of_many_travels_as_the_root_that_carries_it():
+    system, motion = a_system("truck"), steady(a_system("truck"), 0.6, 1.0, DT)
+    forward = travel(system, [1, 0, 0], 2.0, within=0.1)
+    wheel = travel(system, [1, 0, 0], 2.0, within=0.1, body="wheel_fl")
+    assert cost_of(motion, wheel) == pytest.approx(cost_of(motion, forward), rel=1e-5)
+
+
 @pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 def test_costs_of_positions_and_velocities_are_the_same_in_c():
     """The others are part of descents in C: see `test_c_evaluator`."""
@@ -285,7 +292,8 @@ def test_costs_of_positions_and_velocities_are_the_same_in_c():
     motion = a_motion(system, dt=emulator.dt)
     kinds = ("reach_positions", "reach_height", "follow_path", "keep_velocity", "keep_speed")
     wheel = reach_point(system, "wheel_fl", PLACES[0], offset=HALF_WAY, within=0.1, since=0.1)
-    objective = Objective.of(wheel, *(EVERY[kind](system) for kind in kinds))
+    forward = travel(system, [1, 0, 0], 2.0, within=0.3, body="wheel_fl", since=0.1)
+    objective = Objective.of(wheel, forward, *(EVERY[kind](system) for kind in kinds))
     in_c = c_objective(objective, emulator, STEPS, as_float32(motion.control_scale))
     assert in_c is not None
     found, found_slopes = in_c.cost_and_slopes(
@@ -327,6 +335,11 @@ def test_a_body_at_known_speed_gives_the_known_cost(body: str):
         (0.3 / 0.1) ** 2 / 2, rel=1e-4
     )
     assert cost(travel(system, [0, 1, 0], 0.4, within=0.1)) == pytest.approx(4**2 / 2, rel=1e-4)
+    late = DT * np.arange(round(1 / DT), round(2 / DT) + 1)
+    behind = np.sum((1.2 - 0.6 * late) ** 2) * DT
+    assert cost(travel(system, [1, 0, 0], 1.2, within=1, since=1.0)) == pytest.approx(
+        behind / 2, rel=1e-3
+    )
     assert cost(keep_speed(system, 0.6, within=0.1)) == pytest.approx(0, abs=1e-8)
     assert cost(keep_speed(system, 0.5, within=0.1)) == pytest.approx(1**2 / 2 * 2.0, rel=1e-4)
     assert cost(keep_speed(system, 0.5, within=0.1, since=1.0)) == pytest.approx(
@@ -627,6 +640,9 @@ REFUSED_ARGUMENTS = {
     ),
     "since: wanted a time of at least 0 s, came -1": lambda s: stay_upright(s, since=-1.0),
     "distance: wanted a finite number above 0": lambda s: travel(s, [1, 0, 0], -1.0, within=1),
+    "body: none is called 'wheel'. Bodies: ": lambda s: travel(
+        s, [1, 0, 0], 1.0, within=1, body="wheel"
+    ),
     "direction: wanted a direction, came zeros": lambda s: keep_heading(s, [0, 0, 0], within=1),
     "No part called 'elbow'. Parts: root.position": lambda s: stay_within(
         s, "elbow", 0, 1, within=1

@@ -19,6 +19,7 @@ from neuroanimator.control import (
     control_environment,
     control_plant,
     learn_from,
+    moved_on,
     mujoco_state,
 )
 from neuroanimator.control.objective.costs import effort
@@ -155,6 +156,26 @@ def test_guesses_lead_away_from_controls_at_their_bounds(shipped: Emulator):
     assert guessing.plan(PENDULUM.rest).cost <= 1.001 * alone.plan(PENDULUM.rest).cost
 
 
+def test_more_starts_find_no_worse_plans(shipped: Emulator):
+    objective = stand_upright(times=tuple(0.05 * np.arange(1, STEPS + 1)))
+    few = Planner.of(shipped, objective, STEPS, guesses=64).plan(PENDULUM.rest)
+    many = Planner.of(shipped, objective, STEPS, guesses=64, starts=8).plan(PENDULUM.rest)
+    assert many.cost <= few.cost * (1 + 1e-6)
+
+
+def test_a_plan_is_followed_until_it_is_planned_again(planner: Planner):
+    often = control_environment(planner, PendulumWorld(), 7)
+    found = control_environment(planner, PendulumWorld(), 7, every=3)
+    assert (len(often.plan_seconds), len(found.plan_seconds)) == (7, 3)
+    plan = planner.plan(PENDULUM.rest)
+    np.testing.assert_allclose(found.controls[:3], plan.controls[:3], rtol=1e-6)
+    again = planner.plan(found.states[3], moved_on(plan.controls, 3))
+    np.testing.assert_allclose(found.controls[3:6], again.controls[:3], rtol=1e-6)
+    short = control_environment(planner, PendulumWorld(last=12), SUPER_STEPS, every=20)
+    assert len(short.controls) == 3
+    assert short.environment_steps == 12
+
+
 class Broken(PendulumWorld):
     """A world of which one answer is replaced."""
 
@@ -188,6 +209,7 @@ REFUSED: dict[str, tuple[Any, dict[str, Any]]] = {
         Broken(dt=0.03), {},
     ),
     "steps and hold: wanted at least 1, came 60 and 0": (PendulumWorld(), {"hold": 0}),
+    "every: wanted 1 to the 20 super steps of a plan, came 21": (PendulumWorld(), {"every": 21}),
 }  # fmt: skip
 
 

@@ -150,6 +150,7 @@ def test_planning_keeps_pace_with_a_display(planner: Planner, shipped: Emulator)
         (4, {"iterations": 0}, "at least 1"),
         (0, {}, "at least 1"),
         (3, {}, "Make it longer"),
+        (4, {"starts": 2}, "starts: wanted 1 to the 1 guesses, came 2"),
         (5, {"parametrisation": 4}, "wanted one of 5 super steps, came 4"),
     ],
 )

@@ -25,6 +25,8 @@ from neuroanimator.control.objective.terms import (
     StayUpright,
     StayWithin,
     Travel,
+    TravelPoint,
+    TravelTerm,
     as_weight,
 )
 from neuroanimator.emulator.arrays import as_parameter
@@ -162,16 +164,31 @@ def follow_path(
 
 
 def travel(
-    system: System, direction: ArrayLike, distance: float, *, within: float, weight: float = 1.0
-) -> Travel:
-    """Return the cost of not coming `distance` [m] forward along `direction` (3,) by the end."""
-    return Travel(
-        weight=as_weight(weight),
-        structure=_posed(system),
-        direction=_unit("direction", direction),
-        distance=_positive("distance", distance),
-        within=_positive("within", within),
-    )
+    system: System,
+    direction: ArrayLike,
+    distance: float,
+    *,
+    within: float,
+    body: str | None = None,
+    since: float | None = None,
+    weight: float = 1.0,
+) -> TravelTerm:
+    """Return the cost of not coming `distance` [m] forward along `direction` (3,) by the end, or `since` [s] all along.
+
+    A distance somewhat beyond what is possible means as far as possible: by the end, or in closed loop as soon as possible,
+    `since` 0 s, for what is wanted by the end of every plan may be put off at every plan.
+    What comes forward is the origin of `body`, as MuJoCo has it, or the root if not given, which is to be free, or a
+    deformable body's centroid.
+    """
+    when = Moments.of(None, since)
+    term_weight = as_weight(weight)
+    unit = _unit("direction", direction)
+    wanted = _positive("distance", distance)
+    sizeable = _positive("within", within)
+    if body is None:
+        return Travel(term_weight, when, unit, wanted, sizeable, _posed(system))
+    chain = system.skeleton.chain_to(body)
+    return TravelPoint(term_weight, when, unit, wanted, sizeable, chain)
 
 
 def keep_velocity(

@@ -229,24 +229,40 @@ class FollowPath(StateTerm):
         return ALL_ALONG.share(dt) * ((observed - wanted) / self.within).ravel()
 
 
-class Travel(StateTerm):
-    """Come `distance` [m] forward along `direction` by the end; further than possible means as far as possible."""
+class TravelTerm(TimedTerm):
+    """Come `distance` [m] forward along `direction`; further than possible means as far as possible."""
 
     weight: Float[AnyArray, ""]
-    structure: Structure = static()
+    when: Moments = static()
     direction: Float[AnyArray, " 3"]
     distance: Float[AnyArray, ""]
     within: Float[AnyArray, ""]
 
     def rows(self, steps: int, dt: float) -> list[int]:
-        return [0, steps]
+        return [0, *super().rows(steps, dt)]
+
+    def compare(self, observed: Float[AnyArray, "K 3"], dt: float) -> Float[AnyArray, " R"]:
+        travelled = (observed[1:] - observed[0]) @ self.direction
+        return self.when.share(dt) * (self.distance - travelled) / self.within
+
+
+class Travel(TravelTerm):
+    """Come forward with the root, or with a deformable body's centroid."""
+
+    structure: Structure = static()
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
         return read_pose(self.structure, state).position
 
-    def compare(self, observed: Float[AnyArray, "2 3"], dt: float) -> Float[AnyArray, " 1"]:
-        travelled = (observed[1] - observed[0]) @ self.direction
-        return ((self.distance - travelled) / self.within)[None]
+
+class TravelPoint(TravelTerm):
+    """Come forward with one body of many."""
+
+    chain: tuple[Link, ...] = static()
+    """From the world to that body."""
+
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
+        return point_of_chain(self.chain, (0.0, 0.0, 0.0), state)
 
 
 class KeepVelocity(TimedTerm):

@@ -88,7 +88,8 @@ class Episode:
     """As read before each control, and after the last."""
     rewards: Float[np.ndarray, " N"]
     """The environment's own, summed over each super step."""
-    plan_seconds: Float[np.ndarray, " N"]
+    plan_seconds: Float[np.ndarray, " P"]
+    """Of each plan."""
     is_terminated: bool
     """Whether the environment ended it, rather than the clock."""
     environment_steps: int
@@ -107,14 +108,16 @@ def control_environment(
     state_of: StateReader = mujoco_state,
     objective_of: ObjectiveReader | None = None,
     hold: int | None = None,
+    every: int = 1,
     seed: int | None = None,
     on_step: Callable[[int, float], None] = lambda step, reward: None,
 ) -> Episode:
-    """Return one episode of at most `steps` super steps, planned again at each from the state as read.
+    """Return one episode of at most `steps` super steps, planned again at each, or `every` so many, from the state as read.
 
-    A super step of the emulator is `hold` steps of the environment, under one control; as many as its `dt`, or
-    `control_timestep`, says, if not given. `objective_of` makes the episode's own objective from its first
-    observation. `on_step` is told (super step, its reward).
+    Planning less often leaves time for better plans, and goes through with what they prepare: a plan that is made anew at
+    every step may put it off for ever. A super step of the emulator is `hold` steps of the environment, under one
+    control; as many as its `dt`, or `control_timestep`, says, if not given. `objective_of` makes the episode's own
+    objective from its first observation. `on_step` is told (super step, its reward).
 
     Raises ArgumentError for an environment that does not return what Gymnasium's do, for states and actions of
     another size than the emulator's, for states that are not finite, and for steps that do not fill a super step.
@@ -123,6 +126,10 @@ def control_environment(
         hold = _steps_in(planner.emulator.dt, environment)
     if min(steps, hold) < 1:
         raise ArgumentError(f"steps and hold: wanted at least 1, came {steps} and {hold}.")
+    if not 1 <= every <= planner.parametrisation.steps:
+        raise ArgumentError(
+            f"every: wanted 1 to the {planner.parametrisation.steps} super steps of a plan, came {every}."
+        )
     _check_action_size(planner, environment)
     observation = _reset(environment, seed)
     if objective_of is not None:
@@ -134,24 +141,21 @@ def control_environment(
     seconds = []
     taken = 0
     first = None
-    moment = _Moment(observation, 0.0, is_terminated=False, is_over=False)
+    moment = _Moment(observation, 0.0, 0, is_terminated=False, is_over=False)
     while len(controls) < steps and not moment.is_over:
         plan = planner.plan(state, first)
         seconds.append(plan.seconds)
-        control = plan.controls[0].astype(float)
-        reward = 0.0
-        for _ in range(hold):
-            moment = _step(environment, control)
-            reward += moment.reward
-            taken += 1
+        first = moved_on(plan.controls, every)
+        for control in plan.controls[: min(every, steps - len(controls))].astype(float):
+            moment = _hold(environment, control, hold)
+            state = _read(planner, state_of, environment, moment.observation)
+            states.append(state)
+            controls.append(control)
+            rewards.append(moment.reward)
+            taken += moment.steps
+            on_step(len(controls), moment.reward)
             if moment.is_over:
                 break
-        state = _read(planner, state_of, environment, moment.observation)
-        states.append(state)
-        controls.append(control)
-        rewards.append(reward)
-        first = moved_on(plan.controls)
-        on_step(len(controls), reward)
     return Episode(
         np.stack(controls),
         np.stack(states),
@@ -180,10 +184,11 @@ def _steps_in(dt: float, environment: Environment) -> int:
 
 
 class _Moment(NamedTuple):
-    """What an environment says after a step."""
+    """What an environment says after a step, or several."""
 
     observation: Any
     reward: float
+    steps: int
     is_terminated: bool
     is_over: bool
 
@@ -199,6 +204,16 @@ def _reset(environment: Environment, seed: int | None) -> Any:
     return result[0]
 
 
+def _hold(environment: Environment, control: Float[np.ndarray, " C"], steps: int) -> _Moment:
+    """Return what comes of so many `steps` under one control, or fewer where the episode ends; rewards are summed."""
+    moment = _step(environment, control)
+    while moment.steps < steps and not moment.is_over:
+        following = _step(environment, control)
+        reward = moment.reward + following.reward
+        moment = following._replace(reward=reward, steps=moment.steps + 1)
+    return moment
+
+
 def _step(environment: Environment, control: Float[np.ndarray, " C"]) -> _Moment:
     result = environment.step(control)
     if not isinstance(result, tuple) or len(result) != RESULTS:
@@ -212,7 +227,7 @@ def _step(environment: Environment, control: Float[np.ndarray, " C"]) -> _Moment
             f"environment.step: wanted a finite number as reward, came {_form(reward)}."
         )
     is_over = bool(is_terminated) or bool(is_truncated)
-    return _Moment(observation, float(reward), bool(is_terminated), is_over)
+    return _Moment(observation, float(reward), 1, bool(is_terminated), is_over)
 
 
 def _form(value: Any) -> str:

@@ -66,6 +66,8 @@ class Planner:
     method: str
     iterations: int
     """Backward sweeps of a plan, at most."""
+    starts: int
+    """How many of the guesses are descended from, beside the last plan."""
     guesses: Float[np.ndarray, "K Z"] = field(repr=False)
     """Controls tried at every plan, as numbers of the parametrisation."""
     _evaluator: Evaluator = field(repr=False)
@@ -83,16 +85,18 @@ class Planner:
         bounds: Bounds | None = None,
         parametrisation: Parametrisation | None = None,
         guesses: int = 0,
+        starts: int = 1,
         seed: int = 0,
     ) -> Planner:
         """Return a planner that looks `steps` super steps ahead, compiled: some seconds.
 
         Times in `objective` count from the state planned from, so a goal `since` 0 s is one to stay at. `bounds`
         may be tighter than the emulator's own; `parametrisation` other than one value per super step bring their own.
-        Of so many `guesses`, random ones and waves, the same at every plan, the best is descended from beside the
-        last plan: a plan whose controls are at their bounds has hardly a slope, and a new beginning leads away from there.
+        Of so many `guesses`, random ones and waves, the same at every plan, the best so many `starts` are descended from beside
+        the last plan: a plan whose controls are at their bounds has hardly a slope, and a new beginning leads away from there.
 
-        Raises ArgumentError for an unknown method, numbers below 1, and an objective that cannot be descended.
+        Raises ArgumentError for an unknown method, numbers below 1, more starts than guesses, and an objective that
+        cannot be descended.
         """
         check_method(method)
         if min(steps, iterations) < 1:
@@ -101,6 +105,10 @@ class Planner:
             )
         if not 0 <= guesses <= MAX_GUESSES:
             raise ArgumentError(f"guesses: wanted 0 to {MAX_GUESSES}, came {guesses}.")
+        if not 1 <= starts <= max(1, guesses):
+            raise ArgumentError(
+                f"starts: wanted 1 to the {max(1, guesses)} guesses, came {starts}. Give more guesses."
+            )
         if parametrisation is None:
             parametrisation = EachStep.of(steps, bounds or emulator.bounds)
         if parametrisation.steps != steps:
@@ -115,6 +123,7 @@ class Planner:
             parametrisation,
             method,
             iterations,
+            starts,
             _guesses(emulator, parametrisation, guesses, seed),
             evaluator_of(problem),
         )
@@ -134,8 +143,9 @@ class Planner:
         starts = [method.begin(guess)]
         if len(self.guesses):
             costs = evaluator.costs(self.guesses)
-            best_guess = np.argmin(np.where(np.isfinite(costs), costs, np.inf))
-            starts.append(method.begin(self.guesses[best_guess]))
+            order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
+            for best_guess in self.guesses[order[: self.starts]]:
+                starts.append(method.begin(best_guess))
         found = advance(method, evaluator, starts, self.iterations)
         progress = min(found, key=lambda end: end.least if np.isfinite(end.least) else np.inf)
         motion = evaluator.motion(progress.best)
@@ -188,6 +198,7 @@ def _without_numbers(objective: Objective) -> Objective:
     return jax.tree.map(lambda leaf: leaf.shape if eqx.is_array(leaf) else leaf, objective)
 
 
-def moved_on(controls: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
-    """Return the controls of a plan one super step later: the last one is held once more."""
-    return np.concatenate([controls[1:], controls[-1:]])
+def moved_on(controls: Float[np.ndarray, "T C"], steps: int = 1) -> Float[np.ndarray, "T C"]:
+    """Return the controls of a plan one super step later, or several: the last one is held so long."""
+    held = np.repeat(controls[-1:], steps, axis=0)
+    return np.concatenate([controls, held])[-len(controls) :]
