@@ -12,6 +12,10 @@ from neuroanimator.animation.interpolate import INTERPOLATIONS
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.slowness import slowness
+
+USUAL_RATE = 30.0
+"""Display rate if nothing else is said [1/s]."""
 
 MAX_RATE = 1000.0
 """Highest display rate accepted [1/s]; no display and no engine asks for more."""
@@ -60,11 +64,13 @@ def make_clip(
     emulator: Emulator,
     states: ArrayLike,
     *,
-    rate: float = 30.0,
+    rate: float | None = None,
     interpolation: str = "hermite",
     source: str = "",
 ) -> Clip:
     """Return the clip of a trajectory `states` (T+1, S) at `rate` frames a second; `source` says what made it.
+
+    The rate is 30 if not given, and of a slow system as many in the time that stands for a second there.
 
     Raises ArgumentError for an interpolation or a rate there is not, and for states of another shape.
     """
@@ -73,6 +79,8 @@ def make_clip(
             f"No interpolation called '{interpolation}'. Interpolations: {', '.join(sorted(INTERPOLATIONS))}."
         )
     trajectory = emulator.state.check(states, "state")
+    if rate is None:
+        rate = USUAL_RATE / slowness(emulator.dt)
     if not 0 < rate <= MAX_RATE:
         raise ArgumentError(
             f"rate: wanted between 0 and {MAX_RATE:g} frames a second, came {rate}."

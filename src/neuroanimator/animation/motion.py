@@ -18,17 +18,21 @@ from neuroanimator.animation.showcase import (
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.slowness import slowness
 from neuroanimator.state.start import start_state
 
 MAX_SECONDS = 3600.0
-"""Longest random motion [s]: an hour."""
+"""Longest random motion [s]: an hour; of a slow system longer."""
+
+USUAL_SECONDS = 5.0
+"""Length of a random motion if nothing else is said [s]; of a slow system longer."""
 
 STEP_ROUNDING = 1e-9
 """Share of a super step that a motion may be longer than whole super steps: quotients round."""
 
 
 def random_motion(
-    emulator: Emulator, seconds: float, seed: int, start: ArrayLike | None = None
+    emulator: Emulator, seconds: float | None, seed: int, start: ArrayLike | None = None
 ) -> Float[np.ndarray, "K S"]:
     """Return a trajectory (K = T+1 states) under random, never idle controls, from `start` (S,).
 
@@ -38,9 +42,12 @@ def random_motion(
 
     Raises ArgumentError for a duration out of range and for a negative seed.
     """
-    if not emulator.dt <= seconds <= MAX_SECONDS:
+    slower = slowness(emulator.dt)
+    if seconds is None:
+        seconds = USUAL_SECONDS * slower
+    if not emulator.dt <= seconds <= MAX_SECONDS * slower:
         raise ArgumentError(
-            f"seconds: wanted between {emulator.dt:g} and {MAX_SECONDS:g}, came {seconds:g}."
+            f"seconds: wanted between {emulator.dt:g} and {MAX_SECONDS * slower:g}, came {seconds:g}."
         )
     if seed < 0:
         raise ArgumentError(f"seed: wanted 0 or more, came {seed}.")

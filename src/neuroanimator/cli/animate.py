@@ -31,14 +31,20 @@ def run(
         list[Path],
         typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times."),
     ],
-    seconds: Annotated[float, typer.Option(help="Length of a random motion [s].")] = 5.0,
+    seconds: Annotated[
+        float | None,
+        typer.Option(help="Length of a random motion [s]; 5 if not given, more of a slow system."),
+    ] = None,
     controls: Annotated[
         Path | None,
         typer.Option(help="CSV of controls, as 'control' writes; from rest, or --start."),
     ] = None,
     start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
     seed: Annotated[int, typer.Option(help="Seed of start and controls.")] = 0,
-    rate: Annotated[float, typer.Option(help="Frames a second, such as 30 or 60.")] = 30.0,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Frames a second, such as 60; 30 if not given, fewer of a slow system."),
+    ] = None,
     size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",

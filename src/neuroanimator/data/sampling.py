@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds
+from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.system import System
 
 SMOOTH_SHARE = 0.6
@@ -114,7 +115,7 @@ def sample_controls(
     draw = rng.random()
     size = len(bounds.half)
     if draw < SMOOTH_SHARE:
-        shape = _smooth(rng, steps, dt, size, _max_frequency(gait))
+        shape = _smooth(rng, steps, dt, size, _max_frequency(gait, dt))
     elif draw < SMOOTH_SHARE + HELD_SHARE:
         shape = _held(rng, steps, dt, size)
     else:
@@ -122,10 +123,10 @@ def sample_controls(
     return bounds.middle + shape * rng.uniform(MIN_SCALE, 1) * bounds.half
 
 
-def _max_frequency(gait: Gait | None) -> float:
-    """Return the highest frequency of smooth controls [Hz]."""
+def _max_frequency(gait: Gait | None, dt: float) -> float:
+    """Return the highest frequency of smooth controls [Hz] in super steps of `dt` [s]."""
     if gait is None:
-        return MAX_FREQUENCY
+        return MAX_FREQUENCY / slowness(dt)
     return max(MAX_FREQUENCY, FASTER_THAN_GAIT / gait.period)
 
 
@@ -147,7 +148,7 @@ def _smooth(
 ) -> Float[np.ndarray, "T C"]:
     """Return sums of sinusoids, pressed into ±1 so that strong ones saturate as optimised controls do."""
     time = np.arange(steps) * dt
-    min_frequency = min(MIN_FREQUENCY, max_frequency / 2)
+    min_frequency = min(MIN_FREQUENCY / slowness(dt), max_frequency / 2)
     frequency = rng.uniform(min_frequency, max_frequency, (WAVES, 1, size))
     phase = rng.uniform(0, 2 * np.pi, (WAVES, 1, size))
     height = rng.normal(size=(WAVES, 1, size)) * rng.uniform(MIN_HEIGHT, MAX_HEIGHT)
@@ -157,6 +158,6 @@ def _smooth(
 
 def _held(rng: np.random.Generator, steps: int, dt: float, size: int) -> Float[np.ndarray, "T C"]:
     """Return values within ±1, each held for the same random number of super steps."""
-    hold = int(rng.integers(2, max(3, round(MAX_HOLD / dt) + 1)))
+    hold = int(rng.integers(2, max(3, round(MAX_HOLD * slowness(dt) / dt) + 1)))
     values = rng.uniform(-1, 1, (steps // hold + 1, size))
     return np.repeat(values, hold, axis=0)[:steps]

@@ -11,13 +11,19 @@ from neuroanimator.definitions.parts import ControlPart, StatePart
 from neuroanimator.parsing.names import FileName, SystemName
 from neuroanimator.tables import MIN_STEP, Share, Table
 
+MAX_STEP = 3600.0
+"""The longest step of a function [s]: an hour, of something slow."""
+
+FunctionStep = Annotated[float, Field(ge=MIN_STEP, le=MAX_STEP)]
+"""A value of dt that a Python function is called with [s]."""
+
 
 class FunctionPhysics(Table):
     """The values of dt [s] that a Python function is called with; see `System.scheme`, `truth` and `fine`."""
 
-    step: Annotated[float, Field(ge=MIN_STEP, le=10)]
-    truth_step: Annotated[float, Field(ge=MIN_STEP, le=10)]
-    fine_step: Annotated[float, Field(ge=MIN_STEP, le=10)]
+    step: FunctionStep
+    truth_step: FunctionStep
+    fine_step: FunctionStep
 
 
 class StartSampling(Table):

@@ -8,12 +8,15 @@ from pydantic import Field
 
 from neuroanimator.tables import Finite, Positive, Table
 
+MAX_SECONDS = 1e6
+"""[s] No motion to a goal is longer: twelve days, of something slow."""
+
 
 class GoalTable(Table):
     """A state, or part of one, worth reaching."""
 
-    seconds: Annotated[float, Field(gt=0, le=60)] = 2.0
-    """Time in which to get there [s]."""
+    seconds: Annotated[float, Field(gt=0, le=MAX_SECONDS)] = 2.0
+    """Time in which to get there [s]; how long it may be depends on the super step."""
     site: str = ""
     """A site of the model where a free root should be, at rest and turned as the site is."""
     reach: dict[str, tuple[Finite, ...]] = Field(default={})

@@ -221,9 +221,10 @@ class Evaluation:
         return float(root_mean_square(self.noise_by_entry))
 
     def rollout_error_at(self, seconds: float) -> float:
-        """Return the rollout error after `seconds` [s], to the nearest super step."""
+        """Return the rollout error after `seconds` [s], to the nearest super step but the first."""
         last = len(self.rollout_errors) - 1
-        return float(self.rollout_errors[min(round(seconds / self.dt), last)])
+        step = max(1, round(seconds / self.dt))
+        return float(self.rollout_errors[min(step, last)])
 
     def row(self) -> dict[str, str | int | float]:
         """Return the figures by their published names."""

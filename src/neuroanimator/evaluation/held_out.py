@@ -15,6 +15,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.slowness import slowness
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.system import Scheme, System
@@ -127,7 +128,7 @@ def system_of(emulator: Emulator) -> System:
 def held_out_runs(
     emulator: Emulator,
     count: int = HELD_OUT_RUNS,
-    seconds: float = HELD_OUT_SECONDS,
+    seconds: float | None = None,
     seed: int = 0,
     *,
     is_shifted: bool = False,
@@ -135,11 +136,14 @@ def held_out_runs(
 ) -> HeldOut:
     """Return `count` unseen runs of the emulator's system under random, never idle controls, by its `fine` scheme or `scheme`.
 
-    Shifted ones use the full range and another control at every super step: training seldom saw such.
+    They last `HELD_OUT_SECONDS` if nothing else is said, of a slow system longer. Shifted ones use the full range and
+    another control at every super step: training seldom saw such.
     """
     rng = np.random.default_rng([HELD_OUT_SEED, seed])
     system = system_of(emulator)
     dt = emulator.dt
+    if seconds is None:
+        seconds = HELD_OUT_SECONDS * slowness(dt)
     steps = round(seconds / dt)
     threads = core_count()
     starts = sample_starts(system, rng, count, threads)

@@ -22,10 +22,11 @@ from neuroanimator.gym.vector_env import EmulatedVectorEnv, check_reset_options
 from neuroanimator.jax_later import Array, eqx, filter_jit, jnp
 from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.slowness import slowness
 from neuroanimator.zoo import find_emulator
 
 SECONDS = 10.0
-"""Length of an episode if nothing else is said [s]."""
+"""Length of an episode if nothing else is said [s]; of a slow system longer."""
 
 NOISE = 0.1
 """How far starts lie from rest, in standard deviations of the change in one super step: visible, but hardly."""
@@ -96,7 +97,7 @@ class EmulatorVectorEnv(EmulatedVectorEnv):
         num_envs: int = 1,
         objective: Objective | None = None,
         reward: Reward | None = None,
-        seconds: float = SECONDS,
+        seconds: float | None = None,
         noise: float = NOISE,
         render_mode: str | None = None,
     ):
@@ -106,6 +107,8 @@ class EmulatorVectorEnv(EmulatedVectorEnv):
         super().__init__(emulator, num_envs, render_mode)
         if objective is not None and reward is not None:
             raise ArgumentError("objective and reward: both came. Give one of them.")
+        if seconds is None:
+            seconds = SECONDS * slowness(emulator.dt)
         if not emulator.dt <= seconds < np.inf:
             raise ArgumentError(
                 f"seconds: wanted at least one super step of {emulator.dt:g} s, came {seconds:g}."
@@ -196,7 +199,7 @@ class EmulatorEnv(SingleEnv):
         emulator: Emulator | str | Path,
         objective: Objective | None = None,
         reward: Reward | None = None,
-        seconds: float = SECONDS,
+        seconds: float | None = None,
         noise: float = NOISE,
         render_mode: str | None = None,
     ):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.definitions.function import PythonDefinition, StartSampling
+from neuroanimator.definitions.function import MAX_STEP, PythonDefinition, StartSampling
 from neuroanimator.errors import BadFileError
 from neuroanimator.scaffold.defaults import (
     ANGLE_SPREAD,
@@ -26,11 +26,12 @@ from neuroanimator.scaffold.step_structure import (
     turning_entries,
     wrapped,
 )
+from neuroanimator.scaffold.time_scales import MAX_CHANGE, MAX_SUBSTEPS, fastest_rate, is_slow
 from neuroanimator.systems.functions.function_system import PythonSystem
 from neuroanimator.systems.functions.step_file import call_step, run_file
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
-from neuroanimator.tables import check_table
+from neuroanimator.tables import MIN_STEP, check_table
 from neuroanimator.text import listed
 
 FINE_PARTS = 10
@@ -161,6 +162,8 @@ def _substeps(system: PythonSystem) -> tuple[int, str]:
     """Return how many steps a super step should have, and why: no angle should turn too far in it."""
     substeps = proposed_substeps(system.physics_dt)
     entries = [row.index(1) for row in system.structure.angles]
+    if is_slow(system.physics_dt):
+        substeps = _slow_substeps(system)
     if not entries:
         return substeps, f"a super step of {substeps * system.physics_dt:g} s"
     states, controls = _trial(system)
@@ -172,6 +175,20 @@ def _substeps(system: PythonSystem) -> tuple[int, str]:
     return substeps, (
         f"a super step of {substeps * system.physics_dt:g} s, in which angles turn by up to {substeps * turn:.2g} rad"
     )
+
+
+def _slow_substeps(system: PythonSystem) -> int:
+    """Return how many steps of something slow a super step should have: in it the fastest motion goes only a little way."""
+    states, controls = _trial(system)
+
+    def step(states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N S"]:
+        runs = system.simulate(states, controls[:, None], system.physics_dt, scheme=system.scheme)
+        return runs.states[:, 1]
+
+    rate = fastest_rate(step, states, system.physics_dt)
+    if rate == 0:
+        return 1
+    return max(1, min(MAX_SUBSTEPS, int(MAX_CHANGE / (rate * system.physics_dt))))
 
 
 def _warnings(system: PythonSystem) -> Iterator[str]:
@@ -196,6 +213,10 @@ def _check(values: dict[str, Any], path: Path) -> PythonDefinition:
 def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
     """Return the definition's table as far as the file itself says it."""
     step = _declaration(path, module, "STEP", (int, float))
+    if not MIN_STEP <= step <= MAX_STEP:
+        raise BadFileError(
+            f"{path.name}: STEP: wanted {MIN_STEP:g} to {MAX_STEP:g} s, came {step:g}."
+        )
     state = _declaration(path, module, "STATE", dict)
     control = _declaration(path, module, "CONTROL", dict)
     by_part = {}
@@ -205,9 +226,7 @@ def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
     for name, parts in by_part.items():
         _refuse_unknown_parts(path, name, parts, state)
     _refuse_unknown_parts(path, "ANGLES", angles, state)
-    substeps = 1
-    if step > 0:
-        substeps = proposed_substeps(step)
+    substeps = proposed_substeps(step)
     state_parts = []
     for name, value in state.items():
         state_parts.append(_state_part(path, name, value, name in angles, by_part))

@@ -10,11 +10,19 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.data.config import window_length
+from neuroanimator.data.recorded_noise import noise_of
 from neuroanimator.data.recorded_segments import split_runs
 from neuroanimator.definitions.recorded import RecordedDefinition
 from neuroanimator.errors import BadFileError
 from neuroanimator.scaffold.defaults import FASTEST, MAX_TURN, proposed_substeps, usual_name
 from neuroanimator.scaffold.scales import refuse_large, warn_of_small
+from neuroanimator.scaffold.time_scales import (
+    MAX_SUBSTEPS,
+    is_slow,
+    share_of_noise,
+    slow_substeps,
+    substeps_through_noise,
+)
 from neuroanimator.state.units import rate_unit
 from neuroanimator.systems.recorded.recording import Recording, read_recording
 from neuroanimator.systems.trusted_files import digest_of
@@ -29,6 +37,12 @@ RATE_ERROR = 0.15
 
 SPANS = (1, 2, 5, 10, 20, 50)
 """Changes over so many samples are compared: noise stays as it is, and the change grows."""
+
+MAX_TURN_THROUGH_NOISE = 2 * MAX_TURN
+"""Angles may turn so far in a super step [rad] where noise hides what happens in a shorter one."""
+
+TOLD_NOISE = 0.05
+"""Noise that makes more than this share of the changes in a super step is worth a word."""
 
 USUAL_SHARE = 99
 """Samples within this percentile of all distances from the middle are what usually occurs."""
@@ -155,8 +169,11 @@ def _unwrapped(recording: Recording) -> list[Float[np.ndarray, "_ S"]]:
 def _substeps(
     recording: Recording, runs: list[Float[np.ndarray, "_ S"]], state: list[dict[str, Any]]
 ) -> tuple[int, str]:
-    """Return how many samples a super step should have, and why: no angle should turn too far in it."""
+    """Return how many samples a super step should have, and why: no angle should turn too far in it, nor noise hide it."""
+    noise = noise_of(runs, recording.controls)
     substeps = proposed_substeps(recording.step)
+    if is_slow(recording.step):
+        substeps = slow_substeps(runs, noise, substeps)
     turning = [entry for entry, part in enumerate(state) if part["feature"] == "sine"]
     turn = 0.0
     for entry in turning:
@@ -165,13 +182,19 @@ def _substeps(
         if len(changes):
             fastest = float(np.percentile(np.abs(changes), FASTEST))
             turn = max(turn, fastest / substeps)
+    most = MAX_SUBSTEPS
     if turn > 0:
         substeps = max(1, min(substeps, int(MAX_TURN / turn)))
+        most = max(1, int(MAX_TURN_THROUGH_NOISE / turn))
+    substeps = substeps_through_noise(runs, noise, substeps, most)
     rows = [len(states) for states in runs]
     substeps = _largest_for(recording.file, rows, substeps)
     note = f"samples; a super step of {substeps * recording.step:g} s"
     if turning:
         note += f", in which angles turn by up to {substeps * turn:.2g} rad"
+    hidden = share_of_noise(runs, noise, substeps)
+    if hidden > TOLD_NOISE:
+        note += f"; {hidden:.2g} of the changes in it are noise"
     return substeps, note
 
 

@@ -14,6 +14,9 @@ from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.units import known_unit
 
+ANGLE = "rad"
+"""The unit of angles."""
+
 MAX_STATE = 1000
 """A state may have this many numbers: a definition may come from a stranger, and memory grows with their square."""
 
@@ -105,6 +108,17 @@ def structure_of_parts(parts: Sequence[StatePart]) -> Structure:
             _refuse_unknown_rate(part, entries)
             rates += zip(entries[part.name], entries[part.rate], strict=True)
     return Structure(angles=tuple(angles), rates=tuple(rates), plain=tuple(plain))
+
+
+def wrapping_entries(parts: Sequence[StatePart]) -> list[int]:
+    """Return the state entries that may jump by a whole turn and still mean the same: angles that go round."""
+    layout = layout_of_state(parts)
+    entries: list[int] = []
+    for part in parts:
+        if part.feature == "sine" or (part.feature == "cyclic" and part.unit == ANGLE):
+            place = layout.index(part.name)
+            entries += range(place.start, place.stop)
+    return entries
 
 
 def _unit_vector(entry: int, size: int) -> tuple[int, ...]:

@@ -25,6 +25,7 @@ from neuroanimator.control.planning.plants import (
 )
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
@@ -38,7 +39,7 @@ GUESSES = 32
 """Random controls tried at every plan. Without any the lander does not find to its pad from 6 m up."""
 
 MAX_SECONDS = 600.0
-"""[s] Longest motion in closed loop."""
+"""[s] Longest motion in closed loop; of a slow system longer."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,9 @@ def pursue_goal(
             f"horizon: wanted between {2 * dt:g} and {MAX_HORIZON_STEPS * dt:g} s, came {horizon:g}."
         )
     begin = goal_start(system, name) if start is None else start
-    objective = goal_objective(system, name, effort_weight, since=horizon / 2)
+    # Effort is counted by the second, of which something slow takes many.
+    weight = effort_weight / slowness(dt)
+    objective = goal_objective(system, name, weight, since=horizon / 2)
     with phase("compiling"):
         planner = Planner.of(emulator, objective, round(horizon / dt), guesses=guesses)
     is_on_physics = system.can_simulate
@@ -107,7 +110,7 @@ def pursuit_steps(emulator: Emulator, system: System, name: str, seconds: float 
     """Return how many super steps a pursuit takes, of `seconds` or of what its goal says."""
     if seconds is None:
         seconds = find_goal(system, name).seconds
-    return steps_in(seconds, emulator.dt, MAX_SECONDS)
+    return steps_in(seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))
 
 
 def pursuit_rows(pursuit: Pursuit) -> list[tuple[str, object]]:

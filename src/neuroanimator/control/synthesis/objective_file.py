@@ -42,6 +42,7 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.names import SystemName
+from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
 from neuroanimator.tables import Finite, Positive, Table, first_fault, read_toml
@@ -55,6 +56,9 @@ MIN_KNOTS = 4
 MAX_STARTS = 64
 """First guesses descended from side by side, at most; memory grows with them."""
 
+MANY_SUBSTEPS = 50
+"""A file is for emulators of super steps up to so many physics steps; how long a motion may be depends on that, if it is slow."""
+
 MAX_KIND_SHOWN = 40
 """Characters of a kind or of a key that nothing is called, shown in an error."""
 
@@ -63,7 +67,7 @@ class ObjectiveTable(Table):
     """What the file may hold; the costs are checked one by one."""
 
     system: SystemName
-    seconds: Annotated[float, Field(gt=0, le=MAX_SECONDS)]
+    seconds: Positive
     parametrisation: Literal["each step", "spline", "periodic"] = "each step"
     knots: Annotated[int, Field(ge=MIN_KNOTS)] | None = None
     """Of splines only."""
@@ -120,11 +124,7 @@ def synthesise_file(
     What has a gait is first moved by it: an animal at rest has no slope that says left or right. What is varied is
     what the file says. The other arguments are those of `synthesise`.
     """
-    steps = round(file.seconds / emulator.dt)
-    if steps < 1:
-        raise ArgumentError(
-            f"seconds: wanted at least one super step of {emulator.dt:g} s, came {file.seconds:g}."
-        )
+    steps = goals.steps_in(file.seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))
     system = file.system
     if options is None:
         options = DescentOptions(starts=file.starts)
@@ -158,6 +158,9 @@ def _objective_of(table: ObjectiveTable, system: System) -> ObjectiveFile:
         raise ArgumentError(
             f"system: this objective is for {table.system}, the emulator of {system.name}."
         )
+    longest = MAX_SECONDS * slowness(MANY_SUBSTEPS * system.physics_dt)
+    if table.seconds > longest:
+        raise ArgumentError(f"seconds: wanted at most {longest:g}, came {table.seconds:g}.")
     terms = [_cost(number, values, system) for number, values in enumerate(table.costs, start=1)]
     return ObjectiveFile(
         system=system,

@@ -26,11 +26,12 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
 MAX_SECONDS = 20.0
-"""[s] Longest motion searched for."""
+"""[s] Longest motion searched for; of a slow system longer."""
 
 TRUST_DIRECTIONS = 64
 """The gradient is compared with the physics' in so many: a lander's 240 would take longer than all else together."""
@@ -227,10 +228,11 @@ def synthesise_goal(
     system = system_of(emulator)
     named = system if goals_from is None else goals_from
     check_same_system(emulator, named)
-    objective = goal_objective(named, name, effort_weight)
+    # Effort is counted by the second, of which something slow takes many.
+    objective = goal_objective(named, name, effort_weight / slowness(emulator.dt))
     goal = find_goal(named, name)
     seconds = goal.seconds if seconds is None else seconds
-    steps = steps_in(seconds, emulator.dt, MAX_SECONDS)
+    steps = steps_in(seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))
     begin = emulator.state.check(goal_start(named, name) if start is None else start, "state")
     synthesis = synthesise(
         emulator,

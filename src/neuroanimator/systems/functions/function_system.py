@@ -16,6 +16,7 @@ from neuroanimator.systems.state_parts import (
     layout_of_state,
     numbers_of,
     structure_of_parts,
+    wrapping_entries,
 )
 from neuroanimator.systems.system import Scheme, System
 
@@ -52,7 +53,7 @@ class PythonSystem(System):
         self.truth = Scheme(FUNCTION, physics.truth_step)
         self.fine = Scheme(FUNCTION, physics.fine_step)
         self.structure = structure_of_parts(definition.state)
-        self._angles = [row.index(1) for row in self.structure.angles]
+        self._angles = wrapping_entries(definition.state)
         self.skeleton = Skeleton(())
         self.rest = numbers_of(definition.state, "rest")
         self.spread = numbers_of(definition.state, "spread")

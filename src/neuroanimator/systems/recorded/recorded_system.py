@@ -16,6 +16,7 @@ from neuroanimator.systems.state_parts import (
     layout_of_state,
     numbers_of,
     structure_of_parts,
+    wrapping_entries,
 )
 from neuroanimator.systems.system import Scheme, System
 
@@ -37,9 +38,6 @@ class RecordedSystem(System):
         self.structure = structure_of_parts(definition.state)
         self.skeleton = Skeleton(())
         self.rest = numbers_of(definition.state, "rest")
-        angles: list[int] = []
-        for row in self.structure.angles:
-            angles += np.flatnonzero(row).tolist()
         sampled = Scheme("recorded", definition.physics.step)
         self.scheme = sampled
         self.truth = sampled
@@ -52,7 +50,7 @@ class RecordedSystem(System):
             state=self.state,
             control=self.control,
             step=sampled.dt,
-            angles=tuple(angles),
+            angles=tuple(wrapping_entries(definition.state)),
         )
         self.recordings = self._recordings
         self.goals = self.goals_of(definition.goals)
