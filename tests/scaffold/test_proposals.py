@@ -14,6 +14,7 @@ from neuroanimator.scaffold.model import Proposal, propose
 from neuroanimator.scaffold.motion import MAX_TURN
 from neuroanimator.scaffold.trials import fastest_turning, run_trial
 from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.rigid.model_system import ModelSystem
 
 
@@ -98,6 +99,16 @@ def test_a_drones_controls_hover_in_the_middle(tmp_path: Path):
     assert np.abs(data.qacc).max() < 0.05
     assert any("there is no floor" in warning for warning in proposal.warnings)
     assert "holds it" in (tmp_path / "mine.toml").read_text()
+    # Where its controls cease it goes on hovering, as nobody lets a drone fall.
+    idle = np.tile(system.bounds.idle, (1, 20, 1))
+    states = system.simulate(system.rest[None], idle, 0.05).states[0]
+    assert np.abs(states - system.rest).max() < 1e-3
+    bounds = Bounds.from_json(system.bounds.to_json(), 4, "bounds")
+    assert bounds == system.bounds
+    text = (tmp_path / "mine.toml").read_text()
+    (tmp_path / "mine.toml").write_text(text.replace("actuator_0 = 3.2", "actuator_0 = 99.2"))
+    with pytest.raises(NeuroAnimatorError, match="holding.actuator_0: wanted 1.6"):
+        load_system(str(tmp_path / "mine.toml"))
 
 
 def test_what_no_control_holds_and_no_floor_stops_is_said_to_fall_for_ever(tmp_path: Path):

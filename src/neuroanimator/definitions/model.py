@@ -103,6 +103,8 @@ class Definition(Table):
     """Per joint, the feature that represents it to the network."""
     control: dict[str, tuple[Finite, Finite]] = Field(default={})
     """Per actuator, its least and largest value."""
+    holding: dict[str, Finite] = Field(default={})
+    """Per actuator, the control that holds the model at rest; 0 if not given. Where controls cease, they cease to this."""
     sensors: tuple[str, ...] = ()
     """Sensors that are emulated too."""
     frame: FrameTable = FrameTable()

@@ -79,7 +79,7 @@ def _describe_spec(spec: EmulatorSpec) -> dict[str, Any]:
         "system": spec.system,
         "state": spec.state.to_json(),
         "control": spec.control.to_json(),
-        "bounds": [list(spec.bounds.low), list(spec.bounds.high)],
+        "bounds": spec.bounds.to_json(),
         "definition": spec.definition,
         "rest": list(spec.rest),
         "gait": gait,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
+from neuroanimator.scaffold.defaults import tidy
 from neuroanimator.systems.rigid.warnings import warnings_counted
 
 HOLD_SECONDS = 0.3
@@ -16,6 +18,12 @@ HOLD_SECONDS = 0.3
 
 BETTER = 0.5
 """Controls count as holding a model if it then moves less than this share of what it does uncontrolled."""
+
+NEGLIGIBLE = 0.01
+"""Less than this share of a control's range is taken for no control at all."""
+
+DIGITS = 5
+"""Controls that hold a model are written with so many digits."""
 
 PROBE = 1e-3
 """Accelerations are differentiated with controls this far apart, as a share of their range."""
@@ -59,6 +67,21 @@ def holding_controls(
                 best = candidate
                 least = motion
     return best
+
+
+def holding_table(
+    model: mujoco.MjModel, bounds: Mapping[str, tuple[float, float]], hold: Hold
+) -> dict[str, float]:
+    """Return by an actuator's name the control that holds the model, within `bounds`; empty if it is none at all."""
+    if not hold.source:
+        return {}
+    table = {}
+    is_worth_saying = False
+    for actuator, (name, (low, high)) in enumerate(bounds.items()):
+        held = float(np.clip(tidy(hold.controls[actuator], DIGITS), low, high))
+        table[name] = held
+        is_worth_saying |= abs(held) > NEGLIGIBLE * (high - low)
+    return table if is_worth_saying else {}
 
 
 def at(

@@ -21,7 +21,7 @@ from neuroanimator.scaffold.actuators import (
 )
 from neuroanimator.scaffold.comments import Findings, comments_on, warnings_about
 from neuroanimator.scaffold.defaults import WANTED_SUPER_STEP, tidy, usual_name
-from neuroanimator.scaffold.holding import holding_controls
+from neuroanimator.scaffold.holding import holding_controls, holding_table
 from neuroanimator.scaffold.motion import TILTS, choose_motion, free_spread, system_of
 from neuroanimator.scaffold.surroundings import (
     can_touch_ground,
@@ -106,6 +106,7 @@ def propose(
     with phase("simulating"):
         motion = choose_motion(values, model, hold, growth)
     values = motion.values
+    values["holding"] = holding_table(model, values["control"], hold)
     system = system_of(values, model)
     teacher = choose_teacher(system, motion.trial, _usual_contacts(system, motion.trial))
     values["physics"] |= {

@@ -29,6 +29,7 @@ TITLES = {
     "frame": "What of the root's position matters. ground: its height; probes: x, y, z, radius of feet [m];\n"
     "# planar: joints x, y, heading of a root that moves in a plane, where position and heading do not matter.",
     "control": "The least and the largest value of each actuator.",
+    "holding": "What holds the model at rest; where controls cease, they cease to this.",
     "sampling": "Random starts of training runs, around the state of rest; a share of them near it.\n"
     "# warm_up: random driving before a run is recorded [s]; tilt: of a free root [rad].",
     "sampling.position": "Where they begin [rad or m]: from the first to the second number,\n"

@@ -144,6 +144,8 @@ class Bounds:
 
     low: tuple[float, ...]
     high: tuple[float, ...]
+    holding: tuple[float, ...] = ()
+    """The control that holds the system at rest, a drone's hover for instance; empty if it is none at all."""
 
     @classmethod
     def symmetric(cls, limit: ArrayLike) -> Bounds:
@@ -153,8 +155,8 @@ class Bounds:
 
     @classmethod
     def from_json(cls, sides: Any, size: int, what: str) -> Bounds:
-        """Return the bounds of `size` numbers, least and largest as two lists; ValueError names what is wrong."""
-        if not isinstance(sides, list) or len(sides) != 2:
+        """Return the bounds `to_json` wrote, of `size` numbers; ValueError names what is wrong."""
+        if not isinstance(sides, list) or len(sides) not in (2, 3):
             raise ValueError(f"{what}: wanted the least and the largest values")
         low = numbers(sides[0], what, size)
         high = numbers(sides[1], what, size)
@@ -163,7 +165,16 @@ class Bounds:
                 raise ValueError(
                     f"{what}: wanted the least value below the largest, came {least:g} and {largest:g}"
                 )
-        return cls(low, high)
+        if len(sides) == 2:
+            return cls(low, high)
+        return cls(low, high, numbers(sides[2], what, size))
+
+    def to_json(self) -> list[list[float]]:
+        """Return the least values, the largest, and those that hold the system if they are not zero."""
+        sides = [list(self.low), list(self.high)]
+        if self.holding:
+            sides.append(list(self.holding))
+        return sides
 
     @property
     def middle(self) -> np.ndarray:
@@ -182,8 +193,8 @@ class Bounds:
 
     @property
     def idle(self) -> np.ndarray:
-        """(C,) no control at all, or as little as the bounds allow."""
-        return self.clip(np.zeros(len(self.low)))
+        """(C,) what holds the system at rest: no control at all where nothing else is said, or as little as the bounds allow."""
+        return self.clip(np.array(self.holding or np.zeros(len(self.low))))
 
     def contain(self, controls: np.ndarray) -> bool:
         """Return whether all `controls` (..., C) lie within the bounds, to within rounding."""

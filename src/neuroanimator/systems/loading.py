@@ -137,6 +137,8 @@ def _travelling(definition: Any) -> dict[str, Any]:
     if isinstance(definition, Definition):
         values["model"] = Path(definition.model).name
         del values["tree"]
+        if not definition.holding:  # as before there was such a table
+            del values["holding"]
     return values
 
 

@@ -31,17 +31,22 @@ def layout_of_actuators(model: mujoco.MjModel) -> Layout:
     return Layout(tuple(slices))
 
 
-def bounds_of_actuators(model: mujoco.MjModel, given: Mapping[str, tuple[float, float]]) -> Bounds:
-    """Return the bounds of all actuators: those `given` by name, else the model's own.
+def bounds_of_actuators(
+    model: mujoco.MjModel,
+    given: Mapping[str, tuple[float, float]],
+    holding: Mapping[str, float],
+) -> Bounds:
+    """Return the bounds of all actuators: those `given` by name, else the model's own; `holding` by name what holds it.
 
-    Raises ArgumentError for a name that is no actuator's, and for bounds that are missing or empty.
+    Raises ArgumentError for a name that is no actuator's, for bounds that are missing or empty, and for a control beyond.
     """
     names = [actuator_name(model, i) for i in range(model.nu)]
-    for name in given:
-        if name not in names:
-            raise ArgumentError(
-                f"control: no actuator called '{name}'. Actuators: {', '.join(names)}."
-            )
+    for table, keys in (("control", given), ("holding", holding)):
+        for name in keys:
+            if name not in names:
+                raise ArgumentError(
+                    f"{table}: no actuator called '{name}'. Actuators: {', '.join(names)}."
+                )
     low = []
     high = []
     for actuator, name in enumerate(names):
@@ -52,7 +57,12 @@ def bounds_of_actuators(model: mujoco.MjModel, given: Mapping[str, tuple[float, 
             )
         low.append(float(bound[0]))
         high.append(float(bound[1]))
-    return Bounds(tuple(low), tuple(high))
+        if not bound[0] <= holding.get(name, bound[0]) <= bound[1]:
+            raise ArgumentError(
+                f"holding.{name}: wanted {bound[0]:g} to {bound[1]:g}, as in control.{name}, came {holding[name]:g}."
+            )
+    held = tuple(float(holding.get(name, 0.0)) for name in names) if any(holding.values()) else ()
+    return Bounds(tuple(low), tuple(high), held)
 
 
 def control_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float] | None:

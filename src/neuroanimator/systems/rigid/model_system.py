@@ -54,7 +54,7 @@ class ModelSystem(MujocoSystem):
         self.sensors = sensor_entries(model, definition.sensors)
         self.state = state_layout(model, self.views, definition.sensors)
         self.control = layout_of_actuators(model)
-        self.bounds = bounds_of_actuators(model, definition.control)
+        self.bounds = bounds_of_actuators(model, definition.control, definition.holding)
         structure = structure_of(model, self.views, definition.frame, self.control, self.state.size)
         self.structure = replace(structure, groups=groups_of(model, self.views, definition.groups))
         self.scheme, self.truth, self.fine = schemes_of(definition.physics)
