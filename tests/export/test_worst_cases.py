@@ -13,7 +13,7 @@ from conftest import Cli
 
 from neuroanimator import Emulator, inspect, write_worst
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.errors import ArgumentError, ResourceError
+from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.inspection import Inspection
 from neuroanimator.export import worst_cases
 from neuroanimator.export.film.caption import caption_image
@@ -84,12 +84,13 @@ def test_curves_need_no_bodies(
     assert len(first) > 10_000
 
 
-def test_a_film_of_no_bodies_is_refused_with_what_to_do(
-    without_bodies: Emulator, found: Inspection, tmp_path: Path
+def test_what_has_no_bodies_is_filmed_as_gauges_of_one_range(
+    without_bodies: Emulator, found: Inspection
 ):
-    with pytest.raises(ArgumentError, match=r"has none, only numbers. Use \.svg or \.png"):
-        write_worst(without_bodies, found, tmp_path / "worst.mp4")
-    assert not list(tmp_path.iterdir())
+    for take in _takes(without_bodies, found):
+        assert take.ghost is not None
+        assert len(take.clips[0].skeleton.bones) == len(take.ghost.skeleton.bones) > 0
+        np.testing.assert_allclose(take.clips[0].states[0], take.ghost.states[0], atol=1e-5)
 
 
 def test_the_command_line_refuses_other_endings_before_any_work_is_done(cli: Cli, tmp_path: Path):

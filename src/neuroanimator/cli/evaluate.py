@@ -80,7 +80,7 @@ def _evaluate(
             trust_files(system)
         loaded = [Emulator.load(find_emulator(name)) for name in emulators]
         if files.worst:
-            check_worst_path(files.worst, loaded)
+            check_worst_path(files.worst)
         transitions = read_transitions(data) if data else None
     evaluations = []
     with progress_bar("emulators", len(loaded)) as bar:

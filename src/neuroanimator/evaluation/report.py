@@ -23,6 +23,23 @@ MAX_SHOWN = 3
 VIEWPORT = "<meta name=viewport content='width=device-width,initial-scale=1'>"
 """Without it a phone shows a page as wide as a desk's, and tiny."""
 
+COLUMNS = {
+    "system": "What is emulated.",
+    "substeps": "Physics steps n in one super step of the emulator.",
+    "one_step_error": "Root mean square error after one super step, in standard deviations of the change.",
+    "noise_error": "The part of it that noise of the recordings makes alone; a perfect emulator would have it too.",
+    "rollout_error_1s": "Error after a second, over how far runs get from their start.",
+    "nominal_speedup": "Time of n physics steps at the system's own step, over that of one super step.",
+    "equal_error_speedup": "The same against the fastest physics that is at least as accurate.",
+    "equal_error_rival": "That physics: its integrator and step.",
+    "emulator_us": "Time of one super step [µs].",
+    "emulator_jax_us": "The same in JAX [µs].",
+    "physics_us": "Time of n physics steps at the system's own step [µs].",
+    "diverged": "Random starts whose long rollouts went ten times further than training and physics do.",
+    "verdict": "Useless: a guess that needs no emulator is as good. Good: controllers found through it hold on the physics.",
+}
+"""What each column of the table means."""
+
 NOISE_HEADS = (
     "number of the state",
     "noise [its unit]",
@@ -47,6 +64,7 @@ h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}h3{margin-top:1.8rem;f
 td,th{padding:.3rem .8rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
 th{white-space:normal;vertical-align:bottom}td:first-child,th:first-child{text-align:left}
 svg,video{max-width:100%;height:auto}p{max-width:46rem}
+.wide svg.plot{min-width:36rem;max-width:none}dt{font-weight:600}dd{margin:0 0 .4rem 1rem}
 svg.bars{width:9rem;height:1.6rem;fill:var(--bar);vertical-align:middle}
 @media (max-width:40rem){td,th{padding:.3rem .4rem;font-size:.85rem}}
 @media (prefers-color-scheme:dark){:root{--line:#3a4653}body{color:#dbe3ec;background:#14191f}
@@ -62,6 +80,7 @@ def write_report(
     parts = [
         "<h1>NeuroAnimator: emulator against physics</h1>",
         _table(evaluations),
+        _glossary(evaluations),
         _verdict(evaluations),
     ]
     for title, body in extra or []:
@@ -81,6 +100,14 @@ def _table(evaluations: list[Evaluation]) -> str:
         cells = "".join(f"<td>{_format(value)}</td>" for value in row.values())
         lines.append(f"<tr>{cells}</tr>")
     return f"<div class=wide><table>{''.join(lines)}</table></div>"
+
+
+def _glossary(evaluations: list[Evaluation]) -> str:
+    """Return what the columns of the table mean, to be unfolded."""
+    lines = ""
+    for key in evaluations[0].row():
+        lines += f"<dt>{html.escape(key.replace('_', ' '))}</dt><dd>{COLUMNS.get(key, '')}</dd>"
+    return f"<details><summary>What the columns mean</summary><dl>{lines}</dl></details>"
 
 
 def _format(value: str | int | float) -> str:

@@ -55,6 +55,7 @@ COVERAGE_CAPTION = (
 def inspection_html(inspection: Inspection) -> str:
     """Return the sections of one emulator."""
     truth = "the recordings" if inspection.is_recorded else "the physics that teaches emulators"
+    curves = inline_svg(draw_segments(inspection.worst, inspection.truth_name))
     parts = [
         "<h3>How large its errors are</h3>",
         plot(partial(_draw_errors, spread=inspection.errors)),
@@ -64,7 +65,7 @@ def inspection_html(inspection: Inspection) -> str:
         "<h3>Error of each number</h3>",
         _component_table(inspection),
         "<h3>Its worst cases</h3>",
-        inline_svg(draw_segments(inspection.worst, inspection.truth_name)),
+        f"<div class=wide>{curves}</div>",
         f"<p>{WORST_CAPTION}</p>",
         f"<h3>What {'the data' if inspection.has_data else 'unseen runs'} cover</h3>",
         _coverage_tables(inspection.coverage, has_data=inspection.has_data),

@@ -1,4 +1,4 @@
-"""The worst cases of an emulator as a file: a film of bodies, or curves of whatever there is."""
+"""The worst cases of an emulator as a file: a film of bodies or gauges, or curves."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip, make_clip
+from neuroanimator.animation.gauges import drawable
 from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.inspection import Inspection
@@ -51,15 +52,10 @@ DPI = 130
 """Pixels an inch of a PNG file."""
 
 
-def check_worst_path(path: Path, emulators: Sequence[Emulator]) -> None:
-    """Raise ArgumentError for a file name that their worst cases cannot be written to."""
+def check_worst_path(path: Path) -> None:
+    """Raise ArgumentError for a file name that worst cases cannot be written to."""
     if path.suffix not in FORMATS:
         raise ArgumentError(f"worst: '{path.name}' ends in none of {', '.join(FORMATS)}.")
-    for emulator in emulators:
-        if path.suffix == ".mp4" and not emulator.skeleton.bones:
-            raise ArgumentError(
-                f"worst: {path.name} shows bodies, and {emulator.system} has none, only numbers. Use .svg or .png."
-            )
 
 
 def write_worst(
@@ -70,13 +66,13 @@ def write_worst(
     """Write the worst segments that `na.inspect` found of one emulator, or of several, to `path`.
 
     `.mp4` is a film: the physics, and the emulator as a translucent ghost in the same place, half as fast as it happens.
-    `.svg` and `.png` are curves of what is most wrong. Raises ArgumentError for other endings, and for a film of what
-    has no bodies; ResourceError where nothing can be drawn.
+    Systems without bodies are shown as gauges. `.svg` and `.png` are curves of what is most wrong. Raises ArgumentError
+    for other endings; ResourceError where nothing can be drawn.
     """
     path = Path(path)
     several = [emulators] if isinstance(emulators, Emulator) else list(emulators)
     found = [inspections] if isinstance(inspections, Inspection) else list(inspections)
-    check_worst_path(path, several)
+    check_worst_path(path)
     if path.suffix == ".mp4":
         takes = []
         for emulator, inspection in zip(several, found, strict=True):
@@ -104,12 +100,15 @@ def _takes(emulator: Emulator, inspection: Inspection) -> list[Take]:
     takes = []
     for number, segment in enumerate(inspection.worst, start=1):
         physics = _slow_clip(emulator, segment.physics, "physics")
-        ghost = _slow_clip(emulator, segment.emulated, "emulator")
+        emulated = _slow_clip(emulator, segment.emulated, "emulator")
+        ghost = drawable(emulated, emulator, ranges_from=physics)
         caption = (
             f"{emulator.system}, n = {emulator.substeps}, worst {number} of {len(inspection.worst)}: "
             f"{_error_words(segment)}. Magenta: the emulator"
         )
-        takes.append(Take((physics,), ghost, caption, round(HELD_SECONDS * RATE)))
+        takes.append(
+            Take((drawable(physics, emulator),), ghost, caption, round(HELD_SECONDS * RATE))
+        )
     return takes
 
 

@@ -53,7 +53,7 @@ EMERGED = 0.5
 LEAPING = 0.1
 """A body leaps if its middle comes so high over the water, over its size."""
 
-MAX_GHOST_ROOM = 3.0
+MAX_GHOST_ROOM = 2.2
 """The camera goes at most so many times further away to have a ghost that goes astray in the picture."""
 
 MIN_SIZE = 1e-3

@@ -38,7 +38,7 @@ class Quality(NamedTuple):
 FINE = Quality(samples=8, shadow_map=4096, scale=1, loss=18)
 """Shadows have edges finer than a pixel."""
 
-QUICK = Quality(samples=0, shadow_map=1024, scale=2, loss=27)
+QUICK = Quality(samples=0, shadow_map=1024, scale=2, loss=25)
 """Software samples a pixel at four points in twice the time it takes to draw four pixels."""
 
 ENCODER = ["-preset", "veryfast", "-movflags", "+faststart"]

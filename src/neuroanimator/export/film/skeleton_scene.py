@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.skeleton import Skeleton
@@ -27,6 +27,9 @@ LIGHT_DISTANCE = 4.0
 
 SHADOW_REACH = 1.6
 """Half the width of where shadows fall, over the body's size: the less, the finer they are."""
+
+SAME_PLACE = 1e-9
+"""Bones whose positions [m] and quaternions differ by less are in the same place."""
 
 HALF_WIDTH = 60.0
 """Half the width of floor and water, over the body's size."""
@@ -115,7 +118,9 @@ class SkeletonScene:
         for number, clip in enumerate(take.clips):
             _add_skeleton(spec, f"{number} ", clip.skeleton)
         if take.ghost is not None:
-            _add_ghost(spec, "ghost ", take.ghost.skeleton, GHOST_SWELLING * self.shots.size)
+            is_elsewhere = ~_are_alike(poses[0], poses[-1])
+            swelling = GHOST_SWELLING * self.shots.size
+            _add_ghost(spec, "ghost ", take.ghost.skeleton, is_elsewhere, swelling)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
 
@@ -148,13 +153,26 @@ def _add_skeleton(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton) -> None:
         add_skin(spec, prefix, skeleton, skin_mesh(skeleton))
 
 
-def _add_ghost(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, swelling: float) -> None:
-    """Add what moves of a skeleton, and its skin, in the one colour of ghosts; its names after `prefix`.
+def _are_alike(one: Poses, other: Poses) -> Bool[np.ndarray, " B"]:
+    """Return which bones are in the same place all the time in two motions of a body."""
+    apart = np.abs(one.positions - other.positions).max(axis=(0, 2))
+    turned = np.abs(one.orientations - other.orientations).max(axis=(0, 2))
+    return (apart < SAME_PLACE) & (turned < SAME_PLACE)
 
-    It is larger on all sides by `swelling` [m].
+
+def _add_ghost(
+    spec: mujoco.MjSpec,
+    prefix: str,
+    skeleton: Skeleton,
+    is_shown: Bool[np.ndarray, " B"],
+    swelling: float,
+) -> None:
+    """Add the bones of a skeleton that are shown, and its skin, in the one colour of ghosts; its names after `prefix`.
+
+    They are larger on all sides by `swelling` [m].
     """
     for number, bone in enumerate(skeleton.bones):
-        shapes = bone.shapes if skeleton.is_moved(number) else ()
+        shapes = bone.shapes if is_shown[number] else ()
         tinted = tuple(
             replace(
                 shape,
@@ -169,13 +187,20 @@ def _add_ghost(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton, swelling: f
         skin.inflate = swelling
 
 
-def _held_poses(
-    clip: Clip, frames: int
-) -> tuple[Float[np.ndarray, "{frames} B 3"], Float[np.ndarray, "{frames} B 4"]]:
+class Poses(NamedTuple):
+    """Where the bones of a body are in every image."""
+
+    positions: Float[np.ndarray, "F B 3"]
+    """In the world [m]."""
+    orientations: Float[np.ndarray, "F B 4"]
+    """Their quaternions in the world."""
+
+
+def _held_poses(clip: Clip, frames: int) -> Poses:
     """Return the bones' positions and quaternions in the world in all `frames`; a shorter clip stays at its last."""
     index = np.minimum(np.arange(frames), len(clip.times) - 1)
     positions, orientations = clip.skeleton.world_poses(clip.states)
-    return positions[index], orientations[index]
+    return Poses(positions[index], orientations[index])
 
 
 def _colours(shots: Shots, setting: Setting) -> Colours:
