@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip
-from neuroanimator.appearance.joints import Joint, Numbers
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.state.links import Joint, Numbers
 
 MAX_GAUGES = 24
 """So many numbers of a state are shown; more would be too small to read."""

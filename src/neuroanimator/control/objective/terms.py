@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from neuroanimator.appearance.joints import Link, point_of_chain
 from neuroanimator.control.objective.objective import CostTerm, StateTerm
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.arrays import as_parameter
@@ -18,6 +17,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.pytrees import static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.links import Link, point_of_chain
 from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.rotation import cross
 from neuroanimator.state.structure import Structure

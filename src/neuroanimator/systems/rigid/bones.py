@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.appearance.joints import Joint
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.parsing.names import model_name
+from neuroanimator.state.links import Joint
 
 DRAWN_GROUPS = 3
 """Geoms of groups 0 to 2 are drawn, as in MuJoCo's own viewer; higher groups are for contact only."""
