@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,9 @@ from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.parsing.names import check_system_name
 from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.gait import Gait
+from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.layout import Bounds, Layout
 from neuroanimator.state.segments import (
     Points,
@@ -60,6 +63,7 @@ def describe(emulator: Emulator) -> dict[str, Any]:
         **_describe_spec(emulator.spec),
         "modes": emulator.encoding.to_json(),
         "frame": _describe_frame(emulator.frame),
+        **_describe_contacts(emulator.frame),
         "features": _describe_features(emulator.features),
         "network": _describe_network(emulator.network),
         **_describe_strides(emulator.strides),
@@ -100,6 +104,11 @@ def _describe_frame(frame: Frame) -> dict[str, Any]:
     }
 
 
+def _describe_contacts(frame: Frame) -> dict[str, Any]:
+    """Return the contacts if there are any: files from before there were stay what they are."""
+    return {} if frame.contacts is None else {"contacts": frame.contacts.to_json()}
+
+
 def _describe_features(features: Features) -> dict[str, Any]:
     return {
         "rows": features.angles.shape[0],
@@ -129,6 +138,8 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     encoding = _encoding(metadata["modes"], spec)
     latent_size = encoding.layout.size
     frame = _frame(metadata["frame"], latent_size, controls, spec.dt / spec.strides)
+    if "contacts" in metadata:
+        frame = replace(frame, contacts=_contacts(metadata["contacts"], frame, spec))
     others = frame.local_size + frame.control_size(controls)
     changes = frame.change_size(latent_size)
     features = _features(metadata["features"], latent_size, others)
@@ -274,6 +285,22 @@ def _frame(described: dict[str, Any], state_size: int, controls: int, dt: float)
         has_gravity=flag(described["has_gravity"], "frame: weighs"),
         is_immersed=flag(described["is_immersed"], "frame: is_immersed"),
         external_forces=external_forces,
+    )
+
+
+def _contacts(described: Any, frame: Frame, spec: EmulatorSpec) -> Contacts:
+    """Return the contacts of the skeleton's bones, which joints must move."""
+    bones = spec.skeleton.bones
+    if any(bone.binding is not None for bone in bones):
+        raise ValueError("contacts: bones that follow mass points")
+    return Contacts.from_json(
+        described,
+        kinematics=Kinematics(
+            tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones)
+        ),
+        rates=spec.rates,
+        orientations=frame.orientations,
+        state_size=spec.state.size,
     )
 
 

@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.scaffold.defaults import tidy
-from neuroanimator.scaffold.surroundings import is_disabled, servo_of
+from neuroanimator.scaffold.surroundings import servo_of
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.rigid.actuators import actuator_name, control_range
+from neuroanimator.systems.rigid.touching import is_disabled
 
 GUESS = (-1.0, 1.0)
 """An actuator of which nothing is known is proposed this range, with a word to correct it."""

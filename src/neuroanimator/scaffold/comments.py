@@ -16,7 +16,6 @@ from neuroanimator.scaffold.surroundings import (
     can_touch_ground,
     gravity_of,
     has_free_root,
-    is_limited,
     what_tells_place,
     world_axis_actuators,
 )
@@ -25,9 +24,11 @@ from neuroanimator.scaffold.teacher import (
     Teacher,
     in_words,
 )
+from neuroanimator.state.contacts import Contacts
 from neuroanimator.systems.rigid.actuators import actuator_name, control_range
 from neuroanimator.systems.rigid.joints import joint_name, sensor_name
-from neuroanimator.systems.rigid.model_system import keyframe_name
+from neuroanimator.systems.rigid.model_system import ModelSystem, keyframe_name
+from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.text import listed
 
 SLOW = 0.05
@@ -49,8 +50,9 @@ class Findings(NamedTuple):
     """What became of a large model's textures and meshes."""
 
 
-def comments_on(model: mujoco.MjModel, found: Findings) -> dict[str, str]:
-    """Return the comments on the proposed values, by key of the TOML file."""
+def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
+    """Return the comments on the values proposed for `system`, by key of the TOML file."""
+    model = system.model
     values = found.motion.values
     sensors = [sensor_name(model, sensor) for sensor in range(model.nsensor)]
     keyframes = [keyframe_name(model, keyframe) for keyframe in range(model.nkey)]
@@ -62,6 +64,7 @@ def comments_on(model: mujoco.MjModel, found: Findings) -> dict[str, str]:
         "physics.step": "the model's own [s]",
         "physics.integrator": "the model's own",
         "sensors": f"those to be emulated too, of: {listed(filter(None, sensors)) or 'none'}",
+        "frame.contacts": _contacts_note(system.structure.contacts),
         "sampling.warm_up": "something can touch something: let contacts settle first",
         "sampling.above_ground": "lifts starts that would lie in the ground",
     }
@@ -106,6 +109,15 @@ def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
             why = f"with all of which {found.motion.joint} would turn too fast to learn; widen if need be"
         notes.append(f"of {low:.4g} to {high:.4g}, {why}")
     return "; ".join(notes)
+
+
+def _contacts_note(contacts: Contacts | None) -> str:
+    """Return what the network is shown of contacts."""
+    if contacts is None:
+        return "nothing touches a fixed plane, and no joint has a stop"
+    points = len(contacts.points)
+    stops = len(contacts.stops)
+    return f"shows the network where {points} points and {stops} joints are going, to the ground and to their stops"
 
 
 def _spread_note(model: mujoco.MjModel, values: dict[str, Any], joint: int) -> str:

@@ -29,7 +29,6 @@ from neuroanimator.scaffold.surroundings import (
     gravity_of,
     has_contacts,
     has_free_root,
-    is_limited,
     is_placeless,
     planar_root,
 )
@@ -47,6 +46,7 @@ from neuroanimator.systems.rigid.joints import FEATURES, joint_name
 from neuroanimator.systems.rigid.model_files import compile_model, read_model
 from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe_name
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
+from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import phase
@@ -120,7 +120,7 @@ def propose(
     parts = [part.name for part in system.state.slices]
     return Proposal(
         definition,
-        comments_on(model, found),
+        comments_on(system, found),
         parts,
         tuple(warnings_about(model, found)),
         in_words(teacher.seconds),
@@ -167,7 +167,11 @@ def _read_off(path: Path, model: mujoco.MjModel, keyframe: str, base: str) -> di
             "fine_integrator": "rk4",
         },
         "state": features,
-        "frame": {"ground": is_free and has_weight and has_ground, "planar": planar},
+        "frame": {
+            "ground": is_free and has_weight and has_ground,
+            "contacts": has_ground or any(is_limited(model, i) for i in range(model.njnt)),
+            "planar": planar,
+        },
         "control": proposed_bounds(model),
         "sampling": {
             "warm_up": warm_up,

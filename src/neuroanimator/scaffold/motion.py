@@ -24,9 +24,7 @@ from neuroanimator.scaffold.surroundings import (
     has_free_root,
     has_servo,
     has_spring,
-    is_limited,
     servo_of,
-    touching_geoms,
 )
 from neuroanimator.scaffold.trials import (
     MAX_GROWTH,
@@ -41,6 +39,7 @@ from neuroanimator.state.rotation import rotate
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.model_system import ModelSystem
+from neuroanimator.systems.rigid.touching import is_limited, touching_geoms
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import progress_bar
 

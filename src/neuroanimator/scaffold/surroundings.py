@@ -6,22 +6,15 @@ from collections.abc import Iterable
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from neuroanimator.parsing.names import model_name
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
 from neuroanimator.systems.rigid.joints import joint_name
+from neuroanimator.systems.rigid.touching import is_disabled, is_limited, touching_geoms
 
 LEVEL_TOLERANCE = 1e-9
 """An axis is level, or at right angles to another, if their product is below this: rounding only."""
-
-FLAT = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
-"""Geoms of these kinds never touch one another."""
-
-
-def is_disabled(model: mujoco.MjModel, *flags: mujoco.mjtDisableBit) -> bool:
-    """Return whether the model's <flag> element turns any of `flags` off."""
-    return any(model.opt.disableflags & flag for flag in flags)
 
 
 def gravity_of(model: mujoco.MjModel) -> Float[np.ndarray, " 3"]:
@@ -29,14 +22,6 @@ def gravity_of(model: mujoco.MjModel) -> Float[np.ndarray, " 3"]:
     if is_disabled(model, mujoco.mjtDisableBit.mjDSBL_GRAVITY):
         return np.zeros(3)
     return np.array(model.opt.gravity)
-
-
-def is_limited(model: mujoco.MjModel, joint: int) -> bool:
-    """Return whether a joint's range holds it: the model's flags may turn all ranges off."""
-    off = is_disabled(
-        model, mujoco.mjtDisableBit.mjDSBL_LIMIT, mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    )
-    return bool(model.jnt_limited[joint]) and not off
 
 
 def has_free_root(model: mujoco.MjModel) -> bool:
@@ -47,42 +32,6 @@ def has_free_root(model: mujoco.MjModel) -> bool:
 def has_contacts(model: mujoco.MjModel) -> bool:
     """Return whether anything can touch anything."""
     return len(touching_geoms(model)) > 0
-
-
-def touching_geoms(model: mujoco.MjModel) -> Int[np.ndarray, "P 2"]:
-    """Return the pairs of geoms that MuJoCo would let collide, wherever they are ("Collision detection")."""
-    nothing = np.zeros((0, 2), int)
-    if is_disabled(
-        model, mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    ):
-        return nothing
-    matches = (model.geom_contype[:, None] & model.geom_conaffinity[None]) != 0
-    can_touch = (matches | matches.T) & ~_are_one_body(model) & ~_are_flat(model)
-    for signature in model.exclude_signature:
-        first, second = divmod(int(signature), 1 << 16)
-        is_first = model.geom_bodyid == first
-        is_second = model.geom_bodyid == second
-        can_touch &= ~(is_first[:, None] & is_second[None] | is_second[:, None] & is_first[None])
-    pairs = np.argwhere(np.triu(can_touch, 1))
-    explicit = np.stack([model.pair_geom1, model.pair_geom2], axis=1).astype(int)
-    return np.concatenate([pairs, explicit]) if len(explicit) else pairs
-
-
-def _are_one_body(model: mujoco.MjModel) -> Bool[np.ndarray, "G G"]:
-    """Return which geoms MuJoCo never lets collide as they move together, or hang on one another."""
-    body = model.body_weldid[model.geom_bodyid]
-    parent = model.body_weldid[model.body_parentid[body]]
-    is_same = body[:, None] == body[None]
-    if is_disabled(model, mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
-        return np.asarray(is_same)
-    # What hangs on the world may touch it.
-    hangs_on = (parent[:, None] == body[None]) & (body[None] != 0)
-    return np.asarray(is_same | hangs_on | hangs_on.T)
-
-
-def _are_flat(model: mujoco.MjModel) -> Bool[np.ndarray, "G G"]:
-    is_flat = np.isin(model.geom_type, [int(kind) for kind in FLAT])
-    return np.asarray(is_flat[:, None] & is_flat[None])
 
 
 def world_axes(model: mujoco.MjModel) -> Float[np.ndarray, "J 3"]:

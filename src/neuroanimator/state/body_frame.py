@@ -11,6 +11,13 @@ from jaxtyping import Float
 
 from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.contacts import (
+    CEILING,
+    GROUND_SOFTNESS,
+    Contacts,
+    below_ceiling,
+    depth,
+)
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import cross, rotate_back, upward
 from neuroanimator.state.segments import (
@@ -31,12 +38,6 @@ GRAVITY_FEATURES = 3
 PROBE_FEATURES = 4
 """Numbers a probe is shown by: its height and its depth, each now and where it would coast to."""
 
-PROBE_CEILING = 1.0
-"""Height [m] about which a foot is as good as infinitely high: no super step crosses it unseen."""
-
-SOFTNESS = 0.05
-"""Length [m] over which the kink of a depth is rounded: about how far soft ground gives way."""
-
 
 class Frame(Module):
     """How a state is seen without position and heading, and how it changes."""
@@ -55,6 +56,8 @@ class Frame(Module):
     """The mass points that define the frame, where the state is theirs."""
     external_forces: tuple[tuple[float, ...], ...] = static(default=())
     """(3, C) force [N] in the world per control; empty where controls are no such forces."""
+    contacts: Contacts | None = static(default=None)
+    """What of the body may touch the ground or reach a stop; None where nothing is to be shown of it."""
 
     @classmethod
     def of(cls, structure: Structure, dt: float) -> Frame:
@@ -67,6 +70,7 @@ class Frame(Module):
             is_immersed=structure.is_immersed,
             cloud=structure.cloud,
             external_forces=structure.external_forces,
+            contacts=structure.contacts,
         )
 
     def change_size(self, state_size: int) -> int:
@@ -81,6 +85,8 @@ class Frame(Module):
         sizes = [self._shown_size(segment) for segment in self.segments]
         if self._shows_probes:
             sizes.append(PROBE_FEATURES * len(self.probes))
+        if self.contacts is not None:
+            sizes.append(self.contacts.size)
         return sum(sizes)
 
     @property
@@ -137,8 +143,6 @@ class Frame(Module):
 
     def local(self, state: Float[AnyArray, "... S"]) -> Float[AnyArray, "... L"]:
         """Return (..., L) the root's numbers that do not depend on position and heading, and balls' axes."""
-        if not self.segments:
-            return state[..., :0]
         root = self._root(state)
         root_orientation = self._root_orientation
         shown = []
@@ -153,6 +157,8 @@ class Frame(Module):
                 shown.append(segment.local(entries, root, self.cloud))
         if self._shows_probes:
             shown += self._probe_heights(state)
+        if self.contacts is not None:
+            shown += self.contacts.shown(state, root, self.dt)
         if not shown:
             return state[..., :0]
         return state.__array_namespace__().concat(shown, axis=-1)
@@ -180,8 +186,9 @@ class Frame(Module):
         height = position[..., 2:] + up @ centres - radii
         rising = velocity[..., 2:] + cross(up, angular_velocity) @ centres
         later = height + self.dt * rising
-        in_range = _near_surface if self.is_immersed else _below_ceiling
-        return [in_range(height), in_range(later), _depth(height), _depth(later)]
+        in_range = _near_surface if self.is_immersed else below_ceiling
+        depths = [depth(height, GROUND_SOFTNESS), depth(later, GROUND_SOFTNESS)]
+        return [in_range(height), in_range(later), *depths]
 
     def control_size(self, controls: int) -> int:
         """Return how many numbers `felt_control` makes of so many controls."""
@@ -258,22 +265,6 @@ class Frame(Module):
         return before.__array_namespace__().concat(differences, axis=-1)
 
 
-# Roots instead of tanh and softplus, whose compiled forms take one number at a time and half a super step together.
-
-
-def _below_ceiling(height: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
-    """Return `height` [m] where it is small, the ceiling where it is large."""
-    xp = height.__array_namespace__()
-    return height / xp.sqrt(1 + (height / PROBE_CEILING) ** 2)
-
-
 def _near_surface(height: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
     """Return `height` [m] over the water's surface, at most the ceiling above or below it."""
-    return height.__array_namespace__().clip(height, -PROBE_CEILING, PROBE_CEILING)
-
-
-def _depth(height: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
-    """Return how far below the ground `height` [m] is, its kink rounded, at most the ceiling."""
-    xp = height.__array_namespace__()
-    near = xp.clip(height, -PROBE_CEILING, PROBE_CEILING)
-    return (xp.sqrt(near * near + SOFTNESS**2) - near) / 2
+    return height.__array_namespace__().clip(height, -CEILING, CEILING)

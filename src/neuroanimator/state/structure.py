@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from neuroanimator.parsing.numbers import entries
+from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.segments import Segment, orientations_of
 
@@ -74,6 +75,7 @@ class Structure:
     `groups`: parts of it that move much on their own.
     `has_gravity`: whether the root feels gravity, so that up and down matter.
     `is_immersed`: whether probes look for the surface of water instead of for the ground.
+    `contacts`: what of a jointed body may touch the ground or reach a stop.
     """
 
     angles: tuple[tuple[int, ...], ...]
@@ -90,6 +92,7 @@ class Structure:
     groups: tuple[Group, ...] = ()
     external_forces: tuple[tuple[float, ...], ...] = ()
     is_immersed: bool = False
+    contacts: Contacts | None = None
 
     @property
     def orientations(self) -> tuple[tuple[int, int], ...]:

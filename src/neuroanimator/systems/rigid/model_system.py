@@ -17,6 +17,7 @@ from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
 from neuroanimator.systems.goal import Goal, goal_at
 from neuroanimator.systems.rigid.actuators import bounds_of_actuators, layout_of_actuators
 from neuroanimator.systems.rigid.bones import skeleton_of
+from neuroanimator.systems.rigid.contacts import contacts_of
 from neuroanimator.systems.rigid.ground import height_entry, lift_out
 from neuroanimator.systems.rigid.joints import (
     JointView,
@@ -56,7 +57,11 @@ class ModelSystem(MujocoSystem):
         self.control = layout_of_actuators(model)
         self.bounds = bounds_of_actuators(model, definition.control, definition.holding)
         structure = structure_of(model, self.views, definition.frame, self.control, self.state.size)
-        self.structure = replace(structure, groups=groups_of(model, self.views, definition.groups))
+        contacts = None
+        if definition.frame.contacts:
+            contacts = contacts_of(model, self.views, structure.rates, structure.segments)
+        groups = groups_of(model, self.views, definition.groups)
+        self.structure = replace(structure, groups=groups, contacts=contacts)
         self.scheme, self.truth, self.fine = schemes_of(definition.physics)
         self.skeleton = skeleton_of(model)
         self.rest = self.with_sensors(_rest(model, definition.keyframe)[None])[0]

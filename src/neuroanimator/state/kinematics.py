@@ -1,0 +1,186 @@
+"""Where the links of a tree are, as homogeneous matrices: few operations on many numbers, which compile quickly.
+
+`Link.local_pose` says the same of one link in quaternions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.links import Joint, Link
+from neuroanimator.state.rotation import rotation_matrices
+
+Matrix = Float[np.ndarray, "4 4"]
+"""A homogeneous matrix, or a part of one."""
+
+
+class MovedFrame(NamedTuple):
+    """What a joint moves: its matrix in the frame it hangs on is a sum of constant ones.
+
+    Of a hinge `still` + sin · `first` + cos · `second`, of a slide `still` + distance · `first`; of a ball
+    `still` times its rotation; of a free joint its rotation and its position alone.
+    """
+
+    parent: int
+    """Index of the frame it hangs on; -1 for the world."""
+    kind: str
+    """One of `links.JOINT_KINDS`."""
+    entry: int
+    """First state entry the joint reads."""
+    reference: float
+    """Value of the entry at which a hinge or a slide is at zero."""
+    still: Matrix
+    first: Matrix
+    second: Matrix
+
+
+class CarriedLink(NamedTuple):
+    """A link, as the frame it moves with carries it."""
+
+    frame: int
+    """Index of the frame; -1 for a link that never moves."""
+    matrix: Matrix
+    """Brings points of the link into the frame."""
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Links that hang on one another."""
+
+    links: tuple[Link, ...]
+    """Each after its parent."""
+    parents: tuple[int, ...]
+    """Index of the link each hangs from; -1 for the world."""
+
+    @cached_property
+    def frames(self) -> list[MovedFrame]:
+        """What every joint moves, each after what it hangs on."""
+        return self._frames_and_links[0]
+
+    @cached_property
+    def carried(self) -> list[CarriedLink]:
+        """Which frame carries each link."""
+        return self._frames_and_links[1]
+
+    @cached_property
+    def _frames_and_links(self) -> tuple[list[MovedFrame], list[CarriedLink]]:
+        frames: list[MovedFrame] = []
+        carried: list[CarriedLink] = []
+        for link, parent in zip(self.links, self.parents, strict=True):
+            frame = -1
+            matrix = np.eye(4)
+            if parent >= 0:
+                frame, matrix = carried[parent]
+            matrix = matrix @ _fixed(link)
+            for joint in link.joints:
+                frames.append(_moved(joint, frame, matrix))
+                frame = len(frames) - 1
+                matrix = np.eye(4)
+                if joint.kind == "ball":
+                    matrix = _translation(-np.array(joint.anchor))
+            carried.append(CarriedLink(frame, matrix))
+        return frames, carried
+
+    def transforms(self, states: Float[AnyArray, "... S"]) -> list[Float[AnyArray, "... 4 4"]]:
+        """Return per frame the matrix that brings its points into the world, of states (..., S)."""
+        xp = states.__array_namespace__()
+        of_axes = self._of_axes(states)
+        transforms: list[Float[AnyArray, "... 4 4"]] = []
+        for frame in self.frames:
+            if frame.kind in ("hinge", "slide"):
+                local = next(of_axes)
+            else:
+                local = _turned(frame, states)
+            if frame.parent >= 0 and frame.kind != "free":
+                local = xp.matmul(transforms[frame.parent], local)
+            transforms.append(local)
+        return transforms
+
+    def _of_axes(self, states: Float[AnyArray, "... S"]) -> Iterator[Float[AnyArray, "... 4 4"]]:
+        """Yield the matrices of hinges and slides, in order, in the frames they hang on; they are computed together."""
+        frames = [frame for frame in self.frames if frame.kind in ("hinge", "slide")]
+        if not frames:
+            return
+        xp = states.__array_namespace__()
+
+        def constant(numbers: list[Any]) -> AnyArray:
+            return xp.asarray(np.array(numbers), dtype=states.dtype)
+
+        value = xp.stack([states[..., frame.entry] for frame in frames], axis=-1)
+        value = value - constant([frame.reference for frame in frames])
+        turns = constant([float(frame.kind == "hinge") for frame in frames])
+        first = turns * xp.sin(value) + (1 - turns) * value
+        matrices = (
+            constant([frame.still for frame in frames])
+            + first[..., None, None] * constant([frame.first for frame in frames])
+            + xp.cos(value)[..., None, None] * constant([frame.second for frame in frames])
+        )
+        for number in range(len(frames)):
+            yield matrices[..., number, :, :]
+
+
+def _moved(joint: Joint, parent: int, matrix: Matrix) -> MovedFrame:
+    """Return what `joint` moves, which hangs on the frame `parent` by `matrix`."""
+    first = np.zeros((4, 4))
+    second = np.zeros((4, 4))
+    still = matrix
+    if joint.kind == "slide":
+        first[:3, 3] = joint.axis
+    elif joint.kind == "hinge":
+        # Rodrigues' formula: R = k kᵀ + sin · K + cos · (1 - k kᵀ)
+        there = _translation(np.array(joint.anchor))
+        back = _translation(-np.array(joint.anchor))
+        x, y, z = joint.axis
+        along = np.outer(joint.axis, joint.axis)
+        first[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+        second[:3, :3] = np.eye(3) - along
+        middle = np.eye(4)
+        middle[:3, :3] = along
+        still = matrix @ there @ middle @ back
+        first = there @ first @ back
+        second = there @ second @ back
+    elif joint.kind == "ball":
+        still = matrix @ _translation(np.array(joint.anchor))
+    return MovedFrame(
+        parent, joint.kind, joint.entry, joint.reference, still, matrix @ first, matrix @ second
+    )  # fmt: skip
+
+
+def _turned(frame: MovedFrame, states: Float[AnyArray, "... S"]) -> Float[AnyArray, "... 4 4"]:
+    """Return the matrix of a ball or a free joint."""
+    xp = states.__array_namespace__()
+    is_free = frame.kind == "free"
+    first = frame.entry + 3 if is_free else frame.entry
+    quaternion = states[..., first : first + 4]
+    norm = xp.sqrt(xp.sum(quaternion * quaternion, axis=-1, keepdims=True))
+    rotation = rotation_matrices(quaternion / norm)
+    position = xp.zeros_like(states[..., :3])
+    if is_free:
+        position = states[..., frame.entry : frame.entry + 3]
+    upper = xp.concat([rotation, position[..., None]], axis=-1)
+    last = xp.asarray(np.array([[0, 0, 0, 1]]), dtype=states.dtype)
+    whole = xp.concat([upper, xp.broadcast_to(last, (*upper.shape[:-2], 1, 4))], axis=-2)
+    if is_free:
+        return whole
+    return xp.matmul(xp.asarray(frame.still, dtype=states.dtype), whole)
+
+
+def _fixed(link: Link) -> Matrix:
+    """Return where a link hangs, its joints at their references."""
+    matrix = _translation(np.array(link.offset))
+    quaternion = np.array(link.orientation)
+    matrix[:3, :3] = rotation_matrices(quaternion / np.linalg.norm(quaternion))
+    return matrix
+
+
+def _translation(offset: Float[np.ndarray, " 3"]) -> Matrix:
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix
