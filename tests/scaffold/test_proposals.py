@@ -184,5 +184,5 @@ def test_actuators_whose_names_clash_are_refused(tmp_path: Path):
 def test_how_long_the_data_will_take_is_said_before_they_are_made(tmp_path: Path, cli):
     (tmp_path / "arm.xml").write_text(ARM)
     result = cli("new", tmp_path / "arm.xml")
-    assert "100,000 transitions take about" in result.stdout
-    assert "100,000 transitions take about" in (tmp_path / "arm.toml").read_text()
+    assert "300,000 transitions take about" in result.stdout
+    assert "300,000 transitions take about" in (tmp_path / "arm.toml").read_text()

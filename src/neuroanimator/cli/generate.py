@@ -24,7 +24,7 @@ def run(
     substeps: Annotated[
         int | None, typer.Option(help="Physics steps n in a super step; the system's own, or 50.")
     ] = None,
-    count: Annotated[int, typer.Option(help="Transitions to make.")] = 100_000,
+    count: Annotated[int, typer.Option(help="Transitions to make.")] = 300_000,
     seed: Annotated[int, typer.Option(help="Seed of starts and controls.")] = 0,
     threads: Annotated[
         int | None,
@@ -45,9 +45,7 @@ def run(
         name, definition, usual_substeps = resolve(system)
     if substeps is None:
         substeps = usual_substeps
-    config = DatasetConfig(
-        system=name, definition=definition, substeps=substeps, count=count, seed=seed
-    )
+    config = DatasetConfig.usual(name, definition, substeps, count=count, seed=seed)
     config = limited_to_recordings(config)
     diverged = generate_with_bar(config, out, threads)
     rows: list[tuple[str, object]] = [
@@ -96,6 +94,6 @@ def ensure_data(reference: str, emulator: Path) -> Path:
     name, definition, usual_substeps = resolve(reference)
     stem = emulator.name.removesuffix(".safetensors").removesuffix(".emulator")
     folder = emulator.with_name(stem + ".data")
-    config = DatasetConfig(system=name, definition=definition, substeps=usual_substeps)
+    config = DatasetConfig.usual(name, definition, usual_substeps)
     generate_with_bar(limited_to_recordings(config), folder)
     return folder

@@ -44,6 +44,7 @@ def run(
     from neuroanimator.text import print_line
 
     with phase("loading"):
+        from neuroanimator.data.config import USUAL_COUNT
         from neuroanimator.scaffold.write_toml import checked_base, write_definition
     with phase("checking the model"):
         path, proposal = write_definition(
@@ -67,6 +68,6 @@ def run(
     if proposal.left_out:
         rows.append(("made light", proposal.left_out))
     if proposal.data_time:
-        rows.append(("data", f"100,000 transitions take about {proposal.data_time}"))
+        rows.append(("data", f"{USUAL_COUNT:,} transitions take about {proposal.data_time}"))
     rows += [("written", path), ("next", following)]
     print_rows(rows)

@@ -71,9 +71,10 @@ def run(
     for key, value in options.items():
         if value is not None:
             settings[key] = value
-    checked = TrainingConfig(**settings)
+    TrainingConfig(**settings)  # what is wrong is said before data are made
     last: list[Report] = []
     transitions = read_transitions(ensure_data(data, out))
+    checked = TrainingConfig.usual(transitions.system.structure, **settings)
     with progress_bar("updates", checked.chunks * UPDATES_PER_CHUNK) as bar:
 
         def on_report(report: Report) -> None:

@@ -23,6 +23,12 @@ RUN_STEPS = 40
 SAMPLES_PER_RUN = 12
 """So many super steps of a run become training examples if nothing else is said: on average every third."""
 
+USUAL_COUNT = 300_000
+"""So many transitions are made of a system if nothing else is said: as many runs as of 100,000 with `SAMPLES_PER_RUN`."""
+
+USUAL_SAMPLES_PER_RUN = 36
+"""So many of each run: simulating costs more than storing, and robots with contacts learn from every example."""
+
 MAX_GAP = 5
 """With `SAMPLES_PER_RUN` of them, neighbouring examples lie at most so many super steps apart (eq. 8); with more, less."""
 
@@ -80,6 +86,26 @@ class DatasetConfig(Settings, DatasetTable):
         """Return what a dataset's file says, its system not looked at; ValidationError names a wrong field."""
         checked = DatasetTable.model_validate(values)
         return cls.model_construct(**checked.model_dump())
+
+    @classmethod
+    def usual(
+        cls,
+        system: str,
+        definition: str,
+        substeps: int,
+        *,
+        count: int = USUAL_COUNT,
+        seed: int = 0,
+    ) -> DatasetConfig:
+        """Return the dataset that is made of a system if nothing else is said."""
+        return cls(
+            system=system,
+            definition=definition,
+            substeps=substeps,
+            count=count,
+            samples_per_run=USUAL_SAMPLES_PER_RUN,
+            seed=seed,
+        )
 
     @property
     def runs(self) -> int:

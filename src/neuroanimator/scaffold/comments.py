@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from neuroanimator.data.config import USUAL_COUNT
 from neuroanimator.parsing.names import model_name
 from neuroanimator.scaffold.holding import Hold
 from neuroanimator.scaffold.motion import FAR, OFF_MIDDLE, Motion, free_spread, system_of
@@ -20,7 +21,6 @@ from neuroanimator.scaffold.surroundings import (
     world_axis_actuators,
 )
 from neuroanimator.scaffold.teacher import (
-    USUAL_TRANSITIONS,
     Teacher,
     in_words,
 )
@@ -164,7 +164,7 @@ def _teacher_note(teacher: Teacher) -> str:
     """Return the comment on the teacher's step."""
     note = (
         f"teaches with an error of {teacher.error:.2g} of a super step's change; the model's own: {teacher.own_error:.2g}; "
-        f"{USUAL_TRANSITIONS:,} transitions take about {in_words(teacher.seconds)}"
+        f"{USUAL_COUNT:,} transitions take about {in_words(teacher.seconds)}"
     )
     if teacher.passed_over is not None:
         scheme = teacher.passed_over

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neuroanimator.data.config import RUN_STEPS, SAMPLES_PER_RUN
+from neuroanimator.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_RUN
 from neuroanimator.errors import ArgumentError
 from neuroanimator.scaffold.defaults import MAX_TEACHER_ERROR
 from neuroanimator.scaffold.trials import EVALUATIONS, Trial, step_cost
@@ -18,9 +18,6 @@ from neuroanimator.terminal import phase, progress_bar
 
 MIN_CHANGE = 1e-9
 """An entry that changes less than this in a super step does not count by more than its difference over this."""
-
-USUAL_TRANSITIONS = 100_000
-"""`generate` makes this many transitions if nothing else is said."""
 
 MAX_DATA_SECONDS = 240.0
 """A teacher whose usual data would take one core longer than this by `step_cost` is passed over for a cheaper one."""
@@ -57,7 +54,7 @@ class Teacher(NamedTuple):
 
 def data_seconds(scheme: Scheme, dt: float, cost: float) -> float:
     """Return about how long one core takes for the usual data by `scheme` [s]."""
-    super_steps = USUAL_TRANSITIONS / SAMPLES_PER_RUN * RUN_STEPS
+    super_steps = USUAL_COUNT / USUAL_SAMPLES_PER_RUN * RUN_STEPS
     evaluations = EVALUATIONS.get(scheme.integrator, 1)
     return super_steps * scheme.steps(dt) * evaluations * cost
 

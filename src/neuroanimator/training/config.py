@@ -9,11 +9,15 @@ from pydantic import Field, field_validator
 
 from neuroanimator.data.config import MAX_UNROLL
 from neuroanimator.emulator.networks import DEFAULT_WIDTHS, check_widths
+from neuroanimator.state.structure import Structure
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.tables import Settings
 
 UPDATES_PER_CHUNK = 250
 """Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""
+
+CONTACT_WIDTHS = (128, 96)
+"""Hidden layers that suit bodies with contacts: with the usual ones errors are a tenth larger."""
 
 DEFAULT_RATES = {"muon": 5e-3, "adam": 5e-3, "momentum": 2e-2}
 
@@ -58,6 +62,14 @@ class TrainingConfig(Settings):
     def _usual_rate(cls, rate: float, info: Any) -> float:
         optimizer = info.data.get("optimizer", "")
         return rate or DEFAULT_RATES.get(optimizer, rate)
+
+    @classmethod
+    def usual(cls, structure: Structure, **settings: Any) -> TrainingConfig:
+        """Return how states of this `structure` are learnt if nothing but `settings` is said."""
+        has_usual_network = settings.get("network", "gated") in ("gated", "glu")
+        if structure.contacts is not None and has_usual_network:
+            settings = {"widths": CONTACT_WIDTHS, **settings}
+        return cls(**settings)
 
     def check(self) -> None:
         check_widths(self.network, self.widths)
