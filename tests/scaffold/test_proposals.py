@@ -186,3 +186,14 @@ def test_how_long_the_data_will_take_is_said_before_they_are_made(tmp_path: Path
     result = cli("new", tmp_path / "arm.xml")
     assert "300,000 transitions take about" in result.stdout
     assert "300,000 transitions take about" in (tmp_path / "arm.toml").read_text()
+
+
+def test_a_joint_that_is_flung_and_a_motor_that_does_nothing_are_named(tmp_path: Path):
+    body = '<body name="b"><joint name="wild" axis="0 1 0" damping="-500"/><geom size="0.1" pos="0 0 1"/></body>'
+    motor = '<motor name="m" joint="wild" gear="{}" ctrlrange="-1 1"/>'
+    xml = f"<mujoco><worldbody>{body}</worldbody><actuator>{motor}</actuator></mujoco>"
+    (tmp_path / "wild.xml").write_text(xml.format(1))
+    with pytest.raises(NeuroAnimatorError, match="wild is flung first: use weaker actuators"):
+        propose(tmp_path / "wild.xml")
+    _, proposal = written(tmp_path, xml.format(0).replace('damping="-500"', ""))
+    assert proposal.warnings[0].startswith("control: m move no joint.")

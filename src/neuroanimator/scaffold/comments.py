@@ -27,6 +27,7 @@ from neuroanimator.scaffold.teacher import (
 from neuroanimator.state.contacts import Contacts
 from neuroanimator.systems.rigid.actuators import actuator_name, control_range
 from neuroanimator.systems.rigid.joints import joint_name, sensor_name
+from neuroanimator.systems.rigid.limbs import acts_on
 from neuroanimator.systems.rigid.model_system import ModelSystem, keyframe_name
 from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.text import listed
@@ -183,6 +184,9 @@ def warnings_about(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
             f"control: the model gives no range for {listed(unlimited)}; the proposed ones are guesses. "
             "Set them in the TOML file, or ctrlrange in the model."
         )
+    idle = _actuators_without_effect(model)
+    if idle:
+        yield f"control: {listed(idle)} move no joint. Check the joint, the site and the gear, or take them out."
     yield from _root_warnings(model, found.hold)
     for view in system_of(found.motion.values, model).views:
         if view.kind != "slide" or view.feature == "planar" or is_limited(model, view.index):
@@ -199,6 +203,14 @@ def warnings_about(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
             f"{trial.diverged} of {trial.runs} trial runs diverged. Such runs are dropped from the data; a "
             "smaller timestep in the model, or narrower control bounds, would keep them."
         )
+
+
+def _actuators_without_effect(model: mujoco.MjModel) -> list[str]:
+    """Return the actuators that drive no degree of freedom; those of bodies act on contacts, which there may not be now."""
+    is_driven = acts_on(model).any(axis=1)
+    acts_on_contacts = model.actuator_trntype == mujoco.mjtTrn.mjTRN_BODY
+    without = np.flatnonzero(~is_driven & ~acts_on_contacts)
+    return [actuator_name(model, int(actuator)) for actuator in without]
 
 
 def _root_warnings(model: mujoco.MjModel, hold: Hold) -> Iterator[str]:

@@ -37,9 +37,11 @@ from neuroanimator.scaffold.trials import (
 )
 from neuroanimator.state.rotation import rotate
 from neuroanimator.systems.rigid.bones import JOINT_NAMES
-from neuroanimator.systems.rigid.joints import JointView
+from neuroanimator.systems.rigid.joints import JointView, joint_name
 from neuroanimator.systems.rigid.model_system import ModelSystem
+from neuroanimator.systems.rigid.mujoco_system import DIVERGED_VELOCITY
 from neuroanimator.systems.rigid.touching import is_limited, touching_geoms
+from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import progress_bar
 
@@ -89,6 +91,10 @@ FAR = 10.0
 
 SMALLER_STEPS = (2, 5, 10)
 """If a model explodes, its step cut into these numbers of parts is tried, so that the error can name one that works."""
+
+
+EXPLOSION_STEPS = 2000
+"""A model that explodes is watched for so many steps, to see which of its joints does so first."""
 
 
 class Motion(NamedTuple):
@@ -298,11 +304,28 @@ def _explosion(values: dict[str, Any], model: mujoco.MjModel) -> str:
             system = system_of(values | {"physics": physics}, model)
             trial = run_trial(system, values["substeps"] * parts)
             if not trial.diverged:
-                return (
-                    f'{fault} None did with <option timestep="{tidy(step / parts):g}" integrator="{integrator}"/>: '
-                    "set that in the model."
-                )
-    return f"{fault} Use weaker actuators, more damping, or heavier bodies."
+                option = f'<option timestep="{tidy(step / parts):g}" integrator="{integrator}"/>'
+                if values["model"].lower().endswith(".urdf"):
+                    option = f"<mujoco>{option}</mujoco>"
+                return f"{fault} None did with {option}: set that in the model."
+    joint = _wildest_joint(values, model)
+    return f"{fault} {joint} is flung first: use weaker actuators, more damping, or heavier bodies there."
+
+
+def _wildest_joint(values: dict[str, Any], model: mujoco.MjModel) -> str:
+    """Return the name of the joint that is fastest when the model at rest has come apart under random controls."""
+    system = system_of(values, model)
+    rng = np.random.default_rng(0)
+    data = mujoco.MjData(model)
+    system.put(data, system.rest)
+    with warnings_counted:
+        for _ in range(EXPLOSION_STEPS):
+            data.ctrl[:] = rng.uniform(system.bounds.low, system.bounds.high)
+            mujoco.mj_step(model, data)
+            if not np.abs(data.qvel).max() < DIVERGED_VELOCITY:
+                break
+    speeds = np.nan_to_num(np.abs(data.qvel), nan=np.inf)
+    return joint_name(model, int(model.dof_jntid[int(np.argmax(speeds))]))
 
 
 def free_spread(model: mujoco.MjModel, joint: int) -> float | tuple[float, float] | None:

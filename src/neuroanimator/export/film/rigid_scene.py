@@ -12,6 +12,7 @@ from neuroanimator.export.film.options import Film
 from neuroanimator.export.film.takes import Take
 from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.rigid.warnings import warnings_counted
 
 NEAREST = 0.05
 """How near something is still drawn, over the camera's distance."""
@@ -58,9 +59,10 @@ class RigidScene:
             direction = self.model.light_dir[light]
             offset = direction * LIGHT_DISTANCE * self.shots.distance
             self.model.light_pos[light] = self.shots.lookat[frame] - offset
-        for states, data in zip(self._states, self._datas, strict=True):
-            data.qpos[:] = states[min(frame, len(states) - 1)]
-            mujoco.mj_forward(self.model, data)
+        with warnings_counted:
+            for states, data in zip(self._states, self._datas, strict=True):
+                data.qpos[:] = states[min(frame, len(states) - 1)]
+                mujoco.mj_forward(self.model, data)
 
     def fill(self, scene: mujoco.MjvScene) -> None:
         """Add the bodies of the other clips, without their scenery."""

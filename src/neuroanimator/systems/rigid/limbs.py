@@ -10,6 +10,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.structure import Group
 from neuroanimator.systems.groups import check_groups
 from neuroanimator.systems.rigid.joints import JointView
+from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.text import listed
 
 POSE_SEED = 0
@@ -32,11 +33,11 @@ def groups_of(
     if not groups:
         return ()
     _check(views, groups)
-    acts_on = _acts_on(model)
+    moved = acts_on(model)
     limbs = []
     for name, joints in groups.items():
         members = [view for view in views if view.name in joints]
-        limbs.append(_group(model, name, members, acts_on))
+        limbs.append(_group(model, name, members, moved))
     return tuple(limbs)
 
 
@@ -57,7 +58,7 @@ def _check(views: list[JointView], groups: dict[str, tuple[str, ...]]) -> None:
 
 
 def _group(
-    model: mujoco.MjModel, name: str, views: list[JointView], acts_on: Bool[np.ndarray, "A V"]
+    model: mujoco.MjModel, name: str, views: list[JointView], moved: Bool[np.ndarray, "A V"]
 ) -> Group:
     """Return the group of the joints `views`: its state entries, and the controls that drive any of them."""
     entries: list[int] = []
@@ -68,16 +69,17 @@ def _group(
         entries += range(view.position_entry, view.position_entry + position_count)
         entries += range(view.velocity_entry, view.velocity_entry + velocity_count)
         dofs += range(first_dof, first_dof + velocity_count)
-    controls = [int(actuator) for actuator in np.flatnonzero(acts_on[:, dofs].any(axis=1))]
+    controls = [int(actuator) for actuator in np.flatnonzero(moved[:, dofs].any(axis=1))]
     return Group(name, tuple(sorted(entries)), tuple(controls))
 
 
-def _acts_on(model: mujoco.MjModel) -> Bool[np.ndarray, "A V"]:
+def acts_on(model: mujoco.MjModel) -> Bool[np.ndarray, "A V"]:
     """Return which actuator drives which degree of freedom, directly or through a tendon or a site."""
     data = mujoco.MjData(model)
     rng = np.random.default_rng(POSE_SEED)
     mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), POSE_SPREAD)
-    mujoco.mj_forward(model, data)
+    with warnings_counted:
+        mujoco.mj_forward(model, data)
     moments = np.zeros((model.nu, model.nv))
     mujoco.mju_sparse2dense(
         moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind

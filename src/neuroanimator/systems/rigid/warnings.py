@@ -18,6 +18,13 @@ MAX_KINDS = 100
 OTHERS = "other warnings"
 """What warnings beyond the first `MAX_KINDS` are counted as."""
 
+ADVICE = {
+    "arena": 'there were more contacts than fit into memory: write a larger <size memory="..."/> into the model',
+    "contact buffer": 'there were more contacts than fit into memory: write a larger <size memory="..."/> into the model',
+    "Inertia matrix": "a body or a joint has next to no inertia: give it some armature or mass",
+}
+"""What helps against some warnings, by a part of their text."""
+
 _heard: Counter[str] = Counter()
 
 
@@ -67,9 +74,15 @@ def warning_line() -> str:
         more = ", and of one other kind"
     elif others > 1:
         more = f", and of {others} other kinds"
-    return (
-        f"MuJoCo warned {times}: {text}{more}. Runs that diverged were dropped, or count as failed."
-    )
+    return f"MuJoCo warned {times}: {text}{more}. Runs that diverged were dropped, or count as failed; {_advice(text)}."
+
+
+def _advice(warning: str) -> str:
+    """Return what helps against a warning."""
+    for part, advice in ADVICE.items():
+        if part in warning:
+            return advice
+    return "a smaller step, or narrower control bounds, would keep them"
 
 
 def _hear(text: str) -> None:
@@ -81,8 +94,8 @@ def _hear(text: str) -> None:
 
 
 def shortened(text: str) -> str:
-    """Return a warning without what differs from run to run: its time, and the advice that always follows."""
+    """Return a warning without what differs from run to run: its time and joint, and the advice that always follows."""
     line = " ".join(str(text).split())
     line = line.replace("The simulation is unstable.", "")
-    line = re.sub(r"Time = \S+", "", line)
+    line = re.sub(r"Time = \S+| at (DOF|actuator) \d+", "", line)
     return line[:MAX_WARNING].rstrip(". ")
