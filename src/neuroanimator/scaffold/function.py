@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -19,6 +20,15 @@ from neuroanimator.scaffold.defaults import (
     MAX_TURN,
     proposed_substeps,
     usual_name,
+)
+from neuroanimator.scaffold.scales import refuse_large, warn_of_small
+from neuroanimator.scaffold.step_checks import (
+    SLOW_CALL,
+    refuse_memory,
+    refuse_nan,
+    seconds_of_data,
+    seconds_per_call,
+    takes_batches,
 )
 from neuroanimator.scaffold.step_structure import (
     placeless_entries,
@@ -52,11 +62,14 @@ TRIAL_SEED = 0
 MIN_CHANGE = 1e-9
 """An entry that changes less than this in a step does not count by more than its difference over this."""
 
-BATCH_TOLERANCE_RELATIVE = 1e-9
-"""Share by which an answer to a batch may differ: the same sums, perhaps in another order."""
+MAX_TRIAL_SECONDS = 1.0
+"""Trial runs of a slow function are shorter, so that they take about this long [s]."""
 
-BATCH_TOLERANCE_ABSOLUTE = 1e-12
-"""Amount by which an answer to a batch may differ, where the number itself is about zero."""
+MAX_SLOW_STATES = 30
+"""Of a slow function's trial runs so many states are looked at."""
+
+MIN_TRIAL_STEPS = 3
+"""But no shorter than so many super steps."""
 
 MAX_SHOWN = 60
 """An error shows at most this many characters of a wrong declaration."""
@@ -93,6 +106,9 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str], tupl
     values = _declared(path, module)
     notes: dict[str, str] = {}
     system = PythonSystem(_check(values, path), files)
+    states, controls = _trial(system)
+    refuse_memory(system, states, controls)
+    refuse_large(path.name, system.state.names, states)
     _see_structure(system, module, values, notes)
     system = PythonSystem(_check(values, path), files)
     if not getattr(module, "SPREAD", None):
@@ -103,7 +119,10 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str], tupl
         system = PythonSystem(_check(values, path), files)
     values["substeps"], notes["substeps"] = _substeps(system)
     system = PythonSystem(_check(values, path), files)
-    _check_batches(system)
+    if _see_batches(system, module) and not system.batched:
+        values["batched"] = True
+        notes["batched"] = "seen by calls: it answers (S, B) arrays as it answers (S,)"
+        system = PythonSystem(_check(values, path), files)
     notes["physics.truth_step"] = AT_ITS_OWN_STEP.format(file=path.name)
     if _is_ode(path, module):
         parts, error = _teacher(system)
@@ -113,7 +132,8 @@ def propose_function(path: Path) -> tuple[PythonDefinition, dict[str, str], tupl
         notes["physics.truth_step"] = (
             f"{path.name} says ODE; teaches with an error of {error:.2g} of a step's change"
         )
-    return _check(values, path), notes, tuple(_warnings(system))
+    definition = _check(values, path)
+    return definition, notes, tuple(_warnings(system, definition.substeps))
 
 
 def _see_structure(
@@ -191,7 +211,7 @@ def _slow_substeps(system: PythonSystem) -> int:
     return max(1, min(MAX_SUBSTEPS, int(MAX_CHANGE / (rate * system.physics_dt))))
 
 
-def _warnings(system: PythonSystem) -> Iterator[str]:
+def _warnings(system: PythonSystem, substeps: int) -> Iterator[str]:
     """Yield what the user should look at, one line each."""
     states, controls = _trial(system)
     runs = system.simulate(states, controls[:, None], system.physics_dt, scheme=system.scheme)
@@ -199,11 +219,23 @@ def _warnings(system: PythonSystem) -> Iterator[str]:
     still = [name for name, stands in zip(system.state.names, is_still, strict=True) if stands]
     if still:
         yield f"state: {listed(still)} never change. Leave them out of STATE, or check step."
+    following = system.simulate(
+        states, controls[:, None], system.physics_dt * substeps, scheme=system.scheme
+    )
+    changes = (following.states[:, 1] - states)[~following.has_diverged]
+    yield from warn_of_small(system.state.names, changes)
     other = controls + np.where(controls < system.bounds.middle, 0.5, -0.5) * system.bounds.half
     driven = system.simulate(states, other[:, None], system.physics_dt * 5, scheme=system.scheme)
     usual = system.simulate(states, controls[:, None], system.physics_dt * 5, scheme=system.scheme)
     if np.array_equal(driven.states, usual.states):
         yield "control: nothing that step returns depends on it. Check step."
+    each = seconds_per_call(system)
+    if each > SLOW_CALL and not system.batched:
+        hours = seconds_of_data(system, substeps) / 3600
+        yield (
+            f"step takes {each * 1e3:.2g} ms: 100,000 transitions take about {hours:.2g} hours. Write it for (S, B) arrays, "
+            "or make fewer: neuroanimator generate --count."
+        )
 
 
 def _check(values: dict[str, Any], path: Path) -> PythonDefinition:
@@ -330,24 +362,42 @@ def _several(value: Any, size: int) -> list[Any]:
     return [value] * size
 
 
+@lru_cache(maxsize=2)
 def _trial(
     system: PythonSystem,
 ) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N C"]]:
-    """Return the states and controls of all steps of trial runs under random controls."""
+    """Return the states and controls of all steps of trial runs under random controls, kept for whoever asks again."""
     rng = np.random.default_rng(TRIAL_SEED)
     starts = system.sample_starts(rng, TRIAL_RUNS)
-    shape = (TRIAL_RUNS, TRIAL_STEPS, system.control.size)
+    substeps = proposed_substeps(system.physics_dt)
+    steps = _trial_steps(system, substeps)
+    is_shortened = steps < TRIAL_STEPS
+    shape = (TRIAL_RUNS, steps, system.control.size)
     controls = system.bounds.middle + rng.uniform(-1, 1, shape) * system.bounds.half
-    dt = proposed_substeps(system.physics_dt) * system.physics_dt
+    dt = substeps * system.physics_dt
     runs = system.simulate(starts, controls, dt, scheme=system.scheme)
     is_whole = ~runs.has_diverged
     if is_whole.sum() < TRIAL_RUNS / 2:
+        refuse_nan(system, starts, controls, substeps)
         raise BadFileError(
             f"{system.file}: {runs.has_diverged.sum()} of {TRIAL_RUNS} trial runs under random controls diverged. "
             "Use a smaller STEP, a smaller SPREAD or weaker CONTROL."
         )
     states = runs.states[is_whole, :-1].reshape(-1, system.state.size)
-    return states, controls[is_whole].reshape(-1, system.control.size)
+    held = controls[is_whole].reshape(-1, system.control.size)
+    every = 1
+    if is_shortened:
+        every = -(-len(states) // MAX_SLOW_STATES)
+    return states[::every], held[::every]
+
+
+def _trial_steps(system: PythonSystem, substeps: int) -> int:
+    """Return how many super steps of `substeps` calls a trial run has: fewer where a call takes long."""
+    each = seconds_per_call(system)
+    if each < SLOW_CALL:  # as many whatever else the machine does
+        return TRIAL_STEPS
+    affordable = int(MAX_TRIAL_SECONDS / (each * TRIAL_RUNS * substeps))
+    return max(MIN_TRIAL_STEPS, min(TRIAL_STEPS, affordable))
 
 
 def _spread_of_trials(system: PythonSystem) -> list[list[float]]:
@@ -362,22 +412,18 @@ def _spread_of_trials(system: PythonSystem) -> list[list[float]]:
     return spreads
 
 
-def _check_batches(system: PythonSystem) -> None:
-    """Refuse a function that says it takes batches and answers differently to them."""
-    if not system.batched:
-        return
+def _see_batches(system: PythonSystem, module: ModuleType) -> bool:
+    """Return whether the function takes batches; BadFileError if it says so and answers them otherwise."""
     states, controls = _trial(system)
-    dt = system.physics_dt
-    together = call_step(system.function, system.file, states.T, controls.T, dt).T
-    for state, control, expected in zip(states, controls, together, strict=True):
-        alone = call_step(system.function, system.file, state, control, dt)
-        is_same = np.allclose(
-            alone, expected, rtol=BATCH_TOLERANCE_RELATIVE, atol=BATCH_TOLERANCE_ABSOLUTE
+    is_batched = takes_batches(system, states, controls)
+    if system.batched and not is_batched:
+        # An error in the function itself is told as such.
+        call_step(system.function, system.file, states.T, controls.T, system.physics_dt)
+        raise BadFileError(
+            f"{system.file}: BATCHED: step answers (S, B) arrays otherwise than (S,). Leave it out."
         )
-        if not is_same:
-            raise BadFileError(
-                f"{system.file}: BATCHED: step answers (S, B) arrays otherwise than (S,). Leave it out."
-            )
+    is_declared = hasattr(module, "BATCHED")
+    return system.batched if is_declared else is_batched
 
 
 def _teacher(system: PythonSystem) -> tuple[int, float]:

@@ -40,6 +40,12 @@ StepFunction = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 DIGEST_SHOWN = 16
 """So many digits of a file's sha256 tell its module from others in a process."""
 
+NO_REAL_NUMBERS = "cOSUVmM"
+"""NumPy's letters for complex numbers, objects, texts, records and times."""
+
+MAX_PARTS = 5
+"""Of what a function returned so many parts are named in an error."""
+
 MAX_SHOWN = 200
 """An error shows so many characters of what the user's function raised."""
 
@@ -82,14 +88,41 @@ def call_step(
     """Return the user's next state; whatever the function raises becomes a BadFileError of one line."""
     try:
         with np.errstate(all="ignore"):
-            following = np.asarray(function(state.copy(), control.copy(), dt), float)
+            answer = function(state.copy(), control.copy(), dt)
     except (Exception, SystemExit) as error:
         raise fault(error, name) from error
-    if following.shape != state.shape:
+    following = _as_numbers(answer)
+    if following is None or following.shape != state.shape:
         raise BadFileError(
-            f"{name}: step returned shape {following.shape}; wanted {state.shape}, like the state."
+            f"{name}: step returned {_form(answer)}; wanted numbers of shape {state.shape}, like the state."
         )
     return following
+
+
+def _as_numbers(answer: object) -> Float[np.ndarray, " ..."] | None:
+    """Return what a function returned as real numbers; None if it is none."""
+    try:
+        array = np.asarray(answer)
+        if array.dtype.kind in NO_REAL_NUMBERS:
+            return None
+        return array.astype(float, copy=False)
+    except (TypeError, ValueError):
+        return None
+
+
+def _form(answer: object) -> str:
+    """Return what kind of thing a function returned, in few words."""
+    if answer is None:
+        return "nothing"
+    numbers = _as_numbers(answer)
+    if numbers is not None:
+        return f"shape {numbers.shape}"
+    if isinstance(answer, np.ndarray):
+        return f"an array of {answer.dtype}"
+    if isinstance(answer, tuple | list):
+        kinds = ", ".join(type(part).__name__ for part in answer[:MAX_PARTS])
+        return f"a {type(answer).__name__} of {kinds}"
+    return f"a {type(answer).__name__}"
 
 
 def fault(error: BaseException, name: str) -> BadFileError:
