@@ -34,7 +34,7 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.component_errors import ComponentError, error_spread
 from neuroanimator.evaluation.evaluate import Evaluation
 from neuroanimator.evaluation.inspection import Inspection
-from neuroanimator.evaluation.weak_spots import WeakSpot
+from neuroanimator.evaluation.weak_spots import Outside, WeakSpot
 from neuroanimator.evaluation.worst_segments import Curve, Segment
 from neuroanimator.export.csv_file import read_table, write_table
 from neuroanimator.state.layout import Layout, Slice
@@ -164,6 +164,7 @@ def an_inspection(text: str) -> Inspection:
         errors=error_spread(numbers),
         components=(ComponentError(text, text, 0.1, 0.2, 0.3, 0.4),),
         weak_spots=(WeakSpot(text, 3.0, 0.1, 0.05, 0.2, text),),
+        outside=Outside(1, 0.2, 3.0),
         worst=(segment,),
         coverage=covered,
         has_data=True,

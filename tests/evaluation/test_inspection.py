@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import Cli
 
 from neuroanimator import Emulator, load_system
+from neuroanimator.evaluation import inspection
 from neuroanimator.evaluation.component_errors import (
     by_relative_error,
     change_names,
@@ -18,7 +24,7 @@ from neuroanimator.evaluation.component_errors import (
 )
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
 from neuroanimator.evaluation.inspection import Inspection, inspect
-from neuroanimator.evaluation.weak_spots import find_weak_spots
+from neuroanimator.evaluation.weak_spots import find_weak_spots, outside_of_training
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +91,7 @@ def test_a_planted_weak_spot_is_found_with_what_is_most_wrong_there(unseen: Held
     relative = 0.01 * rng.normal(size=(len(steps.states), 6))
     is_planted = steps.states[:, 4] > np.quantile(steps.states[:, 4], 0.85)
     relative[is_planted, 3] *= 30
-    spots = find_weak_spots(unseen, steps, relative, run_length=40)
+    spots = find_weak_spots(unseen, steps, relative, np.arange(len(relative)) // 40)
     assert spots[0].condition.startswith("velocity[1] > ")
     assert spots[0].condition.endswith(" rad/s")
     assert spots[0].component == "velocity[0]"
@@ -94,10 +100,30 @@ def test_a_planted_weak_spot_is_found_with_what_is_most_wrong_there(unseen: Held
     assert "times that elsewhere where velocity[1] > " in str(spots[0])
 
 
+def test_what_lies_beyond_training_is_counted_with_how_much_worse_it_is():
+    is_covered = np.arange(100) % 4 > 0
+    relative = np.where(is_covered, 1.0, 7.0)[:, None] * np.ones((1, 6))
+    found = outside_of_training(is_covered, relative)
+    assert (found.samples, found.share, found.ratio) == (25, 0.25, 7)
+    assert "25 samples (0.25 of all) lie outside of what training showed" in str(found)
+    nowhere = outside_of_training(np.ones(100, bool), relative)
+    assert (nowhere.samples, nowhere.share, nowhere.ratio) == (0, 0, 0)
+
+
+def test_an_emulator_that_was_shown_little_is_outside_of_it_often(
+    shipped: Emulator, found: Inspection
+):
+    domain = replace(shipped.domain, low=shipped.domain.low / 1e6, high=shipped.domain.high / 1e6)
+    narrow = inspect(replace(shipped, domain=domain), runs=4)
+    assert found.outside.share < 0.05
+    assert narrow.outside.share > 0.9
+    assert narrow.weak_spots == ()
+
+
 def test_an_error_that_is_the_same_everywhere_has_no_weak_spot(unseen: HeldOut):
     steps = unseen.transitions
     relative = 0.01 * np.random.default_rng(2).normal(size=(len(steps.states), 6))
-    assert find_weak_spots(unseen, steps, relative, run_length=40) == ()
+    assert find_weak_spots(unseen, steps, relative, np.arange(len(relative)) // 40) == ()
 
 
 def test_the_worst_segments_begin_alike_and_come_worst_first(found: Inspection, shipped: Emulator):
@@ -121,6 +147,26 @@ def test_a_broken_emulator_is_inspected_too(shipped: Emulator):
     found = inspect(broken, runs=4)
     assert found.errors.counts.sum() == found.samples
     assert found.worst[0].error >= 100
+
+
+def test_info_tells_errors_of_an_emulator_and_of_nothing_else(
+    dataset: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(inspection, "held_out_runs", partial(few_runs, inspection.held_out_runs))
+    shown = cli("info", "pendulum-50", "--errors")
+    assert shown.returncode == 0, shown.stderr
+    assert "velocity[2] rad/s" in shown.stdout
+    assert "in half of all super steps" in shown.stdout
+    everything = json.loads(cli("info", "pendulum-50", "--errors", "--json").stdout)
+    assert sum(everything["errors"]["counts"]) == everything["samples"]
+    refused = cli("info", dataset, "--errors")
+    assert refused.returncode == 2
+    assert "errors: wanted an emulator, came the folder" in refused.stderr
+
+
+def few_runs(held_out_runs: Callable[..., HeldOut], *arguments: Any, **options: Any) -> HeldOut:
+    """Return the test that `held_out_runs` makes of only a few runs."""
+    return held_out_runs(*arguments, **{**options, "count": 8})
 
 
 def test_an_inspection_is_the_same_again_and_can_be_written_down(

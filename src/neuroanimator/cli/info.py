@@ -32,7 +32,11 @@ def run(
         typer.Option("--errors", help="Of an emulator: measure where it is weak, in some seconds."),
     ] = False,
     data: Annotated[
-        Path | None, typer.Option(help="Of an emulator of recordings: the dataset folder.")
+        Path | None, typer.Option(help="With --errors, of recordings: the dataset folder.")
+    ] = None,
+    system: Annotated[
+        Path | None,
+        typer.Option(help="With --errors: your TOML file, whose step function may then run."),
     ] = None,
 ) -> None:
     """Check an emulator, a policy or a dataset and show what it is; --json says all, with every column."""
@@ -41,11 +45,11 @@ def run(
     from neuroanimator.cli.info_dataset import show_dataset
     from neuroanimator.terminal import print_rows
 
+    if errors:
+        _show_errors(file, data, system, json=json)
+        return
     if Path(file).is_dir():
         show_dataset(Path(file), json=json)
-        return
-    if errors:
-        _show_errors(file, data, json=json)
         return
     everything, rows = _read(file)
     if json:
@@ -54,19 +58,27 @@ def run(
         print_rows(rows)
 
 
-def _show_errors(file: str, data: Path | None, *, json: bool) -> None:
+def _show_errors(file: str, data: Path | None, system: Path | None, *, json: bool) -> None:
     """Print where an emulator is good and where it is weak."""
     from json import dumps
 
     from neuroanimator.cli.inspection_words import print_components, print_weak_spots
+    from neuroanimator.errors import ArgumentError
     from neuroanimator.terminal import phase
 
+    if Path(file).is_dir():
+        raise ArgumentError(
+            f"errors: wanted an emulator, came the folder {file}. Leave --errors out, and it says what the data cover."
+        )
     with phase("loading"):
         from neuroanimator.data.store import read_transitions
         from neuroanimator.emulator.emulator import Emulator
         from neuroanimator.evaluation.inspection import inspect
+        from neuroanimator.systems.loading import trust_files
         from neuroanimator.zoo import find_emulator
 
+        if system:
+            trust_files(system)
         emulator = Emulator.load(find_emulator(file))
         transitions = read_transitions(data) if data else None
     found = inspect(emulator, data=transitions)

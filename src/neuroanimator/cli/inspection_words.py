@@ -28,6 +28,8 @@ def print_weak_spots(found: Inspection) -> None:
     )
     for spot in found.weak_spots:
         print_line(f"{found.system}: {spot}")
+    if found.outside.samples:
+        print_line(f"{found.system}: {found.outside}")
 
 
 def print_components(found: Inspection) -> None:

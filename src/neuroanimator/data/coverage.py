@@ -29,7 +29,7 @@ from neuroanimator.text import short_number
 BINS = 24
 """Bars of a histogram."""
 
-MAX_SAMPLES = 50_000
+MAX_SAMPLES = 20_000
 """So many transitions are looked at, about: the quantiles of more are the same to two digits."""
 
 AT_BOUND = 0.01

@@ -20,11 +20,18 @@ from neuroanimator.evaluation.component_errors import (
 from neuroanimator.evaluation.held_out import (
     HELD_OUT_RUNS,
     HeldOut,
+    SuperSteps,
     held_out_runs,
     recorded_runs,
     system_of,
 )
-from neuroanimator.evaluation.weak_spots import WeakSpot, find_weak_spots, step_errors
+from neuroanimator.evaluation.weak_spots import (
+    Outside,
+    WeakSpot,
+    find_weak_spots,
+    outside_of_training,
+    step_errors,
+)
 from neuroanimator.evaluation.worst_segments import Segment, worst_segments
 from neuroanimator.terminal import phase
 
@@ -50,7 +57,9 @@ class Inspection:
     components: tuple[ComponentError, ...]
     """The one-step error of every number of the state."""
     weak_spots: tuple[WeakSpot, ...]
-    """Conditions under which it is weak; empty if none was found that holds."""
+    """Conditions under which it is weak within what training showed; empty if none was found that holds."""
+    outside: Outside
+    """The super steps that begin where training showed nothing."""
     worst: tuple[Segment, ...]
     """The segments on which it goes furthest astray, worst first."""
     coverage: Coverage
@@ -114,7 +123,9 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Transitions | None) -> I
     emulated = emulator.rollout(steps.states, steps.controls[:, None], may_diverge=True)[:, 1]
     errors = test.frame.difference(steps.next_states, np.asarray(emulated, float))
     relative = test.relative(errors)
-    run_length = len(steps.states) // len(test.states)
+    runs = np.arange(len(steps.states)) // (len(steps.states) // len(test.states))
+    is_covered = np.asarray(emulator.covers_encoded(emulator.encode(steps.states)))
+    known = SuperSteps(*(rows[is_covered] for rows in steps))
     return Inspection(
         system=emulator.system,
         substeps=emulator.substeps,
@@ -123,7 +134,8 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Transitions | None) -> I
         samples=len(steps.states),
         errors=error_spread(step_errors(relative)),
         components=component_errors(test, errors),
-        weak_spots=find_weak_spots(test, steps, relative, run_length=run_length),
+        weak_spots=find_weak_spots(test, known, relative[is_covered], runs[is_covered]),
+        outside=outside_of_training(is_covered, relative),
         worst=worst_segments(emulator, test),
         coverage=_coverage(test, data),
         has_data=data is not None,

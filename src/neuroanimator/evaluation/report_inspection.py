@@ -30,9 +30,9 @@ ERRORS_CAPTION = (
 )
 
 WEAK_CAPTION = (
-    "Mean errors where a condition holds, over those elsewhere. Conditions are chosen on half of the runs and measured on "
-    "the other half; one that does not hold there is not told. They may overlap. What helps: more data there (the "
-    "[sampling] and [control] tables), a shorter super step, a wider network, or longer training."
+    "Mean errors where a condition holds, over those elsewhere, within what training showed. Conditions are chosen on half "
+    "of the runs and measured on the other half; one that does not hold there is not told. They may overlap. What helps: "
+    "more data there (the [sampling] and [control] tables), a shorter super step, a wider network, or longer training."
 )
 
 COMPONENTS_CAPTION = (
@@ -62,6 +62,7 @@ def inspection_html(inspection: Inspection) -> str:
         f"<p>{_spread_sentence(inspection)} {ERRORS_CAPTION.format(truth)}</p>",
         "<h3>Where it is weak</h3>",
         _weak_table(inspection.weak_spots),
+        f"<p>Of {inspection.samples:,} samples: {html.escape(str(inspection.outside))}.</p>",
         "<h3>Error of each number</h3>",
         _component_table(inspection),
         "<h3>Its worst cases</h3>",

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from neuroanimator.data.readings import Reading, control_readings, state_readings
 from neuroanimator.data.spots import find_spots
 from neuroanimator.evaluation.component_errors import change_names
 from neuroanimator.evaluation.held_out import HeldOut, SuperSteps
+from neuroanimator.text import short_number
 
 LOST = 1e3
 """An error that is larger, or no finite number, counts as this [standard deviations of the change]."""
@@ -47,15 +48,47 @@ class WeakSpot:
         )
 
 
-def find_weak_spots(
-    test: HeldOut, steps: SuperSteps, relative: Float[np.ndarray, "N M"], *, run_length: int
-) -> tuple[WeakSpot, ...]:
-    """Return where the errors `relative` (N, M) of super `steps` are large, worst first.
+@dataclass(frozen=True)
+class Outside:
+    """The super steps that begin where training showed nothing: the emulator is kept within what it knows."""
 
-    `run_length` of the steps after one another are of one run.
-    """
+    samples: int
+    share: float
+    """Of all super steps."""
+    ratio: float
+    """The mean error there over the mean error inside; 0 where there are none."""
+
+    def __str__(self) -> str:
+        """Return it as a sentence."""
+        if not self.samples:
+            return "all unseen runs stay within what training showed"
+        return (
+            f"{self.samples:,} samples ({self.share:.2g} of all) lie outside of what training showed, and the error there is "
+            f"{short_number(self.ratio)} times that inside: generate more, so that the data reach as far as use does"
+        )
+
+
+def outside_of_training(
+    is_covered: Bool[np.ndarray, " N"], relative: Float[np.ndarray, "N M"]
+) -> Outside:
+    """Return how many super steps begin where an emulator is not covered, and how much larger errors are there."""
     errors = step_errors(relative)
-    runs = np.arange(len(errors)) // run_length
+    samples = int((~is_covered).sum())
+    if not 0 < samples < len(errors):
+        return Outside(samples, samples / len(errors), float(samples > 0))
+    inside = float(errors[is_covered].mean())
+    ratio = float(errors[~is_covered].mean()) / inside if inside > 0 else float("inf")
+    return Outside(samples, samples / len(errors), ratio)
+
+
+def find_weak_spots(
+    test: HeldOut,
+    steps: SuperSteps,
+    relative: Float[np.ndarray, "N M"],
+    runs: Int[np.ndarray, " N"],
+) -> tuple[WeakSpot, ...]:
+    """Return where the errors `relative` (N, M) of super `steps` are large, worst first; each step is of one of `runs`."""
+    errors = step_errors(relative)
     names = [name for name, _ in change_names(test.system)]
     moving = [name for name, moves in zip(names, test.moves, strict=True) if moves]
     bounded = np.clip(np.nan_to_num(np.abs(relative), nan=LOST), 0, LOST)
