@@ -201,6 +201,24 @@ REFUSED: dict[str, tuple[Any, dict[str, Any]]] = {
     "environment: its actions have shape (7,), the emulator 3 controls": (
         Broken(action_space=SimpleNamespace(shape=(7,))), {},
     ),
+    "environment: its actions are a SimpleNamespace, the emulator 3 controls": (
+        Broken(action_space=SimpleNamespace(spaces={})), {},
+    ),
+    "environment: its action 1 goes from -0.1 to 0.1, the emulator's": (
+        Broken(action_space=SimpleNamespace(shape=(3,), low=[-99, -0.1, -99], high=[99, 0.1, 99])), {},
+    ),
+    "environment.reset: its observation_space has shape (4,), the observation (3,)": (
+        Broken(observation_space=SimpleNamespace(shape=(4,))), {},
+    ),
+    "environment.step: its observation_space has shape (3,), the observation (2,)": (
+        Broken(
+            observation_space=SimpleNamespace(shape=(3,)),
+            step=lambda action: (np.zeros(2), 0.0, False, False, {}),
+        ), {},
+    ),
+    "wanted True or False as terminated and truncated, came an array of shape (2,)": (
+        Broken(step=lambda action: (0, 0.0, np.zeros(2), False, {})), {},
+    ),
     "state_of: no MuJoCo data in NoneType. Wanted a function (environment, observation)": (
         Broken(unwrapped=None), {},
     ),

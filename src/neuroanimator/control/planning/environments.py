@@ -22,6 +22,9 @@ from neuroanimator.errors import ArgumentError
 SAME_TIME = 1e-6
 """Share by which times may differ and still be the same."""
 
+SAME_RANGE = 1e-3
+"""Share of a control's range by which it may go beyond an action's: single precision rounds."""
+
 RESULTS = 5
 """What a step returns, by Gymnasium: observation, reward, whether it terminated, whether it was truncated, and infos."""
 
@@ -201,7 +204,9 @@ def _reset(environment: Environment, seed: int | None) -> Any:
             f"environment.reset: wanted (observation, info) as Gymnasium has it, came {_form(result)}. "
             "Wrap dm_control's in DmEnvironment."
         )
-    return result[0]
+    observation = result[0]
+    _check_observation(environment, observation, "reset")
+    return observation
 
 
 def _hold(environment: Environment, control: Float[np.ndarray, " C"], steps: int) -> _Moment:
@@ -226,8 +231,31 @@ def _step(environment: Environment, control: Float[np.ndarray, " C"]) -> _Moment
         raise ArgumentError(
             f"environment.step: wanted a finite number as reward, came {_form(reward)}."
         )
+    for flag in (is_terminated, is_truncated):
+        if np.ndim(flag):
+            raise ArgumentError(
+                f"environment.step: wanted True or False as terminated and truncated, came {_form(flag)}."
+            )
+    _check_observation(environment, observation, "step")
     is_over = bool(is_terminated) or bool(is_truncated)
     return _Moment(observation, float(reward), 1, bool(is_terminated), is_over)
+
+
+def _check_observation(environment: Environment, observation: Any, method: str) -> None:
+    """Refuse an observation of another shape than the environment declares, where it declares one."""
+    space = getattr(environment, "observation_space", None)
+    declared = getattr(space, "shape", None)
+    if declared is None:
+        return
+    try:
+        shape = np.shape(observation)
+    except ValueError:
+        shape = None  # rows of unequal length
+    if shape != tuple(declared):
+        raise ArgumentError(
+            f"environment.{method}: its observation_space has shape {tuple(declared)}, the observation {shape}. Correct the "
+            "environment: what reads a state of it relies on that."
+        )
 
 
 def _form(value: Any) -> str:
@@ -253,8 +281,32 @@ def _check_action_size(planner: Planner, environment: Environment) -> None:
     """Refuse an environment whose actions are not the emulator's controls, where it says what they are."""
     space = getattr(environment, "action_space", None)
     size = planner.emulator.control.size
-    if space is not None and tuple(space.shape) != (size,):
+    if space is None:
+        return
+    shape = getattr(space, "shape", None)
+    if shape is None or tuple(shape) != (size,):
+        told = (
+            f"have shape {tuple(shape)}" if shape is not None else f"are a {type(space).__name__}"
+        )
         raise ArgumentError(
-            f"environment: its actions have shape {tuple(space.shape)}, the emulator {size} controls. "
-            "Train on the environment's own model."
+            f"environment: its actions {told}, the emulator {size} controls. Train on the environment's own model."
+        )
+    _check_action_range(planner, space)
+
+
+def _check_action_range(planner: Planner, space: Any) -> None:
+    """Refuse an environment that takes no actions as large as the emulator's controls, where it says what it takes."""
+    bounds = planner.emulator.bounds
+    low = np.asarray(getattr(space, "low", -np.inf), float)
+    high = np.asarray(getattr(space, "high", np.inf), float)
+    margin = SAME_RANGE * bounds.half
+    is_outside = (np.array(bounds.low) < low - margin) | (np.array(bounds.high) > high + margin)
+    if is_outside.any():
+        entry = int(np.argmax(is_outside))
+        least = np.broadcast_to(low, margin.shape)[entry]
+        most = np.broadcast_to(high, margin.shape)[entry]
+        raise ArgumentError(
+            f"environment: its action {entry} goes from {least:g} to {most:g}, the emulator's "
+            f"{planner.emulator.control.names[entry]} from {bounds.low[entry]:g} to {bounds.high[entry]:g}. Train with the "
+            "environment's own range, or let it take controls in their own units."
         )
