@@ -199,13 +199,23 @@ class Evaluation:
         return f"{self.system}: left out of all errors, for it never moves: {shown}{more}."
 
     @property
+    def is_own_reference(self) -> bool:
+        """Whether the physics at its own step is what all errors are held against, so that it has none itself."""
+        return self.self_divergence is not None and not self.self_divergence.any()
+
+    @property
     def _note_on_speed(self) -> str:
         if self.measured_speed is None:
             return f"{self.system}: {NO_OPPONENT}"
         if self.measured_speed.physics == JAX:
             return f"{self.system}: {NO_COMPILER}"
         if self.measured_speed.physics == PYTHON_FUNCTION:
-            return f"{self.system}: the physics is a {PYTHON_FUNCTION}, not compiled; so are its speed-ups."
+            reference = ""
+            if self.is_own_reference:
+                reference = (
+                    " Errors are held against that function at its own step, which is the truth."
+                )
+            return f"{self.system}: the physics is a {PYTHON_FUNCTION}, not compiled; so are its speed-ups.{reference}"
         return ""
 
     @property

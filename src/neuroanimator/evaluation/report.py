@@ -151,7 +151,12 @@ def _title(evaluation: Evaluation) -> str:
 def _section(evaluation: Evaluation) -> str:
     is_recorded = evaluation.measured_speed is None
     body = ""
-    for draw, caption in RECORDED_FIGURES if is_recorded else FIGURES:
+    figures = FIGURES
+    if is_recorded:
+        figures = RECORDED_FIGURES
+    elif evaluation.is_own_reference:
+        figures = OWN_FIGURES
+    for draw, caption in figures:
         body += f"{plot(partial(draw, evaluation=evaluation))}<p>{caption}</p>"
     heading = f"<h2>{_title(evaluation)} (Δt = {evaluation.dt * 1e3:g} ms)</h2>"
     inspected = inspection_html(evaluation.inspection) if evaluation.inspection else ""
@@ -238,6 +243,19 @@ FIGURES = [
     (_plot_work, "Error against cost of one super step. Down and left is better."),
 ]
 """What is drawn of an emulator of physics: functions of the axes and the evaluation, and their captions."""
+
+OWN_FIGURES = [
+    (
+        _plot_motion,
+        "A held-out run under random controls: the physics at its own step and emulator.",
+    ),
+    (
+        _plot_rollout,
+        "Error in standard deviations of the state, against the physics at its own step: that is the truth here.",
+    ),
+    (_plot_work, "Error against cost of one super step. Down and left is better."),
+]
+"""What is drawn where the physics at its own step is the reference: a function that integrates no equation."""
 
 RECORDED_FIGURES = [
     (_plot_motion, "A held-out recording, and the emulator under the same controls."),

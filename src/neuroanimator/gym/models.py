@@ -19,6 +19,10 @@ def mjcf_of(env_id: str) -> Path:
     Raises ArgumentError for an id that is none of them.
     """
     name = _model_name(env_id)
+    if name is None and env_id in gymnasium.registry:
+        raise ArgumentError(
+            f"{env_id} has no MuJoCo model. Write its physics as a function in a file: neuroanimator new my_step.py."
+        )
     if name is None:
         valid = ", ".join(sorted(other for other in gymnasium.registry if _model_name(other)))
         raise ArgumentError(f"No MuJoCo environment called '{env_id}'. Environments: {valid}.")

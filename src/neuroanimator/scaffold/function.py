@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +14,7 @@ from jaxtyping import Float
 
 from neuroanimator.definitions.function import MAX_STEP, PythonDefinition, StartSampling
 from neuroanimator.errors import BadFileError
+from neuroanimator.parsing.names import PART_PATTERN
 from neuroanimator.scaffold.defaults import (
     ANGLE_SPREAD,
     FASTEST,
@@ -251,6 +253,8 @@ def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
         )
     state = _declaration(path, module, "STATE", dict)
     control = _declaration(path, module, "CONTROL", dict)
+    _refuse_names(path, "STATE", state)
+    _refuse_names(path, "CONTROL", control)
     by_part = {}
     for name in ("RATES", "REST", "SPREAD"):
         by_part[name] = _declaration(path, module, name, dict, {})
@@ -276,6 +280,16 @@ def _declared(path: Path, module: ModuleType) -> dict[str, Any]:
         "control": control_parts,
         "sampling": StartSampling().model_dump(),
     }
+
+
+def _refuse_names(path: Path, declaration: str, parts: dict[Any, Any]) -> None:
+    """Raise BadFileError for a part that is called what nothing may be called."""
+    for name in parts:
+        if not isinstance(name, str) or not re.fullmatch(PART_PATTERN, name):
+            raise BadFileError(
+                f"{path.name}: {declaration}: wanted a name of letters, digits and _ . -, at most 40, beginning with a letter, "
+                f"came {repr(name)[:MAX_SHOWN]}."
+            )
 
 
 def _refuse_unknown_parts(path: Path, name: str, parts: Any, state: dict[str, Any]) -> None:

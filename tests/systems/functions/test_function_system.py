@@ -105,6 +105,23 @@ def test_a_function_is_the_truth_at_its_own_step_unless_it_says_that_it_integrat
     assert integrated.fine.dt == pytest.approx(integrated.scheme.dt / 10)
 
 
+def test_an_evaluation_says_that_the_function_at_its_own_step_is_the_truth(tmp_path: Path):
+    system = system_from(tmp_path, SPRING.replace("ODE = True\n", ""))
+    config = DatasetConfig(
+        system=system.name, definition=system.definition_text, substeps=10, count=600
+    )
+    generate(config, tmp_path / "data")
+    settings = TrainingConfig(updates=250, widths=(8,), batch=64)
+    emulator = train(read_transitions(tmp_path / "data"), settings, tmp_path / "e.safetensors")
+    found = evaluate(emulator, budget=FAST)
+    assert found.is_own_reference
+    assert "held against that function at its own step, which is the truth" in found.note
+    write_report([found], tmp_path / "report.html")
+    report = (tmp_path / "report.html").read_text()
+    assert "that is the truth here" in report
+    assert "strays from" not in report
+
+
 def test_a_function_that_fails_at_a_smaller_step_is_never_called_with_one(tmp_path: Path):
     source = SPRING.replace("ODE = True\n", "").replace("dt):\n", "dt):\n    assert dt >= 0.01\n")
     system = system_from(tmp_path, source, "coarse")
