@@ -128,6 +128,22 @@ def test_recordings_of_one_state_and_columns_that_never_change_are_named(tmp_pat
         write_definition(str(write_rows(tmp_path / "one.csv", rows)))
 
 
+def test_rest_is_where_a_recording_is_stillest(tmp_path: Path):
+    rows = recorded(0.0)
+    parts = parts_of(write_rows(tmp_path / "runs.csv", rows))
+    rest = np.array([parts["angle"].rest[0], parts["rate"].rest[0]])
+    assert abs(np.sin(rest[0])) < 0.3
+    assert abs(rest[1]) < 0.2 * np.abs(rows[:, 3]).max()
+    assert (np.abs(rows[:, 2:4] - rest).max(axis=1) < 1e-5).any()
+
+
+def test_an_angle_that_turns_too_fast_to_be_told_is_named(tmp_path: Path):
+    rows = recorded(0.0)
+    rows[:, 2] = (3.0 * np.arange(len(rows)) + np.pi) % (2 * np.pi) - np.pi
+    _, proposal = write_definition(str(write_rows(tmp_path / "fast.csv", rows)))
+    assert any("turns by 3 rad and more between two samples" in line for line in proposal.warnings)
+
+
 def test_a_clock_that_drifts_is_told_from_a_gap(tmp_path: Path):
     rows = recorded(0.0)
     rows[:, 1] += 0.004 * rows[:, 1] ** 2

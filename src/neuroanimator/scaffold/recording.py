@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,9 @@ SPANS = (1, 2, 5, 10, 20, 50)
 MAX_TURN_THROUGH_NOISE = 2 * MAX_TURN
 """Angles may turn so far in a super step [rad] where noise hides what happens in a shorter one."""
 
+MAX_TURN_BETWEEN_SAMPLES = 0.7 * np.pi
+"""An angle that turns so far [rad] from one sample to the next is near half a turn."""
+
 TOLD_NOISE = 0.05
 """Noise that makes more than this share of the changes in a super step is worth a word."""
 
@@ -75,6 +78,8 @@ def propose_recording(
         control.append(_control_part(recording, entry, path))
     refuse_large(path.name, _names(recording), np.concatenate(recording.states))
     substeps, note = _substeps(recording, runs, state)
+    for part, number in zip(state, _stillest(recording, runs, substeps), strict=True):
+        part["rest"] = [float(f"{number:.6g}")]
     values = {
         "name": usual_name(path),
         "kind": "recorded",
@@ -88,9 +93,10 @@ def propose_recording(
         "substeps": note,
         "physics.step": f"the sampling interval [s]; {len(recording.states)} runs",
         "state.rate": "where one column adds up to another's changes, noise left aside",
+        "state.rest": "where the recordings are stillest; motions begin there if nothing else is said",
     }
     definition = check_table(values, path.name, RecordedDefinition)
-    return definition, notes, tuple(_warnings(recording, runs, substeps))
+    return definition, notes, tuple(_warnings(recording, runs, state, substeps))
 
 
 def _refuse_standstill(recording: Recording, path: Path) -> None:
@@ -112,7 +118,10 @@ def _column(recording: Recording, entry: int) -> Float[np.ndarray, " N"]:
 
 
 def _warnings(
-    recording: Recording, runs: list[Float[np.ndarray, "_ S"]], substeps: int
+    recording: Recording,
+    runs: list[Float[np.ndarray, "_ S"]],
+    state: Sequence[dict[str, Any]],
+    substeps: int,
 ) -> Iterator[str]:
     """Yield what the user should look at, one line each."""
     still = []
@@ -122,9 +131,37 @@ def _warnings(
     if still:
         yield f"{listed(still)}: the same in every row, so nothing can be learned of it. Remove the column."
     yield from _outliers(recording)
+    yield from _fast_turns(recording, runs, state)
     yield from _short_runs(recording, window_length(substeps))
     changes = [_changes(runs, entry, substeps) for entry in range(len(recording.state))]
     yield from warn_of_small(_names(recording), np.stack(changes, axis=1))
+
+
+def _stillest(
+    recording: Recording, runs: list[Float[np.ndarray, "_ S"]], span: int
+) -> Float[np.ndarray, " S"]:
+    """Return the recorded state from which least changes over `span` samples, each number by its own measure."""
+    before = np.concatenate([states[:-span] for states in recording.states])
+    changes = np.concatenate([states[span:] - states[:-span] for states in runs])
+    usual = changes.std(axis=0)
+    moves = usual > 0
+    unrest = ((changes[:, moves] / usual[moves]) ** 2).sum(axis=1)
+    return before[int(np.argmin(unrest))]
+
+
+def _fast_turns(
+    recording: Recording, runs: list[Float[np.ndarray, "_ S"]], state: Sequence[dict[str, Any]]
+) -> Iterator[str]:
+    """Yield a line for each angle that turns so far between two samples that nobody can tell which way."""
+    for entry, part in enumerate(state):
+        if part["feature"] != "sine":
+            continue
+        turn = float(np.percentile(np.abs(_changes(runs, entry, 1)), FASTEST))
+        if turn > MAX_TURN_BETWEEN_SAMPLES:
+            yield (
+                f"state.{part['name']}: turns by {turn:.2g} rad and more between two samples, and half a turn one way looks like "
+                "half a turn the other way. Sample faster."
+            )
 
 
 def _outliers(recording: Recording) -> Iterator[str]:
@@ -224,13 +261,11 @@ def _state_part(recording: Recording, entry: int, rate_entry: int | None) -> dic
     rate = ""
     if rate_entry is not None:
         rate, _ = recording.state[rate_entry]
-    first = recording.states[0][0, entry]
     return {
         "name": name,
         "unit": unit,
         "feature": feature,
         "rate": rate,
-        "rest": [float(f"{first:.6g}")],
     }
 
 
