@@ -33,7 +33,7 @@ SIZE = (640, 360)
 SLOWER = 2.0
 """So many times slower than it happens: what goes wrong goes wrong within a super step or two."""
 
-RATE = 20.0
+RATE = 16.0
 """Images a second of the film."""
 
 HELD_SECONDS = 0.5

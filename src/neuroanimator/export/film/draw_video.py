@@ -103,9 +103,11 @@ def averaged(image: UInt8[np.ndarray, "H W 3"], scale: int) -> UInt8[np.ndarray,
     """Return the image with the mean of each `scale` times `scale` pixels as one."""
     if scale == 1:
         return image
-    height, width, _ = image.shape
-    tiles = image.reshape(height // scale, scale, width // scale, scale, 3)
-    return tiles.mean(axis=(1, 3), dtype=np.float32).astype(np.uint8)
+    total = np.zeros((image.shape[0] // scale, image.shape[1] // scale, 3), np.uint16)
+    for row in range(scale):
+        for column in range(scale):
+            total += image[row::scale, column::scale]
+    return (total // scale**2).astype(np.uint8)
 
 
 def _camera(shots: Shots, frame: int) -> mujoco.MjvCamera:
