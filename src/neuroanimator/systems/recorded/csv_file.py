@@ -9,6 +9,7 @@ import math
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -39,6 +40,9 @@ DELIMITERS = (",", ";", "\t")
 
 REMARK = "#"
 """Lines before the header that begin so are left out, and empty ones."""
+
+MAX_REMARKS = 1000
+"""No more lines than these are left out: a file of nothing but line breaks is refused at once."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +85,14 @@ def _delimiter(content: bytes, name: str) -> str:
 
 def _first(rows: Iterator[tuple[int, list[str]]], name: str) -> tuple[int, list[str]]:
     """Return the line number of the header and its cells, units without brackets."""
-    for line, cells in rows:
+    line = 0
+    for line, cells in islice(rows, MAX_REMARKS):
         if cells and not cells[0].startswith(REMARK):
             return line, [without_brackets(cell) for cell in cells]
+    if line:
+        raise BadFileError(
+            f"{name}: no column 'time s' in {line:,} lines. Wanted a header such as '{HEADER}'."
+        )
     raise BadFileError(f"{name} is empty. It should begin with a header such as '{HEADER}'.")
 
 
