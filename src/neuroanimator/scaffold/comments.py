@@ -184,6 +184,13 @@ def warnings_about(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
             f"control: the model gives no range for {listed(unlimited)}; the proposed ones are guesses. "
             "Set them in the TOML file, or ctrlrange in the model."
         )
+    held = [model.body(body).name for body in np.flatnonzero(model.body_mocapid >= 0).tolist()]
+    if held:
+        named = listed(model_name(name, "a body without a name") for name in held)
+        yield (
+            f"mocap: {named} stays where it is, as no control moves a mocap body. Give the model actuators for what it should "
+            "move."
+        )
     idle = _actuators_without_effect(model)
     if idle:
         yield f"control: {listed(idle)} move no joint. Check the joint, the site and the gear, or take them out."

@@ -227,3 +227,9 @@ def test_what_is_not_emulated_is_refused_with_what_to_do(message: str, tmp_path:
     with pytest.raises(NeuroAnimatorError) as caught:
         write_definition(str(tmp_path / "model.xml"))
     assert message in str(caught.value)
+
+
+def test_new_says_that_a_mocap_body_stays_where_it_is(tmp_path: Path):
+    (tmp_path / "model.xml").write_text(KINDS["mocap"])
+    _, proposal = write_definition(str(tmp_path / "model.xml"))
+    assert any(warning.startswith("mocap: hand stays") for warning in proposal.warnings)
