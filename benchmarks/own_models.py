@@ -1,13 +1,14 @@
-"""Anybody's model: new, generate, train and evaluate on ten models, by what is proposed alone; writes results/own_models.csv.
+"""Anybody's model: new, generate, train, evaluate, animate and control of ten, by what is proposed alone; results/own_models.csv.
 
-python benchmarks/own_models.py                     about an hour on two cores; needs Gymnasium, whose models it takes
+python benchmarks/own_models.py                     about an hour and a half on two cores; needs Gymnasium, whose models it takes
+python benchmarks/own_models.py hopper arm          some of the models; the others' lines stay as they are
 python benchmarks/own_models.py --quick             little data, few updates; writes no file
-python benchmarks/own_models.py --quick hopper arm  some of the models
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import shutil
 import tempfile
 import time
@@ -18,19 +19,34 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from neuroanimator import TrainingConfig
+from neuroanimator import (
+    Emulator,
+    Objective,
+    TrainingConfig,
+    effort,
+    make_clip,
+    reach_state,
+    synthesise,
+    write_glb,
+)
 from neuroanimator.bench.csv_table import describe_machine, write_csv
-from neuroanimator.data.config import DatasetConfig
+from neuroanimator.data.config import USUAL_COUNT, DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.recorded_segments import limited_to_recordings
+from neuroanimator.data.sampling import sample_controls
 from neuroanimator.data.store import read_transitions
 from neuroanimator.evaluation.evaluate import QUICK as QUICK_EVALUATION
 from neuroanimator.evaluation.evaluate import THOROUGH as THOROUGH_EVALUATION
 from neuroanimator.evaluation.evaluate import Evaluation, EvaluationBudget, evaluate
 from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.loading import resolve, trust_files
+from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 from neuroanimator.training.train import train
+
+TABLE = Path(__file__).parent / "results" / "own_models.csv"
 
 CASES = Path(__file__).parent / "own_models_cases"
 """The models that are nobody else's."""
@@ -45,7 +61,16 @@ NOISE = 0.01
 """Standard deviation of the recording's noise [rad]; that of its rate is five times as large."""
 
 SECOND = 1.0
-"""Rollouts are judged after this time [s]."""
+"""Rollouts are judged after this time [s], and tasks take so long; of slow systems what is to them as a second."""
+
+TASK_SEED = 7
+"""The controls that lead to a task's end are drawn from it."""
+
+EFFORT_WEIGHT = 0.01
+"""Effort in a task's objective, beside being there."""
+
+SMALL = 1e-9
+"""What never changes is measured by this."""
 
 
 class Model(NamedTuple):
@@ -68,7 +93,7 @@ class Effort:
     evaluation: EvaluationBudget
 
 
-THOROUGH = Effort(100_000, TrainingConfig().updates, THOROUGH_EVALUATION)
+THOROUGH = Effort(USUAL_COUNT, TrainingConfig().updates, THOROUGH_EVALUATION)
 """The effort of the published table: the defaults of `generate`, `train` and `evaluate`."""
 
 QUICK = Effort(12_000, 2_000, QUICK_EVALUATION)
@@ -133,34 +158,99 @@ class Seconds(NamedTuple):
     data: float
     training: float
     evaluation: float
+    animation: float
+    control: float
 
 
 def row_of(model: Model, effort: Effort, folder: Path) -> dict[str, Any]:
     """Return a model's line of the table, made in `folder` by what `new` proposes, without an edit."""
     clock = [time.perf_counter()]
+
+    def done() -> None:
+        clock.append(time.perf_counter())
+
     toml, proposal = write_definition(
         model.put(folder), folder / f"{model.name}.toml", base=model.base
     )
-    clock.append(time.perf_counter())
+    done()
     trust_files(toml)
     name, definition, substeps = resolve(str(toml))
     config = limited_to_recordings(
-        DatasetConfig(system=name, definition=definition, substeps=substeps, count=effort.count)
+        DatasetConfig.usual(name, definition, substeps, count=effort.count)
     )
     diverged = generate(config, folder / "data")
     data = read_transitions(folder / "data")
-    clock.append(time.perf_counter())
+    done()
     out = folder / f"{model.name}.emulator.safetensors"
-    emulator = train(data, TrainingConfig(updates=effort.updates), out)
-    clock.append(time.perf_counter())
+    settings = TrainingConfig.usual(data.system.structure, updates=effort.updates)
+    emulator = train(data, settings, out)
+    done()
     evaluation = evaluate(emulator, data=data, budget=effort.evaluation)
-    clock.append(time.perf_counter())
+    done()
+    task = simple_task(emulator, data.system)
+    write_glb(make_clip(emulator, task.states), folder / f"{model.name}.glb")
+    done()
+    left = way_left(emulator, data.system, task)
+    done()
     seconds = Seconds(*np.diff(clock).tolist())
     row: dict[str, Any] = {"model": model.name, "warnings": len(proposal.warnings)}
     row |= {"n": substeps, "dt": emulator.dt, "runs_diverged": diverged}
-    return (
-        row | _figures(evaluation) | {f"{key}_s": value for key, value in seconds._asdict().items()}
-    )
+    row |= _figures(evaluation)
+    row |= {"way_left": left, "is_on_physics": data.system.can_simulate}
+    row |= {f"{key}_s": value for key, value in seconds._asdict().items()}
+    return row | {"whole_s": sum(seconds)}
+
+
+class Task(NamedTuple):
+    """To be, after a while, where random controls would have led from rest."""
+
+    states: np.ndarray
+    """(T+1, S) the motion under these controls, by the physics if there is any."""
+    idle_states: np.ndarray
+    """(T+1, S) the motion under what does nothing."""
+
+
+def simple_task(emulator: Emulator, system: System) -> Task:
+    """Return a task that can be done: its end state was reached by somebody who knew nothing."""
+    rng = np.random.default_rng(TASK_SEED)
+    steps = max(2, round(SECOND * slowness(emulator.dt) / emulator.dt))
+    driven = sample_controls(rng, steps, emulator.dt, system.bounds, system.gait)
+    idle = np.tile(system.bounds.idle, (steps, 1))
+    if not system.can_simulate:
+        return Task(*(np.asarray(emulator.rollout(system.rest, c)) for c in (driven, idle)))
+    starts = np.tile(system.rest, (2, 1))
+    runs = system.simulate(starts, np.stack([driven, idle]), emulator.dt)
+    return Task(runs.states[0], runs.states[1])
+
+
+def way_left(emulator: Emulator, system: System, task: Task) -> float:
+    """Return how far from the task's end the motion of the controller ends, over how far doing nothing does.
+
+    Counted is what the task asks for: positions and orientations, or all of a state that has no rates; each in units of
+    how much it changes in a super step. The motion is the physics', unless there is none.
+    """
+    target = task.states[-1]
+    rates = {rate for _, rate in [*system.structure.rates, *system.structure.orientations]}
+    wanted = {}
+    entries: list[int] = []
+    for part in system.state.slices:
+        where = system.state.index(part.name)
+        if where.start not in rates:
+            wanted[part.name] = target[where].tolist()
+            entries += range(where.start, where.stop)
+    objective = Objective.of(effort(EFFORT_WEIGHT), reach_state(system, wanted))
+    steps = len(task.states) - 1
+    found = synthesise(emulator, system, objective, system.rest, steps=steps, refinements=0)
+    frame = Frame.of(system.structure, 0.0)
+    of_entries = frame.change_entries(system.state.size)
+    counted = sorted({number for entry in entries for number in of_entries[entry]})
+    unit = np.maximum(np.asarray(emulator.normaliser.unit), SMALL)
+
+    def distance(end: np.ndarray) -> float:
+        difference = frame.difference(target, end) / unit
+        return float(np.linalg.norm(difference[counted]))
+
+    return distance(found.outcome.physics_states[-1]) / distance(task.idle_states[-1])
 
 
 def _figures(evaluation: Evaluation) -> dict[str, Any]:
@@ -185,6 +275,16 @@ def _self_divergence_at(evaluation: Evaluation, seconds: float) -> float | str:
     return float(evaluation.self_divergence[step])
 
 
+def keep(rows: list[dict[str, Any]]) -> None:
+    """Write `rows` into the table, in place of the same models' older lines."""
+    kept: dict[str, dict[str, Any]] = {}
+    if TABLE.exists():
+        lines = TABLE.read_text(encoding="utf-8").splitlines()[1:]
+        kept = {row["model"]: row for row in csv.DictReader(lines) if [*row] == [*rows[0]]}
+    kept |= {row["model"]: row for row in rows}
+    write_csv(TABLE, [kept[model.name] for model in MODELS if model.name in kept])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="little data; writes no file")
@@ -198,8 +298,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as name:
             rows.append(row_of(model, effort, Path(name)))
         print_table(rows[-1:])
-    if not arguments.quick and not arguments.models:
-        write_csv(Path(__file__).parent / "results" / "own_models.csv", rows)
+        if not arguments.quick:
+            keep(rows)
     print(describe_machine())
     print_table(rows)
 

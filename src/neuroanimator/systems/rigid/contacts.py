@@ -60,13 +60,14 @@ def contacts_of(
         tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones)
     )
     points = _points(model, first_body=0 if has_world else 1)
+    planes = _planes(model)
     contacts = Contacts(
         kinematics=kinematics,
         points=in_order(points, kinematics),
-        planes=tuple(_planes(model)),
+        planes=tuple(planes),
         stops=tuple(_stops(model, views)),
         axes=(0, 1, 2),
-        placeless=tuple(_placeless(views)),
+        placeless=tuple(_placeless(views, planes)),
         rates=rates,
         orientations=orientations_of(segments),
     )
@@ -180,11 +181,12 @@ def _stops(model: mujoco.MjModel, views: list[JointView]) -> list[Stop]:
     return stops
 
 
-def _placeless(views: list[JointView]) -> list[int]:
-    """Return the state entries that tell where the body is, which does not matter."""
+def _placeless(views: list[JointView], planes: list[Plane]) -> list[int]:
+    """Return the state entries that tell where the body is, which does not matter: of free joints unless there are walls."""
+    is_level = all(plane.z == 1 for plane in planes)
     entries = []
     for view in views:
-        if view.kind == "free":
+        if view.kind == "free" and is_level:
             entries += [view.position_entry, view.position_entry + 1]
         elif view.feature in PLACELESS:
             entries.append(view.position_entry)
