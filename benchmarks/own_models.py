@@ -29,6 +29,7 @@ from neuroanimator import (
     synthesise,
     write_glb,
 )
+from neuroanimator.animation.gauges import drawable
 from neuroanimator.bench.csv_table import describe_machine, write_csv
 from neuroanimator.data.config import USUAL_COUNT, DatasetConfig
 from neuroanimator.data.generate import generate
@@ -188,7 +189,8 @@ def row_of(model: Model, effort: Effort, folder: Path) -> dict[str, Any]:
     evaluation = evaluate(emulator, data=data, budget=effort.evaluation)
     done()
     task = simple_task(emulator, data.system)
-    write_glb(make_clip(emulator, task.states), folder / f"{model.name}.glb")
+    clip = drawable(make_clip(emulator, task.states), emulator)
+    write_glb(clip, folder / f"{model.name}.glb")
     done()
     left = way_left(emulator, data.system, task)
     done()
