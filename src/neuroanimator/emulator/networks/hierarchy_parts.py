@@ -95,13 +95,15 @@ def parts_of_joints(
     """Return who sees and answers what of a model with joints: the upper network sees all and answers for the rest.
 
     The rest is what is in no group: the root, and joints left out. A child sees its own joints, their motors and
-    the rest as it is now, and hears what becomes of the rest.
+    the rest as it is now, and hears what becomes of the rest. What is shown of contacts tells all joints: the upper one sees it.
     """
     angles = np.asarray(features.angles)
     state_size = angles.shape[1]
     first_local = 2 * len(angles) + len(features.plain)
-    local = range(first_local, first_local + frame.local_size)
-    motors = range(local.stop, local.stop + controls)
+    contacts = 0 if frame.contacts is None else frame.contacts.size  # the last of what is local
+    local = range(first_local, first_local + frame.local_size - contacts)
+    first_motor = first_local + frame.local_size
+    motors = range(first_motor, first_motor + controls)
     changes = frame.change_entries(state_size)
     in_groups = {entry for group in structure.groups for entry in group.entries}
     ungrouped = [entry for entry in range(state_size) if entry not in in_groups]
