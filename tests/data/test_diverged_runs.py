@@ -74,7 +74,8 @@ def toml(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def folder(toml: Path, cli_process: Cli) -> Path:
-    made = cli_process("generate", toml, "--count", 6000, "--out", toml.parent / "data")
+    words = ("--count", 6000, "--samples-per-run", 12, "--out", toml.parent / "data")
+    made = cli_process("generate", toml, *words)
     assert made.returncode == 0, made.stderr
     dropped = len(read_diverged(toml.parent / "data")[0])
     said = " ".join(made.stdout.split())

@@ -21,7 +21,16 @@ def check_same(dataset: Path, folder: Path, tally: Tally) -> None:
 
 
 def kill_and_resume(dataset: Path, folder: Path, tally: Tally, kills: int, longest: float) -> None:
-    arguments = ("generate", "pendulum", "--count", "6000", "--out", folder)
+    arguments = (
+        "generate",
+        "pendulum",
+        "--count",
+        "6000",
+        "--samples-per-run",
+        "12",
+        "--out",
+        folder,
+    )
     rng = random.Random(0)
     tally.tried += sum(killed_at_random(rng, longest, *arguments) for _ in range(kills))
     assert run(*arguments).returncode == 0

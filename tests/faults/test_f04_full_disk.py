@@ -14,7 +14,7 @@ from tally import Tally
 
 from neuroanimator.storage.files import locked
 
-ARGUMENTS = ("generate", "pendulum", "--count", "6000", "--out")
+ARGUMENTS = ("generate", "pendulum", "--count", "6000", "--samples-per-run", "12", "--out")
 
 
 @pytest.fixture

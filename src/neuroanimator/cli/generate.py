@@ -25,6 +25,9 @@ def run(
         int | None, typer.Option(help="Physics steps n in a super step; the system's own, or 50.")
     ] = None,
     count: Annotated[int, typer.Option(help="Transitions to make.")] = 300_000,
+    samples_per_run: Annotated[
+        int, typer.Option(help="How many of each simulated run: 12, 18, 24 or 36.")
+    ] = 36,
     seed: Annotated[int, typer.Option(help="Seed of starts and controls.")] = 0,
     threads: Annotated[
         int | None,
@@ -45,7 +48,14 @@ def run(
         name, definition, usual_substeps = resolve(system)
     if substeps is None:
         substeps = usual_substeps
-    config = DatasetConfig.usual(name, definition, substeps, count=count, seed=seed)
+    config = DatasetConfig(
+        system=name,
+        definition=definition,
+        substeps=substeps,
+        count=count,
+        samples_per_run=samples_per_run,
+        seed=seed,
+    )
     config = limited_to_recordings(config)
     diverged = generate_with_bar(config, out, threads)
     rows: list[tuple[str, object]] = [

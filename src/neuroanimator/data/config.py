@@ -95,7 +95,6 @@ class DatasetConfig(Settings, DatasetTable):
         substeps: int,
         *,
         count: int = USUAL_COUNT,
-        seed: int = 0,
     ) -> DatasetConfig:
         """Return the dataset that is made of a system if nothing else is said."""
         return cls(
@@ -104,7 +103,6 @@ class DatasetConfig(Settings, DatasetTable):
             substeps=substeps,
             count=count,
             samples_per_run=USUAL_SAMPLES_PER_RUN,
-            seed=seed,
         )
 
     @property

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from threading import Timer
 
-from neuroanimator.animation.clip import Clip
+from neuroanimator.animation.clip import Clip, check_drawable
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.export.film.clip_bytes import pack_takes
 from neuroanimator.export.film.options import DEFAULT_SIZE, checked_film
@@ -97,6 +97,8 @@ def write_takes(
 def _check_together(clips: Sequence[Clip]) -> None:
     if not 1 <= len(clips) <= MAX_CLIPS:
         raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} to film together, came {len(clips)}.")
+    for clip in clips:
+        check_drawable(clip)
     first = clips[0]
     for clip in clips[1:]:
         if (clip.name, clip.definition) != (first.name, first.definition):
