@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -48,14 +48,15 @@ def run(
         name, definition, usual_substeps = resolve(system)
     if substeps is None:
         substeps = usual_substeps
-    config = DatasetConfig(
-        system=name,
-        definition=definition,
-        substeps=substeps,
-        count=count,
-        samples_per_run=samples_per_run,
-        seed=seed,
-    )
+    settings: dict[str, Any] = {
+        "system": name,
+        "definition": definition,
+        "substeps": substeps,
+        "count": count,
+        "samples_per_run": samples_per_run,
+        "seed": seed,
+    }
+    config = DatasetConfig(**settings)
     config = limited_to_recordings(config)
     diverged = generate_with_bar(config, out, threads)
     rows: list[tuple[str, object]] = [
