@@ -115,9 +115,9 @@ def dataset(content: bytes) -> None:
         try:
             dtype, shape, number = row
             if np.prod([float(length) for length in shape]) < 100_000:
-                arrays[name] = np.full(
-                    shape, number, {"F32": "f4", "F64": "f8", "I32": "i4"}[dtype]
-                )
+                kind = {"F32": "f4", "F64": "f8", "I32": "i4"}[dtype]
+                with np.errstate(over="ignore"):  # what is too large for its kind becomes infinite
+                    arrays[name] = np.full(shape, number, kind)
         except (ValueError, TypeError, KeyError, OverflowError):
             continue
     metadata = {"kind": "shard", "config": settings.hash, "shard": 0, "diverged": 0}
