@@ -11,6 +11,9 @@ import time
 from pathlib import Path
 
 MAIN = "from neuroanimator.cli.main import main; main()"
+GENERATE = ("generate", "pendulum", "--count", "6000", "--samples-per-run", "12", "--out")
+"""With a folder behind it: makes there what the fixture `dataset` holds."""
+
 LISTENS = 1 << (signal.SIGTERM - 1)
 """The bit of a process that handles SIGTERM itself: from then on it can be stopped."""
 

@@ -6,7 +6,7 @@ import random
 from pathlib import Path
 
 import pytest
-from processes import killed_at_random, leftovers, run
+from processes import GENERATE, killed_at_random, leftovers, run
 from tally import Tally
 
 from neuroanimator import DatasetConfig, generate
@@ -21,16 +21,7 @@ def check_same(dataset: Path, folder: Path, tally: Tally) -> None:
 
 
 def kill_and_resume(dataset: Path, folder: Path, tally: Tally, kills: int, longest: float) -> None:
-    arguments = (
-        "generate",
-        "pendulum",
-        "--count",
-        "6000",
-        "--samples-per-run",
-        "12",
-        "--out",
-        folder,
-    )
+    arguments = (*GENERATE, folder)
     rng = random.Random(0)
     tally.tried += sum(killed_at_random(rng, longest, *arguments) for _ in range(kills))
     assert run(*arguments).returncode == 0

@@ -9,12 +9,10 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from processes import command, leftovers, run
+from processes import GENERATE, command, leftovers, run
 from tally import Tally
 
 from neuroanimator.storage.files import locked
-
-ARGUMENTS = ("generate", "pendulum", "--count", "6000", "--samples-per-run", "12", "--out")
 
 
 @pytest.fixture
@@ -33,7 +31,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 def test_f04_a_full_disk_is_said_and_resumed_from(small_disk: Path, dataset: Path, tally: Tally):
     folder = small_disk / "data"
-    full = run(*ARGUMENTS, folder)
+    full = run(*GENERATE, folder)
     told = full.stderr.decode()
     assert full.returncode == 4, told
     assert f"Could not write {folder}/shard-0000" in told
@@ -41,7 +39,7 @@ def test_f04_a_full_disk_is_said_and_resumed_from(small_disk: Path, dataset: Pat
     assert len(told.splitlines()) == 1
     assert not leftovers(folder)
     subprocess.run(["mount", "-o", "remount,size=64m", small_disk], check=True)
-    assert run(*ARGUMENTS, folder).returncode == 0
+    assert run(*GENERATE, folder).returncode == 0
     for path in dataset.glob("*.*s*"):
         tally.expect(folder / path.name, path.read_bytes())
 
@@ -54,14 +52,14 @@ def test_f04_a_lock_holds_on_a_full_disk(small_disk: Path):
             file.write(b"x" * 4096)
     with locked(small_disk / "data"):
         pass
-    full = run(*ARGUMENTS, small_disk / "data")
+    full = run(*GENERATE, small_disk / "data")
     assert full.returncode == 4
     assert b"dataset.json: No space left on device (" in full.stderr
 
 
 def test_f04_a_limit_on_files_is_said(tmp_path: Path):
     limited = subprocess.run(
-        ["prlimit", "--fsize=50000", *command(*ARGUMENTS, tmp_path / "data")],
+        ["prlimit", "--fsize=50000", *command(*GENERATE, tmp_path / "data")],
         capture_output=True,
         text=True,
     )
@@ -73,6 +71,6 @@ def test_f04_a_limit_on_files_is_said(tmp_path: Path):
 def test_f06_a_second_process_is_refused_with_the_first_ones_number(tmp_path: Path):
     folder = tmp_path / "data"
     with locked(folder):
-        second = run(*ARGUMENTS, folder)
+        second = run(*GENERATE, folder)
     assert second.returncode == 4
     assert f"{folder} is in use by process {os.getpid()}." in second.stderr.decode()

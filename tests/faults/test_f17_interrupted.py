@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import leftovers, run, start, stopped_after
+from processes import GENERATE, leftovers, run, start, stopped_after
 from tally import Tally
 
 from neuroanimator.storage.unfinished import is_running
@@ -146,16 +146,7 @@ def test_f17_what_was_told_to_ignore_ctrl_c_ignores_it(tmp_path: Path):
 def test_f17_stopped_and_started_again_it_ends_with_the_same_bytes(
     dataset: Path, tmp_path: Path, tally: Tally
 ):
-    arguments = (
-        "generate",
-        "pendulum",
-        "--count",
-        "6000",
-        "--samples-per-run",
-        "12",
-        "--out",
-        tmp_path,
-    )
+    arguments = (*GENERATE, tmp_path)
     for seconds in (0.2, 1.5):
         tally.tried += stopped_after(start(tmp_path, *arguments), seconds, signal.SIGINT)[0] == 130
     assert run(*arguments).returncode == 0

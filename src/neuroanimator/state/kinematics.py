@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.state.links import Joint, Link
+from neuroanimator.state.links import Joint, Link, unit_quaternion
 from neuroanimator.state.rotation import rotation_matrices
 
 Matrix = Float[np.ndarray, "4 4"]
@@ -158,9 +158,7 @@ def _turned(frame: MovedFrame, states: Float[AnyArray, "... S"]) -> Float[AnyArr
     xp = states.__array_namespace__()
     is_free = frame.kind == "free"
     first = frame.entry + 3 if is_free else frame.entry
-    quaternion = states[..., first : first + 4]
-    norm = xp.sqrt(xp.sum(quaternion * quaternion, axis=-1, keepdims=True))
-    rotation = rotation_matrices(quaternion / norm)
+    rotation = rotation_matrices(unit_quaternion(states, first))
     position = xp.zeros_like(states[..., :3])
     if is_free:
         position = states[..., frame.entry : frame.entry + 3]

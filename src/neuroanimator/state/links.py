@@ -56,7 +56,7 @@ class Link:
         for joint in self.joints:
             if joint.kind == "free":
                 position = states[..., joint.entry : joint.entry + 3]
-                orientation = _unit_quaternion(states, joint.entry + 3)
+                orientation = unit_quaternion(states, joint.entry + 3)
             elif joint.kind == "slide":
                 distance = states[..., joint.entry, None] - joint.reference
                 position = position + rotate(orientation, distance * _repeated(joint.axis, states))
@@ -82,14 +82,15 @@ def point_of_chain(
 def _rotation(joint: Joint, states: Float[AnyArray, "... S"]) -> Float[AnyArray, "... 4"]:
     """Return the quaternion of a ball joint, or of a hinge turned by its angle."""
     if joint.kind == "ball":
-        return _unit_quaternion(states, joint.entry)
+        return unit_quaternion(states, joint.entry)
     xp = states.__array_namespace__()
     half_angle = (states[..., joint.entry, None] - joint.reference) / 2
     axis = _repeated(joint.axis, states)
     return xp.concat([xp.cos(half_angle), xp.sin(half_angle) * axis], axis=-1)
 
 
-def _unit_quaternion(states: Float[AnyArray, "... S"], entry: int) -> Float[AnyArray, "... 4"]:
+def unit_quaternion(states: Float[AnyArray, "... S"], entry: int) -> Float[AnyArray, "... 4"]:
+    """Return the quaternion that begins at `entry`, at unit length."""
     quaternion = states[..., entry : entry + 4]
     norm = states.__array_namespace__().linalg.vector_norm
     return quaternion / norm(quaternion, axis=-1, keepdims=True)

@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
+from neuroanimator.appearance.skeleton import Bone
 from neuroanimator.state.contacts import MAX_PLANES, ContactPoint, Contacts, Plane, Stop, in_order
 from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.segments import Segment, orientations_of
-from neuroanimator.systems.rigid.bones import skeleton_of
 from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.touching import is_limited, touching_geoms
 
@@ -46,15 +46,15 @@ Balls = list[tuple[Float[np.ndarray, " 3"], float]]
 
 def contacts_of(
     model: mujoco.MjModel,
+    bones: tuple[Bone, ...],
     views: list[JointView],
     rates: tuple[tuple[int, int], ...],
     segments: tuple[Segment, ...],
 ) -> Contacts | None:
-    """Return what of the model may touch fixed planes or reach a stop; None if nothing may.
+    """Return what of the model, whose skeleton has these `bones`, may touch fixed planes or reach a stop; None if nothing may.
 
     Of points that always move together one is enough, and what never comes nearer to the ground is left out.
     """
-    bones = skeleton_of(model).bones
     has_world = len(bones) == model.nbody
     kinematics = Kinematics(
         tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones)

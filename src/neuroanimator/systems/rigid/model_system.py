@@ -57,13 +57,15 @@ class ModelSystem(MujocoSystem):
         self.control = layout_of_actuators(model)
         self.bounds = bounds_of_actuators(model, definition.control, definition.holding)
         structure = structure_of(model, self.views, definition.frame, self.control, self.state.size)
+        self.skeleton = skeleton_of(model)
         contacts = None
         if definition.frame.contacts:
-            contacts = contacts_of(model, self.views, structure.rates, structure.segments)
+            contacts = contacts_of(
+                model, self.skeleton.bones, self.views, structure.rates, structure.segments
+            )
         groups = groups_of(model, self.views, definition.groups)
         self.structure = replace(structure, groups=groups, contacts=contacts)
         self.scheme, self.truth, self.fine = schemes_of(definition.physics)
-        self.skeleton = skeleton_of(model)
         self.rest = self.with_sensors(_rest(model, definition.keyframe)[None])[0]
         self.sampling = definition.sampling
         self.warm_up = definition.sampling.warm_up
