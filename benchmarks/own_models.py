@@ -89,15 +89,15 @@ class Effort:
 
     count: int
     """The transitions asked for."""
-    updates: int
-    """The updates of a training run."""
+    training: dict[str, Any]
+    """What of the training is not as usual."""
     evaluation: EvaluationBudget
 
 
-THOROUGH = Effort(USUAL_COUNT, TrainingConfig().updates, THOROUGH_EVALUATION)
+THOROUGH = Effort(USUAL_COUNT, {}, THOROUGH_EVALUATION)
 """The effort of the published table: the defaults of `generate`, `train` and `evaluate`."""
 
-QUICK = Effort(12_000, 2_000, QUICK_EVALUATION)
+QUICK = Effort(12_000, {"updates": 2_000}, QUICK_EVALUATION)
 """The effort with --quick."""
 
 
@@ -183,7 +183,7 @@ def row_of(model: Model, effort: Effort, folder: Path) -> dict[str, Any]:
     data = read_transitions(folder / "data")
     done()
     out = folder / f"{model.name}.emulator.safetensors"
-    settings = TrainingConfig.usual(data.system.structure, updates=effort.updates)
+    settings = TrainingConfig.usual(data.system.structure, **effort.training)
     emulator = train(data, settings, out)
     done()
     evaluation = evaluate(emulator, data=data, budget=effort.evaluation)

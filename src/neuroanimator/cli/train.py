@@ -29,7 +29,10 @@ def run(
     ] = None,
     learning_rate: Annotated[float | None, typer.Option(help="Highest learning rate.")] = None,
     updates: Annotated[
-        int | None, typer.Option(help="Weight updates (default 40000, half a minute).")
+        int | None,
+        typer.Option(
+            help="Weight updates (default 40000, half a minute; with contacts 20000, some minutes)."
+        ),
     ] = None,
     batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,
     unroll: Annotated[

@@ -48,6 +48,8 @@ class FrameTable(Table):
     """Round parts of its body whose height over the ground matters: x, y, z, radius [m]."""
     contacts: bool = False
     """Whether the network is shown what may touch the ground, and which joints may reach their stops."""
+    symmetries: bool = False
+    """Whether training looks for mirrors and like limbs, and shows the network every example by them too."""
     symmetry_order: Annotated[int, Field(ge=1, le=64)] = 1
     """Order of the body's symmetry about its own Z axis: turned by a whole turn over this, it is as it was."""
     symmetry_controls: tuple[tuple[str, str], ...] = ()

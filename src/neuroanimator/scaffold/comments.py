@@ -36,6 +36,15 @@ SLOW = 0.05
 """A fall from rest that grows at most by e to this in a super step is not worth a word."""
 
 
+class Likeness(NamedTuple):
+    """How alike the two sides of a model are, or some of its limbs."""
+
+    symmetries: int
+    """So many mirrors and exchanges of like limbs leave the motion what it is."""
+    discrepancy: float
+    """To this share of a usual change, at worst; see `symmetries.discrepancy`."""
+
+
 class Findings(NamedTuple):
     """What was found out about a model."""
 
@@ -47,6 +56,7 @@ class Findings(NamedTuple):
     whole: dict[str, tuple[float, float]]
     """The whole range of each control."""
     teacher: Teacher
+    likeness: Likeness
     left_out: str
     """What became of a large model's textures and meshes."""
 
@@ -66,6 +76,7 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
         "physics.integrator": "the model's own",
         "sensors": f"those to be emulated too, of: {listed(filter(None, sensors)) or 'none'}",
         "frame.contacts": _contacts_note(system.structure.contacts),
+        "frame.symmetries": _symmetries_note(found.likeness),
         "sampling.warm_up": "something can touch something: let contacts settle first",
         "sampling.above_ground": "lifts starts that would lie in the ground",
     }
@@ -119,6 +130,16 @@ def _contacts_note(contacts: Contacts | None) -> str:
     points = len(contacts.points)
     stops = len(contacts.stops)
     return f"shows the network where {points} points and {stops} joints are going, to the ground and to their stops"
+
+
+def _symmetries_note(likeness: Likeness) -> str:
+    """Return what the symmetries of a model are good for."""
+    if not likeness.symmetries:
+        return "no mirror or exchange of like limbs leaves the motion what it is"
+    return (
+        f"every example stands for {likeness.symmetries + 1}: mirrored, or with like limbs exchanged, "
+        f"it is true to {likeness.discrepancy:.1g} of a usual change"
+    )
 
 
 def _spread_note(model: mujoco.MjModel, values: dict[str, Any], joint: int) -> str:

@@ -28,6 +28,7 @@ TITLES = {
     "# cyclic: where it stands does not matter, how fast it moves does; free: nor which way it faces; placed: both matter.",
     "frame": "What of the root's position matters. ground: its height; probes: x, y, z, radius of feet [m];\n"
     "# contacts: what of the whole body may touch the ground, and joints that may reach their stops;\n"
+    "# symmetries: mirrors and like limbs, by which every example stands for several;\n"
     "# planar: joints x, y, heading of a root that moves in a plane, where position and heading do not matter.",
     "control": "The least and the largest value of each actuator.",
     "holding": "What holds the model at rest; where controls cease, they cease to this.",

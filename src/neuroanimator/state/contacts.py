@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from neuroanimator.parsing.numbers import entries, listed, numbers
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.state.kinematics import Kinematics
+from neuroanimator.state.kinematics import Kinematics, product
 from neuroanimator.state.rotation import conjugate, rotated_by, rotation_matrices
 
 CEILING = 1.0
@@ -153,7 +153,7 @@ class Contacts:
         centres = []
         for frame, offsets in self._offsets:
             upper = transforms[frame][..., :3, :]
-            centres.append(xp.matmul(upper, xp.asarray(offsets, dtype=state.dtype)))
+            centres.append(product(upper, xp.asarray(offsets, dtype=state.dtype)))
         return xp.concat(centres, axis=-1)
 
     @cached_property
@@ -183,7 +183,7 @@ class Contacts:
         """Return the points' way [m] along those axes on which they move, the root's own if it is a quaternion."""
         xp = way.__array_namespace__()
         if root.shape[-1] == 4:
-            way = xp.matmul(rotation_matrices(conjugate(root)), way)
+            way = product(rotation_matrices(conjugate(root)), way)
         return xp.concat([way[..., axis, :] for axis in self.axes], axis=-1)
 
     def _past_stops(

@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,7 +91,6 @@ class Kinematics:
 
     def transforms(self, states: Float[AnyArray, "... S"]) -> list[Float[AnyArray, "... 4 4"]]:
         """Return per frame the matrix that brings its points into the world, of states (..., S)."""
-        xp = states.__array_namespace__()
         of_axes = self._of_axes(states)
         transforms: list[Float[AnyArray, "... 4 4"]] = []
         for frame in self.frames:
@@ -99,7 +99,7 @@ class Kinematics:
             else:
                 local = _turned(frame, states)
             if frame.parent >= 0 and frame.kind != "free":
-                local = xp.matmul(transforms[frame.parent], local)
+                local = product(transforms[frame.parent], local)
             transforms.append(local)
         return transforms
 
@@ -124,6 +124,18 @@ class Kinematics:
         )
         for number in range(len(frames)):
             yield matrices[..., number, :, :]
+
+
+def product(
+    left: Float[AnyArray, "*#B M K"], right: Float[AnyArray, "*#B K N"]
+) -> Float[AnyArray, "*#B M N"]:
+    """Return the matrix product of two small matrices, of many states at once.
+
+    As a sum of outer products it is fused with what is around it: matmul, called for each state, takes six times as long.
+    """
+    count = left.shape[-1]
+    terms = (left[..., :, k, None] * right[..., k, None, :] for k in range(count))
+    return reduce(operator.add, terms)
 
 
 def _moved(joint: Joint, parent: int, matrix: Matrix) -> MovedFrame:
@@ -167,7 +179,7 @@ def _turned(frame: MovedFrame, states: Float[AnyArray, "... S"]) -> Float[AnyArr
     whole = xp.concat([upper, xp.broadcast_to(last, (*upper.shape[:-2], 1, 4))], axis=-2)
     if is_free:
         return whole
-    return xp.matmul(xp.asarray(frame.still, dtype=states.dtype), whole)
+    return product(xp.asarray(frame.still, dtype=states.dtype), whole)
 
 
 def _fixed(link: Link) -> Matrix:

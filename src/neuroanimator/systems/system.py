@@ -15,6 +15,7 @@ from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
 from neuroanimator.state.start import start_state
 from neuroanimator.state.structure import Structure
+from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.goal import Goal, goal_in_layout
 from neuroanimator.systems.recorded.recording_file import RecordingFile
@@ -118,6 +119,10 @@ class System(abc.ABC):
     def physics_dt(self) -> float:
         """The step δt that `substeps` counts [s]."""
         return self.scheme.dt
+
+    def symmetries(self, states: np.ndarray, controls: np.ndarray) -> tuple[Symmetry, ...]:
+        """Return what makes of every motion another one that is as true, tried from `states` (N, S) under `controls` (N, C)."""
+        return ()
 
     def start_at(self, parts: Mapping[str, Sequence[float]]) -> np.ndarray:
         """Return the state of rest (S,) with the numbers of each of `parts` in their places; see `start_state`."""

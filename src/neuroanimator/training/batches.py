@@ -12,6 +12,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.rotation import conjugate, facing, multiply, rotate
 from neuroanimator.state.structure import Structure
+from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 
 RARE = 0.1
@@ -49,6 +50,26 @@ def draw_batches(
     share = from_rare / size
     density = jnp.full(rows, 1 - share).at[rare].add(share * rows / rare.shape[0])
     return jnp.concatenate([batches[:, from_rare:], rare[drawn]], axis=1), 1 / density
+
+
+def seen_by(
+    symmetries: tuple[Symmetry, ...],
+    key: PRNGKeyArray,
+    states: Float[Array, "N H S"],
+    controls: Float[Array, "N T C"],
+) -> tuple[Float[Array, "N H S"], Float[Array, "N T C"]]:
+    """Return the windows, each as it is or as one of the `symmetries` has it, drawn at random: examples for free."""
+    entries = np.array([range(states.shape[-1]), *(s.entries for s in symmetries)])
+    entry_signs = np.array([np.ones(states.shape[-1]), *(s.entry_signs for s in symmetries)])
+    places = np.array([range(controls.shape[-1]), *(s.controls for s in symmetries)])
+    place_signs = np.array([np.ones(controls.shape[-1]), *(s.control_signs for s in symmetries)])
+    drawn = jax.random.randint(key, (states.shape[0], 1), 0, len(entries))
+    states = jnp.take_along_axis(states, jnp.asarray(entries)[drawn], axis=-1)
+    controls = jnp.take_along_axis(controls, jnp.asarray(places)[drawn], axis=-1)
+    return (
+        states * jnp.asarray(entry_signs, states.dtype)[drawn],
+        controls * jnp.asarray(place_signs, controls.dtype)[drawn],
+    )
 
 
 def folded(

@@ -11,7 +11,8 @@ from neuroanimator.emulator.networks.network import Network
 from neuroanimator.jax_later import Array, eqx, filter_jit, jax
 from neuroanimator.pytrees import Module, static
 from neuroanimator.state.structure import Structure
-from neuroanimator.training.batches import draw_batches, folded
+from neuroanimator.state.symmetry import Symmetry
+from neuroanimator.training.batches import draw_batches, folded, seen_by
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.loss import unrolled_loss
 from neuroanimator.training.optimizer import make_optimizer
@@ -26,6 +27,8 @@ class TrainingProblem(Module):
     config: TrainingConfig = static()
     structure: Structure = static()
     """Of the system's states."""
+    symmetries: tuple[Symmetry, ...] = static()
+    """By which every window may be seen, besides as it is."""
     base: Emulator
     """The emulator whose network is trained."""
     states: Float[Array, "N T I"]
@@ -79,8 +82,10 @@ def train_chunk(
             row_weights = weights[rows]
         states = problem.states[rows, : unroll + 1]
         controls = problem.controls[rows, :unroll]
+        fold_key = jax.random.fold_in(key, rows[0])
+        if problem.symmetries:
+            states, controls = seen_by(problem.symmetries, fold_key, states, controls)
         if structure.symmetry_order > 1:
-            fold_key = jax.random.fold_in(key, rows[0])
             states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
         return unrolled_loss(emulator, states, controls, row_weights)
 

@@ -16,8 +16,15 @@ from neuroanimator.tables import Settings
 UPDATES_PER_CHUNK = 250
 """Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""
 
-CONTACT_WIDTHS = (128, 96)
-"""Hidden layers that suit bodies with contacts: with the usual ones errors are a tenth larger."""
+WITH_CONTACTS: dict[str, Any] = {
+    "widths": (256, 192),
+    "updates": 20_000,
+    "batch": 2048,
+    "learning_rate": 1e-2,
+    "orthogonalisation_steps": 3,
+}
+"""What suits bodies with contacts. In the time of as many updates of a quarter of the batch, errors of a walking robot are a
+tenth smaller; with half as many units they are a quarter larger."""
 
 DEFAULT_RATES = {"muon": 5e-3, "adam": 5e-3, "momentum": 2e-2}
 
@@ -36,6 +43,8 @@ class TrainingConfig(Settings):
         default=0.0, ge=0, lt=10, allow_inf_nan=False, validate_default=True
     )
     """The highest; the optimiser's usual one if 0."""
+    orthogonalisation_steps: int = Field(default=5, ge=1, le=10)
+    """How often Muon makes an update's matrix more orthogonal: it takes most of the time that wide layers take."""
     updates: int = Field(default=40_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
     batch: int = Field(default=512, ge=4, le=65_536)
     rare_share: float = Field(default=0.0, ge=0, lt=1)
@@ -66,9 +75,10 @@ class TrainingConfig(Settings):
     @classmethod
     def usual(cls, structure: Structure, **settings: Any) -> TrainingConfig:
         """Return how states of this `structure` are learnt if nothing but `settings` is said."""
-        has_usual_network = settings.get("network", "gated") in ("gated", "glu")
-        if structure.contacts is not None and has_usual_network:
-            settings = {"widths": CONTACT_WIDTHS, **settings}
+        is_usual = settings.get("network", "gated") in ("gated", "glu")
+        is_usual &= settings.get("optimizer", "muon") == "muon"
+        if structure.contacts is not None and is_usual:
+            settings = WITH_CONTACTS | settings
         return cls(**settings)
 
     def check(self) -> None:

@@ -26,7 +26,9 @@ def make_optimizer(config: TrainingConfig) -> optax.GradientTransformation:
     warmup = min(MAX_WARMUP, total // 10)
     rate = optax.warmup_cosine_decay_schedule(0.0, config.learning_rate, warmup, total)
     optimizers = {
-        "muon": contrib.muon(rate, adam_learning_rate=rate),
+        "muon": contrib.muon(
+            rate, ns_steps=config.orthogonalisation_steps, adam_learning_rate=rate
+        ),
         "adam": optax.adam(rate, b2=ADAM_DECAY),
         "momentum": optax.sgd(rate, momentum=MOMENTUM),
     }

@@ -21,6 +21,7 @@ from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.storage.files import append_line, digest, locked, write_whole
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.storage.unfinished import remove_stale
@@ -42,6 +43,9 @@ MAX_LINE = 10_000
 MAX_VALIDATION = 8192
 """Windows used for validation, at most: more would slow training and change no digit that matters."""
 
+
+TRIED = 64
+"""On about so many motions symmetries are tried."""
 
 STILL = 0.01
 """Share of a usual change by which a system at rest may move in a super step and still count as keeping still."""
@@ -126,6 +130,7 @@ class _Run:
         problem = TrainingProblem(
             config=config,
             structure=data.system.structure,
+            symmetries=found_symmetries(data),
             base=base,
             states=as_jax(training.states),
             controls=as_jax(training.controls),
@@ -225,6 +230,19 @@ def keeps_still(system: System, emulator: Emulator) -> bool:
     after_latent = emulator.encode(np.asarray(after, float))
     moved = np.abs(emulator.frame.difference(before_latent, after_latent)[0])
     return bool((moved <= STILL * np.asarray(emulator.normaliser.unit)).all())
+
+
+def found_symmetries(data: Transitions) -> tuple[Symmetry, ...]:
+    """Return the symmetries of the system, tried on some of `data`.
+
+    As with `keeps_still`, only physics of our own is asked.
+    """
+    if not data.system.is_self_contained:
+        return ()
+    some = slice(0, None, max(1, len(data.states) // TRIED))
+    states = np.asarray(data.states[some, 0], float)
+    controls = np.asarray(data.controls[some, 0], float)
+    return data.system.symmetries(states, controls)
 
 
 def base_windows(base: Emulator, data: Transitions) -> Transitions:

@@ -14,6 +14,7 @@ from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import model_name
 from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
+from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.goal import Goal, goal_at
 from neuroanimator.systems.rigid.actuators import bounds_of_actuators, layout_of_actuators
 from neuroanimator.systems.rigid.bones import skeleton_of
@@ -28,6 +29,7 @@ from neuroanimator.systems.rigid.joints import (
 )
 from neuroanimator.systems.rigid.limbs import groups_of
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.rigid.symmetries import symmetries_of
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.schemes import schemes_of
 from neuroanimator.text import listed, quoted
@@ -67,10 +69,19 @@ class ModelSystem(MujocoSystem):
         self.structure = replace(structure, groups=groups, contacts=contacts)
         self.scheme, self.truth, self.fine = schemes_of(definition.physics)
         self.rest = self.with_sensors(_rest(model, definition.keyframe)[None])[0]
+        self.has_symmetries = definition.frame.symmetries
         self.sampling = definition.sampling
         self.warm_up = definition.sampling.warm_up
         self._check_sampling()
         self.goals = self.goals_of(definition.goals)
+
+    def symmetries(
+        self, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
+    ) -> tuple[Symmetry, ...]:
+        """Return the model's symmetries, if its definition says that it has some; see `symmetries_of`."""
+        if not self.has_symmetries:
+            return ()
+        return symmetries_of(self, states, controls)
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
         """Return random starts: some near rest, the others as far from it as the sampling table says."""

@@ -1,0 +1,294 @@
+"""The symmetries of a MuJoCo model: guessed from its bodies at the reference pose, kept if its physics has them too."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from neuroanimator.state.symmetry import Symmetry
+from neuroanimator.systems.rigid.bones import JOINT_NAMES, joints_of_body
+
+if TYPE_CHECKING:
+    from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+
+CLOSE = 3e-3
+"""Numbers of like bodies differ at most by this share, or by as many metres."""
+
+MAX_TRIED = 64
+"""So many ways of pairing a model's bodies are looked at, at most: a heap of equal boxes has very many."""
+
+MAX_KEPT = 8
+"""So many symmetries are kept, at most."""
+
+STEPS = 10
+"""Motions are compared after so many physics steps."""
+
+MAX_DISCREPANCY = 0.03
+"""Two motions that should be the same may differ by this share of how much states usually change, rms: far less than emulators
+of bodies so rich err. Gymnasium's humanoid differs by nearly as much, as its left knee is stiffer than the right."""
+
+SMALL_CHANGE = 1e-6
+"""What changes less than this is measured by it [rad, m, rad/s or m/s]."""
+
+Pairing = dict[int, int]
+"""Per body or joint, which takes its place."""
+
+
+def symmetries_of(
+    system: MujocoSystem, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
+) -> tuple[Symmetry, ...]:
+    """Return the symmetries of `system`, each tried on its physics from `states` under `controls`; the identity is left out.
+
+    Found are mirrors at the planes of the world's axes, half turns about them, and exchanges of like limbs.
+    """
+    if system.sensors or system.external_forces:
+        return ()
+    kept = []
+    for symmetry in likely_symmetries(system.model):
+        if discrepancy(system, symmetry, states, controls) <= MAX_DISCREPANCY:
+            kept.append(symmetry)
+    return tuple(kept[:MAX_KEPT])
+
+
+def discrepancy(
+    system: MujocoSystem,
+    symmetry: Symmetry,
+    states: Float[np.ndarray, "N S"],
+    controls: Float[np.ndarray, "N C"],
+) -> float:
+    """Return how far what `symmetry` makes of motions is from what physics makes of where they began, over usual changes, rms."""
+    dt = STEPS * system.physics_dt
+    starts = np.concatenate([states, symmetry.state(states)])
+    driven = np.concatenate([controls, symmetry.control(controls)])[:, None]
+    runs = system.simulate(starts, driven, dt, scheme=system.scheme)
+    ends, others = np.split(runs.states[:, -1], 2)
+    is_whole = ~np.logical_or(*np.split(runs.has_diverged, 2))
+    if not is_whole.any():
+        return np.inf
+    usual = np.maximum((ends - states)[is_whole].std(axis=0), SMALL_CHANGE)
+    error = symmetry.state(others) - ends
+    return float(np.sqrt(np.mean((error[is_whole] / usual) ** 2)))
+
+
+def likely_symmetries(model: mujoco.MjModel) -> tuple[Symmetry, ...]:
+    """Return what the masses, places and joints of the bodies allow; friction, shapes and limits are not looked at."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    found: dict[Symmetry, None] = {}
+    for mirror in _mirrors(model):
+        likeness = _Likeness(model, data, mirror)
+        for bodies in itertools.islice(likeness.pairings(0, 0), MAX_TRIED):
+            symmetry = likeness.symmetry(bodies)
+            if symmetry is not None and not symmetry.is_identity:
+                found[symmetry] = None
+    return tuple(found)
+
+
+def _mirrors(model: mujoco.MjModel) -> Iterator[Float[np.ndarray, " 3"]]:
+    """Return the factors of X, Y and Z that leave gravity and wind as they are."""
+    fields = np.array([model.opt.gravity, model.opt.wind])
+    for signs in itertools.product((1.0, -1.0), repeat=3):
+        if np.array_equal(fields * signs, fields):
+            yield np.array(signs)
+
+
+class _Likeness:
+    """Which bodies of a model look in a mirror like others do without it, at the reference pose."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, mirror: Float[np.ndarray, " 3"]):
+        """Look through `mirror`, the factors of X, Y and Z; `data` is at the reference pose, everything computed."""
+        self.model = model
+        self.data = data
+        self.mirror = mirror
+        self.turn = mirror * mirror.prod()
+        """The same of angular velocities and of the vector part of quaternions."""
+        self.children: list[list[int]] = [[] for _ in range(model.nbody)]
+        for body in range(1, model.nbody):
+            self.children[model.body_parentid[body]].append(body)
+
+    def pairings(self, body: int, other: int) -> Iterator[Pairing]:
+        """Return every way to pair `body` and what hangs on it with `other` and what hangs on that."""
+        if self._is_alike(body, other):
+            for below in self._pairings_of(self.children[body], self.children[other]):
+                yield {body: other} | below
+
+    def _pairings_of(self, bodies: list[int], others: list[int]) -> Iterator[Pairing]:
+        if len(bodies) != len(others):
+            return
+        if not bodies:
+            yield {}
+            return
+        first, *rest = bodies
+        for other in others:
+            left = [body for body in others if body != other]
+            for here in self.pairings(first, other):
+                for there in self._pairings_of(rest, left):
+                    yield here | there
+
+    def _is_alike(self, body: int, other: int) -> bool:
+        model = self.model
+        data = self.data
+        if model.body_jntnum[body] != model.body_jntnum[other]:
+            return False
+        if body == 0:
+            return True
+        return (
+            _is_close(model.body_mass[body], model.body_mass[other])
+            and _is_close(self.mirror * data.xipos[body], data.xipos[other])
+            and _is_close(
+                self._inertia(body) * np.outer(self.mirror, self.mirror), self._inertia(other)
+            )
+        )
+
+    def _inertia(self, body: int) -> Float[np.ndarray, "3 3"]:
+        axes = self.data.ximat[body].reshape(3, 3)
+        return axes * self.model.body_inertia[body] @ axes.T
+
+    def symmetry(self, bodies: Pairing) -> Symmetry | None:
+        """Return what pairing the bodies does to states and controls; None if their joints or actuators do not fit."""
+        model = self.model
+        state = _Places(model.nq + model.nv + model.na)
+        for body, other in bodies.items():
+            for joint, joint_of_other in zip(
+                joints_of_body(model, body), joints_of_body(model, other), strict=True
+            ):
+                if not self._pair_joints(state, joint, joint_of_other):
+                    return None
+        moments = _moments(model, self.data)
+        velocities = slice(model.nq, model.nq + model.nv)
+        rates = np.array(state.sources[velocities]) - model.nq
+        mirrored = moments[:, rates] * state.signs[velocities]
+        controls = _Places(model.nu)
+        for actuator in range(model.nu):
+            if not _pair_actuators(model, controls, actuator, mirrored[actuator], moments):
+                return None
+        for actuator, source in enumerate(controls.sources):
+            place = int(model.actuator_actadr[actuator])
+            if place >= 0:
+                state.put(
+                    model.nq + model.nv + place,
+                    model.nq + model.nv + int(model.actuator_actadr[source]),
+                    controls.signs[actuator],
+                )
+        if not (state.is_full and controls.is_full):
+            return None
+        return Symmetry(
+            tuple(state.sources), tuple(state.signs), tuple(controls.sources), tuple(controls.signs)
+        )
+
+    def _pair_joints(self, state: _Places, joint: int, other: int) -> bool:
+        """Let `other` move as `joint` looks in the mirror; False if it cannot."""
+        model = self.model
+        kind = JOINT_NAMES[int(model.jnt_type[joint])]
+        if JOINT_NAMES[int(model.jnt_type[other])] != kind:
+            return False
+        position = int(model.jnt_qposadr[joint])
+        position_other = int(model.jnt_qposadr[other])
+        velocity = model.nq + int(model.jnt_dofadr[joint])
+        velocity_other = model.nq + int(model.jnt_dofadr[other])
+        if kind in ("hinge", "slide"):
+            factors = self.turn if kind == "hinge" else self.mirror
+            sign = _sign(factors * self.data.xaxis[joint], self.data.xaxis[other])
+            reference = model.qpos0[position]
+            if not sign or not _is_close(sign * reference, model.qpos0[position_other]):
+                return False
+            state.put(position_other, position, sign)
+            state.put(velocity_other, velocity, sign)
+            return True
+        if not (self._is_level(joint) and self._is_level(other)):
+            return False
+        if kind == "free":
+            state.put_all(position_other, position, self.mirror)
+            state.put_all(velocity_other, velocity, self.mirror)
+            position, position_other = position + 3, position_other + 3
+            velocity, velocity_other = velocity + 3, velocity_other + 3
+        state.put_all(position_other, position, np.array([1, *self.turn]))
+        state.put_all(velocity_other, velocity, self.turn)
+        return True
+
+    def _is_level(self, joint: int) -> bool:
+        """Return whether the axes of a ball's or free joint's body are the world's, so that a mirror only changes signs."""
+        body = self.model.jnt_bodyid[joint]
+        return _is_close(self.data.xmat[body].reshape(3, 3), np.eye(3))
+
+
+class _Places:
+    """What comes to stand at each of a row of numbers, as far as it is known."""
+
+    def __init__(self, size: int):
+        """Begin with `size` places at which nothing stands."""
+        self.sources = [-1] * size
+        self.signs = [1] * size
+
+    @property
+    def is_full(self) -> bool:
+        """Whether something stands at every place."""
+        return -1 not in self.sources
+
+    def put(self, place: int, source: int, sign: float) -> None:
+        """Put what stands at `source`, times `sign`, at `place`."""
+        self.sources[place] = source
+        self.signs[place] = int(sign)
+
+    def put_all(self, place: int, source: int, signs: Float[np.ndarray, " K"]) -> None:
+        """Put neighbours at neighbouring places."""
+        for offset, sign in enumerate(signs):
+            self.put(place + offset, source + offset, sign)
+
+
+def _pair_actuators(
+    model: mujoco.MjModel,
+    controls: _Places,
+    actuator: int,
+    mirrored: Float[np.ndarray, " V"],
+    moments: Float[np.ndarray, "U V"],
+) -> bool:
+    """Let an actuator that nothing drives yet do what `actuator` does, whose `mirrored` moment it has; False if there is none."""
+    for other in range(model.nu):
+        sign = _sign(mirrored, moments[other])
+        if controls.sources[other] < 0 and sign and _is_like_actuator(model, actuator, other, sign):
+            controls.put(other, actuator, sign)
+            return True
+    return False
+
+
+def _is_like_actuator(model: mujoco.MjModel, actuator: int, other: int, sign: int) -> bool:
+    """Return whether `other`, driven by `sign` times the control, pushes as hard as `actuator` and within the same bounds."""
+    numbers = (
+        model.actuator_gaintype,
+        model.actuator_biastype,
+        model.actuator_dyntype,
+        model.actuator_gainprm,
+        model.actuator_biasprm,
+        model.actuator_dynprm,
+    )
+    if not all(_is_close(number[actuator], number[other]) for number in numbers):
+        return False
+    bounds = np.sort(sign * model.actuator_ctrlrange[actuator])
+    return _is_close(bounds, model.actuator_ctrlrange[other])
+
+
+def _moments(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "U V"]:
+    """Return the moment arms of all actuators about all degrees of freedom."""
+    dense = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(
+        dense, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    return dense
+
+
+def _sign(one: Float[np.ndarray, " K"], other: Float[np.ndarray, " K"]) -> int:
+    """Return 1 if two vectors are the same, -1 if they are opposite, 0 otherwise."""
+    if _is_close(one, other):
+        return 1
+    return -1 if _is_close(-one, other) else 0
+
+
+def _is_close(one: ArrayLike, other: ArrayLike) -> bool:
+    return np.allclose(one, other, rtol=CLOSE, atol=CLOSE)

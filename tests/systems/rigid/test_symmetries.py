@@ -1,0 +1,137 @@
+"""Mirrors and like limbs are found in a model, tried on its physics, and shown to the network."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from neuroanimator import load_system
+from neuroanimator.data.sampling import sample_control_runs, sample_starts
+from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.loading import trust_files
+from neuroanimator.systems.rigid.model_system import ModelSystem
+from neuroanimator.systems.rigid.symmetries import MAX_DISCREPANCY, discrepancy, likely_symmetries
+from neuroanimator.training.batches import seen_by
+
+WALKER = """<mujoco><option timestep="0.002"/>
+  <default><joint damping="1"/><motor ctrlrange="-1 1" gear="20"/></default>
+  <worldbody><geom type="plane" size="9 9 1"/><body name="torso" pos="0 0 0.9">
+    <joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1" ref="0.9"/>
+    <joint name="tilt" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0.02 0 0.4" size="0.05"/>
+    <body name="left"><joint name="left_hip" axis="0 1 0" damping="{damping}" range="-90 30" limited="true"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.8" size="{radius}"/></body>
+    <body name="right"><joint name="right_hip" axis="0 1 0" range="-90 30" limited="true"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.8" size="0.04"/></body></body></worldbody>
+  <actuator><motor joint="left_hip"/><motor joint="right_hip"/></actuator></mujoco>"""
+
+CRAB = """<mujoco><option timestep="0.002"/>
+  <default><joint damping="1"/><default class="knee"><joint range="-50 40" limited="true"/></default>
+    <position kp="20" ctrlrange="-1 0.7"/></default>
+  <worldbody><geom type="plane" size="9 9 1"/><body name="trunk" pos="0 0 0.4"><freejoint name="root"/>
+    <geom type="ellipsoid" size="0.3 0.2 0.1"/>
+    <body name="left" pos="0 0.2 0"><joint class="knee" name="left_knee" axis="1 0 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0.2 -0.2" size="0.04"/></body>
+    <body name="right" pos="0 -0.2 0"><joint class="knee" name="right_knee" axis="-1 0 0"/>
+      <geom type="capsule" fromto="0 0 0 0 -0.2 -0.2" size="0.04"/></body>
+    <body name="eye" pos="0.3 0 0.1"><joint name="stalk" type="ball" damping="0.1"/>
+      <geom type="capsule" fromto="0 0 0 0 0 0.1" size="0.02"/></body></body></worldbody>
+  <actuator><position joint="left_knee"/><position joint="right_knee"/></actuator></mujoco>"""
+
+DRONE = """<mujoco><option timestep="0.005"/><worldbody>
+  <body name="frame" pos="0 0 1"><freejoint name="root"/><geom type="box" size="0.1 0.1 0.02" mass="0.5"/>
+    <site name="a" pos="0.1 0.1 0"/><site name="b" pos="-0.1 0.1 0"/>
+    <site name="c" pos="-0.1 -0.1 0"/><site name="d" pos="0.1 -0.1 0"/></body></worldbody>
+  <actuator><motor site="a" ctrlrange="0 3" gear="0 0 1 0 0 0.02"/><motor site="b" ctrlrange="0 3" gear="0 0 1 0 0 -0.02"/>
+    <motor site="c" ctrlrange="0 3" gear="0 0 1 0 0 0.02"/><motor site="d" ctrlrange="0 3" gear="0 0 1 0 0 -0.02"/></actuator>
+  </mujoco>"""
+
+
+def walker(damping: float = 1, radius: float = 0.04) -> str:
+    """Return a walker whose left hip has this damping [Nms/rad], its left leg this radius [m]."""
+    return WALKER.format(damping=damping, radius=radius)
+
+
+def proposed(folder: Path, model: str) -> ModelSystem:
+    """Return the system that `new` proposes for `model`."""
+    path = folder / "model.xml"
+    path.write_text(model)
+    toml, _ = write_definition(str(path))
+    trust_files(toml)
+    system = load_system(str(toml))
+    assert isinstance(system, ModelSystem)
+    return system
+
+
+def some(system: ModelSystem, count: int = 48) -> tuple[np.ndarray, np.ndarray]:
+    """Return states and controls as they occur."""
+    rng = np.random.default_rng(3)
+    starts = sample_starts(system, rng, count)
+    return starts, sample_control_runs(rng, count, 1, system.physics_dt, system)[:, 0]
+
+
+@pytest.mark.parametrize(
+    ("model", "count"),
+    [(walker(), 1), (CRAB, 1), (DRONE, 3)],
+    ids=["walker", "crab", "drone"],
+)
+def test_every_symmetry_found_makes_true_motions_of_true_ones(
+    tmp_path: Path, model: str, count: int
+):
+    system = proposed(tmp_path, model)
+    states, controls = some(system)
+    found = system.symmetries(states, controls)
+    assert len(found) == count
+    for symmetry in found:
+        assert not symmetry.is_identity
+        back = symmetry.state(symmetry.state(states))
+        np.testing.assert_array_equal(
+            back, states
+        )  # mirrors, half turns and exchanges undo themselves
+        assert discrepancy(system, symmetry, states, controls) < MAX_DISCREPANCY / 10
+
+
+def test_a_heavier_leg_is_no_like_leg():
+    heavier = walker(radius=0.05)
+    assert len(likely_symmetries(mujoco.MjModel.from_xml_string(walker()))) == 1
+    assert likely_symmetries(mujoco.MjModel.from_xml_string(heavier)) == ()
+
+
+def test_what_only_the_physics_tells_apart_is_told_apart(tmp_path: Path):
+    model = walker(damping=3)
+    assert len(likely_symmetries(mujoco.MjModel.from_xml_string(model))) == 1
+    assert not proposed(tmp_path, model).has_symmetries
+
+
+def test_a_definition_that_claims_symmetries_is_not_believed(tmp_path: Path):
+    proposed(tmp_path, walker(damping=3))
+    toml = tmp_path / "model.toml"
+    toml.write_text(toml.read_text().replace("symmetries = false", "symmetries = true"))
+    trust_files(toml)
+    system = load_system(str(toml))
+    assert system.symmetries(*some(system)) == ()
+
+
+def test_training_sees_each_window_whole_and_by_every_symmetry(tmp_path: Path):
+    system = proposed(tmp_path, CRAB)
+    starts, controls = some(system, 1)
+    symmetries = system.symmetries(*some(system))
+    runs = system.simulate(starts, controls[:, None].repeat(3, axis=1), 10 * system.physics_dt)
+    windows = np.repeat(runs.states, 64, axis=0)
+    driven = np.repeat(controls[:, None].repeat(3, axis=1), 64, axis=0)
+    states, shown = seen_by(
+        symmetries, jax.random.key(0), jnp.asarray(windows), jnp.asarray(driven)
+    )
+    views = [runs.states[0], *(symmetry.state(runs.states[0]) for symmetry in symmetries)]
+    for window, control in zip(np.asarray(states), np.asarray(shown), strict=True):
+        which = int(np.argmin([np.abs(window - view).max() for view in views]))
+        np.testing.assert_allclose(window, views[which], rtol=1e-6, atol=1e-7)
+        wanted = driven[0] if which == 0 else symmetries[which - 1].control(driven[0])
+        np.testing.assert_allclose(control, wanted, rtol=1e-6)
+    seen = {tuple(window[-1]) for window in np.asarray(states).round(5)}
+    assert len(seen) == len(views)
