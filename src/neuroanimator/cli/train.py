@@ -31,7 +31,7 @@ def run(
     updates: Annotated[
         int | None,
         typer.Option(
-            help="Weight updates (default 40000, half a minute; with contacts 20000, some minutes)."
+            help="Weight updates (default 40000, half a minute; with contacts 16000, some minutes)."
         ),
     ] = None,
     batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,

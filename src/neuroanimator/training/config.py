@@ -18,7 +18,7 @@ UPDATES_PER_CHUNK = 250
 
 WITH_CONTACTS: dict[str, Any] = {
     "widths": (256, 192),
-    "updates": 20_000,
+    "updates": 16_000,
     "batch": 2048,
     "learning_rate": 1e-2,
     "orthogonalisation_steps": 3,
