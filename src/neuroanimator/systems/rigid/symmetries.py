@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.rigid.bones import JOINT_NAMES, joints_of_body
+from neuroanimator.systems.rigid.warnings import warnings_counted
 
 if TYPE_CHECKING:
     from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -20,8 +21,15 @@ if TYPE_CHECKING:
 CLOSE = 3e-3
 """Numbers of like bodies differ at most by this share, or by as many metres."""
 
+MAX_BODIES = 100
+"""Models of more bodies are not looked at: they are ropes and heaps."""
+
 MAX_TRIED = 64
 """So many ways of pairing a model's bodies are looked at, at most: a heap of equal boxes has very many."""
+
+MAX_COMPARED = 5000
+"""So many pairs of bodies are compared in a mirror, at most: where many are alike but for something deep below, ways without end
+come to nothing."""
 
 MAX_KEPT = 8
 """So many symmetries are kept, at most."""
@@ -78,8 +86,11 @@ def discrepancy(
 
 def likely_symmetries(model: mujoco.MjModel) -> tuple[Symmetry, ...]:
     """Return what the masses, places and joints of the bodies allow; friction, shapes and limits are not looked at."""
+    if model.nbody > MAX_BODIES:
+        return ()
     data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    with warnings_counted:
+        mujoco.mj_forward(model, data)
     found: dict[Symmetry, None] = {}
     for mirror in _mirrors(model):
         likeness = _Likeness(model, data, mirror)
@@ -108,6 +119,8 @@ class _Likeness:
         self.mirror = mirror
         self.turn = mirror * mirror.prod()
         """The same of angular velocities and of the vector part of quaternions."""
+        self.compared = 0
+        """So many pairs of bodies were compared."""
         self.children: list[list[int]] = [[] for _ in range(model.nbody)]
         for body in range(1, model.nbody):
             self.children[model.body_parentid[body]].append(body)
@@ -134,7 +147,8 @@ class _Likeness:
     def _is_alike(self, body: int, other: int) -> bool:
         model = self.model
         data = self.data
-        if model.body_jntnum[body] != model.body_jntnum[other]:
+        self.compared += 1
+        if self.compared > MAX_COMPARED or model.body_jntnum[body] != model.body_jntnum[other]:
             return False
         if body == 0:
             return True
