@@ -84,7 +84,8 @@ def train_chunk(
         controls = problem.controls[rows, :unroll]
         fold_key = jax.random.fold_in(key, rows[0])
         if problem.symmetries:
-            states, controls = seen_by(problem.symmetries, fold_key, states, controls)
+            view_key = jax.random.fold_in(fold_key, 1)
+            states, controls = seen_by(problem.symmetries, view_key, states, controls)
         if structure.symmetry_order > 1:
             states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
         return unrolled_loss(emulator, states, controls, row_weights)
