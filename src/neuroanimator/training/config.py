@@ -17,14 +17,19 @@ UPDATES_PER_CHUNK = 250
 """Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""
 
 WITH_CONTACTS: dict[str, Any] = {
-    "widths": (256, 192),
     "updates": 16_000,
     "batch": 2048,
     "learning_rate": 1e-2,
     "orthogonalisation_steps": 3,
 }
 """What suits bodies with contacts. In the time of as many updates of a quarter of the batch, errors of a walking robot are a
-tenth smaller; with half as many units they are a quarter larger."""
+tenth smaller."""
+
+WIDTHS_ON_GROUND = (256, 192)
+"""Hidden layers of bodies that may touch the ground: with half as many units errors of a walking robot are a quarter larger."""
+
+WIDTHS_WITH_STOPS = (128, 96)
+"""Hidden layers of bodies whose joints have stops, and that touch nothing."""
 
 DEFAULT_RATES = {"muon": 5e-3, "adam": 5e-3, "momentum": 2e-2}
 
@@ -78,7 +83,8 @@ class TrainingConfig(Settings):
         is_usual = settings.get("network", "gated") in ("gated", "glu")
         is_usual &= settings.get("optimizer", "muon") == "muon"
         if structure.contacts is not None and is_usual:
-            settings = WITH_CONTACTS | settings
+            widths = WIDTHS_ON_GROUND if structure.contacts.points else WIDTHS_WITH_STOPS
+            settings = {"widths": widths} | WITH_CONTACTS | settings
         return cls(**settings)
 
     def check(self) -> None:
