@@ -37,6 +37,7 @@ def time_chunk(emulator: Emulator, config: TrainingConfig) -> float:
     problem = TrainingProblem(
         config=config,
         structure=Structure((), (), ()),
+        symmetries=(),
         base=emulator,
         states=emulator.encode(rest + SPREAD * noise),
         controls=jnp.tile(middle, (WINDOWS, 1, 1)),
