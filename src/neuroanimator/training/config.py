@@ -26,7 +26,7 @@ WITH_CONTACTS: dict[str, Any] = {
 tenth smaller."""
 
 WIDTHS_ON_GROUND = (256, 192)
-"""Hidden layers of bodies that may touch the ground: with half as many units errors of a walking robot are a quarter larger."""
+"""Hidden layers of bodies that may touch the ground: with half as many units errors of a walking robot are a fifth larger."""
 
 WIDTHS_WITH_STOPS = (128, 96)
 """Hidden layers of bodies whose joints have stops, and that touch nothing."""
