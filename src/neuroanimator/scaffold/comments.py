@@ -25,6 +25,7 @@ from neuroanimator.scaffold.teacher import (
     in_words,
 )
 from neuroanimator.state.contacts import Contacts
+from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.rigid.actuators import actuator_name, control_range
 from neuroanimator.systems.rigid.joints import joint_name, sensor_name
 from neuroanimator.systems.rigid.limbs import acts_on
@@ -34,15 +35,6 @@ from neuroanimator.text import listed
 
 SLOW = 0.05
 """A fall from rest that grows at most by e to this in a super step is not worth a word."""
-
-
-class Likeness(NamedTuple):
-    """How alike the two sides of a model are, or some of its limbs."""
-
-    symmetries: int
-    """So many mirrors and exchanges of like limbs leave the motion what it is."""
-    discrepancy: float
-    """To this share of a usual change, at worst; see `symmetries.discrepancy`."""
 
 
 class Findings(NamedTuple):
@@ -56,7 +48,8 @@ class Findings(NamedTuple):
     whole: dict[str, tuple[float, float]]
     """The whole range of each control."""
     teacher: Teacher
-    likeness: Likeness
+    symmetries: dict[Symmetry, float]
+    """What leaves the motion what it is, to which share of a usual change."""
     left_out: str
     """What became of a large model's textures and meshes."""
 
@@ -76,7 +69,7 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
         "physics.integrator": "the model's own",
         "sensors": f"those to be emulated too, of: {listed(filter(None, sensors)) or 'none'}",
         "frame.contacts": _contacts_note(system.structure.contacts),
-        "frame.symmetries": _symmetries_note(found.likeness),
+        "frame.symmetries": _symmetries_note(found.symmetries),
         "sampling.warm_up": "something can touch something: let contacts settle first",
         "sampling.above_ground": "lifts starts that would lie in the ground",
     }
@@ -132,13 +125,13 @@ def _contacts_note(contacts: Contacts | None) -> str:
     return f"shows the network where {points} points and {stops} joints are going, to the ground and to their stops"
 
 
-def _symmetries_note(likeness: Likeness) -> str:
+def _symmetries_note(symmetries: dict[Symmetry, float]) -> str:
     """Return what the symmetries of a model are good for."""
-    if not likeness.symmetries:
+    if not symmetries:
         return "no mirror or exchange of like limbs leaves the motion what it is"
     return (
-        f"every example stands for {likeness.symmetries + 1}: mirrored, or with like limbs exchanged, "
-        f"it is true to {likeness.discrepancy:.1g} of a usual change"
+        f"every example stands for {len(symmetries) + 1}: mirrored, or with like limbs exchanged, "
+        f"it is true to {max(symmetries.values()):.1g} of a usual change"
     )
 
 

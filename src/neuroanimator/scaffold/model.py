@@ -19,7 +19,7 @@ from neuroanimator.scaffold.actuators import (
     proposed_bounds,
     wide_enough,
 )
-from neuroanimator.scaffold.comments import Findings, Likeness, comments_on, warnings_about
+from neuroanimator.scaffold.comments import Findings, comments_on, warnings_about
 from neuroanimator.scaffold.defaults import WANTED_SUPER_STEP, tidy, usual_name
 from neuroanimator.scaffold.holding import holding_controls, holding_table
 from neuroanimator.scaffold.motion import TILTS, choose_motion, free_spread, system_of
@@ -46,7 +46,7 @@ from neuroanimator.systems.rigid.joints import FEATURES, joint_name
 from neuroanimator.systems.rigid.model_files import compile_model, read_model
 from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe_name
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
-from neuroanimator.systems.rigid.symmetries import discrepancy, symmetries_of
+from neuroanimator.systems.rigid.symmetries import symmetries_of
 from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.tables import check_table
@@ -57,9 +57,6 @@ FINE_PARTS = 10
 
 WARM_UP = 1.0
 """Models with contacts are driven for so long before a run is recorded [s]: random starts float in the air or overlap."""
-
-TRIED = 64
-"""On about so many super steps of trial runs symmetries are tried."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +109,10 @@ def propose(
     values["holding"] = holding_table(model, values["control"], hold)
     system = system_of(values, model)
     with phase("looking for symmetries"):
-        likeness = _likeness(system, motion.trial)
-    values["frame"]["symmetries"] = likeness.symmetries > 0
+        trial = motion.trial
+        states = trial.states[:, :-1].reshape(-1, system.state.size)
+        symmetries = symmetries_of(system, states, trial.controls.reshape(len(states), -1))
+    values["frame"]["symmetries"] = bool(symmetries)
     teacher = choose_teacher(system, motion.trial, _usual_contacts(system, motion.trial))
     values["physics"] |= {
         "truth_step": teacher.scheme.dt,
@@ -121,7 +120,7 @@ def propose(
         "fine_step": teacher.fine.dt,
         "fine_integrator": teacher.fine.integrator,
     }
-    found = Findings(motion, hold, growth, whole, teacher, likeness, read.note)
+    found = Findings(motion, hold, growth, whole, teacher, symmetries, read.note)
     definition = check_table(values, path.name, Definition)
     parts = [part.name for part in system.state.slices]
     return Proposal(
@@ -132,16 +131,6 @@ def propose(
         in_words(teacher.seconds),
         read.note,
     )
-
-
-def _likeness(system: ModelSystem, trial: Trial) -> Likeness:
-    """Return what symmetries `system` has, tried on some super steps of its trial runs."""
-    every = max(1, trial.controls.shape[0] * trial.controls.shape[1] // TRIED)
-    states = trial.states[:, :-1].reshape(-1, system.state.size)[::every]
-    controls = trial.controls.reshape(-1, system.control.size)[::every]
-    found = symmetries_of(system, states, controls)
-    errors = [discrepancy(system, symmetry, states, controls) for symmetry in found]
-    return Likeness(len(found), max(errors, default=0.0))
 
 
 def _read_off(path: Path, model: mujoco.MjModel, keyframe: str, base: str) -> dict[str, Any]:

@@ -59,17 +59,11 @@ def seen_by(
     controls: Float[Array, "N T C"],
 ) -> tuple[Float[Array, "N H S"], Float[Array, "N T C"]]:
     """Return the windows, each as it is or as one of the `symmetries` has it, drawn at random: examples for free."""
-    entries = np.array([range(states.shape[-1]), *(s.entries for s in symmetries)])
-    entry_signs = np.array([np.ones(states.shape[-1]), *(s.entry_signs for s in symmetries)])
-    places = np.array([range(controls.shape[-1]), *(s.controls for s in symmetries)])
-    place_signs = np.array([np.ones(controls.shape[-1]), *(s.control_signs for s in symmetries)])
-    drawn = jax.random.randint(key, (states.shape[0], 1), 0, len(entries))
-    states = jnp.take_along_axis(states, jnp.asarray(entries)[drawn], axis=-1)
-    controls = jnp.take_along_axis(controls, jnp.asarray(places)[drawn], axis=-1)
-    return (
-        states * jnp.asarray(entry_signs, states.dtype)[drawn],
-        controls * jnp.asarray(place_signs, controls.dtype)[drawn],
-    )
+    rows = jnp.arange(states.shape[0])
+    drawn = jax.random.randint(key, rows.shape, 0, 1 + len(symmetries))
+    views = jnp.stack([states, *(symmetry.state(states) for symmetry in symmetries)])
+    driven = jnp.stack([controls, *(symmetry.control(controls) for symmetry in symmetries)])
+    return views[drawn, rows], driven[drawn, rows]
 
 
 def folded(

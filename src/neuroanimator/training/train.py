@@ -44,9 +44,6 @@ MAX_VALIDATION = 8192
 """Windows used for validation, at most: more would slow training and change no digit that matters."""
 
 
-TRIED = 64
-"""On about so many motions symmetries are tried."""
-
 STILL = 0.01
 """Share of a usual change by which a system at rest may move in a super step and still count as keeping still."""
 
@@ -239,10 +236,7 @@ def found_symmetries(data: Transitions) -> tuple[Symmetry, ...]:
     """
     if not data.system.is_self_contained:
         return ()
-    some = slice(0, None, max(1, len(data.states) // TRIED))
-    states = np.asarray(data.states[some, 0], float)
-    controls = np.asarray(data.controls[some, 0], float)
-    return data.system.symmetries(states, controls)
+    return data.system.symmetries(data.states[:, 0], data.controls[:, 0])
 
 
 def base_windows(base: Emulator, data: Transitions) -> Transitions:

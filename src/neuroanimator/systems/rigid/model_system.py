@@ -81,7 +81,7 @@ class ModelSystem(MujocoSystem):
         """Return the model's symmetries, if its definition says that it has some; see `symmetries_of`."""
         if not self.has_symmetries:
             return ()
-        return symmetries_of(self, states, controls)
+        return tuple(symmetries_of(self, states, controls))
 
     def sample_starts(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
         """Return random starts: some near rest, the others as far from it as the sampling table says."""

@@ -31,6 +31,9 @@ MAX_COMPARED = 5000
 """So many pairs of bodies are compared in a mirror, at most: where many are alike but for something deep below, ways without end
 come to nothing."""
 
+TRIED = 64
+"""On about so many motions each symmetry is tried."""
+
 MAX_KEPT = 8
 """So many symmetries are kept, at most."""
 
@@ -50,18 +53,25 @@ Pairing = dict[int, int]
 
 def symmetries_of(
     system: MujocoSystem, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
-) -> tuple[Symmetry, ...]:
-    """Return the symmetries of `system`, each tried on its physics from `states` under `controls`; the identity is left out.
+) -> dict[Symmetry, float]:
+    """Return the symmetries of `system` and the `discrepancy` of each, tried from some of `states` under `controls`.
 
+    The identity is left out.
     Found are mirrors at the planes of the world's axes, half turns about them, and exchanges of like limbs.
     """
     if system.sensors or system.external_forces:
-        return ()
-    kept = []
+        return {}
+    some = slice(0, None, max(1, len(states) // TRIED))
+    starts = states[some].astype(float)
+    driven = controls[some].astype(float)
+    kept: dict[Symmetry, float] = {}
     for symmetry in likely_symmetries(system.model):
-        if discrepancy(system, symmetry, states, controls) <= MAX_DISCREPANCY:
-            kept.append(symmetry)
-    return tuple(kept[:MAX_KEPT])
+        error = discrepancy(system, symmetry, starts, driven)
+        if error <= MAX_DISCREPANCY:
+            kept[symmetry] = error
+        if len(kept) == MAX_KEPT:
+            break
+    return kept
 
 
 def discrepancy(
@@ -80,8 +90,8 @@ def discrepancy(
     if not is_whole.any():
         return np.inf
     usual = np.maximum((ends - states)[is_whole].std(axis=0), SMALL_CHANGE)
-    error = symmetry.state(others) - ends
-    return float(np.sqrt(np.mean((error[is_whole] / usual) ** 2)))
+    error = (others - symmetry.state(ends))[is_whole] / symmetry.state(usual)
+    return float(np.sqrt(np.mean(error**2)))
 
 
 def likely_symmetries(model: mujoco.MjModel) -> tuple[Symmetry, ...]:
