@@ -11,7 +11,7 @@ SOURCE = ROOT / "src" / "neuroanimator"
 STAGES = [
     "lazy", "jax_later", "pytrees", "errors", "text", "parsing", "terminal", "zoo", "storage", "compiler", "codegen",
     "backend", "tables", "state", "appearance", "definitions", "emulator", "systems", "data", "training", "evaluation",
-    "animation", "control", "tasks", "export", "gym", "scaffold", "bench", "demo", "cli",
+    "animation", "control", "tasks", "export", "gym", "scaffold", "studio", "bench", "demo", "cli",
 ]  # fmt: skip
 
 

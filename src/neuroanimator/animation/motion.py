@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,10 +32,25 @@ STEP_ROUNDING = 1e-9
 """Share of a super step that a motion may be longer than whole super steps: quotients round."""
 
 
+class Drive(NamedTuple):
+    """What a motion follows from: where it begins, and what drives it."""
+
+    start: Float[np.ndarray, " S"]
+    controls: Float[np.ndarray, "T C"]
+
+
 def random_motion(
     emulator: Emulator, seconds: float | None, seed: int, start: ArrayLike | None = None
 ) -> Float[np.ndarray, "K S"]:
-    """Return a trajectory (K = T+1 states) under random, never idle controls, from `start` (S,).
+    """Return the trajectory (K = T+1 states) that follows from `random_drive`."""
+    drive = random_drive(emulator, seconds, seed, start)
+    return np.asarray(emulator.rollout(drive.start, drive.controls), float)
+
+
+def random_drive(
+    emulator: Emulator, seconds: float | None, seed: int, start: ArrayLike | None = None
+) -> Drive:
+    """Return random, never idle controls, and `start` (S,).
 
     Without a start it begins at rest; free hinges start anywhere. With the seed 0 and no start it is a motion to look
     at: what has a gait moves by it, a swimmer well under the surface, and a soft body on the ground is thrown and left
@@ -67,7 +83,7 @@ def random_motion(
         controls = np.repeat(bounds.middle[None], steps, axis=0)
     else:
         controls = sample_controls(rng, steps, emulator.dt, bounds, gait)
-    return np.asarray(emulator.rollout(state, controls), float)
+    return Drive(np.asarray(state, float), controls)
 
 
 def _random_start(emulator: Emulator, rng: np.random.Generator) -> Float[np.ndarray, " S"]:

@@ -39,7 +39,7 @@ def skin_primitives(skeleton: Skeleton, buffer: Buffer) -> dict[str, dict[str, A
         "JOINTS_0": buffer.add(joints, "VEC4", target=ARRAY_BUFFER),
         "WEIGHTS_0": buffer.add(as_float32(mesh.weights), "VEC4", target=ARRAY_BUFFER),
     }
-    part_of = _part_numbers(skeleton, mesh)
+    part_of = part_numbers(skeleton, mesh)
     primitives = {}
     for number, name in enumerate(PARTS):
         triangles = mesh.triangles[part_of == number]
@@ -50,7 +50,7 @@ def skin_primitives(skeleton: Skeleton, buffer: Buffer) -> dict[str, dict[str, A
     return primitives
 
 
-def _part_numbers(skeleton: Skeleton, mesh: SkinMesh) -> Int[np.ndarray, " M"]:
+def part_numbers(skeleton: Skeleton, mesh: SkinMesh) -> Int[np.ndarray, " M"]:
     """Return which of `PARTS` each triangle belongs to, by the largest shade of its corners."""
     if isinstance(skeleton.skin, Box):
         return np.zeros(len(mesh.triangles), int)

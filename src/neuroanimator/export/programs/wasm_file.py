@@ -19,7 +19,7 @@ from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_file import check_functions
 from neuroanimator.export.programs.c_header import about, c_header, identifier
 from neuroanimator.export.programs.definition import Definition, definition_of
-from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, save_vectors
+from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, Vectors, save_vectors
 from neuroanimator.export.programs.written import Written
 from neuroanimator.storage.files import write_whole
 
@@ -51,11 +51,9 @@ def write_wasm(model: Emulator | Policy, path: str | Path, licence: str = "") ->
     NeuroAnimatorError where a function does not do what JAX does; then nothing is written.
     """
     path = Path(path)
-    runtime = _import_wasmtime()
     definition = definition_of(model, licence)
     name = identifier(path.stem)
-    content = wasm_bytes(model, definition, name)
-    functions, difference = check_functions(Module(runtime, content, name).call, model, definition)
+    content, (functions, difference) = checked_wasm(model, definition, name)
     others = {
         path.with_suffix(".js"): _filled("js", model, definition, name),
         path.with_suffix(".d.ts"): _filled("d.ts", model, definition, name),
@@ -67,6 +65,15 @@ def write_wasm(model: Emulator | Policy, path: str | Path, licence: str = "") ->
     write_whole(path, content)
     count = functions[definition.name].count
     return Written(path, (*others, vectors_path), len(content), "wasmtime", count, difference)
+
+
+def checked_wasm(
+    model: Emulator | Policy, definition: Definition, name: str
+) -> tuple[bytes, tuple[dict[str, Vectors], float]]:
+    """Return the module, whose functions begin with `name`, and what `check_functions` says of it; errors as of `write_wasm`."""
+    runtime = _import_wasmtime()
+    content = wasm_bytes(model, definition, name)
+    return content, check_functions(Module(runtime, content, name).call, model, definition)
 
 
 def wasm_bytes(model: Emulator | Policy, definition: Definition, name: str) -> bytes:

@@ -1,0 +1,94 @@
+"""A bundle: a folder with all that the page needs to show one emulator, and to run it without Python."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.export.programs.definition import definition_of
+from neuroanimator.export.programs.wasm_file import checked_wasm
+from neuroanimator.storage.files import write_whole
+from neuroanimator.studio.description import describe_emulator, describe_policy
+from neuroanimator.studio.opening import opening_drive
+from neuroanimator.zoo import (
+    POLICIES,
+    find_emulator,
+    is_shipped,
+    licence_of,
+    shipped_path,
+    shipped_policy,
+)
+
+BUNDLE = "bundle.json"
+"""The file of a bundle that says everything but programs."""
+
+DIGITS = 9
+"""Digits of the numbers of a motion: those of float32."""
+
+
+def make_bundle(reference: str, folder: Path, bundle_id: str = "") -> Path:
+    """Write the bundle of the emulator `reference`, a name or a file, into `folder`; return it.
+
+    Raises ResourceError without Zig and wasmtime, BadFileError for a file that is no emulator, and whatever else
+    `write_wasm` raises. What says it is a bundle is written last.
+    """
+    source = find_emulator(reference)
+    emulator = Emulator.load(source)
+    policy = policy_beside(source, emulator)
+    licence = licence_of(source)
+    folder.mkdir(parents=True, exist_ok=True)
+    emulator_wasm, _ = checked_wasm(emulator, definition_of(emulator, licence), "emulator")
+    write_whole(folder / "emulator.wasm", emulator_wasm)
+    if policy is not None:
+        policy_wasm, _ = checked_wasm(policy, definition_of(policy, licence), "policy")
+        write_whole(folder / "policy.wasm", policy_wasm)
+    facts = bundle_facts(source, emulator, policy, bundle_id or source.name.split(".")[0])
+    text = json.dumps(facts, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    write_whole(folder / BUNDLE, text.encode("ascii"))
+    return folder
+
+
+def policy_beside(source: Path, emulator: Emulator) -> Policy | None:
+    """Return the policy that ships with the emulator at `source`; None where there is none."""
+    is_usual = is_shipped(source) and source == shipped_path(emulator.system)
+    if not is_usual or emulator.system not in POLICIES:
+        return None
+    return load_policy(shipped_policy(emulator.system))
+
+
+def bundle_facts(
+    source: Path,
+    emulator: Emulator,
+    policy: Policy | None,
+    bundle_id: str,
+    drive: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return what `bundle.json` says; `drive` is what to show first, found if not given."""
+    system = system_of(emulator)
+    facts: dict[str, Any] = {"id": bundle_id}
+    facts |= describe_emulator(emulator, system)
+    facts["sha256"] = hashlib.sha256(source.read_bytes()).hexdigest()
+    facts["licence"] = licence_of(source)
+    facts["policy"] = None if policy is None else describe_policy(policy)
+    if drive is None:
+        start, controls = opening_drive(emulator, system)
+        drive = {"start": _short(start), "controls": _short(controls)}
+    facts["default_motion"] = drive
+    facts["emulator"] = "emulator.wasm"
+    facts["descents"] = []
+    return facts
+
+
+def _short(numbers: np.ndarray) -> Any:
+    """Return `numbers` as lists, with the digits that float32 has."""
+    if numbers.ndim > 1:
+        return [_short(row) for row in numbers]
+    return [float(f"{number:.{DIGITS}g}") for number in numbers]
