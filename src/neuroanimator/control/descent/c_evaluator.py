@@ -218,13 +218,18 @@ def controls_map(parametrisation: Parametrisation) -> CMap | None:
     if not is_ours(parametrisation):
         return _known.keep(None, parametrisation)
     about = "\n".join([CONTROLS, *facts_of(parametrisation)])
-    definitions = {CONTROLS: MapDefinition(_controls, parametrisation, parametrisation.size)}
+    definitions = {CONTROLS: controls_definition(parametrisation)}
     make = partial(program_of_maps, definitions, len(NO_NUMBERS))
     program = load_program(about, make, partial(_check_controls, definitions[CONTROLS]))
     if program is None:
         return _known.keep(None, parametrisation)
     in_c = CMap(program, CONTROLS, NO_NUMBERS)
     return _known.keep(in_c, parametrisation)
+
+
+def controls_definition(parametrisation: Parametrisation) -> MapDefinition:
+    """Return what the map z → controls (T, C) is in JAX."""
+    return MapDefinition(_controls, parametrisation, parametrisation.size)
 
 
 NO_NUMBERS = aligned(np.zeros(0, np.float32))

@@ -34,7 +34,8 @@ def link(
     return step_with_defect(emulator, latent, emulator.encode_control(control), defect)
 
 
-def _definition(emulator: Emulator) -> MapDefinition:
+def link_definition(emulator: Emulator) -> MapDefinition:
+    """Return what the map `link` of `emulator` is in JAX."""
     return MapDefinition(link, emulator, latent_size(emulator) + emulator.control.size)
 
 
@@ -44,7 +45,7 @@ def _no_defect(emulator: Emulator) -> Float[np.ndarray, " V"]:
 
 def chain_program(emulator: Emulator) -> CProgram:
     """Return the program of the map `link` for one emulator."""
-    return program_of_maps({LINK: _definition(emulator)}, len(_no_defect(emulator)))
+    return program_of_maps({LINK: link_definition(emulator)}, len(_no_defect(emulator)))
 
 
 _known: Remembered[CMap | None] = Remembered()

@@ -179,7 +179,7 @@ def _library() -> ctypes.CDLL | None:
 
 
 @dataclass(frozen=True)
-class _Form:
+class ObjectiveForm:
     """An objective without its numbers, and the motions it judges."""
 
     objective: Objective
@@ -197,6 +197,11 @@ class _Form:
     def sizes(self) -> list[int]:
         """How many numbers each array of the objective has; then how many controls have a scale."""
         return [np.size(leaf) for leaf in leaves(self.objective)] + [self.shape.control]
+
+    def numbers(self, scale: Float[np.ndarray, " C"]) -> Float[np.ndarray, " P"]:
+        """Return what goes in with every call: the arrays of the objective, then the `scale` of controls."""
+        flat = [np.ravel(leaf) for leaf in leaves(self.objective)]
+        return aligned(np.concatenate([*flat, scale]).astype(np.float32))
 
     def about(self) -> str:
         """Return all that the program depends on."""
@@ -349,18 +354,19 @@ def c_objective(
     known = _known.of(objective, *key)
     if known is not UNKNOWN:
         return known
-    form = _Form(objective, shape, encoding)
+    form = ObjectiveForm(objective, shape, encoding)
     return _known.keep(_load(form, emulator, scale), objective, *key)
 
 
-def _load(form: _Form, emulator: Emulator, scale: Float[np.ndarray, " C"]) -> CObjective | None:
+def _load(
+    form: ObjectiveForm, emulator: Emulator, scale: Float[np.ndarray, " C"]
+) -> CObjective | None:
     objective = form.objective
     if not objective.is_ours or not form.terms:
         return None
     if not all(term.of_controls or isinstance(term, StateTerm) for term in objective.terms):
         return None
-    flat = [np.ravel(leaf) for leaf in leaves(objective)]
-    numbers = aligned(np.concatenate([*flat, scale]).astype(np.float32))
+    numbers = form.numbers(scale)
 
     def encode(states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N I"]:
         return np.asarray(emulator.encode(states), np.float32)

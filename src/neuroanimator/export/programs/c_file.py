@@ -30,7 +30,7 @@ from neuroanimator.storage.files import write_whole
 FLAGS = (("-O1", "-Wall", "-Wextra", "-Werror"),)
 """Flags a header is compiled with to be checked."""
 
-Call = Callable[..., int | None]
+Call = Callable[..., int | float | None]
 """A function of C that takes arrays and whole numbers, called by its name without the header's own."""
 
 

@@ -71,7 +71,7 @@ def checked_wasm(
     model: Emulator | Policy, definition: Definition, name: str
 ) -> tuple[bytes, tuple[dict[str, Vectors], float]]:
     """Return the module, whose functions begin with `name`, and what `check_functions` says of it; errors as of `write_wasm`."""
-    runtime = _import_wasmtime()
+    runtime = import_wasmtime()
     content = wasm_bytes(model, definition, name)
     return content, check_functions(Module(runtime, content, name).call, model, definition)
 
@@ -97,7 +97,12 @@ class Module:
         if "_initialize" in self._exports:  # of a C library, where one is needed
             self._exports["_initialize"](self._store)
 
-    def call(self, function: str, *arguments: np.ndarray | float) -> int | None:
+    def write(self, variable: str, numbers: np.ndarray) -> None:
+        """Write to an array of the module's own."""
+        address = self._exports[f"{self._name}_{variable}"].value(self._store)
+        ctypes.memmove(self._start() + address, numbers.ctypes.data, numbers.nbytes)
+
+    def call(self, function: str, *arguments: np.ndarray | float) -> int | float | None:
         """Call a function with arrays, which are copied in and back, and numbers."""
         top = self._exports["__heap_base"].value(self._store)
         addresses = []
@@ -154,7 +159,8 @@ def _filled(suffix: str, model: Emulator | Policy, definition: Definition, name:
     return re.sub(r"@(\w+)@", lambda found: values[found[1]], text)
 
 
-def _import_wasmtime() -> Any:
+def import_wasmtime() -> Any:
+    """Return the package that runs modules; ResourceError without it."""
     try:
         import wasmtime
     except ImportError:
