@@ -34,6 +34,9 @@ EYE = 0.8
 PUPIL = 1.0
 """Shade of their pupils."""
 
+PARTS = ("body", "fin", "eye")
+"""The parts of a swimmer's skin, in the order of their shades; a box is all body."""
+
 EYE_COLOUR = (0.93, 0.9, 0.82)
 """Red, green and blue of an eye: off-white."""
 
@@ -115,6 +118,14 @@ def colours_of(skin: Skin, shades: Float[np.ndarray, " N"]) -> Float[np.ndarray,
     colours = np.array(list(palette.values()))
     channels = [np.interp(shades, stops, channel) for channel in colours.T]
     return np.stack(channels, axis=-1)
+
+
+def part_numbers(skin: Skin, mesh: SkinMesh) -> Int[np.ndarray, " M"]:
+    """Return which of `PARTS` each triangle belongs to, by the largest shade of its corners."""
+    if isinstance(skin, Box):
+        return np.zeros(len(mesh.triangles), int)
+    shades = mesh.shades[mesh.triangles].max(axis=1)
+    return np.digitize(shades, [(BACK + FIN) / 2, (FIN + EYE) / 2])
 
 
 def _swimmer(

@@ -10,11 +10,10 @@ from jaxtyping import Float
 
 import neuroanimator
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
+from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state, is_reached
 from neuroanimator.control.policies.policy import COMMAND, Policy
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.export.gltf.skin import PARTS, part_numbers
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position, Quaternion, Velocity, first_of_each, moves_freely
 from neuroanimator.state.structure import Structure
@@ -92,7 +91,7 @@ def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
     if skeleton.skin is None:
         return None
     mesh = skin_mesh(skeleton)
-    part_of = part_numbers(skeleton, mesh)
+    part_of = part_numbers(skeleton.skin, mesh)
     order = np.argsort(part_of, kind="stable")
     parts = []
     for number, name in enumerate(PARTS):

@@ -9,8 +9,8 @@ import pytest
 from conftest import accessor, read_glb
 
 from neuroanimator import Clip, load_system, write_glb
+from neuroanimator.appearance.colour import linear_of, screen_of
 from neuroanimator.errors import ArgumentError
-from neuroanimator.export.gltf.colour import linear_of, screen_of
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin", "cube")
 

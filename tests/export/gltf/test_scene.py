@@ -22,9 +22,9 @@ from neuroanimator import (
 )
 from neuroanimator.animation.interpolate import continuous
 from neuroanimator.animation.motion import random_motion
+from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import SHAPE_KINDS, Shape
 from neuroanimator.export.film.video import graphics_backend
-from neuroanimator.export.gltf.shapes import shape_mesh
 from neuroanimator.state.rotation import rotation_matrices
 
 

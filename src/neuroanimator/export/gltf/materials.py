@@ -1,16 +1,12 @@
-"""Materials of a GLB file: colours as light, and names by which users find the parts they stand for."""
+"""Materials of a GLB file: colours as amounts of light."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from neuroanimator.appearance.skeleton import Shape, Skeleton
+from neuroanimator.appearance.colour import linear_of
 from neuroanimator.export.ghost import GHOST_COLOUR, GHOST_OPACITY
-from neuroanimator.export.gltf.colour import linear_of
-
-MAX_FLOOR_THICKNESS = 0.05
-"""A box in the scenery that is thinner than this share of its other sides is a floor."""
 
 
 def material(
@@ -40,32 +36,3 @@ def material(
 def ghost_material() -> dict[str, Any]:
     """Return the one colour of all of a ghost."""
     return material("ghost", GHOST_COLOUR, opacity=GHOST_OPACITY, metallic=0.0, roughness=0.5)
-
-
-def colour_names(skeleton: Skeleton) -> dict[tuple[float, ...], str]:
-    """Return a name for each colour of the shapes of `skeleton`: 'floor', or the first bone that has it, numbered."""
-    names: dict[tuple[float, ...], str] = {}
-    for number, bone in enumerate(skeleton.bones):
-        for shape in bone.shapes:
-            if shape.colour in names:
-                continue
-            name = bone.name
-            if _is_slab(shape) and not skeleton.is_moved(number):
-                name = "floor"
-            names[shape.colour] = unique(name, names.values())
-    return names
-
-
-def unique(name: str, taken: Iterable[str]) -> str:
-    """Return `name`, numbered if it is among those `taken`."""
-    known = set(taken)
-    number = 1
-    own = name
-    while own in known:
-        number += 1
-        own = f"{name} {number}"
-    return own
-
-
-def _is_slab(shape: Shape) -> bool:
-    return shape.kind == "box" and shape.size[2] < MAX_FLOOR_THICKNESS * min(shape.size[:2])

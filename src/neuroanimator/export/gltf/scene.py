@@ -17,6 +17,8 @@ from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip, check_drawable
 from neuroanimator.animation.interpolate import continuous
+from neuroanimator.appearance.part_names import colour_names, unique
+from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Bone, Skeleton
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.gltf.buffers import (
@@ -26,8 +28,7 @@ from neuroanimator.export.gltf.buffers import (
     as_float32,
     glb_bytes,
 )
-from neuroanimator.export.gltf.materials import colour_names, ghost_material, material, unique
-from neuroanimator.export.gltf.shapes import shape_mesh
+from neuroanimator.export.gltf.materials import ghost_material, material
 from neuroanimator.export.gltf.skin import skin_material, skin_object, skin_primitives
 from neuroanimator.storage.files import write_whole
 
@@ -245,10 +246,12 @@ def _primitives(bone: Bone, buffer: Buffer) -> list[dict[str, Any]]:
     primitives = []
     for shape in bone.shapes:
         mesh = shape_mesh(shape)
+        points = as_float32(mesh.points)
+        corners = mesh.triangles.astype(np.uint16).ravel()
         attributes = {
-            "POSITION": buffer.add(mesh.points, "VEC3", target=ARRAY_BUFFER, has_bounds=True),
-            "NORMAL": buffer.add(mesh.normals, "VEC3", target=ARRAY_BUFFER),
+            "POSITION": buffer.add(points, "VEC3", target=ARRAY_BUFFER, has_bounds=True),
+            "NORMAL": buffer.add(as_float32(mesh.normals), "VEC3", target=ARRAY_BUFFER),
         }
-        indices = buffer.add(mesh.triangles.ravel(), "SCALAR", target=ELEMENT_ARRAY_BUFFER)
+        indices = buffer.add(corners, "SCALAR", target=ELEMENT_ARRAY_BUFFER)
         primitives.append({"attributes": attributes, "indices": indices})
     return primitives

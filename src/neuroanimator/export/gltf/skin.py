@@ -7,16 +7,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, UInt16
 
+from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.appearance.skin import Box
-from neuroanimator.appearance.skin_mesh import BACK, EYE, FIN, SkinMesh, colours_of, skin_mesh
+from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
 from neuroanimator.export.gltf.buffers import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, as_float32
-from neuroanimator.export.gltf.colour import linear_of
 from neuroanimator.export.gltf.materials import material
 from neuroanimator.state.rotation import rotation_matrices
-
-PARTS = ("body", "fin", "eye")
-"""The parts of a swimmer's skin, in the order of their shades; a box is all body."""
 
 METALLIC = 0.0
 """How metallic a skin is: not at all."""
@@ -39,7 +35,7 @@ def skin_primitives(skeleton: Skeleton, buffer: Buffer) -> dict[str, dict[str, A
         "JOINTS_0": buffer.add(joints, "VEC4", target=ARRAY_BUFFER),
         "WEIGHTS_0": buffer.add(as_float32(mesh.weights), "VEC4", target=ARRAY_BUFFER),
     }
-    part_of = part_numbers(skeleton, mesh)
+    part_of = part_numbers(skeleton.skin, mesh)
     primitives = {}
     for number, name in enumerate(PARTS):
         triangles = mesh.triangles[part_of == number]
@@ -48,14 +44,6 @@ def skin_primitives(skeleton: Skeleton, buffer: Buffer) -> dict[str, dict[str, A
             indices = buffer.add(corners, "SCALAR", target=ELEMENT_ARRAY_BUFFER)
             primitives[name] = {"attributes": attributes, "indices": indices}
     return primitives
-
-
-def part_numbers(skeleton: Skeleton, mesh: SkinMesh) -> Int[np.ndarray, " M"]:
-    """Return which of `PARTS` each triangle belongs to, by the largest shade of its corners."""
-    if isinstance(skeleton.skin, Box):
-        return np.zeros(len(mesh.triangles), int)
-    shades = mesh.shades[mesh.triangles].max(axis=1)
-    return np.digitize(shades, [(BACK + FIN) / 2, (FIN + EYE) / 2])
 
 
 def skin_object(skeleton: Skeleton, name: str, root: int, buffer: Buffer) -> dict[str, Any]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, Integer
+from jaxtyping import Float, Int
 
 from neuroanimator.appearance.skeleton import Shape
-from neuroanimator.export.gltf.buffers import as_float32
 from neuroanimator.state.rotation import rotate
 
 AROUND = 20
@@ -22,20 +21,20 @@ class Mesh(NamedTuple):
     """Triangles with their corners' normals."""
 
     points: Float[np.ndarray, "N 3"]
-    """The corners [m]; in single precision once a mesh is ready for the file."""
+    """The corners [m]."""
     normals: Float[np.ndarray, "N 3"]
     """The outward unit vector at each corner."""
-    triangles: Integer[np.ndarray, "M 3"]
-    """The corners of each triangle, counterclockwise from outside; of 16 bits once a mesh is ready for the file."""
+    triangles: Int[np.ndarray, "M 3"]
+    """The corners of each triangle, counterclockwise from outside."""
 
 
 def shape_mesh(shape: Shape) -> Mesh:
-    """Return the triangles of `shape`, ready for the file."""
+    """Return the triangles of `shape`."""
     mesh = MAKERS[shape.kind](np.array(shape.size))
     orientation = np.broadcast_to(np.array(shape.orientation), (len(mesh.points), 4))
     points = rotate(orientation, mesh.points) + np.array(shape.position)
     normals = rotate(orientation, mesh.normals)
-    return Mesh(as_float32(points), as_float32(normals), mesh.triangles.astype(np.uint16))
+    return Mesh(points, normals, mesh.triangles)
 
 
 def _capsule(size: Float[np.ndarray, " D"]) -> Mesh:
