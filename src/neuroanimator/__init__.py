@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from neuroanimator.export.programs.c_file import write_c_header
     from neuroanimator.export.programs.onnx_file import write_onnx
     from neuroanimator.export.programs.wasm_file import write_wasm
+    from neuroanimator.export.usd.scene import write_usd
     from neuroanimator.export.worst_cases import write_worst
     from neuroanimator.state.layout import Bounds
     from neuroanimator.state.pose import read_heights, read_pose
@@ -120,6 +121,7 @@ _HOMES = {
     "read_clip": "export.csv_file",
     "write_clip": "export.csv_file",
     "write_glb": "export.gltf.scene",
+    "write_usd": "export.usd.scene",
     "write_comparison": "export.comparison",
     "write_video": "export.film.video",
     "write_worst": "export.worst_cases",
@@ -188,6 +190,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "read_clip",
     "write_clip",
     "write_glb",
+    "write_usd",
     "write_comparison",
     "write_video",
     "write_worst",

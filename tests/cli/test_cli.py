@@ -75,7 +75,11 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (["export", "cube", "--out", "cube.h"], 3, "no emulator of cube ships"),
         (["animate", "cube", "--out", "clip.glb"], 3, "no emulator of cube ships"),
         (["control", "cube", "--goal", "up", "--out", "up.csv"], 3, "no emulator of cube ships"),
-        (["animate", "pendulum", "--out", "clip.gif"], 2, "ends in none of .csv, .glb, .mp4"),
+        (
+            ["animate", "pendulum", "--out", "clip.gif"],
+            2,
+            "ends in none of .csv, .glb, .mp4, .usda, .usdc, .usdz",
+        ),
         (["animate", "pendulum", "--out", "clip.glb", "--rate", "nan"], 2, "rate: "),
         (["animate", "pendulum", "--out", "clip.glb", "--seconds", "-1"], 2, "seconds: "),
         (["animate", "pendulum", "--out", "clip.glb", "--seed", "-1"], 2, "seed: "),

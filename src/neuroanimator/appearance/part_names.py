@@ -24,14 +24,14 @@ def colour_names(skeleton: Skeleton) -> dict[tuple[float, ...], str]:
     return names
 
 
-def unique(name: str, taken: Iterable[str]) -> str:
-    """Return `name`, numbered if it is among those `taken`."""
+def unique(name: str, taken: Iterable[str], separator: str = " ") -> str:
+    """Return `name`, numbered after the `separator` if it is among those `taken`."""
     known = set(taken)
     number = 1
     own = name
     while own in known:
         number += 1
-        own = f"{name} {number}"
+        own = f"{name}{separator}{number}"
     return own
 
 

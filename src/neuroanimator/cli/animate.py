@@ -29,7 +29,9 @@ def run(
     emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
     out: Annotated[
         list[Path],
-        typer.Option(help="File ending in .glb, .mp4 or .csv; may be given several times."),
+        typer.Option(
+            help="File ending in .glb, .usda, .usdc, .usdz, .mp4 or .csv; may be given several times."
+        ),
     ],
     seconds: Annotated[
         float | None,

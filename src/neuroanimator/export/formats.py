@@ -12,9 +12,10 @@ from neuroanimator.export.csv_file import write_clip
 from neuroanimator.export.film.options import Film
 from neuroanimator.export.film.video import write_video
 from neuroanimator.export.gltf.scene import write_glb
+from neuroanimator.export.usd.scene import write_usd
 from neuroanimator.zoo import find_emulator
 
-FORMATS = (".csv", ".glb", ".mp4")
+FORMATS = (".csv", ".glb", ".mp4", ".usda", ".usdc", ".usdz")
 """How the names of files that can be written end."""
 
 DEFAULT_FILM = Film()
@@ -35,7 +36,7 @@ def emulator_for(outs: list[Path], name: str) -> Emulator:
 def export_clip(
     clip: Clip, emulator: Emulator, outs: list[Path], film: Film = DEFAULT_FILM
 ) -> None:
-    """Write `clip` to each path as .csv, .glb or .mp4 (a `film`); nothing is written if one of them is refused.
+    """Write `clip` to each path as .csv, .glb, USD or .mp4 (a `film`); nothing is written if one of them is refused.
 
     A system without bodies is drawn as gauges: see `drawable`.
     """
@@ -44,6 +45,8 @@ def export_clip(
     for path in outs:
         if path.suffix == ".glb":
             write_glb(drawn, path)
+        elif path.suffix.startswith(".usd"):
+            write_usd(drawn, path)
         elif path.suffix == ".mp4":
             write_video(drawn, path, size=film.size, camera=film.camera)
         else:

@@ -1,0 +1,106 @@
+"""The text of a USD file (.usda): prims with their properties, names and numbers as the format writes them.
+
+Nothing of a stranger's name reaches the text unchecked: identifiers are made of letters, digits and underscores, and
+strings are quoted with everything escaped that could end them.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import SupportsFloat
+
+import numpy as np
+from jaxtyping import Num
+
+from neuroanimator.appearance.part_names import unique
+
+DIGITS = 7
+"""Significant digits of numbers: single precision."""
+
+TURN_DIGITS = 12
+"""Significant digits of quaternions."""
+
+INDENT = "    "
+
+
+@dataclass
+class Prim:
+    """A thing in a scene: its type, name, metadata in parentheses, properties and children."""
+
+    kind: str
+    name: str
+    metadata: list[str] = field(default_factory=list)
+    properties: list[str] = field(default_factory=list)
+    children: list[Prim] = field(default_factory=list)
+
+    def lines(self) -> Iterable[str]:
+        """Yield the lines of this prim and all below it."""
+        head = f'def {self.kind} "{self.name}"'
+        if self.metadata:
+            yield f"{head} ("
+            yield from (INDENT + line for line in self.metadata)
+            yield ")"
+        else:
+            yield head
+        yield "{"
+        yield from (INDENT + line for line in self.properties)
+        for child in self.children:
+            yield from (INDENT + line for line in child.lines())
+        yield "}"
+
+
+def identifier(name: str, taken: set[str]) -> str:
+    """Return `name` as an identifier that none of `taken` is, and add it to them: other signs become underscores."""
+    plain = re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"
+    if plain[0].isdigit():
+        plain = f"_{plain}"
+    own = unique(plain, taken, "_")
+    taken.add(own)
+    return own
+
+
+def string(text: str) -> str:
+    """Return `text` in quotes; what is not plain ASCII is written as a question mark."""
+    plain = "".join(letter if " " <= letter <= "~" else "?" for letter in text)
+    return json.dumps(plain)
+
+
+def number(value: SupportsFloat) -> str:
+    """Return a number in single precision."""
+    return f"{float(value):.{DIGITS}g}"
+
+
+def vector(values: Iterable[SupportsFloat]) -> str:
+    """Return numbers in parentheses."""
+    return f"({', '.join(map(number, values))})"
+
+
+def turn(quaternion: Iterable[float]) -> str:
+    """Return a quaternion wxyz in double precision: of small angles w is all but 1."""
+    return f"({', '.join(f'{part:.{TURN_DIGITS}g}' for part in quaternion)})"
+
+
+def array(values: Num[np.ndarray, "*S"]) -> str:
+    """Return numbers (N,), or rows of them (N, D), in brackets."""
+    write = number if values.ndim == 1 else vector
+    return f"[{', '.join(map(write, values))}]"
+
+
+def tokens(names: Iterable[str]) -> str:
+    """Return words in brackets."""
+    return f"[{', '.join(map(json.dumps, names))}]"
+
+
+def samples(values: Iterable[str]) -> list[str]:
+    """Return the lines of a property's values in frames 0, 1, and so on."""
+    rows = [f"{INDENT}{frame}: {value}," for frame, value in enumerate(values)]
+    return ["{", *rows, "}"]
+
+
+def animated(declaration: str, values: Iterable[str]) -> list[str]:
+    """Return the lines of a property with a value for each frame."""
+    first, *others = samples(values)
+    return [f"{declaration}.timeSamples = {first}", *others]
