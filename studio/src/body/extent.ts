@@ -1,0 +1,60 @@
+// Where a body is and how large it is, from its pose alone.
+
+import type { Bone } from "../bundle/bundle";
+import { isMoved, type Pose } from "./pose";
+
+/** Where a body is [m]: its middle, lowest and highest point, by its bones. */
+export interface Extent {
+  readonly middle: [number, number, number];
+  readonly low: number;
+  readonly high: number;
+}
+
+/** Return the number of each bone that moves. */
+export function movingBones(skeleton: readonly Bone[]): number[] {
+  return skeleton.map((_, number) => number).filter((number) => isMoved(skeleton, number));
+}
+
+/** Return how far a bone's shapes reach from its origin [m]. */
+export function reachOf(bone: Bone): number {
+  const reaches = bone.shapes.map((shape) => {
+    const largest = shape.kind === "capsule" ? shape.size[0]! + shape.size[1]! : Math.max(...shape.size);
+    return Math.hypot(...shape.position) + largest;
+  });
+  return Math.max(0, ...reaches);
+}
+
+/** Return the box around so many `bones`; each reaches as far as its shapes. */
+export function extentOf(skeleton: readonly Bone[], bones: readonly number[], pose: Pose): Extent {
+  const low = [Infinity, Infinity, Infinity];
+  const high = [-Infinity, -Infinity, -Infinity];
+  for (const number of bones) {
+    const reach = reachOf(skeleton[number]!);
+    for (let axis = 0; axis < 3; axis++) {
+      const at = pose.positions[3 * number + axis]!;
+      low[axis] = Math.min(low[axis]!, at - reach);
+      high[axis] = Math.max(high[axis]!, at + reach);
+    }
+  }
+  return {
+    middle: [(low[0]! + high[0]!) / 2, (low[1]! + high[1]!) / 2, (low[2]! + high[2]!) / 2],
+    low: low[2]!,
+    high: high[2]!,
+  };
+}
+
+/** Return the longest side of the box around the bones [m]. */
+export function sizeOfBody(skeleton: readonly Bone[], bones: readonly number[], pose: Pose): number {
+  let size = 1e-3;
+  for (let axis = 0; axis < 3; axis++) {
+    let low = Infinity;
+    let high = -Infinity;
+    for (const number of bones) {
+      const reach = reachOf(skeleton[number]!);
+      low = Math.min(low, pose.positions[3 * number + axis]! - reach);
+      high = Math.max(high, pose.positions[3 * number + axis]! + reach);
+    }
+    size = Math.max(size, high - low);
+  }
+  return size;
+}

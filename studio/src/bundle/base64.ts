@@ -1,0 +1,26 @@
+// Arrays as they stand in JSON: base64 of little-endian numbers.
+
+/** Return the bytes that base64 stands for. */
+export function bytesOf(text: string): Uint8Array<ArrayBuffer> {
+  const characters = atob(text);
+  const bytes = new Uint8Array(characters.length);
+  for (let i = 0; i < characters.length; i++) {
+    bytes[i] = characters.charCodeAt(i);
+  }
+  return bytes;
+}
+
+/** Return float32 numbers written as base64. */
+export function floatsOf(text: string): Float32Array<ArrayBuffer> {
+  return new Float32Array(bytesOf(text).buffer);
+}
+
+/** Return uint32 numbers written as base64. */
+export function uint32Of(text: string): Uint32Array<ArrayBuffer> {
+  return new Uint32Array(bytesOf(text).buffer);
+}
+
+/** Return uint16 numbers written as base64. */
+export function uint16Of(text: string): Uint16Array<ArrayBuffer> {
+  return new Uint16Array(bytesOf(text).buffer);
+}

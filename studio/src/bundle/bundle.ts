@@ -1,0 +1,178 @@
+// What a bundle says about one emulator: its facts, its skeleton and skin, where it lives and what it can show.
+
+import { sizeOf, type Layout } from "./layout";
+
+export type Vector3 = readonly [number, number, number];
+export type Quaternion = readonly [w: number, x: number, y: number, z: number];
+export type Pairs = readonly (readonly [number, number])[];
+export type Weights = readonly (readonly [entry: number, weight: number])[];
+
+export interface Joint {
+  readonly kind: "hinge" | "slide" | "ball" | "free";
+  readonly entry: number;
+  readonly axis: Vector3;
+  readonly anchor: Vector3;
+  readonly reference: number;
+}
+
+export interface Shape {
+  readonly kind: "capsule" | "box" | "sphere" | "ellipsoid" | "cylinder";
+  readonly size: readonly number[];
+  readonly position: Vector3;
+  readonly orientation: Quaternion;
+  readonly colour: readonly [number, number, number, number];
+}
+
+export interface Binding {
+  readonly position: Weights;
+  readonly forward: Weights;
+  readonly up: Weights;
+}
+
+export interface Bone {
+  readonly name: string;
+  readonly parent: number;
+  readonly offset: Vector3;
+  readonly orientation: Quaternion;
+  readonly joints: readonly Joint[];
+  readonly shapes: readonly Shape[];
+  readonly binding?: Binding | null;
+}
+
+/** A skin at rest, each array in base64. */
+export interface SkinArrays {
+  readonly positions: string;
+  readonly normals: string;
+  readonly uvs?: string;
+  /** Parts of the skin by what they are: body, fin, eye; indices are sorted by part. */
+  readonly parts?: readonly (readonly [name: string, firstIndex: number, indices: number])[];
+  readonly colours: string;
+  readonly indices: string;
+  readonly bones: string;
+  readonly weights: string;
+}
+
+export type SceneKind = "water" | "lot" | "moon" | "plain";
+
+export interface SceneFacts {
+  readonly kind: SceneKind;
+  readonly surface: number | null;
+  readonly floor: number | null;
+}
+
+export type CommandPart = readonly [name: string, unit: string, low: number, high: number];
+
+export interface PolicyFacts {
+  readonly wasm: string;
+  readonly command: readonly CommandPart[];
+  readonly phase_per_step: number;
+}
+
+export interface DefaultMotion {
+  readonly start: readonly number[];
+  readonly controls: readonly (readonly number[])[];
+}
+
+/** A place of a goal that may be moved: the first of three entries it stands in, if any, and where it is [m]. */
+export interface MovablePlace {
+  readonly kind: "place";
+  readonly entry: number | null;
+  readonly at: Vector3;
+}
+
+/** A goal of control: a state to be in at the end, or a place to be at. */
+export interface Goal {
+  readonly name: string;
+  readonly kind: "state" | "place";
+  readonly seconds: number;
+  readonly start: readonly number[];
+  readonly target: readonly number[] | null;
+  readonly is_at_start?: boolean;
+  readonly movable: MovablePlace | null;
+  /** Of a state: [entry, value, tolerance] of each number that counts; of a place: how near is near enough [m]. */
+  readonly within: readonly (readonly [number, number, number])[] | { readonly distance: number };
+}
+
+/** How position, velocity and directions of the whole body are read from a state. */
+export type Root =
+  | { readonly kind: "free"; readonly position: number; readonly orientation: number; readonly velocity: number }
+  | {
+      readonly kind: "points";
+      readonly position: Weights;
+      readonly velocity: Weights;
+      readonly forward: Weights;
+      readonly up: Weights;
+    };
+
+export interface Bundle {
+  readonly id: string;
+  readonly system: string;
+  readonly about: string;
+  readonly dt: number;
+  readonly physics_dt: number;
+  readonly substeps: number;
+  readonly latent: number;
+  readonly sha256: string;
+  readonly state: Layout;
+  readonly control: Layout;
+  readonly control_low: readonly number[];
+  readonly control_high: readonly number[];
+  readonly rest: readonly number[];
+  readonly rates: Pairs;
+  readonly orientations: Pairs;
+  readonly skeleton: readonly Bone[];
+  readonly skin: SkinArrays | null;
+  readonly root: Root | null;
+  readonly scene: SceneFacts;
+  readonly policy: PolicyFacts | null;
+  readonly default_motion: DefaultMotion;
+  readonly goals: readonly Goal[];
+  readonly emulator: string;
+  readonly can_simulate?: boolean;
+  readonly descents: readonly unknown[];
+}
+
+/** A bundle and the address of its folder. */
+export interface LoadedBundle {
+  readonly facts: Bundle;
+  readonly folder: URL;
+}
+
+/** Fetch `bundle.json` of a folder; the error says what is wrong with it. */
+export async function loadBundle(folder: URL): Promise<LoadedBundle> {
+  const address = new URL("bundle.json", folder);
+  const response = await fetch(address);
+  if (!response.ok) {
+    throw new Error(`${address.pathname}: ${response.status} ${response.statusText}`);
+  }
+  const facts = (await response.json()) as Bundle;
+  checkBundle(facts);
+  return { facts, folder };
+}
+
+/** Throw an Error that names what in a bundle does not fit together. */
+export function checkBundle(facts: Bundle): void {
+  const stateSize = sizeOf(facts.state);
+  const controlSize = sizeOf(facts.control);
+  wantedSize("rest", facts.rest.length, stateSize);
+  wantedSize("control_low", facts.control_low.length, controlSize);
+  wantedSize("control_high", facts.control_high.length, controlSize);
+  wantedSize("default_motion.start", facts.default_motion.start.length, stateSize);
+  for (const control of facts.default_motion.controls) {
+    wantedSize("default_motion.controls", control.length, controlSize);
+  }
+  if (!(facts.dt > 0)) {
+    throw new Error(`dt: wanted more than 0 s, came ${facts.dt}`);
+  }
+  facts.skeleton.forEach((bone, number) => {
+    if (!(bone.parent < number)) {
+      throw new Error(`bone '${bone.name}' comes before the bone it hangs from`);
+    }
+  });
+}
+
+function wantedSize(name: string, came: number, wanted: number): void {
+  if (came !== wanted) {
+    throw new Error(`${name}: wanted ${wanted} numbers, came ${came}`);
+  }
+}

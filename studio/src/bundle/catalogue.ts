@@ -1,0 +1,30 @@
+// The list of emulators the page can show.
+
+export interface CatalogueEntry {
+  readonly id: string;
+  readonly system: string;
+  readonly about: string;
+  /** The bundle's folder, relative to the page. */
+  readonly bundle: string;
+}
+
+export interface Catalogue {
+  readonly version: string;
+  readonly has_server: boolean;
+  readonly entries: readonly CatalogueEntry[];
+}
+
+/** Fetch the catalogue that lies beside the page. */
+export async function loadCatalogue(page: URL): Promise<Catalogue> {
+  const response = await fetch(new URL("catalogue.json", page));
+  if (!response.ok) {
+    throw new Error(`catalogue.json: ${response.status} ${response.statusText}`);
+  }
+  return (await response.json()) as Catalogue;
+}
+
+/** Return the folder of an entry's bundle. */
+export function bundleFolder(entry: CatalogueEntry, page: URL): URL {
+  const folder = entry.bundle.endsWith("/") ? entry.bundle : `${entry.bundle}/`;
+  return new URL(folder, page);
+}

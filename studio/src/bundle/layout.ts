@@ -1,0 +1,36 @@
+// Named parts of states and controls, and where they begin.
+
+/** Parts in order: name, how many numbers, unit. */
+export type Layout = readonly (readonly [name: string, size: number, unit: string])[];
+
+/** Return how many numbers a layout has. */
+export function sizeOf(layout: Layout): number {
+  return layout.reduce((sum, [, size]) => sum + size, 0);
+}
+
+/** Return where each part begins. */
+export function entriesOf(layout: Layout): Map<string, number> {
+  const entries = new Map<string, number>();
+  let entry = 0;
+  for (const [name, size] of layout) {
+    entries.set(name, entry);
+    entry += size;
+  }
+  return entries;
+}
+
+/** Return a label for every number: the part's name, numbered or with an axis where it has several. */
+export function labelsOf(layout: Layout): string[] {
+  const labels: string[] = [];
+  for (const [name, size] of layout) {
+    for (let i = 0; i < size; i++) {
+      labels.push(size === 1 ? name : `${name} ${suffix(size, i)}`);
+    }
+  }
+  return labels;
+}
+
+function suffix(size: number, i: number): string {
+  const axes = size === 3 ? "xyz" : size === 4 ? "wxyz" : "";
+  return axes[i] ?? String(i + 1);
+}

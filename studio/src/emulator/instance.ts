@@ -1,0 +1,97 @@
+// How a WebAssembly module of this project is started: it imports nothing and keeps its own memory.
+
+const ALIGNMENT = 64;
+const PAGE = 65536;
+
+/** What every exported module has, beside functions that begin with its name. */
+export interface ModuleExports {
+  readonly memory: WebAssembly.Memory;
+  readonly [name: string]: WebAssembly.ExportValue;
+}
+
+/** Fetch a module; the error says which file did not come and why. */
+export async function fetchModule(address: string | URL): Promise<WebAssembly.Module> {
+  const response = await fetch(address);
+  if (!response.ok) {
+    throw new Error(`${String(address)}: ${response.status} ${response.statusText}`);
+  }
+  const bytes = await response.arrayBuffer();
+  return WebAssembly.compile(bytes);
+}
+
+/** Start a module and return its exports. */
+export async function startModule(module: WebAssembly.Module): Promise<ModuleExports> {
+  const instance = await WebAssembly.instantiate(module, {});
+  const exports = instance.exports as unknown as ModuleExports;
+  const initialise = exports["_initialize"];
+  if (typeof initialise === "function") {
+    initialise();
+  }
+  return exports;
+}
+
+/** Return the exported function `name`; an error names what the module lacks. */
+export function exportedFunction(exports: ModuleExports, name: string): (...numbers: number[]) => number {
+  const found = exports[name];
+  if (typeof found !== "function") {
+    throw new Error(`the module has no function '${name}'`);
+  }
+  return found as (...numbers: number[]) => number;
+}
+
+/** Return the address that the exported global `name` holds. */
+export function exportedAddress(exports: ModuleExports, name: string): number {
+  const found = exports[name];
+  if (!(found instanceof WebAssembly.Global)) {
+    throw new Error(`the module has no address '${name}'`);
+  }
+  return Number(found.value);
+}
+
+/** Room for numbers behind what the module itself uses: taken in order, given back in reverse. */
+export class Heap {
+  #top: number;
+
+  constructor(private readonly exports: ModuleExports) {
+    this.#top = exportedAddress(exports, "__heap_base");
+  }
+
+  /** Where room taken from now on begins; set it back to give room back. */
+  get top(): number {
+    return this.#top;
+  }
+
+  set top(address: number) {
+    this.#top = address;
+  }
+
+  /** Return the address of room for `size` floats. */
+  room(size: number): number {
+    const address = Math.ceil(this.#top / ALIGNMENT) * ALIGNMENT;
+    this.#top = address + 4 * size;
+    const missing = this.#top - this.exports.memory.buffer.byteLength;
+    if (missing > 0) {
+      this.exports.memory.grow(Math.ceil(missing / PAGE));
+    }
+    return address;
+  }
+
+  /** Return the address of a copy of `numbers`. */
+  placed(numbers: ArrayLike<number>): number {
+    const address = this.room(numbers.length);
+    this.view(address, numbers.length).set(numbers);
+    return address;
+  }
+
+  /** Return the floats at an address; memory that grows makes old views empty, so get them anew. */
+  view(address: number, size: number): Float32Array {
+    return new Float32Array(this.exports.memory.buffer, address, size);
+  }
+}
+
+/** Throw a RangeError unless there are as many numbers as wanted. */
+export function checkLength(numbers: ArrayLike<number>, wanted: number, name: string): void {
+  if (numbers.length !== wanted) {
+    throw new RangeError(`${name}: wanted ${wanted} numbers, came ${numbers.length}`);
+  }
+}

@@ -1,0 +1,107 @@
+// A motion: states a super step apart, the controls between them, and whether training covered each step.
+
+import { interpolateHermite, type StateStructure } from "./interpolate";
+
+/** Room for so many super steps is made at first, and doubled when it is full. */
+const FIRST_ROOM = 256;
+
+export class Motion {
+  #states: Float32Array;
+  #controls: Float32Array;
+  #covered: Uint8Array;
+  #steps = 0;
+
+  constructor(
+    readonly dt: number,
+    readonly stateSize: number,
+    readonly controlSize: number,
+    private readonly structure: StateStructure,
+    start: ArrayLike<number>,
+  ) {
+    this.#states = new Float32Array((FIRST_ROOM + 1) * stateSize);
+    this.#controls = new Float32Array(FIRST_ROOM * controlSize);
+    this.#covered = new Uint8Array(FIRST_ROOM);
+    this.#states.set(start, 0);
+  }
+
+  /** Super steps so far; there is one state more. */
+  get steps(): number {
+    return this.#steps;
+  }
+
+  /** When the last state is [s]. */
+  get duration(): number {
+    return this.#steps * this.dt;
+  }
+
+  /** The state (S) after `step` super steps, as a view. */
+  state(step: number): Float32Array {
+    return this.#states.subarray(step * this.stateSize, (step + 1) * this.stateSize);
+  }
+
+  /** The control (C) of super step `step`, as a view. */
+  control(step: number): Float32Array {
+    return this.#controls.subarray(step * this.controlSize, (step + 1) * this.controlSize);
+  }
+
+  /** Whether training covered the state and control of super step `step`. */
+  isCovered(step: number): boolean {
+    return this.#covered[step] === 1;
+  }
+
+  /** Append a super step: the control (C) that was held and the state (S) it led to. */
+  push(control: ArrayLike<number>, next: ArrayLike<number>, isCovered: boolean): void {
+    this.#makeRoom(this.#steps + 1);
+    this.#controls.set(control, this.#steps * this.controlSize);
+    this.#covered[this.#steps] = isCovered ? 1 : 0;
+    this.#steps += 1;
+    this.#states.set(next, this.#steps * this.stateSize);
+  }
+
+  /** Return the same motion as far as `steps` super steps. */
+  upTo(steps: number): Motion {
+    const motion = new Motion(this.dt, this.stateSize, this.controlSize, this.structure, this.state(0));
+    for (let step = 0; step < Math.min(steps, this.#steps); step++) {
+      motion.push(this.control(step), this.state(step + 1), this.isCovered(step));
+    }
+    return motion;
+  }
+
+  /** Return copies of all states (steps + 1, S). */
+  states(): Float32Array {
+    return this.#states.slice(0, (this.#steps + 1) * this.stateSize);
+  }
+
+  /** Return copies of all controls (steps, C). */
+  controls(): Float32Array {
+    return this.#controls.slice(0, this.#steps * this.controlSize);
+  }
+
+  /** Write the state (S) at `time` [s] to `out`; before the start and after the end it stays. */
+  sample(time: number, out: Float32Array): void {
+    const position = Math.min(Math.max(time / this.dt, 0), this.#steps);
+    const step = Math.min(Math.floor(position), this.#steps - 1);
+    if (step < 0) {
+      out.set(this.state(0));
+      return;
+    }
+    const share = position - step;
+    interpolateHermite(this.state(step), this.state(step + 1), share, this.dt, this.structure, out);
+  }
+
+  #makeRoom(steps: number): void {
+    if (steps <= this.#covered.length) {
+      return;
+    }
+    const room = 2 * this.#covered.length;
+    const states = new Float32Array((room + 1) * this.stateSize);
+    const controls = new Float32Array(room * this.controlSize);
+    const covered = new Uint8Array(room);
+    states.set(this.#states);
+    controls.set(this.#controls);
+    covered.set(this.#covered);
+    this.#states = states;
+    this.#controls = controls;
+    this.#covered = covered;
+  }
+}

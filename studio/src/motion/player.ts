@@ -1,0 +1,198 @@
+// Plays a motion and, where it ends, lets the emulator go on live: one clock for all that moves.
+
+import type { Bundle } from "../bundle/bundle";
+import type { Emulator } from "../emulator/emulator";
+import type { StateStructure } from "./interpolate";
+import { Motion } from "./motion";
+
+/** Super steps are made up for at most so much time after a pause [s]. */
+const MAX_BACKLOG = 0.25;
+
+/** Motions that `undo` can bring back. */
+const MAX_UNDO = 20;
+
+/** A live motion is cut off in front beyond so much time [s]; ten minutes must not fill the memory. */
+export const MAX_SECONDS = 600;
+
+/** What gives the control of the next super step while the emulator runs live. */
+export interface Pilot {
+  /** Return the control (C) to hold from super step `step` on, in which the body is in `state`. */
+  control(state: Float32Array, step: number): ArrayLike<number>;
+}
+
+export type PlayerEvent = "motion" | "lost" | "ended";
+
+export class Player {
+  motion: Motion;
+  /** Where the playhead stands [s]. */
+  time = 0;
+  /** Seconds of the motion a second: 1 is real time. */
+  speed = 1;
+  isPlaying = false;
+  /** Whether the emulator goes on where the motion ends; else it begins again. */
+  isLive = false;
+  /** What steers while the emulator runs live. */
+  pilot: Pilot | null = null;
+  /** Changes a state in place before the emulator leaps on from it: a pull at the body. */
+  force: ((state: Float32Array) => void) | null = null;
+  /** The emulator's work, averaged over the last images [ms an image]. */
+  workPerImage = 0;
+  /** Called with what happened. */
+  onEvent: (event: PlayerEvent) => void = () => undefined;
+
+  readonly #structure: StateStructure;
+  readonly #state: Float32Array;
+  readonly #past: { motion: Motion; isLive: boolean; time: number }[] = [];
+
+  constructor(
+    readonly emulator: Emulator,
+    readonly facts: Bundle,
+  ) {
+    this.#structure = { rates: facts.rates, orientations: facts.orientations };
+    this.#state = new Float32Array(facts.rest.length);
+    this.motion = this.motionFrom(facts.default_motion.start, facts.default_motion.controls.flat());
+  }
+
+  /** Return the motion from a state (S) under controls (T * C), by the emulator. */
+  motionFrom(start: ArrayLike<number>, controls: ArrayLike<number>): Motion {
+    const controlSize = this.emulator.sizes.control;
+    const stateSize = this.emulator.sizes.state;
+    const motion = new Motion(this.facts.dt, stateSize, controlSize, this.#structure, start);
+    const flat = Float32Array.from(controls);
+    const states = this.emulator.rollout(start, flat);
+    for (let step = 0; step < flat.length / controlSize; step++) {
+      const control = flat.subarray(step * controlSize, (step + 1) * controlSize);
+      const isCovered = this.emulator.covers(motion.state(step), control);
+      motion.push(control, states.subarray((step + 1) * stateSize, (step + 2) * stateSize), isCovered);
+    }
+    return motion;
+  }
+
+  /** Show another motion from its start. */
+  show(motion: Motion, isLive = false): void {
+    this.#remember();
+    this.motion = motion;
+    this.isLive = isLive;
+    this.time = 0;
+    this.onEvent("motion");
+  }
+
+  /** Show the system's default motion. */
+  showDefault(): void {
+    const { start, controls } = this.facts.default_motion;
+    this.show(this.motionFrom(start, controls.flat()));
+  }
+
+  /** Bring back the motion shown before. */
+  undo(): boolean {
+    const past = this.#past.pop();
+    if (!past) {
+      return false;
+    }
+    this.motion = past.motion;
+    this.isLive = past.isLive;
+    this.time = Math.min(past.time, past.motion.duration);
+    this.onEvent("motion");
+    return true;
+  }
+
+  /** Go on live from where the playhead stands: what came after it is forgotten, though `undo` brings it back. */
+  goLive(): void {
+    const steps = Math.min(Math.ceil(this.time / this.motion.dt), this.motion.steps);
+    if (this.isLive && steps === this.motion.steps) {
+      return;
+    }
+    this.#remember();
+    this.motion = this.motion.upTo(steps);
+    this.isLive = true;
+    this.onEvent("motion");
+  }
+
+  /** Begin a live motion from a state (S). */
+  restart(state: ArrayLike<number>): void {
+    this.show(this.motionFrom(state, []), true);
+  }
+
+  /** Begin anew where the motion has come to, so that physics beside it begins there too; `undo` brings the past back. */
+  rebase(): void {
+    const { motion } = this;
+    this.#remember();
+    this.motion = this.motionFrom(motion.state(motion.steps), []);
+    this.time = Math.max(this.time - motion.duration, 0);
+    this.onEvent("motion");
+  }
+
+  /** Move the playhead [s]. */
+  seek(time: number): void {
+    this.time = Math.min(Math.max(time, 0), this.motion.duration);
+  }
+
+  /** Move the playhead by whole super steps and stop there. */
+  stepBy(steps: number): void {
+    this.isPlaying = false;
+    const position = Math.round(this.time / this.motion.dt) + steps;
+    if (position > this.motion.steps && this.isLive) {
+      this.#superStep();
+    }
+    this.seek(position * this.motion.dt);
+  }
+
+  /** Let `seconds` of real time go by. */
+  advance(seconds: number): void {
+    let worked = 0;
+    if (this.isPlaying) {
+      const share = Math.min(seconds, MAX_BACKLOG) * this.speed;
+      this.time += share;
+      const before = performance.now();
+      while (this.isPlaying && this.isLive && this.time > this.motion.duration) {
+        this.#superStep();
+      }
+      worked = performance.now() - before;
+      if (!this.isLive && this.time > this.motion.duration) {
+        this.time = this.motion.duration > 0 ? this.time % this.motion.duration : 0;
+        this.onEvent("ended");
+      }
+    }
+    this.workPerImage += 0.05 * (worked - this.workPerImage);
+  }
+
+  /** Return the state (S) at the playhead, as a view that the next call changes. */
+  state(): Float32Array {
+    this.motion.sample(this.time, this.#state);
+    return this.#state;
+  }
+
+  /** The super step in which the playhead stands. */
+  get step(): number {
+    return Math.max(0, Math.min(Math.floor(this.time / this.motion.dt), this.motion.steps - 1));
+  }
+
+  #superStep(): void {
+    const { motion } = this;
+    const state = motion.state(motion.steps);
+    this.force?.(state);
+    const control = this.pilot ? this.pilot.control(state, motion.steps) : this.#middle();
+    const next = this.emulator.step(state, control);
+    if (!next.every(Number.isFinite)) {
+      this.isPlaying = false;
+      this.time = motion.duration;
+      this.onEvent("lost");
+      return;
+    }
+    motion.push(control, next, this.emulator.covers(state, control));
+    if (motion.duration > MAX_SECONDS) {
+      this.rebase();
+    }
+  }
+
+  #middle(): number[] {
+    return this.facts.control_low.map((low, i) => (low + this.facts.control_high[i]!) / 2);
+  }
+
+  #remember(): void {
+    this.#past.push({ motion: this.motion, isLive: this.isLive, time: this.time });
+    if (this.#past.length > MAX_UNDO) {
+      this.#past.shift();
+    }
+  }
+}

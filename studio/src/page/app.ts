@@ -1,0 +1,616 @@
+// The page: what is where, and who is told what.
+
+import type { CatalogueEntry } from "../bundle/catalogue";
+import { bundleFolder, loadCatalogue, type Catalogue } from "../bundle/catalogue";
+import { controlPanel, steerPanel, type Panel } from "../panels/controls";
+import { makeHelp } from "../panels/help";
+import { MeasurePanel, trustAt } from "../panels/measure";
+import { Picker } from "../panels/picker";
+import { takePanel } from "../panels/take";
+import { Timeline } from "../panels/timeline";
+import { Stage } from "../scene/stage";
+import { makePathLine, makeTarget, TARGET_COLOUR, type PathLine, type TargetHandle } from "../scene/handle";
+import type { Grip } from "../scene/world";
+import { Live } from "../server/live";
+import { Twin } from "../server/twin";
+import { clamp } from "../steering/pilots";
+import { push } from "../steering/push";
+import { makeSynthesis, type Synthesis } from "../synthesis/synthesis";
+import { Banners } from "./banner";
+import { button, element, panel, shortNumber } from "./dom";
+import { Keyboard } from "./keyboard";
+import { Session } from "./session";
+import { followTheme, isDark, isMotionReduced, toggleTheme } from "./theme";
+
+/** A pull moves the point so far toward the pointer in a second, per distance [1/s]. */
+const PULL = 3.5;
+
+/** Trust below which a banner says that the emulator is lost. */
+const LOST = 0.35;
+
+/** Keys change speed by so much of the fastest in a second. */
+const SPEED_CHANGE = 0.7;
+
+/** A key held turns and climbs so far at a time [rad]. */
+const KEY_TURN = 0.8;
+const KEY_CLIMB = 0.5;
+
+export class App {
+  readonly #page = new URL("./", document.baseURI);
+  readonly #banners = new Banners();
+  readonly #canvas = element("canvas");
+  readonly #stageBox: HTMLElement;
+  readonly #side = element("aside", "side");
+  readonly #help = makeHelp();
+  readonly #picker: Picker;
+  readonly #keyboard: Keyboard;
+  readonly #trustChip = element("span", "chip trust", ["covered by training"]);
+  readonly #gapChip = element("span", "chip ghost");
+  readonly #modeChip = element("span", "chip");
+  readonly #cameraButton: HTMLButtonElement;
+  #stage: Stage | null = null;
+  #live: Live | null = null;
+  #session: Session | null = null;
+  #timeline: Timeline | null = null;
+  #twin: Twin | null = null;
+  #measure: MeasurePanel | null = null;
+  #panels: Panel[] = [];
+  #synthesis: Synthesis | null = null;
+  #target: TargetHandle | null = null;
+  #pullLine: PathLine | null = null;
+  #grip: { what: "body" | "target" | "synthesis"; bone: number; point: [number, number, number] } | null = null;
+  #dragged: [number, number, number] | null = null;
+  #entries: CatalogueEntry[] = [];
+  #opening = 0;
+  #last = performance.now();
+  #sceneTime = 0;
+
+  constructor() {
+    this.#picker = new Picker((entry) => void this.open(entry));
+    this.#cameraButton = button({ label: "Follow", title: "Camera: follow, chase, stay (C)", onClick: () => this.#nextCamera() });
+    this.#keyboard = new Keyboard(this.#actions());
+    this.#canvas.tabIndex = 0;
+    this.#canvas.setAttribute("aria-label", "The stage");
+    const hud = element("div", "hud", [this.#modeChip, this.#trustChip, this.#gapChip]);
+    this.#stageBox = element("main", "stage", [this.#canvas, hud, this.#banners.element]);
+    this.#gapChip.hidden = true;
+    document.body.append(this.#bar(), this.#stageBox, this.#side, this.#help);
+    followTheme(() => this.#redecorate());
+  }
+
+  /** Load the catalogue and show the first system. */
+  async start(): Promise<void> {
+    try {
+      this.#stage = new Stage(this.#canvas);
+    } catch {
+      this.#banners.say("webgl", "This browser shows no WebGL: switch on hardware acceleration, or open the page in another browser.", "error");
+      return;
+    }
+    this.#listen(this.#stage);
+    let catalogue: Catalogue;
+    try {
+      catalogue = await loadCatalogue(this.#page);
+    } catch (error) {
+      this.#banners.say("load", `The list of systems did not come: ${lineOf(error)}. Reload the page; is the server running?`, "error");
+      return;
+    }
+    this.#entries = [...catalogue.entries];
+    this.#entries.forEach((entry) => this.#picker.add(entry));
+    if (catalogue.has_server) {
+      this.#connect();
+    }
+    const wanted = new URLSearchParams(location.search).get("show");
+    const first = this.#entries.find((entry) => entry.id === wanted) ?? this.#entries.find((entry) => entry.system === "fish") ?? this.#entries[0];
+    if (first) {
+      await this.open(first);
+    }
+    this.#stage.renderer.setAnimationLoop(() => this.#image());
+  }
+
+  /** Put a system on the stage; the one before stays until it is there. */
+  async open(entry: CatalogueEntry): Promise<void> {
+    const stage = this.#stage;
+    if (!stage) {
+      return;
+    }
+    const opening = ++this.#opening;
+    this.#picker.select(entry.id);
+    let session: Session;
+    const previous = this.#session;
+    try {
+      session = await Session.open(entry, this.#page, stage, isDark());
+    } catch (error) {
+      this.#banners.say("load", `${entry.id} was not loaded: ${lineOf(error)}`, "error");
+      if (previous) {
+        this.#picker.select(previous.entry.id);
+      }
+      return;
+    }
+    if (opening !== this.#opening) {
+      session.dispose();
+      return;
+    }
+    this.#close(previous);
+    this.#session = session;
+    session.player.onEvent = (event) => this.#happened(event);
+    session.player.isPlaying = !isMotionReduced();
+    this.#twin = this.#live && session.facts.can_simulate !== false ? new Twin(this.#live, session.facts) : null;
+    if (this.#twin) {
+      this.#twin.onError = (line) => this.#banners.say("physics", `No physics beside it: ${line}`, "warning");
+    }
+    this.#furnish(session);
+    this.#remember(entry);
+  }
+
+  #remember(entry: CatalogueEntry): void {
+    const address = new URL(location.href);
+    address.searchParams.set("show", entry.id);
+    history.replaceState(null, "", address);
+    document.title = `${entry.id} – NeuroAnimator Studio`;
+  }
+
+  #close(session: Session | null): void {
+    this.#banners.clear("load");
+    this.#banners.clear("lost");
+    this.#banners.clear("physics");
+    this.#synthesis?.dispose();
+    this.#synthesis = null;
+    this.#target?.dispose();
+    this.#target = null;
+    this.#pullLine?.dispose();
+    this.#pullLine = null;
+    this.#grip = null;
+    session?.dispose();
+  }
+
+  // The panels and the timeline of a system.
+  #furnish(session: Session): void {
+    const goLive = (): void => this.#goLive();
+    const steer = steerPanel(session, goLive, () => this.#toggleTarget());
+    this.#measure = new MeasurePanel(session, this.#twin, () => this.#toggleGhost());
+    const goal = panel("Reach a goal", steer === null);
+    this.#panels = [
+      ...(steer ? [steer] : []),
+      { element: goal.details, update: () => undefined },
+      controlPanel(session, goLive),
+      this.#measure,
+      takePanel(session, this.#live, this.#banners),
+    ];
+    const about = element("div", "about", [
+      element("h1", "", [session.facts.id]),
+      element("p", "", [session.facts.about]),
+    ]);
+    this.#side.replaceChildren(about, ...this.#panels.map((one) => one.element));
+    this.#side.scrollTop = 0;
+    this.#synthesis = makeSynthesis({
+      bundle: session.bundle,
+      emulator: session.emulator,
+      player: session.player,
+      world: session.world,
+      live: this.#live,
+      banners: this.#banners,
+      body: goal.body,
+    });
+    if (this.#timeline) {
+      this.#timeline.follow(session.player);
+    } else {
+      this.#timeline = new Timeline(session.player, goLive);
+      document.body.append(this.#timeline.element);
+    }
+    this.#cameraButton.textContent = "Follow";
+  }
+
+  #bar(): HTMLElement {
+    const brand = element("div", "brand", ["NeuroAnimator ", element("span", "", ["Studio"])]);
+    const side = button({ label: "☰", title: "Panels", className: "side-toggle", onClick: () => document.body.classList.toggle("with-side") });
+    const theme = button({ label: "◐", title: "Light or dark", onClick: () => this.#toggleTheme() });
+    const help = button({ label: "?", title: "Help (?)", onClick: () => this.#help.showModal() });
+    const tools = element("div", "tools", [this.#cameraButton, theme, help, side]);
+    return element("header", "bar", [brand, this.#picker.element, tools]);
+  }
+
+  #actions(): Record<string, () => void> {
+    const withPlayer = (act: (player: Session["player"]) => void) => () => {
+      if (this.#session) {
+        act(this.#session.player);
+      }
+    };
+    const withCamera = (act: (camera: Session["world"]["camera"]) => void) => () => {
+      if (this.#session) {
+        act(this.#session.world.camera);
+      }
+    };
+    const picks = Array.from({ length: 9 }, (_, i) => [String(i + 1), () => this.#pick(i)] as const);
+    return {
+      ...Object.fromEntries(picks),
+      " ": () => this.#timeline?.toggle(),
+      ",": withPlayer((player) => player.stepBy(-1)),
+      ".": withPlayer((player) => player.stepBy(1)),
+      Home: withPlayer((player) => player.seek(0)),
+      End: withPlayer((player) => player.seek(player.motion.duration)),
+      "[": () => this.#timeline?.changeSpeed(-1),
+      "]": () => this.#timeline?.changeSpeed(1),
+      l: () => this.#goLive(),
+      r: withPlayer((player) => this.#restart(player)),
+      g: () => this.#toggleGhost(),
+      t: () => this.#toggleTarget(),
+      c: () => this.#nextCamera(),
+      h: () => this.#session?.world.home(),
+      "Shift+ArrowLeft": withCamera((camera) => camera.keyTurn(1, 0)),
+      "Shift+ArrowRight": withCamera((camera) => camera.keyTurn(-1, 0)),
+      "Shift+ArrowUp": withCamera((camera) => camera.keyTurn(0, 1)),
+      "Shift+ArrowDown": withCamera((camera) => camera.keyTurn(0, -1)),
+      "+": withCamera((camera) => camera.keyZoom(true)),
+      "=": withCamera((camera) => camera.keyZoom(true)),
+      "-": withCamera((camera) => camera.keyZoom(false)),
+      "Ctrl+z": withPlayer((player) => player.undo() || this.#banners.tell("Nothing to undo.")),
+      "?": () => this.#help.showModal(),
+    };
+  }
+
+  #pick(number: number): void {
+    const entry = this.#entries[number];
+    if (entry) {
+      void this.open(entry);
+    }
+  }
+
+  #restart(player: Session["player"]): void {
+    player.restart(player.motion.state(0));
+    player.isPlaying = true;
+  }
+
+  #goLive(): void {
+    const player = this.#session?.player;
+    if (player) {
+      player.goLive();
+      player.isPlaying = true;
+    }
+  }
+
+  #nextCamera(): void {
+    const mode = this.#session?.world.camera.nextMode();
+    if (mode) {
+      this.#cameraButton.textContent = { follow: "Follow", chase: "Chase", orbit: "Stay" }[mode];
+    }
+  }
+
+  #toggleTheme(): void {
+    toggleTheme();
+    this.#redecorate();
+  }
+
+  // Only the studio floor has other colours in the dark; the sea is the same at all times.
+  #redecorate(): void {
+    if (this.#session?.facts.scene.kind === "plain") {
+      const entry = this.#session.entry;
+      void this.open(entry);
+    }
+  }
+
+  #toggleGhost(): void {
+    if (!this.#twin) {
+      this.#banners.tell("Physics beside the emulator needs the server: run 'neuroanimator studio'.", "warning");
+      return;
+    }
+    this.#twin.isOn = !this.#twin.isOn;
+  }
+
+  // A target in front of the swimmer, and off again.
+  #toggleTarget(): void {
+    const session = this.#session;
+    const pilot = session?.swimmer;
+    if (!session || !pilot) {
+      this.#banners.tell("This system has no policy that swims to a target; use 'Reach a goal'.");
+      return;
+    }
+    if (this.#target) {
+      session.world.remove(this.#target.object);
+      this.#target.dispose();
+      this.#target = null;
+      pilot.target = null;
+      return;
+    }
+    const { world } = session;
+    this.#target = makeTarget(world.size);
+    this.#target.moveTo(world.ahead(2.2, 0.9));
+    world.add(this.#target.object);
+    pilot.target = this.#target.place;
+    session.player.pilot = pilot;
+    this.#goLive();
+  }
+
+  #connect(): void {
+    this.#live = new Live(this.#page);
+    this.#live.onState = (isOpen) => {
+      if (isOpen) {
+        this.#banners.clear("server");
+      } else {
+        this.#banners.say("server", "The server does not answer; the emulator goes on without it. Start it again with 'neuroanimator studio'.", "warning");
+      }
+    };
+    this.#live.connect();
+  }
+
+  #listen(stage: Stage): void {
+    new ResizeObserver(() => stage.resize()).observe(this.#stageBox);
+    this.#canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault();
+      this.#banners.say("webgl", "The graphics card was lost; the picture comes back by itself, or reload the page.", "warning");
+    });
+    this.#canvas.addEventListener("webglcontextrestored", () => this.#banners.clear("webgl"));
+    // Before the camera's own listeners: what takes hold of a body does not turn the camera.
+    this.#canvas.addEventListener("pointerdown", (event) => this.#grab(event), { capture: true });
+    this.#canvas.addEventListener("pointermove", (event) => this.#drag(event));
+    this.#canvas.addEventListener("pointerup", () => this.#release());
+    this.#canvas.addEventListener("pointercancel", () => this.#release());
+    document.addEventListener("dragover", (event) => {
+      event.preventDefault();
+      document.body.classList.add("dropping");
+    });
+    document.addEventListener("dragleave", (event) => {
+      if (event.relatedTarget === null) {
+        document.body.classList.remove("dropping");
+      }
+    });
+    document.addEventListener("drop", (event) => {
+      event.preventDefault();
+      document.body.classList.remove("dropping");
+      const file = event.dataTransfer?.files[0];
+      if (file) {
+        void this.#upload(file);
+      }
+    });
+    document.addEventListener("visibilitychange", () => (this.#last = performance.now()));
+  }
+
+  async #upload(file: File): Promise<void> {
+    if (!this.#live) {
+      this.#banners.say("upload", "A file of your own needs the server, which checks it and makes it run here: run 'neuroanimator studio'.", "warning");
+      return;
+    }
+    this.#banners.say("upload", `Reading ${file.name} …`);
+    try {
+      const answer = await this.#live.post("api/emulators", file, "application/octet-stream");
+      const id = String(answer["id"]);
+      const catalogue = await loadCatalogue(this.#page);
+      const entry = catalogue.entries.find((one) => one.id === id) ?? { id, system: id, about: file.name, bundle: `bundles/${encodeURIComponent(id)}/` };
+      bundleFolder(entry, this.#page);
+      this.#entries.push(entry);
+      this.#picker.add(entry);
+      this.#banners.clear("upload");
+      await this.open(entry);
+    } catch (error) {
+      this.#banners.say("upload", `${file.name}: ${lineOf(error)}`, "error");
+    }
+  }
+
+  #pointer(event: PointerEvent): [number, number] {
+    const box = this.#canvas.getBoundingClientRect();
+    return [(2 * (event.clientX - box.left)) / box.width - 1, 1 - (2 * (event.clientY - box.top)) / box.height];
+  }
+
+  #grab(event: PointerEvent): void {
+    const session = this.#session;
+    if (!session || event.button !== 0 || !event.isPrimary) {
+      return;
+    }
+    const [x, y] = this.#pointer(event);
+    const isSynthesis = this.#synthesis?.grab(x, y) ?? false;
+    const isTarget = !isSynthesis && this.#target !== null && session.world.isNear(x, y, this.#target.place);
+    let grip: Grip | null = null;
+    if (!isSynthesis && !isTarget) {
+      grip = session.world.pick(x, y);
+    }
+    if (!isSynthesis && !isTarget && !grip) {
+      return;
+    }
+    event.stopImmediatePropagation();
+    this.#canvas.setPointerCapture(event.pointerId);
+    this.#canvas.classList.add("pushing");
+    session.world.camera.controls.enabled = false;
+    if (isSynthesis) {
+      this.#grip = { what: "synthesis", bone: -1, point: [0, 0, 0] };
+    } else if (isTarget) {
+      this.#grip = { what: "target", bone: -1, point: this.#target!.place };
+    } else {
+      this.#grip = { what: "body", ...grip! };
+      this.#beginPull(session, grip!);
+    }
+  }
+
+  #beginPull(session: Session, grip: Grip): void {
+    this.#dragged = grip.point;
+    this.#pullLine = makePathLine(TARGET_COLOUR, 0.9, 2);
+    session.world.add(this.#pullLine.object);
+    session.player.force = (state) => {
+      const goal = this.#dragged;
+      if (goal) {
+        const point = session.world.bonePoint(grip.bone);
+        const change = goal.map((value, axis) => PULL * (value - point[axis]!) * session.facts.dt * 4);
+        push(session.facts, state, grip.bone, [0, 0, 0], change);
+      }
+    };
+  }
+
+  #drag(event: PointerEvent): void {
+    const session = this.#session;
+    if (!session || !this.#grip) {
+      return;
+    }
+    const [x, y] = this.#pointer(event);
+    if (this.#grip.what === "synthesis") {
+      this.#synthesis?.drag(x, y);
+      return;
+    }
+    const place = session.world.dragPoint(x, y, this.#grip.point, this.#grip.what === "target" && event.shiftKey);
+    if (!place) {
+      return;
+    }
+    if (this.#grip.what === "target") {
+      this.#target!.moveTo(place);
+    } else {
+      this.#dragged = place;
+      if (!session.player.isLive) {
+        this.#goLive();
+      }
+      session.player.isPlaying = true;
+    }
+  }
+
+  #release(): void {
+    const session = this.#session;
+    if (!session || !this.#grip) {
+      return;
+    }
+    if (this.#grip.what === "synthesis") {
+      this.#synthesis?.release();
+    } else if (this.#grip.what === "body") {
+      session.player.force = null;
+      session.world.remove(this.#pullLine!.object);
+      this.#pullLine!.dispose();
+      this.#pullLine = null;
+      if (session.player.isLive) {
+        session.player.rebase();
+      }
+    }
+    this.#grip = null;
+    this.#dragged = null;
+    this.#canvas.classList.remove("pushing");
+    session.world.camera.controls.enabled = true;
+  }
+
+  #happened(event: string): void {
+    if (event === "lost") {
+      this.#banners.say("lost", "The emulator is lost: its state is no number any more. The last good pose stays; press R to begin again, or Ctrl+Z to go back.", "error");
+    } else if (event === "motion") {
+      this.#banners.clear("lost");
+    }
+  }
+
+  #image(): void {
+    const now = performance.now();
+    const seconds = Math.min((now - this.#last) / 1000, 1);
+    this.#last = now;
+    const session = this.#session;
+    if (!session) {
+      return;
+    }
+    this.#steer(session, seconds);
+    const { player, world } = session;
+    player.advance(seconds);
+    if (!isMotionReduced()) {
+      this.#sceneTime += seconds * (player.isPlaying ? player.speed : 0.4);
+    }
+    if (!world.show(player.state())) {
+      player.isPlaying = false;
+      this.#happened("lost");
+    }
+    this.#showPhysics(session);
+    this.#showTrust(session);
+    this.#synthesis?.update(seconds);
+    if (this.#pullLine && this.#grip && this.#dragged) {
+      this.#pullLine.show([...world.bonePoint(this.#grip.bone), ...this.#dragged]);
+    }
+    world.draw(seconds, this.#sceneTime, this.#controlShares(session));
+    this.#timeline?.update(seconds);
+    this.#panels.forEach((one) => one.update());
+  }
+
+  // What keys held down say.
+  #steer(session: Session, seconds: number): void {
+    const { held } = this.#keyboard;
+    const axis = (more: string, less: string): number => Number(held.has(more)) - Number(held.has(less));
+    const forward = axis("ArrowUp", "ArrowDown");
+    const left = axis("ArrowLeft", "ArrowRight");
+    const up = axis("PageUp", "PageDown");
+    const isSteering = held.size > 0;
+    const pilot = session.swimmer;
+    if (pilot) {
+      if (isSteering && this.#target) {
+        this.#toggleTarget();
+      }
+      if (isSteering || this.#wasSteering) {
+        session.player.pilot = pilot;
+        pilot.command.speed = clamp(pilot.command.speed + forward * SPEED_CHANGE * pilot.maxSpeed * seconds, 0, pilot.maxSpeed);
+        pilot.command.turn = KEY_TURN * left;
+        pilot.command.climb = KEY_CLIMB * up;
+      }
+    } else if (isSteering || this.#wasSteering) {
+      const { sliders, facts } = session;
+      session.player.pilot = sliders;
+      [forward, left, up].forEach((share, i) => {
+        if (i < sliders.values.length) {
+          const middle = clamp(0, facts.control_low[i]!, facts.control_high[i]!);
+          sliders.values[i] = middle + (share > 0 ? share * (facts.control_high[i]! - middle) : -share * (facts.control_low[i]! - middle));
+        }
+      });
+    }
+    if (isSteering && !this.#wasSteering) {
+      this.#goLive();
+    }
+    this.#wasSteering = isSteering;
+  }
+  #wasSteering = false;
+
+  #showPhysics(session: Session): void {
+    const twin = this.#twin;
+    const { player, world } = session;
+    twin?.follow(player.motion, player.isLive && player.isPlaying);
+    const physics = twin?.isOn ? twin.motion : null;
+    if (physics) {
+      physics.sample(player.time, this.#ghostState(session));
+      world.showGhost(physics.duration + physics.dt > player.time ? this.#ghostState(session) : null);
+    } else {
+      world.showGhost(null);
+    }
+    const gap = this.#measure?.gap ?? null;
+    this.#gapChip.hidden = gap === null;
+    if (gap !== null) {
+      setText(this.#gapChip, `physics: gap ${shortNumber(100 * gap)} cm`);
+    }
+  }
+
+  #ghostBuffer = new Float32Array();
+
+  #ghostState(session: Session): Float32Array {
+    if (this.#ghostBuffer.length !== session.facts.rest.length) {
+      this.#ghostBuffer = new Float32Array(session.facts.rest.length);
+    }
+    return this.#ghostBuffer;
+  }
+
+  #showTrust(session: Session): void {
+    const { player, world } = session;
+    const trust = trustAt(player.motion, player.step);
+    world.doubt = clamp(1.4 * (1 - trust), 0, 1);
+    const percent = Math.round(100 * trust);
+    setText(this.#trustChip, trust === 1 ? "covered by training" : `${percent} % covered by training`);
+    this.#trustChip.classList.toggle("doubt", trust < 1);
+    setText(this.#modeChip, player.isLive ? "live" : "recorded");
+    if (trust < LOST) {
+      this.#banners.say("trust", "Training has not covered this: do not believe the emulator here. Press R to begin again, or Ctrl+Z to go back.", "warning");
+    } else if (trust > 0.8) {
+      this.#banners.clear("trust");
+    }
+  }
+
+  #controlShares(session: Session): number[] {
+    const { motion, step } = session.player;
+    if (motion.steps === 0) {
+      return [];
+    }
+    const { control_low: low, control_high: high } = session.facts;
+    return Array.from(motion.control(step), (value, i) => (value - low[i]!) / (high[i]! - low[i]!));
+  }
+}
+
+function setText(node: HTMLElement, text: string): void {
+  if (node.textContent !== text) {
+    node.textContent = text;
+  }
+}
+
+function lineOf(error: unknown): string {
+  return error instanceof Error ? error.message : String(error);
+}

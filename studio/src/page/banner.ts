@@ -1,0 +1,47 @@
+// Lines that say what happened and what to do: they stay until they are no longer true or are closed.
+
+import { button, element } from "./dom";
+
+export type Severity = "info" | "warning" | "error";
+
+export class Banners {
+  readonly element = element("div", "banners");
+  readonly #lines = new Map<string, { row: HTMLElement; text: HTMLElement }>();
+
+  constructor() {
+    this.element.setAttribute("role", "status");
+    this.element.setAttribute("aria-live", "polite");
+  }
+
+  /** Say a line about `topic`; another one about it takes its place. */
+  say(topic: string, line: string, severity: Severity = "info"): void {
+    const present = this.#lines.get(topic);
+    if (present) {
+      present.row.className = `banner ${severity}`;
+      if (present.text.textContent !== line) {
+        present.text.textContent = line;
+      }
+      return;
+    }
+    const text = element("span", "", [line]);
+    const close = button({ label: "×", title: "Close this message", onClick: () => this.clear(topic) });
+    const row = element("div", `banner ${severity}`, [text, close]);
+    this.#lines.set(topic, { row, text });
+    this.element.append(row);
+  }
+
+  /** Say a line that goes away by itself. */
+  tell(line: string, severity: Severity = "info"): void {
+    this.say("passing", line, severity);
+    setTimeout(() => {
+      if (this.#lines.get("passing")?.text.textContent === line) {
+        this.clear("passing");
+      }
+    }, 5000);
+  }
+
+  clear(topic: string): void {
+    this.#lines.get(topic)?.row.remove();
+    this.#lines.delete(topic);
+  }
+}

@@ -1,0 +1,83 @@
+// One system on the stage: its emulator, its player, its world, and what steers it.
+
+import { loadBundle, type Bundle, type LoadedBundle } from "../bundle/bundle";
+import { bundleFolder, type CatalogueEntry } from "../bundle/catalogue";
+import { sizeOf } from "../bundle/layout";
+import { Emulator } from "../emulator/emulator";
+import { fetchModule } from "../emulator/instance";
+import { Policy } from "../emulator/policy";
+import { Player } from "../motion/player";
+import { World } from "../scene/world";
+import type { Stage } from "../scene/stage";
+import { PolicyPilot, SliderPilot } from "../steering/pilots";
+
+/** Super steps made to measure how quick the emulator is. */
+const TIMED_STEPS = 200;
+
+export class Session {
+  readonly player: Player;
+  readonly sliders: SliderPilot;
+  readonly swimmer: PolicyPilot | null;
+  /** What the emulator needs for a super step [s], measured when it was loaded. */
+  readonly secondsPerStep: number;
+  world: World;
+
+  private constructor(
+    readonly entry: CatalogueEntry,
+    readonly bundle: LoadedBundle,
+    readonly emulator: Emulator,
+    policy: Policy | null,
+    private readonly stage: Stage,
+    isDark: boolean,
+  ) {
+    const facts = bundle.facts;
+    this.player = new Player(emulator, facts);
+    this.sliders = new SliderPilot(facts);
+    this.swimmer = policy && new PolicyPilot(policy, facts);
+    this.player.pilot = this.swimmer ?? this.sliders;
+    this.secondsPerStep = timeSteps(emulator, facts);
+    this.world = new World(stage, facts, this.player.motion.state(0), isDark);
+  }
+
+  /** Load an emulator; the error is one clear line. */
+  static async open(entry: CatalogueEntry, page: URL, stage: Stage, isDark: boolean): Promise<Session> {
+    const bundle = await loadBundle(bundleFolder(entry, page));
+    const { facts, folder } = bundle;
+    const state = sizeOf(facts.state);
+    const control = sizeOf(facts.control);
+    const sizes = { state, control, latent: facts.latent };
+    const [emulatorModule, policyModule] = await Promise.all([
+      fetchModule(new URL(facts.emulator, folder)),
+      facts.policy ? fetchModule(new URL(facts.policy.wasm, folder)) : null,
+    ]);
+    const emulator = await Emulator.start(emulatorModule, sizes);
+    const policy = policyModule && (await Policy.start(policyModule, state, control));
+    return new Session(entry, bundle, emulator, policy, stage, isDark);
+  }
+
+  get facts(): Bundle {
+    return this.bundle.facts;
+  }
+
+  /** Make the scene anew, in other colours. */
+  redecorate(isDark: boolean): void {
+    this.world.dispose();
+    this.world = new World(this.stage, this.facts, this.player.state(), isDark);
+  }
+
+  dispose(): void {
+    this.world.dispose();
+  }
+}
+
+function timeSteps(emulator: Emulator, facts: Bundle): number {
+  const control = facts.default_motion.controls[0] ?? facts.control_low;
+  const controls = new Float32Array(TIMED_STEPS * control.length);
+  for (let step = 0; step < TIMED_STEPS; step++) {
+    controls.set(control, step * control.length);
+  }
+  emulator.rollout(facts.rest, controls);
+  const before = performance.now();
+  emulator.rollout(facts.rest, controls);
+  return (performance.now() - before) / 1000 / TIMED_STEPS;
+}

@@ -1,0 +1,125 @@
+// Sliders: what the muscles, motors or jets do, number by number; or what a swimmer is told.
+
+import { labelsOf } from "../bundle/layout";
+import { button, element, panel, slider, type Slider } from "../page/dom";
+import type { Session } from "../page/session";
+import { neutralControl } from "../steering/pilots";
+
+/** A swimmer is told to turn and climb at most so far at a time [rad]. */
+const MAX_TURN = 1;
+const MAX_CLIMB = 0.8;
+
+export interface Panel {
+  readonly element: HTMLElement;
+  update(): void;
+}
+
+/** Sliders of what a swimmer is told: speed, turn, climb. */
+export function steerPanel(session: Session, goLive: () => void, onTarget: () => void): Panel | null {
+  const pilot = session.swimmer;
+  if (!pilot) {
+    return null;
+  }
+  const { details, body } = panel("Steer", true);
+  const { command } = pilot;
+  const take = (set: (value: number) => void) => (value: number) => {
+    session.player.pilot = pilot;
+    set(value);
+    goLive();
+  };
+  const speed = slider({
+    label: "speed",
+    unit: "m/s",
+    low: 0,
+    high: pilot.maxSpeed,
+    value: command.speed,
+    onInput: take((value) => (command.speed = value)),
+  });
+  const turn = slider({
+    label: "turn left",
+    unit: "rad",
+    low: -MAX_TURN,
+    high: MAX_TURN,
+    value: 0,
+    onInput: take((value) => (command.turn = value)),
+  });
+  const climb = slider({
+    label: "climb",
+    unit: "rad",
+    low: -MAX_CLIMB,
+    high: MAX_CLIMB,
+    value: 0,
+    onInput: take((value) => (command.climb = value)),
+  });
+  const target = button({ label: "Swim to the target", title: "Show a target and swim to it (T)", onClick: onTarget });
+  body.append(
+    element("p", "", ["Arrow keys steer, Page Up and Page Down climb and dive. Drag the body to push it."]),
+    speed.row,
+    turn.row,
+    climb.row,
+    element("div", "row", [target]),
+  );
+  return {
+    element: details,
+    update() {
+      speed.value = command.speed;
+      turn.value = command.turn;
+      climb.value = command.climb;
+      const hasTarget = pilot.target !== null;
+      target.setAttribute("aria-pressed", String(hasTarget));
+    },
+  };
+}
+
+/** Sliders of the controls themselves. */
+export function controlPanel(session: Session, goLive: () => void): Panel {
+  const { facts, sliders: pilot, player } = session;
+  const { details, body } = panel("Controls", session.swimmer === null);
+  const labels = labelsOf(facts.control);
+  const units = facts.control.flatMap(([, size, unit]) => new Array<string>(size).fill(unit === "1" ? "" : unit));
+  const rows: Slider[] = labels.map((label, i) =>
+    slider({
+      label: label.replaceAll("_", " "),
+      unit: units[i]!,
+      low: facts.control_low[i]!,
+      high: facts.control_high[i]!,
+      value: pilot.values[i]!,
+      onInput(value) {
+        takeOver();
+        pilot.values[i] = value;
+        goLive();
+      },
+    }),
+  );
+  const takeOver = (): void => {
+    if (player.pilot !== pilot) {
+      pilot.values.splice(0, pilot.values.length, ...neutralControl(facts));
+      player.pilot = pilot;
+    }
+  };
+  const neutral = button({
+    label: "Let go",
+    title: "All controls to none",
+    onClick() {
+      player.pilot = pilot;
+      pilot.values.splice(0, pilot.values.length, ...neutralControl(facts));
+      goLive();
+    },
+  });
+  body.append(
+    element("p", "", ["Move a slider and the emulator goes on live from where the playhead stands."]),
+    ...rows.map((row) => row.row),
+    element("div", "row", [neutral]),
+  );
+  return {
+    element: details,
+    update() {
+      if (!details.open || player.motion.steps === 0) {
+        return;
+      }
+      const isSteering = player.isLive && player.pilot === pilot;
+      const shown = isSteering ? pilot.values : player.motion.control(player.step);
+      rows.forEach((row, i) => (row.value = shown[i]!));
+    },
+  };
+}

@@ -1,0 +1,55 @@
+// Help on `?`: every key and what the mouse does.
+
+import { button, element } from "../page/dom";
+
+const KEYS: readonly (readonly [keys: string, does: string])[] = [
+  ["Space", "play or pause"],
+  [",  .", "one super step back, on"],
+  ["Home  End", "to the start, to the end"],
+  ["[  ]", "slower, faster"],
+  ["L", "live: the emulator goes on from where the playhead stands"],
+  ["R", "live from the start"],
+  ["↑ ↓ ← →", "steer a swimmer: faster, slower, left, right; other systems: the first two controls"],
+  ["Page Up  Page Down", "steer a swimmer: climb, dive"],
+  ["G", "physics beside the emulator, as a ghost"],
+  ["T", "target: swim to it, drag it"],
+  ["C", "camera: follow, chase, stay"],
+  ["H", "camera: back to where it began"],
+  ["Shift + arrows", "turn the camera"],
+  ["+  −", "nearer, further"],
+  ["Ctrl + Z", "undo: the motion shown before"],
+  ["1 … 9", "choose a system"],
+  ["?", "this help"],
+];
+
+const MOUSE: readonly (readonly [keys: string, does: string])[] = [
+  ["Drag the background", "turn the camera; with the right button move it; wheel: nearer, further"],
+  ["Drag the body", "push it"],
+  ["Drag the target", "move it"],
+  ["Drop a file", "an emulator of your own, where there is a server"],
+];
+
+export function makeHelp(): HTMLDialogElement {
+  const close = button({ label: "×", title: "Close the help", className: "close", onClick: () => dialog.close() });
+  const dialog = element("dialog", "help", [
+    close,
+    element("h2", "", ["Help"]),
+    element("p", "", [
+      "A small neural network, the emulator, moves the body: it leaps many physics steps at a time. " +
+        "It runs here, in this page. Where the body glows orange, training has not covered what happens: do not believe it there.",
+    ]),
+    table(KEYS),
+    table(MOUSE),
+  ]);
+  dialog.setAttribute("aria-label", "Help");
+  return dialog;
+}
+
+function table(rows: readonly (readonly [string, string])[]): HTMLTableElement {
+  const body = element(
+    "tbody",
+    "",
+    rows.map(([keys, does]) => element("tr", "", [element("th", "", [keys]), element("td", "", [does])])),
+  );
+  return element("table", "", [body]);
+}

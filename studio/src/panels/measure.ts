@@ -1,0 +1,131 @@
+// What the emulator costs, how far it is from physics, and how far to believe it.
+
+import { emptyPose, poseBones } from "../body/pose";
+import type { Motion } from "../motion/motion";
+import { button, element, fact, panel, shortNumber } from "../page/dom";
+import type { Session } from "../page/session";
+import type { Twin } from "../server/twin";
+import type { Panel } from "./controls";
+import { Curve } from "./curve";
+
+/** Trust is the share of so many super steps that training covered. */
+const TRUST_WINDOW = 10;
+
+/** Return how far apart two motions' bones are on average [m], super step by super step. */
+export function gapsBetween(session: Session, one: Motion, other: Motion, from: number, to: number): number[] {
+  const { skeleton } = session.facts;
+  const { bones } = session.world;
+  const a = emptyPose(skeleton.length);
+  const b = emptyPose(skeleton.length);
+  const gaps: number[] = [];
+  for (let step = from; step < to; step++) {
+    poseBones(skeleton, one.state(step), a);
+    poseBones(skeleton, other.state(step), b);
+    let sum = 0;
+    for (const bone of bones) {
+      const [x, y, z] = [0, 1, 2].map((axis) => a.positions[3 * bone + axis]! - b.positions[3 * bone + axis]!);
+      sum += Math.hypot(x!, y!, z!);
+    }
+    gaps.push(sum / bones.length);
+  }
+  return gaps;
+}
+
+/** Return the share of the last super steps before `step` that training covered. */
+export function trustAt(motion: Motion, step: number): number {
+  let covered = 0;
+  let count = 0;
+  for (let i = Math.max(0, step - TRUST_WINDOW + 1); i <= step && i < motion.steps; i++) {
+    covered += motion.isCovered(i) ? 1 : 0;
+    count += 1;
+  }
+  return count === 0 ? 1 : covered / count;
+}
+
+export class MeasurePanel implements Panel {
+  readonly element: HTMLElement;
+  /** The gap at the playhead [m], or null where physics has not come yet. */
+  gap: number | null = null;
+  readonly #step = fact("a super step of the emulator");
+  readonly #work = fact("emulator's work an image");
+  readonly #speedUp = fact("times faster than physics here");
+  readonly #gap = new Curve("gap to physics");
+  readonly #trust = new Curve("trust: covered by training");
+  readonly #ghost: HTMLButtonElement;
+  #gaps: number[] = [];
+  #of: Motion | null = null;
+  #trusts: number[] = [];
+  #trustOf: Motion | null = null;
+  #image = 0;
+
+  constructor(
+    private readonly session: Session,
+    private readonly twin: Twin | null,
+    onGhost: () => void,
+  ) {
+    const { details, body } = panel("Measure", true);
+    this.element = details;
+    this.#ghost = button({ label: "Physics as a ghost", title: "Show the true physics beside the emulator (G)", onClick: onGhost });
+    this.#ghost.disabled = twin === null;
+    const facts = element("dl", "facts", [this.#step.row, this.#work.row, this.#speedUp.row]);
+    body.append(element("div", "row", [this.#ghost]), facts, this.#gap.element, this.#trust.element);
+    if (!twin) {
+      body.append(element("p", "", ["Physics beside the emulator needs the server: run 'neuroanimator studio'."]));
+    }
+    const micro = 1e6 * session.secondsPerStep;
+    this.#step.value.textContent = `${shortNumber(micro)} µs for ${shortNumber(1000 * session.facts.dt)} ms`;
+  }
+
+  update(): void {
+    const { player } = this.session;
+    this.#followGap();
+    this.#followTrust();
+    this.#ghost.setAttribute("aria-pressed", String(this.twin?.isOn ?? false));
+    // Numbers that change with every image cannot be read.
+    if (this.#image++ % 15 !== 0 || !(this.element as HTMLDetailsElement).open) {
+      return;
+    }
+    const length = player.motion.steps + 1;
+    const at = player.motion.duration > 0 ? player.time / player.motion.duration : 0;
+    const largest = this.#gaps.reduce((most, gap) => Math.max(most, gap), 0.05 * this.session.world.size);
+    this.#gap.draw([{ values: this.#gaps, colour: "--ghost" }], length, 0, largest, at);
+    this.#gap.note = this.gap === null ? "–" : `${shortNumber(100 * this.gap)} cm of ${shortNumber(100 * this.session.world.size)}`;
+    this.#trust.draw([{ values: this.#trusts, colour: "--accent" }], length, 0, 1.05, at);
+    this.#trust.note = `${Math.round(100 * trustAt(player.motion, player.step))} %`;
+    this.#work.value.textContent = player.isLive ? `${player.workPerImage.toFixed(2)} ms` : "–";
+    const cost = this.twin?.cost;
+    if (cost) {
+      const own = this.session.secondsPerStep / this.session.facts.dt;
+      this.#speedUp.value.textContent = `${shortNumber(cost / own)} ×`;
+    }
+  }
+
+  #followGap(): void {
+    const { player } = this.session;
+    const physics = this.twin?.isOn ? this.twin.motion : null;
+    if (!physics || this.#of !== player.motion) {
+      this.#gaps = [];
+      this.#of = player.motion;
+    }
+    this.gap = null;
+    if (!physics) {
+      return;
+    }
+    const known = Math.min(physics.steps, player.motion.steps) + 1;
+    if (this.#gaps.length < known) {
+      this.#gaps.push(...gapsBetween(this.session, player.motion, physics, this.#gaps.length, known));
+    }
+    this.gap = this.#gaps[Math.min(Math.round(player.time / player.motion.dt), this.#gaps.length - 1)] ?? null;
+  }
+
+  #followTrust(): void {
+    const { motion } = this.session.player;
+    if (this.#trustOf !== motion) {
+      this.#trusts = [];
+      this.#trustOf = motion;
+    }
+    while (this.#trusts.length < motion.steps) {
+      this.#trusts.push(trustAt(motion, this.#trusts.length));
+    }
+  }
+}

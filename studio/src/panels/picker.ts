@@ -1,0 +1,39 @@
+// The row of systems at the top.
+
+import type { CatalogueEntry } from "../bundle/catalogue";
+import { element } from "../page/dom";
+
+export class Picker {
+  readonly element = element("nav", "picker");
+  readonly #buttons = new Map<string, HTMLButtonElement>();
+
+  constructor(private readonly onPick: (entry: CatalogueEntry) => void) {
+    this.element.setAttribute("aria-label", "Systems");
+  }
+
+  /** Add an emulator to choose from. */
+  add(entry: CatalogueEntry): void {
+    if (this.#buttons.has(entry.id)) {
+      return;
+    }
+    const made = element("button", "", [labelOf(entry)]);
+    made.type = "button";
+    made.title = `${entry.id}: ${entry.about}`;
+    made.dataset["id"] = entry.id;
+    made.addEventListener("click", () => this.onPick(entry));
+    this.#buttons.set(entry.id, made);
+    this.element.append(made);
+  }
+
+  /** Show which one is on the stage. */
+  select(id: string): void {
+    this.#buttons.forEach((made, key) => made.setAttribute("aria-current", String(key === id)));
+  }
+}
+
+/** The system's name for the shipped ones; the file's own for others. */
+function labelOf(entry: CatalogueEntry): string {
+  const isUsual = entry.id === `${entry.system}-50`;
+  const name = isUsual ? entry.system : entry.id;
+  return name.charAt(0).toUpperCase() + name.slice(1);
+}

@@ -1,0 +1,123 @@
+// A body as it is drawn: its skin or its bones' shapes, in the colours of its material or as a ghost.
+
+import { Group, Matrix4, Object3D, type BufferGeometry, type Material, type Mesh } from "three";
+import type { Bundle } from "../../bundle/bundle";
+import { isMoved, type Pose } from "../../body/pose";
+import type { Patch } from "../glsl";
+import { doubtPatch, ghostMaterial, sceneryMaterial, shapeMaterial, skinMaterial, type Doubt } from "./materials";
+import { boneMatrix, makeSkin, skinGeometry, type SkinView } from "./skin";
+import { shapeColour, shapeMesh } from "./shapes";
+
+export interface BodyView {
+  readonly object: Object3D;
+  /** What does not move of it: ground markings and the like; null if there is none. */
+  readonly scenery: Object3D | null;
+  /** How much it is in doubt, 0 to 1. */
+  readonly doubt: Doubt;
+  update(pose: Pose): void;
+  dispose(): void;
+}
+
+/** Return the body of a bundle with its own colours. */
+export function makeBody(facts: Bundle, size: number, patches: readonly Patch[]): BodyView {
+  const doubt: Doubt = { value: 0 };
+  const all = [...patches, doubtPatch(doubt)];
+  if (facts.skin) {
+    const scales = facts.system === "fish" ? 1 : 0;
+    const material = skinMaterial(size, scales, all);
+    return skinnedBody(facts, skinGeometry(facts.skin), material, doubt);
+  }
+  const materials = new MaterialKeeper((colour, opacity, isMoving) =>
+    isMoving ? shapeMaterial(colour, opacity, all) : sceneryMaterial(colour, patches),
+  );
+  return shapedBody(facts, materials, doubt, true);
+}
+
+/** Return the body's ghost: what moves of it, in one colour. */
+export function makeGhost(facts: Bundle): BodyView {
+  const material = ghostMaterial();
+  const doubt: Doubt = { value: 0 };
+  const ghost = facts.skin
+    ? skinnedBody(facts, skinGeometry(facts.skin), material, doubt)
+    : shapedBody(facts, new MaterialKeeper(() => material), doubt, false);
+  ghost.object.traverse((part) => {
+    part.castShadow = false;
+    part.receiveShadow = false;
+    part.renderOrder = 3;
+  });
+  return ghost;
+}
+
+function skinnedBody(facts: Bundle, geometry: BufferGeometry, material: Material, doubt: Doubt): BodyView {
+  const skin: SkinView = makeSkin(geometry, material, facts.skeleton, facts.rest);
+  return {
+    object: skin.object,
+    scenery: null,
+    doubt,
+    update: (pose) => skin.update(pose),
+    dispose() {
+      geometry.dispose();
+      material.dispose();
+    },
+  };
+}
+
+function shapedBody(facts: Bundle, materials: MaterialKeeper, doubt: Doubt, withScenery: boolean): BodyView {
+  const object = new Group();
+  const scenery = new Group();
+  const bones = facts.skeleton.map((bone, number) => {
+    const isMoving = isMoved(facts.skeleton, number);
+    const group = new Group();
+    group.name = bone.name;
+    group.matrixAutoUpdate = false;
+    if (isMoving || withScenery) {
+      for (const shape of bone.shapes) {
+        const material = materials.of(shapeColour(shape), shape.colour[3], isMoving);
+        group.add(shapeMesh(shape, material));
+      }
+    }
+    (isMoving ? object : scenery).add(group);
+    return group;
+  });
+  const matrix = new Matrix4();
+  return {
+    object,
+    scenery: scenery.children.some((group) => group.children.length > 0) ? scenery : null,
+    doubt,
+    update(pose) {
+      bones.forEach((group, number) => {
+        group.matrix.copy(boneMatrix(pose, number, matrix));
+        group.matrixWorldNeedsUpdate = true;
+      });
+    },
+    dispose() {
+      for (const group of bones) {
+        group.children.forEach((child) => (child as Mesh).geometry.dispose());
+      }
+      materials.dispose();
+    },
+  };
+}
+
+type Maker = (colour: ReturnType<typeof shapeColour>, opacity: number, isMoving: boolean) => Material;
+
+/** One material per colour: shapes of a colour share it. */
+class MaterialKeeper {
+  readonly #materials = new Map<string, Material>();
+
+  constructor(private readonly make: Maker) {}
+
+  of(colour: ReturnType<typeof shapeColour>, opacity: number, isMoving: boolean): Material {
+    const key = `${colour.getHexString()} ${opacity} ${isMoving}`;
+    let material = this.#materials.get(key);
+    if (!material) {
+      material = this.make(colour, opacity, isMoving);
+      this.#materials.set(key, material);
+    }
+    return material;
+  }
+
+  dispose(): void {
+    this.#materials.forEach((material) => material.dispose());
+  }
+}

@@ -1,0 +1,161 @@
+// What bodies are made of: wet skin, paint, rubber, metal; and the one colour of the physics beside the emulator.
+
+import {
+  Color,
+  MeshPhysicalMaterial,
+  MeshStandardMaterial,
+  ShaderMaterial,
+  type IUniform,
+  type Material,
+  type ShaderMaterialParameters,
+} from "three";
+import { patchMaterial, type Patch, type Uniforms } from "../glsl";
+
+/** The colour of physics beside the emulator: no body has it. */
+export const GHOST_COLOUR = new Color(1.0, 0.05, 0.62);
+
+/** The colour a body takes where the emulator is not to be believed. */
+const DOUBT_COLOUR = new Color(1.0, 0.42, 0.02);
+
+/** How much a body is in doubt, 0 to 1, for all its materials at once. */
+export type Doubt = IUniform<number>;
+
+/** A patch that lets a body glow as far as the emulator is not to be believed. */
+export function doubtPatch(doubt: Doubt): Patch {
+  return {
+    key: "doubt",
+    uniforms: { doubt, doubtColour: { value: DOUBT_COLOUR } },
+    fragment: "uniform float doubt; uniform vec3 doubtColour;",
+    output: `
+      {
+        float rim = 1.0 - abs(dot(normalize(vViewPosition), normal));
+        float stripe = 0.75 + 0.25 * sin(dot(gl_FragCoord.xy, vec2(0.35)));
+        gl_FragColor.rgb = mix(gl_FragColor.rgb, doubtColour * (0.35 + 1.1 * rim * rim), 0.75 * doubt * stripe);
+      }`,
+  };
+}
+
+/** A patch that paints scales on a swimmer of length `size` [m]; smooth skin has none. */
+export function scalePatch(size: number, strength: number): Patch {
+  return {
+    key: `scales${strength > 0 ? 1 : 0}`,
+    uniforms: { bodyLength: { value: size }, scaleStrength: { value: strength } },
+    shared: `
+      uniform float bodyLength;
+      uniform float scaleStrength;
+      varying vec3 vRest;
+      // Rows of overlapping discs: how far from the middle of the scale on top, 0 to 1.
+      vec2 scaleAt(vec2 p) {
+        vec2 best = vec2(1.0, 0.0);
+        vec2 cell = floor(p);
+        for (int i = 0; i < 2; i++) {
+          float row = cell.x - float(i);
+          float shift = 0.5 * mod(row, 2.0);
+          float column = floor(p.y - shift);
+          vec2 middle = vec2(row + 0.95, column + shift + 0.5);
+          float distance = length((p - middle) * vec2(0.72, 1.25));
+          if (distance < 1.0 && best.y == 0.0) best = vec2(distance, hash12(vec2(row, column)) + 0.001);
+        }
+        return best;
+      }`,
+    vertex: "vRest = rest / bodyLength;",
+    colour: `
+      {
+        float around = atan(vRest.z, abs(vRest.y) + 1e-4);
+        vec2 scale = scaleAt(vec2(-vRest.x * 62.0, around * 9.5));
+        float onBody = smoothstep(-0.93, -0.8, vRest.x) * smoothstep(-0.13, -0.2, vRest.x) * scaleStrength;
+        float near = smoothstep(6.0 * bodyLength, 1.5 * bodyLength, length(vViewPosition));
+        float shade = mix(0.72, 1.12, smoothstep(1.0, 0.4, scale.x)) * (0.93 + 0.14 * scale.y);
+        diffuseColor.rgb *= mix(1.0, shade, onBody * near);
+        float mottle = fbm2(vRest.xz * 9.0 + 3.0);
+        diffuseColor.rgb *= 0.86 + 0.28 * mottle;
+      }`,
+  };
+}
+
+/** A wet swimmer's skin; `scales` says how much of scales it has, 0 to 1. */
+export function skinMaterial(size: number, scales: number, patches: readonly Patch[]): Material {
+  const material = new MeshPhysicalMaterial({
+    vertexColors: true,
+    roughness: scales > 0 ? 0.42 : 0.36,
+    metalness: 0,
+    clearcoat: scales > 0 ? 0.5 : 0.45,
+    clearcoatRoughness: scales > 0 ? 0.3 : 0.22,
+  });
+  const restAttribute: Patch = { key: "rest", uniforms: {}, shared: "" };
+  return withRest(patchMaterial(material, [restAttribute, scalePatch(size, scales), ...patches]));
+}
+
+// The attribute `rest` is declared for the vertex shader alone.
+function withRest<M extends Material>(material: M): M {
+  const patch = material.onBeforeCompile;
+  material.onBeforeCompile = (shader, renderer) => {
+    patch(shader, renderer);
+    shader.vertexShader = `attribute vec3 rest;\n${shader.vertexShader}`;
+  };
+  return material;
+}
+
+/** Paint, rubber or metal, by its colour: what is grey and bright is metal, what is nearly black is rubber. */
+export function shapeMaterial(colour: Color, opacity: number, patches: readonly Patch[]): Material {
+  const { s: saturation, l: lightness } = hslOf(colour);
+  const isMetal = saturation < 0.15 && lightness > 0.5;
+  const isRubber = lightness < 0.16;
+  const material = new MeshPhysicalMaterial({
+    color: colour,
+    roughness: isRubber ? 0.75 : isMetal ? 0.32 : 0.45,
+    metalness: isMetal ? 0.75 : 0,
+    clearcoat: isRubber || isMetal ? 0 : 0.7,
+    clearcoatRoughness: 0.18,
+    transparent: opacity < 1,
+    opacity,
+  });
+  return patchMaterial(material, patches);
+}
+
+function hslOf(colour: Color): { h: number; s: number; l: number } {
+  return colour.clone().convertLinearToSRGB().getHSL({ h: 0, s: 0, l: 0 });
+}
+
+/** Ground paint and other scenery: dull. */
+export function sceneryMaterial(colour: Color, patches: readonly Patch[]): Material {
+  return patchMaterial(new MeshStandardMaterial({ color: colour, roughness: 0.9 }), patches);
+}
+
+/** The ghost: one colour that shines at its edges, and shows through. */
+export function ghostMaterial(): Material {
+  const uniforms: Uniforms = { ghostColour: { value: GHOST_COLOUR } };
+  const parameters: ShaderMaterialParameters = {
+    uniforms,
+    vertexShader: `
+      #include <common>
+      #include <skinning_pars_vertex>
+      varying vec3 vNormalSeen;
+      varying vec3 vToEye;
+      void main() {
+        #include <skinbase_vertex>
+        #include <beginnormal_vertex>
+        #include <skinnormal_vertex>
+        #include <defaultnormal_vertex>
+        #include <begin_vertex>
+        #include <skinning_vertex>
+        #include <project_vertex>
+        vNormalSeen = normalize(transformedNormal);
+        vToEye = normalize(-mvPosition.xyz);
+      }`,
+    fragmentShader: `
+      uniform vec3 ghostColour;
+      varying vec3 vNormalSeen;
+      varying vec3 vToEye;
+      void main() {
+        float rim = 1.0 - abs(dot(normalize(vNormalSeen), normalize(vToEye)));
+        gl_FragColor = vec4(ghostColour * (0.7 + 1.1 * rim * rim), 0.3 + 0.6 * rim);
+        #include <tonemapping_fragment>
+        #include <colorspace_fragment>
+      }`,
+    transparent: true,
+    depthWrite: true,
+  };
+  return new ShaderMaterial(parameters);
+}
+

@@ -1,0 +1,105 @@
+// The camera: it goes along with the body, or stays, and is turned by mouse, finger and keyboard.
+
+import { MathUtils, Vector3, type PerspectiveCamera } from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+
+export const CAMERA_MODES = ["follow", "chase", "orbit"] as const;
+export type CameraMode = (typeof CAMERA_MODES)[number];
+
+/** Time in which the camera comes after the body [s]. */
+const LAG = 0.35;
+
+/** A turn by a key [rad], and a step nearer or further. */
+const KEY_TURN = 0.12;
+const KEY_ZOOM = 1.12;
+
+export class CameraRig {
+  readonly controls: OrbitControls;
+  mode: CameraMode = "follow";
+  /** Below this height the camera does not go [m]. */
+  ground = -Infinity;
+  #clearance = 0;
+
+  constructor(
+    private readonly camera: PerspectiveCamera,
+    element: HTMLElement,
+  ) {
+    this.controls = new OrbitControls(camera, element);
+    this.controls.enableDamping = true;
+    this.controls.dampingFactor = 0.12;
+    this.controls.maxPolarAngle = Math.PI * 0.96;
+  }
+
+  /** Look at `focus` from so many [rad] to its side and above, a body of `size` [m] filling a good share of the picture. */
+  frame(focus: Vector3, size: number, heading: number, azimuth: number, elevation: number, distance: number): void {
+    const far = distance * size;
+    const angle = heading + azimuth;
+    const offset = new Vector3(
+      Math.cos(elevation) * Math.cos(angle),
+      Math.sin(elevation),
+      -Math.cos(elevation) * Math.sin(angle),
+    );
+    this.controls.target.copy(focus);
+    this.camera.position.copy(focus).addScaledVector(offset, far);
+    this.camera.near = 0.02 * size;
+    this.camera.far = 200 * size;
+    this.camera.updateProjectionMatrix();
+    this.controls.minDistance = 0.5 * size;
+    this.controls.maxDistance = 12 * size;
+    this.#clearance = 0.12 * size;
+    this.controls.update();
+  }
+
+  /** Go along with `focus`; at once where motion is to be reduced. `turned` is by how much the body turned left [rad]. */
+  update(focus: Vector3, turned: number, seconds: number): void {
+    if (this.mode !== "orbit") {
+      const share = 1 - Math.exp(-seconds / LAG);
+      const shift = focus.clone().sub(this.controls.target).multiplyScalar(share);
+      this.controls.target.add(shift);
+      this.camera.position.add(shift);
+      if (this.mode === "chase") {
+        this.turn(turned, 0);
+      }
+    }
+    this.controls.update();
+    const lowest = this.ground + this.#clearance;
+    if (this.camera.position.y < lowest) {
+      this.camera.position.y = lowest;
+      this.camera.lookAt(this.controls.target);
+    }
+  }
+
+  /** Go around what is looked at by angles [rad]. */
+  turn(left: number, up: number): void {
+    const offset = this.camera.position.clone().sub(this.controls.target);
+    offset.applyAxisAngle(new Vector3(0, 1, 0), left);
+    const side = new Vector3(0, 1, 0).cross(offset).normalize();
+    const elevation = Math.asin(MathUtils.clamp(offset.y / offset.length(), -1, 1));
+    const bounded = MathUtils.clamp(elevation + up, -1.45, 1.5) - elevation;
+    offset.applyAxisAngle(side, -bounded);
+    this.camera.position.copy(this.controls.target).add(offset);
+  }
+
+  /** Turn by a key: -1, 0 or 1 to the left and up. */
+  keyTurn(left: number, up: number): void {
+    this.turn(KEY_TURN * left, KEY_TURN * up);
+  }
+
+  /** Come nearer by a key, or go further away. */
+  keyZoom(isNearer: boolean): void {
+    const offset = this.camera.position.clone().sub(this.controls.target);
+    offset.multiplyScalar(isNearer ? 1 / KEY_ZOOM : KEY_ZOOM);
+    offset.clampLength(this.controls.minDistance, this.controls.maxDistance);
+    this.camera.position.copy(this.controls.target).add(offset);
+  }
+
+  nextMode(): CameraMode {
+    const next = (CAMERA_MODES.indexOf(this.mode) + 1) % CAMERA_MODES.length;
+    this.mode = CAMERA_MODES[next]!;
+    return this.mode;
+  }
+
+  dispose(): void {
+    this.controls.dispose();
+  }
+}

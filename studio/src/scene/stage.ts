@@ -1,0 +1,146 @@
+// The renderer, the sun and its shadow, tone mapping, and how finely is drawn on a slow machine.
+
+import {
+  Color,
+  DirectionalLight,
+  NeutralToneMapping,
+  PCFShadowMap,
+  PerspectiveCamera,
+  PMREMGenerator,
+  Scene,
+  Vector3,
+  WebGLRenderer,
+  type Object3D,
+  type Texture,
+} from "three";
+import { physicsRoot } from "./axes";
+
+/** Angle of view from top to bottom [deg]: that of a 50 mm lens. */
+const FIELD_OF_VIEW = 40;
+
+/** Points of the shadow map along each side. */
+const SHADOW_SIZE = 2048;
+
+/** Shares of the screen's own points that are drawn, the finest first. */
+const FINENESS = [1, 0.8, 0.65, 0.5];
+
+/** An image that takes longer on average makes the picture coarser, one that is shorter finer [s]. */
+const SLOW_IMAGE = 1 / 28;
+const QUICK_IMAGE = 1 / 55;
+
+/** Images looked at before the fineness changes. */
+const IMAGES_BETWEEN_CHANGES = 45;
+
+/** How light, air and shadows of a scene are. */
+export interface Atmosphere {
+  /** Where the sun stands, in three.js' axes. */
+  readonly sunDirection: Vector3;
+  readonly sunColour: Color;
+  readonly sunIntensity: number;
+  /** How soft shadows are. */
+  readonly shadowRadius: number;
+  readonly environmentIntensity: number;
+  readonly exposure: number;
+}
+
+export class Stage {
+  readonly scene = new Scene();
+  readonly root: Object3D = physicsRoot();
+  readonly camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.01, 500);
+  readonly sun = new DirectionalLight();
+  readonly renderer: WebGLRenderer;
+
+  /** Half the width of where shadows fall [m]. */
+  #shadowReach = 1;
+  #sunDirection = new Vector3(0, 1, 0);
+  #fineness = 0;
+  #imageTime = 1 / 60;
+  #images = 0;
+
+  /** Throws an Error where WebGL is missing. */
+  constructor(readonly canvas: HTMLCanvasElement) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+    this.renderer.toneMapping = NeutralToneMapping;
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = PCFShadowMap;
+    this.sun.castShadow = true;
+    this.sun.shadow.mapSize.set(SHADOW_SIZE, SHADOW_SIZE);
+    this.scene.add(this.root, this.sun, this.sun.target);
+    this.resize();
+  }
+
+  /** Light the scene. `reach` is half the width of where shadows fall [m]. */
+  light(atmosphere: Atmosphere, reach: number): void {
+    this.#sunDirection.copy(atmosphere.sunDirection).normalize();
+    this.#shadowReach = reach;
+    this.sun.color.copy(atmosphere.sunColour);
+    this.sun.intensity = atmosphere.sunIntensity;
+    this.sun.shadow.radius = atmosphere.shadowRadius;
+    this.sun.shadow.normalBias = (2 * reach) / SHADOW_SIZE;
+    this.sun.shadow.bias = -0.0004;
+    const shadowCamera = this.sun.shadow.camera;
+    shadowCamera.left = shadowCamera.bottom = -reach;
+    shadowCamera.right = shadowCamera.top = reach;
+    shadowCamera.near = 0;
+    shadowCamera.far = 8 * reach;
+    shadowCamera.updateProjectionMatrix();
+    this.scene.environmentIntensity = atmosphere.environmentIntensity;
+    this.renderer.toneMappingExposure = atmosphere.exposure;
+  }
+
+  /** Let what shines be reflected: `sky` is drawn once, all around. */
+  reflect(sky: Scene): Texture {
+    const generator = new PMREMGenerator(this.renderer);
+    const target = generator.fromScene(sky, 0.03);
+    generator.dispose();
+    this.scene.environment = target.texture;
+    return target.texture;
+  }
+
+  /** Let the sun go along with what is looked at, in steps of the shadow map's points, so that edges do not swim. */
+  follow(focus: Vector3): void {
+    const grain = (2 * this.#shadowReach) / SHADOW_SIZE;
+    const snapped = focus.clone().divideScalar(grain * 8).round().multiplyScalar(grain * 8);
+    this.sun.target.position.copy(snapped);
+    this.sun.position.copy(snapped).addScaledVector(this.#sunDirection, 4 * this.#shadowReach);
+  }
+
+  /** Draw an image; `seconds` have gone by since the one before. */
+  draw(seconds: number): void {
+    this.renderer.render(this.scene, this.camera);
+    this.#adapt(seconds);
+  }
+
+  /** Fit the picture to the room the page gives it. */
+  resize(): void {
+    const width = Math.max(this.canvas.clientWidth, 1);
+    const height = Math.max(this.canvas.clientHeight, 1);
+    const ratio = Math.min(window.devicePixelRatio, 2) * FINENESS[this.#fineness]!;
+    this.renderer.setPixelRatio(ratio);
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+  }
+
+  dispose(): void {
+    this.renderer.dispose();
+  }
+
+  // On a machine that cannot keep up the picture becomes coarser, and finer again where there is time.
+  #adapt(seconds: number): void {
+    this.#imageTime += 0.05 * (Math.min(seconds, 0.5) - this.#imageTime);
+    this.#images += 1;
+    if (this.#images < IMAGES_BETWEEN_CHANGES) {
+      return;
+    }
+    this.#images = 0;
+    const coarsest = FINENESS.length - 1;
+    if (this.#imageTime > SLOW_IMAGE && this.#fineness < coarsest) {
+      this.#fineness += 1;
+      this.resize();
+    } else if (this.#imageTime < QUICK_IMAGE && this.#fineness > 0) {
+      this.#fineness -= 1;
+      this.resize();
+    }
+  }
+}

@@ -1,0 +1,162 @@
+// The sea: a surface, light from above in a net, a bed of sand, and water that takes colour away.
+
+import { BackSide, Color, Mesh, Scene, ShaderMaterial, SphereGeometry, Vector3 } from "three";
+import { NOISE } from "../glsl";
+import type { Measure, Moment, Scenery } from "../scenery";
+import type { Stage } from "../stage";
+import { makeBed } from "./bed";
+import { makeCaustics } from "./caustics";
+import { WATER_GLSL, waterPatch, waterUniforms, type WaterColours, type WaterUniforms } from "./light";
+import { makeMotes, makeShafts } from "./motes";
+import { makeSpray } from "./spray";
+import { makeSurface } from "./surface";
+
+/** How far the bed lies under the lowest point at first, and the surface above it where physics knows none; over the body's size. */
+const BED_DEPTH = 0.85;
+const SURFACE_ABOVE = 3.2;
+
+/** A body comes so near to bed and surface before they give way, over its size. */
+const ROOM = 0.3;
+
+/** How far one sees, over the body's size. */
+const SIGHT = 13;
+
+/** A body of so many metres is a small one in front of usual stones; a larger one has smaller stones. */
+const SMALL_BODY = 0.3;
+
+const COLOURS: WaterColours = {
+  deep: new Color(0.004, 0.045, 0.085),
+  middle: new Color(0.02, 0.17, 0.25),
+  bright: new Color(0.16, 0.55, 0.64),
+  skyHigh: new Color(0.1, 0.29, 0.62),
+  skyLow: new Color(0.52, 0.7, 0.84),
+};
+
+export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number | null): Scenery {
+  const { size } = measure;
+  const sun = new Vector3(0.32, 1, 0.22).normalize();
+  const uniforms = waterUniforms(COLOURS, sun, SIGHT * size, 1.5 * size);
+  const hasSurface = surfaceHeight !== null;
+  const highest = surfaceHeight ?? measure.high + SURFACE_ABOVE * size;
+  let bedHeight = measure.low - BED_DEPTH * size;
+  uniforms.surfaceHeight.value = highest;
+  const patch = waterPatch(uniforms);
+  const caustics = makeCaustics();
+  uniforms.caustics.value = caustics.texture;
+  const grain = size < 2 * SMALL_BODY ? 1 : 0.6;
+  const bed = makeBed(patch, size, grain);
+  const surface = makeSurface(uniforms, hasSurface ? 3 * size : 4 * size, 0.0075, 60 * size);
+  const motes = makeMotes(uniforms, 7 * size, 420);
+  const shafts = makeShafts(uniforms, size, 34);
+  const spray = makeSpray(uniforms, size);
+  const dome = makeDome(uniforms, 90 * size);
+  const objects = [bed.object, surface.object, motes.object, shafts.object, spray.object, dome];
+  stage.scene.add(...objects);
+  stage.reflect(skyScene(uniforms));
+  let wasAbove = false;
+  return {
+    atmosphere: {
+      sunDirection: sun,
+      sunColour: new Color(1, 0.96, 0.88),
+      sunIntensity: 3.4,
+      shadowRadius: 5,
+      environmentIntensity: 0.75,
+      exposure: 1.05,
+    },
+    bodyPatches: [patch],
+    get ground() {
+      return bedHeight;
+    },
+    update(moment: Moment) {
+      const low = moment.low - ROOM * size;
+      if (low < bedHeight) {
+        bedHeight = low;
+      }
+      if (!hasSurface) {
+        uniforms.surfaceHeight.value = Math.max(uniforms.surfaceHeight.value, moment.high + ROOM * size);
+      }
+      uniforms.causticDrift.value.set(0.011 * moment.time, -0.008 * moment.time);
+      caustics.update(stage.renderer, 0.9 * moment.time);
+      bed.update(moment.focus, bedHeight, moment.time);
+      surface.update(moment.focus, moment.time);
+      motes.update(moment.focus, moment.time);
+      shafts.update(moment.focus, moment.time);
+      dome.position.copy(stage.camera.position);
+      if (hasSurface) {
+        const isAbove = moment.high > highest;
+        if (isAbove !== wasAbove) {
+          const place = new Vector3(moment.focus.x, highest, moment.focus.z);
+          surface.ring(place, isAbove ? 0.5 : 0.9);
+          spray.burst(place, isAbove ? 0.6 : 1);
+        }
+        wasAbove = isAbove;
+      }
+      spray.update(moment.seconds);
+    },
+    dispose() {
+      stage.scene.remove(...objects);
+      for (const part of [bed, surface, motes, shafts, spray, caustics]) {
+        part.dispose();
+      }
+      dome.geometry.dispose();
+      dome.material.dispose();
+    },
+  };
+}
+
+/** What is seen where nothing is: water on all sides, or the sky over it. */
+function makeDome(uniforms: WaterUniforms, radius: number): Mesh<SphereGeometry, ShaderMaterial> {
+  const material = new ShaderMaterial({
+    uniforms: { ...uniforms },
+    vertexShader: `
+      varying vec3 vDirection;
+      void main() {
+        vDirection = position;
+        gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+      }`,
+    fragmentShader: `
+      varying vec3 vDirection;
+      ${NOISE}
+      ${WATER_GLSL}
+      void main() {
+        vec3 dir = normalize(vDirection);
+        bool isSky = cameraPosition.y > surfaceHeight && dir.y > 0.0;
+        gl_FragColor = vec4(isSky ? skyColour(dir) : waterColour(dir), 1.0);
+        #include <tonemapping_fragment>
+        #include <colorspace_fragment>
+      }`,
+    side: BackSide,
+    depthWrite: false,
+  });
+  const dome = new Mesh(new SphereGeometry(radius, 32, 24), material);
+  dome.renderOrder = -10;
+  dome.frustumCulled = false;
+  return dome;
+}
+
+/** What a wet skin mirrors: bright water above, dark below, sand's warmth from beneath. */
+function skyScene(uniforms: WaterUniforms): Scene {
+  const scene = new Scene();
+  const material = new ShaderMaterial({
+    uniforms: { ...uniforms },
+    vertexShader: `
+      varying vec3 vDirection;
+      void main() {
+        vDirection = position;
+        gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+      }`,
+    fragmentShader: `
+      varying vec3 vDirection;
+      ${NOISE}
+      ${WATER_GLSL}
+      void main() {
+        vec3 dir = normalize(vDirection);
+        vec3 colour = 1.6 * waterColour(dir) + smoothstep(0.55, 0.95, dir.y) * vec3(1.5, 1.9, 2.0);
+        colour += smoothstep(-0.1, -1.0, dir.y) * vec3(0.3, 0.3, 0.22);
+        gl_FragColor = vec4(colour, 1.0);
+      }`,
+    side: BackSide,
+  });
+  scene.add(new Mesh(new SphereGeometry(10, 32, 24), material));
+  return scene;
+}

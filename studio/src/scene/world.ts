@@ -1,0 +1,265 @@
+// All that is seen of one system: scenery, the body, its ghost, and the camera in front of them.
+
+import { Plane, Raycaster, Vector2, Vector3, type Object3D } from "three";
+import { extentOf, movingBones, reachOf, sizeOfBody } from "../body/extent";
+import { emptyPose, poseBones, type Pose } from "../body/pose";
+import type { Bundle } from "../bundle/bundle";
+import { toPhysics, toThree } from "./axes";
+import { makeBody, makeGhost, type BodyView } from "./body/body";
+import { CameraRig } from "./cameras";
+import { makePlain } from "./plain";
+import type { Measure, Scenery } from "./scenery";
+import type { Stage } from "./stage";
+import { makeWater } from "./water/water";
+
+/** Half the width of where shadows fall, over the body's size. */
+const SHADOW_REACH = 2.6;
+
+/** Where the camera begins: to the side of the body, from a little above or, under water, below [rad]. */
+interface View {
+  readonly azimuth: number;
+  readonly elevation: number;
+  /** Over the body's size. */
+  readonly distance: number;
+}
+
+const VIEWS: Record<Bundle["scene"]["kind"], View> = {
+  water: { azimuth: -1.05, elevation: 0.12, distance: 2.5 },
+  lot: { azimuth: 2.5, elevation: 0.32, distance: 2.6 },
+  moon: { azimuth: 0.7, elevation: 0.16, distance: 3.4 },
+  plain: { azimuth: -1.35, elevation: 0.1, distance: 2.2 },
+};
+
+/** A state is never drawn if one of its numbers is larger [m, rad, …]: it is lost. */
+const MAX_NUMBER = 1e5;
+
+/** How near to a bone a swimmer is taken hold of, over its size. */
+const GRIP = 0.12;
+
+/** A point of a body that is held: [m], in the world. */
+export interface Grip {
+  readonly bone: number;
+  readonly point: [number, number, number];
+}
+
+export class World {
+  readonly size: number;
+  readonly camera: CameraRig;
+  readonly pose: Pose;
+  /** The bones that move. */
+  readonly bones: number[];
+  readonly #body: BodyView;
+  readonly #ghost: BodyView;
+  readonly ghostPose: Pose;
+  readonly #scenery: Scenery;
+  readonly #focus = new Vector3();
+  readonly #objects: Object3D[];
+  #low = 0;
+  #high = 0;
+  #heading = 0;
+  #isFresh = true;
+
+  constructor(
+    private readonly stage: Stage,
+    readonly facts: Bundle,
+    start: ArrayLike<number>,
+    isDark: boolean,
+  ) {
+    const bones = facts.skeleton;
+    this.bones = movingBones(bones);
+    this.pose = emptyPose(bones.length);
+    this.ghostPose = emptyPose(bones.length);
+    poseBones(bones, facts.rest, this.pose);
+    this.size = sizeOfBody(bones, this.bones, this.pose);
+    poseBones(bones, start, this.pose);
+    this.#locate();
+    const measure: Measure = {
+      size: this.size,
+      middle: this.#focus.clone(),
+      low: this.#low,
+      high: this.#high,
+    };
+    this.#scenery = makeScenery(stage, facts, measure, isDark);
+    this.#body = makeBody(facts, this.size, this.#scenery.bodyPatches);
+    this.#ghost = makeGhost(facts);
+    this.#ghost.object.visible = false;
+    this.#objects = [this.#body.object, this.#ghost.object];
+    if (this.#body.scenery) {
+      this.#objects.push(this.#body.scenery);
+    }
+    stage.root.add(...this.#objects);
+    stage.light(this.#scenery.atmosphere, SHADOW_REACH * this.size);
+    this.camera = new CameraRig(stage.camera, stage.canvas);
+    this.home();
+  }
+
+  /** Bring the camera back to where it began. */
+  home(): void {
+    const view = VIEWS[this.facts.scene.kind];
+    this.camera.frame(this.#focus, this.size, this.#heading, view.azimuth, view.elevation, view.distance);
+  }
+
+  /** Show the body in `state` (S); a state that is lost is not shown, and false is returned: the last good pose stays. */
+  show(state: ArrayLike<number>): boolean {
+    if (!isDrawable(state)) {
+      return false;
+    }
+    poseBones(this.facts.skeleton, state, this.pose);
+    this.#body.update(this.pose);
+    return true;
+  }
+
+  /** Show physics beside the emulator in `state` (S), or nothing. */
+  showGhost(state: ArrayLike<number> | null): void {
+    const isShown = state !== null && isDrawable(state);
+    this.#ghost.object.visible = isShown;
+    if (isShown) {
+      poseBones(this.facts.skeleton, state, this.ghostPose);
+      this.#ghost.update(this.ghostPose);
+    }
+  }
+
+  /** How much the body is in doubt, 0 to 1. */
+  set doubt(share: number) {
+    this.#body.doubt.value = share;
+  }
+
+  /** Draw an image. `controls` are shares of their bounds, 0 to 1; scenery stands still where motion is to be reduced. */
+  draw(seconds: number, time: number, controls: readonly number[]): void {
+    const heading = this.#heading;
+    this.#locate();
+    let turned = this.#heading - heading;
+    turned -= 2 * Math.PI * Math.round(turned / (2 * Math.PI));
+    if (this.#isFresh) {
+      this.#isFresh = false;
+      turned = 0;
+    }
+    this.camera.ground = this.#scenery.ground;
+    this.camera.update(this.#focus, turned, seconds);
+    this.stage.follow(this.#focus);
+    this.#scenery.update({
+      time,
+      seconds,
+      focus: this.#focus,
+      low: this.#low,
+      high: this.#high,
+      controls,
+    });
+    this.stage.draw(seconds);
+  }
+
+  /** The point of the body under the pointer (-1 to 1 across the picture, and up), or null. */
+  pick(x: number, y: number): Grip | null {
+    const ray = new Raycaster();
+    ray.setFromCamera(new Vector2(x, y), this.stage.camera);
+    let nearest: Grip | null = null;
+    let least = Infinity;
+    for (const bone of this.bones) {
+      const centre = toThree(this.pose.positions.subarray(3 * bone, 3 * bone + 3));
+      const radius = this.facts.skin ? GRIP * this.size : 0.8 * reachOf(this.facts.skeleton[bone]!);
+      const point = ray.ray.closestPointToPoint(centre, new Vector3());
+      const away = point.distanceTo(centre);
+      if (away < radius && away / radius < least) {
+        least = away / radius;
+        nearest = { bone, point: toPhysics(point) };
+      }
+    }
+    return nearest;
+  }
+
+  /** Where the pointer is on the plane through `point` [m] that faces the camera, or lies level. */
+  dragPoint(x: number, y: number, point: ArrayLike<number>, isLevel: boolean): [number, number, number] | null {
+    const ray = new Raycaster();
+    ray.setFromCamera(new Vector2(x, y), this.stage.camera);
+    const normal = isLevel ? new Vector3(0, 1, 0) : this.stage.camera.getWorldDirection(new Vector3());
+    const plane = new Plane().setFromNormalAndCoplanarPoint(normal, toThree(point));
+    const hit = ray.ray.intersectPlane(plane, new Vector3());
+    return hit && toPhysics(hit);
+  }
+
+  /** Where bone `number` is at present [m]. */
+  bonePoint(number: number): [number, number, number] {
+    const [x, y, z] = this.pose.positions.subarray(3 * number, 3 * number + 3);
+    return [x!, y!, z!];
+  }
+
+  /** Return whether the pointer is near a place [m]. */
+  isNear(x: number, y: number, place: ArrayLike<number>): boolean {
+    const ray = new Raycaster();
+    ray.setFromCamera(new Vector2(x, y), this.stage.camera);
+    return ray.ray.distanceToPoint(toThree(place)) < 0.14 * this.size;
+  }
+
+  /** A place in front of the body and to its left [m], in lengths of the body. */
+  ahead(forward: number, left: number): [number, number, number] {
+    const [x, y, z] = toPhysics(this.#focus);
+    const [cosine, sine] = [Math.cos(this.#heading), Math.sin(this.#heading)];
+    const { size } = this;
+    return [x + size * (forward * cosine - left * sine), y + size * (forward * sine + left * cosine), z];
+  }
+
+  /** Show something of its own, in physics' axes, until it is removed. */
+  add(object: Object3D): void {
+    this.stage.root.add(object);
+    this.#objects.push(object);
+  }
+
+  remove(object: Object3D): void {
+    this.stage.root.remove(object);
+    this.#objects.splice(this.#objects.indexOf(object), 1);
+  }
+
+  /** The middle of the body, in three.js' axes. */
+  get focus(): Vector3 {
+    return this.#focus;
+  }
+
+  dispose(): void {
+    this.stage.root.remove(...this.#objects);
+    this.#body.dispose();
+    this.#ghost.dispose();
+    this.#scenery.dispose();
+    this.camera.dispose();
+  }
+
+  #locate(): void {
+    const extent = extentOf(this.facts.skeleton, this.bones, this.pose);
+    this.#focus.copy(toThree(extent.middle));
+    this.#low = extent.low;
+    this.#high = extent.high;
+    this.#heading = this.#headingOf();
+  }
+
+  // Where the body points [rad]: by the bone in the middle of a skin, else by the first that moves freely.
+  #headingOf(): number {
+    const bones = this.facts.skeleton;
+    const isFree = bones[this.bones[0]!]?.joints[0]?.kind === "free";
+    if (!isFree && !this.facts.skin) {
+      return 0;
+    }
+    const bone = this.facts.skin ? this.bones[Math.floor(this.bones.length / 2)]! : this.bones[0]!;
+    const [w, x, y, z] = Array.from(this.pose.orientations.subarray(4 * bone, 4 * bone + 4));
+    return Math.atan2(2 * (x! * y! + w! * z!), 1 - 2 * (y! * y! + z! * z!));
+  }
+}
+
+function makeScenery(stage: Stage, facts: Bundle, measure: Measure, isDark: boolean): Scenery {
+  switch (facts.scene.kind) {
+    case "water":
+      return makeWater(stage, measure, facts.scene.surface);
+    case "lot":
+    case "moon":
+    case "plain":
+      return makePlain(stage, measure, facts.scene.floor, isDark);
+  }
+}
+
+/** Return whether a state is one to be drawn: all numbers finite, and none beyond reason. */
+export function isDrawable(state: ArrayLike<number>): boolean {
+  for (let i = 0; i < state.length; i++) {
+    if (!(Math.abs(state[i]!) < MAX_NUMBER)) {
+      return false;
+    }
+  }
+  return true;
+}

@@ -1,0 +1,132 @@
+// The line to the server, where there is one: requests and answers, events, and coming back after it was cut.
+
+const TOKEN_KEY = "neuroanimator-token";
+
+/** Waits before coming back, one after the other; the last is repeated [s]. */
+const WAITS = [0.5, 1, 2, 4, 8];
+
+/** An answer is waited for so long [s]: physics may be slow. */
+const PATIENCE = 60;
+
+export type Answer = Record<string, unknown>;
+
+interface Waiting {
+  resolve(answer: Answer): void;
+  reject(error: Error): void;
+}
+
+export class Live {
+  /** Called when the line opens or is cut. */
+  onState: (isOpen: boolean) => void = () => undefined;
+  /** Called with what the server says unasked. */
+  onEvent: (event: Answer) => void = () => undefined;
+
+  readonly token: string;
+  #socket: WebSocket | null = null;
+  #next = 1;
+  #tries = 0;
+  #isClosed = false;
+  readonly #waiting = new Map<number, Waiting>();
+
+  constructor(private readonly page: URL) {
+    this.token = takeToken();
+  }
+
+  get isOpen(): boolean {
+    return this.#socket?.readyState === WebSocket.OPEN;
+  }
+
+  /** Open the line, and again whenever it is cut. */
+  connect(): void {
+    const address = new URL("live", this.page);
+    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+    const socket = new WebSocket(address);
+    this.#socket = socket;
+    socket.onopen = () => {
+      this.#tries = 0;
+      socket.send(JSON.stringify({ token: this.token }));
+      this.onState(true);
+    };
+    socket.onmessage = (message) => this.#receive(String(message.data));
+    socket.onclose = () => this.#lost();
+  }
+
+  /** Ask the server to do something; the error is one clear line. */
+  ask(what: string, parameters: Answer = {}): Promise<Answer> {
+    if (!this.isOpen) {
+      return Promise.reject(new Error("the server does not answer; start it again with 'neuroanimator studio'"));
+    }
+    const id = this.#next++;
+    return new Promise((resolve, reject) => {
+      const timer = setTimeout(() => {
+        this.#waiting.delete(id);
+        reject(new Error(`the server took longer than ${PATIENCE} s`));
+      }, 1000 * PATIENCE);
+      this.#waiting.set(id, {
+        resolve: (answer) => (clearTimeout(timer), resolve(answer)),
+        reject: (error) => (clearTimeout(timer), reject(error)),
+      });
+      this.#socket!.send(JSON.stringify({ ...parameters, id, do: what }));
+    });
+  }
+
+  /** Send bytes or JSON to one of the server's addresses; the error is the server's own line. */
+  async post(path: string, body: BodyInit, type: string): Promise<Answer> {
+    const response = await fetch(new URL(path, this.page), {
+      method: "POST",
+      headers: { "Content-Type": type, "X-Token": this.token },
+      body,
+    });
+    const answer = (await response.json().catch(() => ({}))) as Answer;
+    if (!response.ok) {
+      throw new Error(String(answer["error"] ?? `${response.status} ${response.statusText}`));
+    }
+    return answer;
+  }
+
+  close(): void {
+    this.#isClosed = true;
+    this.#socket?.close();
+  }
+
+  #receive(text: string): void {
+    const message = JSON.parse(text) as Answer;
+    if (typeof message["event"] === "string") {
+      this.onEvent(message);
+      return;
+    }
+    const waiting = this.#waiting.get(Number(message["id"]));
+    if (!waiting) {
+      return;
+    }
+    this.#waiting.delete(Number(message["id"]));
+    if (typeof message["error"] === "string") {
+      waiting.reject(new Error(message["error"]));
+    } else {
+      waiting.resolve(message);
+    }
+  }
+
+  #lost(): void {
+    this.#waiting.forEach((waiting) => waiting.reject(new Error("the server was lost before it answered")));
+    this.#waiting.clear();
+    if (this.#isClosed) {
+      return;
+    }
+    this.onState(false);
+    const wait = WAITS[Math.min(this.#tries, WAITS.length - 1)]!;
+    this.#tries += 1;
+    setTimeout(() => this.connect(), 1000 * wait);
+  }
+}
+
+/** Take the token from the address, where it would be copied along, into what the tab alone remembers. */
+function takeToken(): string {
+  const fromAddress = location.hash.slice(1);
+  if (fromAddress) {
+    history.replaceState(null, "", location.pathname + location.search);
+    sessionStorage.setItem(TOKEN_KEY, fromAddress);
+    return fromAddress;
+  }
+  return sessionStorage.getItem(TOKEN_KEY) ?? "";
+}

@@ -1,0 +1,93 @@
+// What gives the controls while the emulator runs live: sliders, commands to a policy, a target to swim to.
+
+import { commandToward, rootPose, unit, type Vector } from "../body/root";
+import type { Bundle } from "../bundle/bundle";
+import type { Policy } from "../emulator/policy";
+import type { Pilot } from "../motion/player";
+
+/** A swimmer sent to a target turns and climbs at most so far at a time [rad], as behaviours do. */
+const MAX_TURN = 0.8;
+const MAX_CLIMB = 0.5;
+
+/** Speed of a body sent to a target, as a share of the fastest its policy knows. */
+const CRUISE = 0.6;
+
+/** Holds whatever the sliders say. */
+export class SliderPilot implements Pilot {
+  readonly values: number[];
+
+  constructor(facts: Bundle) {
+    this.values = neutralControl(facts);
+  }
+
+  control(): number[] {
+    return this.values;
+  }
+}
+
+/** Return the control nearest to none at all within its bounds. */
+export function neutralControl(facts: Bundle): number[] {
+  return facts.control_low.map((low, i) => Math.min(Math.max(0, low), facts.control_high[i]!));
+}
+
+/** Swims by commands through a policy; without any it keeps its heading and level. */
+export class PolicyPilot implements Pilot {
+  /** Speed [m/s], and how far to turn left and to climb [rad]; the roll is kept at none. */
+  readonly command = { speed: 0, turn: 0, climb: 0 };
+  /** Where to swim instead, if anywhere [m]. */
+  target: Vector | null = null;
+
+  constructor(
+    private readonly policy: Policy,
+    private readonly facts: Bundle,
+  ) {
+    this.command.speed = CRUISE * this.maxSpeed;
+  }
+
+  /** The fastest the policy knows [m/s]. */
+  get maxSpeed(): number {
+    return this.facts.policy!.command[0]![3];
+  }
+
+  control(state: Float32Array, step: number): Float32Array {
+    const phase = (step * this.facts.policy!.phase_per_step) % (2 * Math.PI);
+    const limits = this.facts.policy!.command;
+    const bounded = this.#wanted(state).map((value, i) => clamp(value, limits[i]![2], limits[i]![3]));
+    return this.policy.control(state, phase, bounded);
+  }
+
+  #wanted(state: Float32Array): number[] {
+    const root = this.facts.root;
+    if (!root) {
+      return [this.command.speed, this.command.turn, this.command.climb, 0];
+    }
+    const pose = rootPose(root, state);
+    if (!this.target) {
+      const level = Math.asin(clamp(-pose.forward[2], -1, 1));
+      const climb = this.command.climb === 0 ? 0.7 * level : this.command.climb;
+      return [this.command.speed, this.command.turn, climb, -pose.roll];
+    }
+    return seek(pose, this.target, this.command.speed);
+  }
+}
+
+/** Return the command that leads to a target [m] without steep dives and sharp turns. */
+export function seek(pose: ReturnType<typeof rootPose>, target: Vector, speed: number): number[] {
+  const offset: Vector = [
+    target[0] - pose.position[0],
+    target[1] - pose.position[1],
+    target[2] - pose.position[2],
+  ];
+  const level = Math.max(Math.hypot(offset[0], offset[1]), 1e-6);
+  const heading = Math.atan2(pose.forward[1], pose.forward[0]);
+  let turn = Math.atan2(offset[1], offset[0]) - heading;
+  turn -= 2 * Math.PI * Math.round(turn / (2 * Math.PI));
+  const newHeading = heading + clamp(turn, -MAX_TURN, MAX_TURN);
+  const climb = clamp(Math.atan2(offset[2], level), -MAX_CLIMB, MAX_CLIMB);
+  const direction = unit([Math.cos(newHeading), Math.sin(newHeading), Math.tan(climb)]);
+  return commandToward(pose, direction, speed);
+}
+
+export function clamp(value: number, low: number, high: number): number {
+  return Math.min(Math.max(value, low), high);
+}

@@ -1,0 +1,92 @@
+// A push: the smallest change of a body's velocities that gives a point of it a wanted velocity more.
+
+import { emptyPose, poseBones } from "../body/pose";
+import { multiply, rotate } from "../body/quaternion";
+import type { Bundle } from "../bundle/bundle";
+
+/** How far positions are moved to see how a point moves with them [m or rad]. */
+const PROBE = 1e-4;
+
+/** Singular directions are damped by so much of the largest. */
+const DAMPING = 1e-3;
+
+/** Change in place the velocities in `state` (S) so that the point `offset` [m] of bone `bone` gains `change` [m/s]. */
+export function push(
+  facts: Bundle,
+  state: Float32Array,
+  bone: number,
+  offset: ArrayLike<number>,
+  change: ArrayLike<number>,
+): void {
+  const { velocities, columns } = jacobian(facts, state, bone, offset);
+  // Least squares of the least size: dv = Jᵀ (J Jᵀ)⁻¹ change.
+  const gram = [0, 1, 2].map((row) => [0, 1, 2].map((column) => columns.reduce((sum, j) => sum + j[row]! * j[column]!, 0)));
+  const largest = Math.max(gram[0]![0]!, gram[1]![1]!, gram[2]![2]!, 1e-12);
+  for (let axis = 0; axis < 3; axis++) {
+    gram[axis]![axis]! += DAMPING * largest;
+  }
+  const weights = solve3(gram, change);
+  velocities.forEach((entry, i) => {
+    const column = columns[i]!;
+    state[entry]! += column[0]! * weights[0]! + column[1]! * weights[1]! + column[2]! * weights[2]!;
+  });
+}
+
+interface Jacobian {
+  /** State entries that are velocities. */
+  readonly velocities: number[];
+  /** How the point moves with each of them. */
+  readonly columns: number[][];
+}
+
+function jacobian(facts: Bundle, state: Float32Array, bone: number, offset: ArrayLike<number>): Jacobian {
+  const probe = Float64Array.from(state);
+  const pose = emptyPose(facts.skeleton.length);
+  const pointNow = (): number[] => {
+    poseBones(facts.skeleton, probe, pose);
+    const turned = rotate(pose.orientations.subarray(4 * bone, 4 * bone + 4), offset);
+    return [0, 1, 2].map((axis) => pose.positions[3 * bone + axis]! + turned[axis]!);
+  };
+  const before = pointNow();
+  const velocities: number[] = [];
+  const columns: number[][] = [];
+  const take = (velocity: number): void => {
+    const after = pointNow();
+    velocities.push(velocity);
+    columns.push(after.map((coordinate, axis) => (coordinate - before[axis]!) / PROBE));
+  };
+  for (const [position, velocity] of facts.rates) {
+    const kept = probe[position]!;
+    probe[position] = kept + PROBE;
+    take(velocity);
+    probe[position] = kept;
+  }
+  for (const [orientation, angularVelocity] of facts.orientations) {
+    const kept = probe.slice(orientation, orientation + 4);
+    for (let axis = 0; axis < 3; axis++) {
+      const turn = [1, 0, 0, 0];
+      turn[1 + axis] = PROBE / 2;
+      probe.set(multiply(kept, turn), orientation);
+      take(angularVelocity + axis);
+    }
+    probe.set(kept, orientation);
+  }
+  return { velocities, columns };
+}
+
+/** Solve a symmetric system of three by Cramer's rule. */
+function solve3(m: number[][], b: ArrayLike<number>): number[] {
+  const determinant = det(m[0]!, m[1]!, m[2]!);
+  return [0, 1, 2].map((column) => {
+    const replaced = m.map((row, i) => row.map((value, j) => (j === column ? b[i]! : value)));
+    return det(replaced[0]!, replaced[1]!, replaced[2]!) / determinant;
+  });
+}
+
+function det(a: number[], b: number[], c: number[]): number {
+  return (
+    a[0]! * (b[1]! * c[2]! - b[2]! * c[1]!) -
+    a[1]! * (b[0]! * c[2]! - b[2]! * c[0]!) +
+    a[2]! * (b[0]! * c[1]! - b[1]! * c[0]!)
+  );
+}

@@ -1,0 +1,50 @@
+// Motions keep what is put into them, and stay at their ends.
+
+import { expect, test } from "vitest";
+import { Motion } from "../src/motion/motion";
+
+const STRUCTURE = { rates: [[0, 1]] as const, orientations: [] };
+
+/** A falling point: position and velocity. */
+function fall(steps: number): Motion {
+  const motion = new Motion(0.1, 2, 1, STRUCTURE, [0, 0]);
+  for (let step = 1; step <= steps; step++) {
+    const time = 0.1 * step;
+    motion.push([step], [-5 * time * time, -10 * time], step % 2 === 0);
+  }
+  return motion;
+}
+
+test("a fall is a parabola between super steps too", () => {
+  const motion = fall(8);
+  const state = new Float32Array(2);
+  motion.sample(0.437, state);
+  expect(state[0]).toBeCloseTo(-5 * 0.437 ** 2, 6);
+  expect(state[1]).toBeCloseTo(-4.37, 5);
+});
+
+test("before the start and after the end a motion stays", () => {
+  const motion = fall(3);
+  const state = new Float32Array(2);
+  motion.sample(-1, state);
+  expect([...state]).toEqual([0, 0]);
+  motion.sample(9, state);
+  expect(state[0]).toBeCloseTo(-0.45, 6);
+});
+
+test("a motion grows beyond its first room and keeps all of it", () => {
+  const motion = fall(1000);
+  expect(motion.steps).toBe(1000);
+  expect(motion.control(0)[0]).toBe(1);
+  expect(motion.control(999)[0]).toBe(1000);
+  expect(motion.isCovered(998)).toBe(false);
+  expect(motion.isCovered(999)).toBe(true);
+});
+
+test("a motion cut off is the same up to there", () => {
+  const whole = fall(10);
+  const part = whole.upTo(4);
+  expect(part.steps).toBe(4);
+  expect([...part.states()]).toEqual([...whole.states().subarray(0, 10)]);
+  expect([...part.controls()]).toEqual([1, 2, 3, 4]);
+});
