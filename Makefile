@@ -1,4 +1,5 @@
 # make demo: the main job on real physics, results in out/    make test: every test but the long ones
+# make page: the studio's page, into the package (set-up does it, too)
 # make docs: the documentation, readable offline, into site/
 # make endurance: every fault and attack, the long ones too; its last line counts them    make fuzz: random input
 # make wheel: what is installed elsewhere, in dist/
@@ -7,13 +8,16 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
 DOCS_STAMP := .venv/.ready-docs
+PAGE := src/neuroanimator/studio/page/index.html
+PAGE_SOURCES := $(shell find studio -type f -not -path '*/node_modules/*')
 
-.PHONY: setup demo test docs wheel endurance fuzz lint check bench lock clean
+.PHONY: setup demo test page docs wheel endurance fuzz lint check bench lock clean
 
 demo: setup
 	$(BIN)/neuroanimator demo --out out
 
 test: setup
+	$(BIN)/python studio/build.py test
 	$(BIN)/pytest
 
 # A warning is an error, and so is a link that leads nowhere or a page that needs another host (docs/hooks.py).
@@ -22,7 +26,7 @@ docs: $(DOCS_STAMP)
 	@echo "The documentation is in site/index.html."
 
 # Built anew each time, from the package alone; tests/test_wheel.py installs it outside the checkout.
-wheel: setup
+wheel: setup page
 	rm -rf dist
 	$(BIN)/python -m hatchling build -t wheel -d dist
 
@@ -43,7 +47,15 @@ check: lint test
 bench: setup
 	$(BIN)/neuroanimator bench --table1
 
+# Without the page everything but the studio works, so that a machine without npm's registry is set up all the same.
 setup: $(STAMP)
+	@$(MAKE) --no-print-directory page || echo "The studio's page was not built; everything else works. Try again: make page"
+
+# The page of the studio, by the machine's Node if that is new enough, or else by the one that PyPI has.
+page: $(STAMP) $(PAGE)
+
+$(PAGE): $(PAGE_SOURCES) | $(STAMP)
+	@$(BIN)/python studio/build.py
 
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -78,4 +90,4 @@ lock:
 	  --no-emit-index-url --no-annotate --quiet --output-file constraints-docs.txt
 
 clean:
-	rm -rf .venv out dist site
+	rm -rf .venv out dist site studio/node_modules src/neuroanimator/studio/page

@@ -60,6 +60,9 @@ LONG_FILES = (
 FAULT_NAME = re.compile(r"test_f\d\d_")
 """Tests of faults that lie beside their subject."""
 
+ATTACK_NAME = re.compile(r"test_s\d\d_")
+"""Tests of attacks that lie beside their subject."""
+
 
 @pytest.fixture
 def tally(record_property: Callable[[str, object], None]) -> Tally:
@@ -81,7 +84,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name not in LONG_FILES)
     for item in items:
         folder = item.path.parent.name
-        if folder == "attacks":
+        if folder == "attacks" or ATTACK_NAME.match(item.name):
             item.add_marker(pytest.mark.attack)
         elif folder == "faults" or FAULT_NAME.match(item.name):
             item.add_marker(pytest.mark.fault)

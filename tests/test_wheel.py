@@ -19,6 +19,11 @@ PACKAGE = CHECKOUT / "src" / "neuroanimator"
 MAX_WHEEL = 15_000_000
 """[bytes]"""
 
+PACKAGED = (
+    "*.py", "*.c", "*.h", "*.js", "*.ts", "*.toml", "*.xml", "*.safetensors", "*.json", "*.wasm", "*.html", "*.css", "*.svg",
+)  # fmt: skip
+"""What the wheel holds all files of: the studio's built page, too, where it is built."""
+
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -77,7 +82,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(wheel: Path):
         names = archive.namelist()
     expected = {
         f"neuroanimator/{path.relative_to(PACKAGE).as_posix()}"
-        for pattern in ("*.py", "*.c", "*.h", "*.js", "*.ts", "*.toml", "*.xml", "*.safetensors")
+        for pattern in PACKAGED
         for path in PACKAGE.rglob(pattern)
     }
     assert {f"neuroanimator/emulators/{shipped_path(*row).name}" for row in SHIPPED} <= expected

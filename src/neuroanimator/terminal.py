@@ -69,6 +69,11 @@ def show_phases() -> None:
     _screen.shows_phases = True
 
 
+def hide_progress() -> None:
+    """Show neither phases nor bars from now on: what a server does, whose work nobody watches in the terminal."""
+    _screen.is_hidden = True
+
+
 def phase_seconds() -> dict[str, float]:
     """Return how long each phase took in this process [s], in the order they began."""
     return dict(_clock.seconds)
@@ -120,13 +125,14 @@ class _Screen:
 
     def __init__(self):
         self.shows_phases = False
+        self.is_hidden = False
         self._progress: Progress | None = None
         self._users = 0
 
     @contextmanager
     def shown(self) -> Iterator[Progress | None]:
         """Yield the display, which is there as long as somebody uses it; None where there is no terminal."""
-        if not sys.stderr.isatty():
+        if self.is_hidden or not sys.stderr.isatty():
             yield None
             return
         if self._progress is None:

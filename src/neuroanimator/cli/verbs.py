@@ -17,6 +17,7 @@ from neuroanimator.cli import (
     generate,
     info,
     new,
+    studio,
     train,
 )
 from neuroanimator.cli import list as list_
@@ -33,8 +34,8 @@ app = typer.Typer(
 )
 VERBS = {
     "demo": demo, "doctor": doctor, "list": list_, "new": new, "generate": generate, "train": train,
-    "evaluate": evaluate, "animate": animate, "control": control, "export": export, "bench": bench,
-    "info": info,
+    "evaluate": evaluate, "animate": animate, "control": control, "export": export, "studio": studio,
+    "bench": bench, "info": info,
 }  # fmt: skip
 """Each verb is the `run` of its module; `--help` lists them in this order."""
 

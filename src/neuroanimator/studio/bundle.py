@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,15 @@ DIGITS = 9
 """Digits of the numbers of a motion: those of float32."""
 
 
-def make_bundle(reference: str, folder: Path, bundle_id: str = "") -> Path:
+def make_bundle(
+    reference: str,
+    folder: Path,
+    bundle_id: str = "",
+    progress: Callable[[str], None] = lambda phase: None,
+) -> Path:
     """Write the bundle of the emulator `reference`, a name or a file, into `folder`; return it.
+
+    `progress` is told what is going on.
 
     Raises ResourceError without Zig and wasmtime, BadFileError for a file that is no emulator, and whatever else
     `write_wasm` raises. What says it is a bundle is written last.
@@ -45,11 +53,13 @@ def make_bundle(reference: str, folder: Path, bundle_id: str = "") -> Path:
     policy = policy_beside(source, emulator)
     licence = licence_of(source)
     folder.mkdir(parents=True, exist_ok=True)
+    progress("compiling")
     emulator_wasm, _ = checked_wasm(emulator, definition_of(emulator, licence), "emulator")
     write_whole(folder / "emulator.wasm", emulator_wasm)
     if policy is not None:
         policy_wasm, _ = checked_wasm(policy, definition_of(policy, licence), "policy")
         write_whole(folder / "policy.wasm", policy_wasm)
+    progress("looking for a motion worth a look")
     facts = bundle_facts(source, emulator, policy, bundle_id or source.name.split(".")[0])
     text = json.dumps(facts, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     write_whole(folder / BUNDLE, text.encode("ascii"))

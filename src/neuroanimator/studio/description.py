@@ -274,8 +274,13 @@ def target_goal(emulator: Emulator, system: System) -> dict[str, Any]:
         "target": None,
         "is_at_start": False,
         "movable": {"kind": "place", "entry": None, "at": at.tolist()},
-        "within": {"distance": TARGET_WITHIN * length},
+        "within": {"distance": place_within(emulator, system)},
     }
+
+
+def place_within(emulator: Emulator, system: System) -> float:
+    """Return how near to a place counts as there [m]."""
+    return TARGET_WITHIN * (system.body_length or body_size(emulator))
 
 
 def _about(emulator: Emulator) -> str:

@@ -121,6 +121,11 @@ def is_reached(system: System, goal: Goal | str, state: ArrayLike) -> bool:
     """Return whether `state` (S,) is within the tolerances of `goal`, one of the system's by name or any other."""
     if isinstance(goal, str):
         goal = find_goal(system, goal)
+    return bool((np.abs(errors_over_tolerances(system, goal, state)) <= 1).all())
+
+
+def errors_over_tolerances(system: System, goal: Goal, state: ArrayLike) -> Float[np.ndarray, " R"]:
+    """Return how far `state` (S,) is off in each of `judged_numbers`, over the tolerance of each."""
     frame = Frame.of(system.structure, 0.0)
     rows, tolerances = judged_numbers(system, goal)
     off = rows @ frame.difference(goal_state(system, goal), np.asarray(state, float))
@@ -128,7 +133,7 @@ def is_reached(system: System, goal: Goal | str, state: ArrayLike) -> bool:
         is_angle = [row in system.structure.angles for row in goal.sums]
         nearest = (off + np.pi) % (2 * np.pi) - np.pi
         off = np.where(is_angle, nearest, off)
-    return bool((np.abs(off) * (1 / tolerances) <= 1).all())
+    return off * (1 / tolerances)
 
 
 def judged_numbers(
@@ -137,20 +142,41 @@ def judged_numbers(
     """Return (rows that pick or sum what of a difference of states is judged, the tolerance of each)."""
     if goal.sums:
         return np.array(goal.sums, float), np.array(goal.tolerances, float)
+    entries = _judged_entries(system, goal)
+    numbers = [number for _, number, _ in entries]
+    tolerances = np.array([tolerance for _, _, tolerance in entries])
     frame = Frame.of(system.structure, 0.0)
-    size = system.state.size
+    return np.eye(frame.change_size(system.state.size))[numbers], tolerances
+
+
+def judged_parts(system: System, goal: Goal) -> list[tuple[str, float]]:
+    """Return for each of `judged_numbers` what it is of, such as `root.position`, and its tolerance."""
+    if goal.sums:
+        parts = [_part_of(system, row.index(max(row, key=abs))) for row in goal.sums]
+        return list(zip(parts, goal.tolerances, strict=True))
+    entries = _judged_entries(system, goal)
+    return [(_part_of(system, entry), tolerance) for entry, _, tolerance in entries]
+
+
+def _part_of(system: System, entry: int) -> str:
+    """Return the name of the part of the state that `entry` belongs to."""
+    names = [part.name for part in system.state.slices for _ in range(part.size)]
+    return names[entry]
+
+
+def _judged_entries(system: System, goal: Goal) -> list[tuple[int, int, float]]:
+    """Return (state entry, number of the difference, tolerance) of all that `goal` names; of a quaternion three."""
+    frame = Frame.of(system.structure, 0.0)
     wanted = {}
     for (entry, _), tolerance in zip(goal.values, goal.tolerances, strict=True):
         wanted[entry] = tolerance
-    numbers = []
-    tolerances = []
-    for placed in place_segments(frame.segments or (Plain(size=size),)):
+    judged = []
+    for placed in place_segments(frame.segments or (Plain(size=system.state.size),)):
         for number in range(placed.segment.change_size):
             entry = placed.entries.start + number
             if entry in wanted:
-                numbers.append(placed.changes.start + number)
-                tolerances.append(wanted[entry])
-    return np.eye(frame.change_size(size))[numbers], np.array(tolerances)
+                judged.append((entry, placed.changes.start + number, wanted[entry]))
+    return judged
 
 
 def find_goal(system: System, name: str) -> Goal:

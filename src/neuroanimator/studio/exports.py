@@ -1,0 +1,99 @@
+"""Motions as files to take along: written where nobody else can read, and fetched by a name nobody can guess."""
+
+from __future__ import annotations
+
+import secrets
+import tempfile
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from neuroanimator.animation.clip import Clip, make_clip
+from neuroanimator.animation.gauges import drawable
+from neuroanimator.errors import DivergedError
+from neuroanimator.export.csv_file import write_clip
+from neuroanimator.export.film.video import write_video
+from neuroanimator.export.gltf.scene import write_glb
+from neuroanimator.storage.unfinished import remove_at_exit
+from neuroanimator.studio.judge import checked_controls, replay_physics
+from neuroanimator.studio.library import Shown
+from neuroanimator.studio.limits import Limits
+from neuroanimator.studio.requests import Export
+
+ID_BYTES = 16
+"""Random bytes of a download's id."""
+
+MEDIA_TYPES = {
+    "glb": "model/gltf-binary",
+    "mp4": "video/mp4",
+    "csv": "text/csv; charset=utf-8",
+}
+"""What browsers are told of each format."""
+
+
+@dataclass(frozen=True)
+class Download:
+    """A file to be fetched."""
+
+    path: Path
+    name: str
+    """What it is to be called."""
+    media_type: str
+
+
+class Downloads:
+    """Exported files, the latest of them, until the server ends."""
+
+    def __init__(self, most: int):
+        self._most = most
+        self._folder = Path(tempfile.mkdtemp(prefix="neuroanimator-"))
+        remove_at_exit(self._folder)
+        self._downloads: OrderedDict[str, Download] = OrderedDict()
+
+    def write(self, shown: Shown, wanted: Export, limits: Limits) -> str:
+        """Write a motion, and return the id it is fetched by; errors are those of the exporters."""
+        download_id = secrets.token_urlsafe(ID_BYTES)
+        path = self._folder / f"{download_id}.{wanted.format}"
+        write_motion(shown, wanted, limits, path)
+        name = f"{shown.bundle_id}.{wanted.format}"
+        self._downloads[download_id] = Download(path, name, MEDIA_TYPES[wanted.format])
+        while len(self._downloads) > self._most:
+            _, oldest = self._downloads.popitem(last=False)
+            oldest.path.unlink(missing_ok=True)
+        return download_id
+
+    def find(self, download_id: str) -> Download | None:
+        """Return the file with that id; None if there is none."""
+        return self._downloads.get(download_id)
+
+
+def write_motion(shown: Shown, wanted: Export, limits: Limits, path: Path) -> None:
+    """Write the emulator's motion to `path`, the physics' beside it if wanted; a table has the emulator's alone."""
+    emulator = shown.emulator
+    start = emulator.state.check(wanted.start, "start")
+    controls = checked_controls(emulator, wanted.controls, limits)
+    states = np.asarray(emulator.rollout(start, controls, may_diverge=True), float)
+    if not np.isfinite(states).all():
+        raise DivergedError(
+            "The emulator's motion ends in numbers that are not finite. Shorten it."
+        )
+    clip = make_clip(emulator, states, rate=wanted.rate, source="emulator")
+    if wanted.format == "csv":
+        write_clip(clip, path, emulator.state)
+        return
+    drawn = drawable(clip, emulator)
+    ghost = None
+    if wanted.ghost:
+        replayed = replay_physics(shown, wanted.start, wanted.controls, limits)
+        ghost = _ghost(shown, replayed.states, wanted.rate)
+    if wanted.format == "glb":
+        write_glb(drawn, path, ghost=ghost)
+    else:
+        write_video(drawn, path, ghost=ghost)
+
+
+def _ghost(shown: Shown, states: np.ndarray, rate: float | None) -> Clip:
+    clip = make_clip(shown.emulator, states, rate=rate, source="physics")
+    return drawable(clip, shown.emulator)

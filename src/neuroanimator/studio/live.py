@@ -1,0 +1,184 @@
+"""What a page and the server say to each other while the page is open: questions about the physics, answers, events.
+
+The first message of a page says the token. Whoever floods the server, asks what is no JSON or takes nothing in is left;
+the server waits for nobody.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from starlette.responses import JSONResponse
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+import neuroanimator
+from neuroanimator.errors import ArgumentError, NeuroAnimatorError
+from neuroanimator.studio.description import packed
+from neuroanimator.studio.judge import judge, replay_physics
+from neuroanimator.studio.library import Shown
+from neuroanimator.studio.limits import Limits
+from neuroanimator.studio.open_page import Budget, Page, RefusedError
+from neuroanimator.studio.requests import Judge, Replay, read_hello, read_request, request_id
+from neuroanimator.studio.studio import Studio
+from neuroanimator.studio.words import public_words, say_unexpected
+
+POLICY_VIOLATION = 1008
+"""The code with which a socket is closed that does what it may not (RFC 6455, 7.4.1)."""
+
+CLOSING_SECONDS = 1.0
+"""Time for a page to be told why it is left [s]."""
+
+Answer = dict[str, Any]
+
+
+async def serve_page(socket: WebSocket) -> None:
+    """Talk to one page until it is gone."""
+    studio: Studio = socket.app.state.studio
+    if len(studio.pages) >= studio.limits.sockets:
+        words = f"{studio.limits.sockets} pages are open already. Close one and reload."
+        await socket.send_denial_response(JSONResponse({"error": words}, 503))
+        return
+    page = Page(socket, studio.limits)
+    studio.pages.add(page)
+    try:
+        await socket.accept()
+        await _talk(studio, page)
+    except RefusedError as refused:
+        # Who takes nothing in may not take this in, either.
+        with contextlib.suppress(Exception):
+            async with asyncio.timeout(CLOSING_SECONDS):
+                await socket.close(POLICY_VIOLATION, str(refused))
+    except WebSocketDisconnect:
+        pass
+    finally:
+        studio.pages.discard(page)
+
+
+async def _talk(studio: Studio, page: Page) -> None:
+    limits = studio.limits
+    try:
+        async with asyncio.timeout(limits.token_seconds):
+            text = await page.receive()
+    except TimeoutError:
+        raise RefusedError("no token") from None
+    if not _says_token(studio, text):
+        raise RefusedError("wrong token")
+    page.tell({"event": "ready", "version": neuroanimator.__version__})
+    sending = asyncio.create_task(page.send_all())
+    reading = asyncio.create_task(_read(studio, page))
+    tasks = {sending, reading}
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _says_token(studio: Studio, text: str) -> bool:
+    try:
+        hello = read_hello(text, studio.limits.message_bytes)
+    except (ValueError, RecursionError):
+        return False
+    return studio.gate.is_token(hello.token)
+
+
+async def _read(studio: Studio, page: Page) -> None:
+    """Read requests and work on them, a few at a time."""
+    budget = Budget(studio.limits)
+    free = asyncio.Semaphore(studio.limits.requests_at_once)
+    working: set[asyncio.Task[None]] = set()
+    try:
+        while True:
+            text = await page.receive()
+            budget.spend()
+            await free.acquire()
+            task = asyncio.create_task(_work(studio, page, text))
+            working.add(task)
+            task.add_done_callback(working.discard)
+            task.add_done_callback(lambda _: free.release())
+            await asyncio.sleep(0)
+            _raise_refusals(working)
+    finally:
+        for task in working:
+            task.cancel()
+
+
+def _raise_refusals(tasks: set[asyncio.Task[None]]) -> None:
+    for task in tasks:
+        if task.done() and not task.cancelled() and task.exception() is not None:
+            task.result()
+
+
+async def _work(studio: Studio, page: Page, text: str) -> None:
+    """Answer one request; whatever is wrong with it is said in one line."""
+    await page.answer(await answer_to(studio, text))
+
+
+async def answer_to(studio: Studio, text: str) -> Answer:
+    """Return the answer to one request. Raises RefusedError for what is no JSON."""
+    limits = studio.limits
+    number = None
+    try:
+        number = request_id(text, limits.message_bytes)
+        request = read_request(text, limits.message_bytes)
+    except ArgumentError as error:
+        return {"id": number, "error": public_words(str(error))}
+    except (ValueError, RecursionError) as error:
+        raise RefusedError("no JSON") from error
+    try:
+        answer = await _carried_out(studio, request)
+    except NeuroAnimatorError as error:
+        return {"id": request.id, "error": public_words(str(error))}
+    except Exception as error:
+        return {"id": request.id, "error": say_unexpected(error)}
+    return {"id": request.id, **answer}
+
+
+async def _carried_out(studio: Studio, request: Replay | Judge) -> Answer:
+    work: Callable[[], Answer]
+    if isinstance(request, Replay):
+        work = lambda: replayed(studio.library.load(request.bundle), request, studio.limits)  # noqa: E731
+    else:
+        work = lambda: judged(studio.library.load(request.bundle), request)  # noqa: E731
+    return await studio.in_physics(work)
+
+
+def replayed(shown: Shown, request: Replay, limits: Limits) -> Answer:
+    """Return the answer to `replay`."""
+    result = replay_physics(shown, request.start, request.controls, limits)
+    return {
+        "states": packed(result.states, "<f4"),
+        "wall_s": result.wall_s,
+        "usual_wall_s": result.usual_wall_s,
+        "physics_steps": result.physics_steps,
+    }
+
+
+def judged(shown: Shown, request: Judge) -> Answer:
+    """Return the answer to `judge`."""
+    verdict = judge(shown, request.goal, _last_state(shown, request), request.target)
+    return verdict._asdict()
+
+
+def _last_state(shown: Shown, request: Judge) -> np.ndarray:
+    """Return the last of the states, which came as rows or in base64."""
+    size = shown.emulator.state.size
+    if not isinstance(request.states, str):
+        return np.array(request.states[-1], float)
+    try:
+        content = base64.b64decode(request.states, validate=True)
+    except ValueError as error:
+        raise ArgumentError("states: wanted base64 of float32 numbers.") from error
+    if not content or len(content) % (4 * size):
+        raise ArgumentError(
+            f"states: wanted rows of {size} float32 numbers, came {len(content)} bytes."
+        )
+    return np.frombuffer(content[-4 * size :], "<f4").astype(float)

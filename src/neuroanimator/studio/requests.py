@@ -1,0 +1,106 @@
+"""What a page may ask, checked: every number finite, every text short, and nothing else."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.tables import Finite, Table, first_fault
+
+MAX_STATE = 4096
+"""Numbers a state or a control may have: as many as a layout read from a file."""
+
+MAX_ROWS = 20_000
+"""Rows of controls or states."""
+
+MAX_TEXT = 1 << 20
+"""Characters of states in base64."""
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Number = Annotated[int, Field(ge=0, le=2**53)]
+"""What a page counts its requests by: JavaScript's whole numbers."""
+
+Vector = Annotated[list[Finite], Field(min_length=1, max_length=MAX_STATE)]
+Rows = Annotated[list[Vector], Field(min_length=1, max_length=MAX_ROWS)]
+Point = tuple[Finite, Finite, Finite]
+
+
+class Hello(Table):
+    """The first message of a page."""
+
+    token: Name
+
+
+class Replay(Table):
+    """What do these controls do on the true physics?"""
+
+    id: Number
+    do: Literal["replay"]
+    bundle: Name
+    start: Vector
+    controls: Rows
+
+
+class Judge(Table):
+    """How near does this motion come to a goal?"""
+
+    id: Number
+    do: Literal["judge"]
+    bundle: Name
+    goal: Name
+    target: Point | None = None
+    states: Annotated[str, Field(max_length=MAX_TEXT)] | Rows
+    """Rows of numbers, or base64 of little-endian float32; the last state counts."""
+
+
+Request = Annotated[Replay | Judge, Field(discriminator="do")]
+
+REQUEST: TypeAdapter[Replay | Judge] = TypeAdapter(Request)
+
+
+class Export(Table):
+    """Write this motion for another program."""
+
+    bundle: Name
+    format: Literal["glb", "mp4", "csv"]
+    rate: Annotated[float, Field(gt=0, le=1000)] | None = None
+    start: Vector
+    controls: Rows
+    ghost: bool = False
+    """Whether the physics goes along as a ghost."""
+
+
+HELLO = TypeAdapter(Hello)
+EXPORT = TypeAdapter(Export)
+
+
+def read_request(text: str, largest: int) -> Replay | Judge:
+    """Return what a page asks; ValueError for what is no JSON, ArgumentError for JSON that asks nothing known."""
+    values = parse_json_object(text, largest)
+    return _checked(REQUEST, values)
+
+
+def read_hello(text: str, largest: int) -> Hello:
+    """Return a page's first message; errors are those of `read_request`."""
+    return _checked(HELLO, parse_json_object(text, largest))
+
+
+def read_export(content: bytes, largest: int) -> Export:
+    """Return what a page wants exported; errors are those of `read_request`."""
+    return _checked(EXPORT, parse_json_object(content, largest))
+
+
+def request_id(text: str, largest: int) -> int | None:
+    """Return the number of a request that asks nothing known; None if it has none."""
+    number = parse_json_object(text, largest).get("id")
+    return number if isinstance(number, int) and not isinstance(number, bool) else None
+
+
+def _checked(adapter: Any, values: dict[str, Any]) -> Any:
+    try:
+        return adapter.validate_python(values)
+    except ValidationError as error:
+        raise ArgumentError(f"{first_fault(error)}.") from error

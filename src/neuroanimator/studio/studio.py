@@ -1,0 +1,60 @@
+"""All that the server knows while it runs."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, TypeVar
+
+from neuroanimator.studio.exports import Downloads
+from neuroanimator.studio.guard import Gate
+from neuroanimator.studio.library import Library
+from neuroanimator.studio.limits import USUAL, Limits
+from neuroanimator.studio.open_page import Page
+
+Result = TypeVar("Result")
+
+
+class Studio:
+    """The page's files, the emulators on show, who is connected, and threads for what takes long."""
+
+    def __init__(self, gate: Gate, page_folder: Path, library: Library, limits: Limits = USUAL):
+        self.gate = gate
+        self.library = library
+        self.limits = limits
+        self.page_files = page_files(page_folder)
+        self.downloads = Downloads(limits.downloads)
+        self.pages: set[Page] = set()
+        # One of each: the machine has few cores, and simulators are not made to be shared.
+        self._physics = ThreadPoolExecutor(1, "physics")
+        self._drawing = ThreadPoolExecutor(1, "drawing")
+
+    async def in_physics(self, work: Callable[[], Result]) -> Result:
+        """Return what `work` does beside the server, after what was asked before."""
+        return await asyncio.get_running_loop().run_in_executor(self._physics, work)
+
+    async def in_drawing(self, work: Callable[[], Result]) -> Result:
+        """Return what `work` does, as `in_physics`; what takes long waits for its like only."""
+        return await asyncio.get_running_loop().run_in_executor(self._drawing, work)
+
+    def tell_pages(self, event: dict[str, Any]) -> None:
+        """Tell all pages of something."""
+        for page in list(self.pages):
+            page.tell(event)
+
+    def close(self) -> None:
+        """Wait for nothing that still runs."""
+        self._physics.shutdown(wait=False, cancel_futures=True)
+        self._drawing.shutdown(wait=False, cancel_futures=True)
+
+
+def page_files(folder: Path) -> dict[str, Path]:
+    """Return every file of the built page by its path in the URL; links are left out, and nothing else is ever served."""
+    files = {}
+    for path in sorted(folder.rglob("*")):
+        is_within = path.resolve().is_relative_to(folder.resolve())
+        if path.is_file() and not path.is_symlink() and is_within:
+            files[f"/{path.relative_to(folder).as_posix()}"] = path
+    return files

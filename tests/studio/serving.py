@@ -1,0 +1,144 @@
+"""A running studio: uvicorn in a thread of this process, real sockets, and clients that say exactly what they are told."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import socket
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tally import Tally
+from websockets.sync.client import ClientConnection, connect
+
+from neuroanimator.studio.guard import Gate
+from neuroanimator.studio.library import Library
+from neuroanimator.studio.limits import USUAL, Limits
+from neuroanimator.studio.server import listen, make_server
+from neuroanimator.studio.studio import Studio
+
+Headers = dict[str, str]
+
+Tried = TypeVar("Tried")
+
+
+def each(tally: Tally, tried: Sequence[Tried]) -> Sequence[Tried]:
+    """Count what a test tries."""
+    tally.tried += len(tried)
+    return tried
+
+
+@dataclass(frozen=True)
+class Reply:
+    status: int
+    headers: Headers
+    body: bytes
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.body)
+
+
+@dataclass(frozen=True)
+class Serving:
+    """A studio that runs, and its address."""
+
+    studio: Studio
+
+    @property
+    def gate(self) -> Gate:
+        return self.studio.gate
+
+    @property
+    def origin(self) -> str:
+        return f"http://127.0.0.1:{self.gate.port}"
+
+    def ask(
+        self, path: str, method: str = "GET", body: Any = None, headers: Headers | None = None
+    ) -> Reply:
+        """Send a request as its own page would, but for `headers`; the path goes as it is."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.gate.port, timeout=20)
+        try:
+            said = {"Host": f"127.0.0.1:{self.gate.port}"} | (headers or {})
+            connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+            for name, value in said.items():
+                connection.putheader(name, value)
+            if body is not None:
+                connection.putheader("Content-Length", str(len(body)))
+            connection.endheaders(body)
+            reply = connection.getresponse()
+            lower = {name.lower(): value for name, value in reply.getheaders()}
+            return Reply(reply.status, lower, reply.read())
+        finally:
+            connection.close()
+
+    def post(self, path: str, body: bytes, kind: str, headers: Headers | None = None) -> Reply:
+        """Post as its own page would, token and all."""
+        own = {"Origin": self.origin, "X-Token": self.gate.token, "Content-Type": kind}
+        return self.ask(path, "POST", body, own | (headers or {}))
+
+    def post_json(self, path: str, value: Any) -> Reply:
+        return self.post(path, json.dumps(value).encode(), "application/json")
+
+    @contextmanager
+    def page(self) -> Iterator[ClientConnection]:
+        """Yield the socket of an open page."""
+        with self.socket() as socket:
+            socket.send(json.dumps({"token": self.gate.token}))
+            assert json.loads(socket.recv(10))["event"] == "ready"
+            yield socket
+
+    def socket(self, origin: str | None = "", **options: Any) -> ClientConnection:
+        """Connect a WebSocket: of its own page if no origin is said, without any for None."""
+        said = self.origin if origin == "" else origin
+        return connect(
+            f"ws://127.0.0.1:{self.gate.port}/live", origin=said, compression=None, **options
+        )
+
+    def raw(self, content: bytes = b"") -> socket.socket:
+        """Connect, and send bytes as they are."""
+        connection = socket.create_connection(("127.0.0.1", self.gate.port), timeout=20)
+        connection.sendall(content)
+        return connection
+
+
+def ask_page(page: ClientConnection, **request: Any) -> Any:
+    """Return the answer to a request, events left aside."""
+    page.send(json.dumps({"id": 1, **request}))
+    while True:
+        answer = json.loads(page.recv(60))
+        if "event" not in answer:
+            return answer
+
+
+def write_page(folder: Path) -> Path:
+    """Write a page of two files, as a build would."""
+    (folder / "assets").mkdir(parents=True, exist_ok=True)
+    (folder / "index.html").write_text("<!doctype html><title>Studio</title>")
+    (folder / "assets" / "main.js").write_text("export {};")
+    return folder
+
+
+@contextmanager
+def serving(folder: Path, limits: Limits = USUAL) -> Iterator[Serving]:
+    """Run a studio whose page and own bundles are in `folder`."""
+    page = write_page(folder / "page")
+    own = folder / "bundles"
+    own.mkdir(exist_ok=True)
+    listener = listen("127.0.0.1", 0)
+    studio = Studio(Gate("127.0.0.1", listener.getsockname()[1]), page, Library(own), limits)
+    server = make_server(studio)
+    thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listener])))
+    thread.start()
+    try:
+        yield Serving(studio)
+    finally:
+        server.should_exit = True
+        thread.join(20)
+        studio.close()
+        listener.close()

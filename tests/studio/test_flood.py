@@ -1,0 +1,260 @@
+"""Attacks on the local server by size, number and slowness: uploads, sockets, messages, who takes nothing in (S6, S7, S13)."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+import zipfile
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+from serving import Serving, ask_page, each, serving
+from tally import Tally
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection
+
+from neuroanimator.studio.limits import Limits
+
+HURRIED = Limits(
+    body_seconds=1.0,
+    chunk_seconds=0.3,
+    header_seconds=0.3,
+    connections=20,
+    messages_a_second=20,
+    messages_at_once=50,
+    send_seconds=0.5,
+    waiting_messages=8,
+)
+
+
+@pytest.fixture(scope="module")
+def hurried(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serving]:
+    """A studio that waits for nothing long."""
+    with serving(tmp_path_factory.mktemp("hurried"), HURRIED) as running:
+        yield running
+
+
+def head_of_upload(studio: Serving, *lines: str) -> bytes:
+    own = [
+        "POST /api/emulators HTTP/1.1",
+        f"Host: 127.0.0.1:{studio.gate.port}",
+        f"Origin: {studio.origin}",
+        f"X-Token: {studio.gate.token}",
+        "Content-Type: application/octet-stream",
+        *lines,
+    ]
+    return "\r\n".join([*own, "", ""]).encode()
+
+
+def status_of(connection: socket.socket) -> int:
+    """Return the status of the answer; 0 if the connection was cut."""
+    connection.settimeout(10)
+    try:
+        line = connection.recv(100)
+    except ConnectionError:
+        return 0
+    return int(line.split()[1]) if line else 0
+
+
+def test_s06_a_body_of_a_gigabyte_is_refused_by_what_it_says_of_itself(studio: Serving):
+    with studio.raw(head_of_upload(studio, f"Content-Length: {1 << 30}")) as connection:
+        assert status_of(connection) == 413
+
+
+def test_s06_a_body_that_does_not_say_its_size_is_refused_as_it_grows(tmp_path: Path):
+    with serving(tmp_path, Limits(upload_bytes=1 << 20)) as studio:
+        connection = studio.raw(head_of_upload(studio, "Transfer-Encoding: chunked"))
+        with connection:
+            piece = b"10000\r\n" + b"x" * 0x10000 + b"\r\n"
+            for _ in range(17):
+                connection.sendall(piece)
+            assert status_of(connection) == 413
+        assert not list(studio.studio.library.folder.iterdir())
+
+
+def test_s06_a_dripping_body_is_not_waited_for(hurried: Serving, tally: Tally):
+    connection = hurried.raw(head_of_upload(hurried, "Content-Length: 1000"))
+    with connection:
+        connection.sendall(b"x")
+        assert status_of(connection) == 408
+    connection = hurried.raw(head_of_upload(hurried, "Transfer-Encoding: chunked"))
+    began = time.monotonic()
+    with connection:
+        for _ in range(20):  # each in time, all together not
+            try:
+                connection.sendall(b"1\r\nx\r\n")
+            except ConnectionError:
+                break
+            time.sleep(0.1)
+        assert status_of(connection) in (408, 0)
+    assert time.monotonic() - began < 10
+    tally.tried = 2
+
+
+def test_s06_a_dripping_head_is_not_waited_for(hurried: Serving):
+    with hurried.raw(b"GET / HTTP/1.1\r\nHost: ") as connection:
+        assert status_of(connection) == 0
+    with hurried.raw() as connection:
+        assert status_of(connection) == 0
+
+
+def test_s06_what_is_no_emulator_is_refused_in_one_line(studio: Serving, tally: Tally):
+    bomb = BytesIO()
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("bomb", b"\0" * (8 << 20))
+    header = b'{"na":{"dtype":"F32","shape":[1],"data_offsets":[0,4]}}'
+    files = {
+        "nothing": b"",
+        "a few bytes": b"1234567",
+        "text": b"hello " * 100,
+        "a zip bomb": bomb.getvalue(),
+        "a header larger than the file": (1 << 40).to_bytes(8, "little") + b"{}",
+        "no metadata": len(header).to_bytes(8, "little") + header + b"\0" * 4,
+        "a picture": b"\x89PNG\r\n\x1a\n" + b"\0" * 1000,
+        "a program": b"\x7fELF" + b"\0" * 1000,
+    }
+    for name, content in each(tally, list(files.items())):
+        reply = studio.post("/api/emulators", content, "application/octet-stream")
+        assert reply.status == 400, name
+        assert reply.json["error"].startswith("The file "), (name, reply.json)
+    wrong = studio.post("/api/emulators", b"x", "model/gltf-binary")
+    assert wrong.status == 415
+    assert not list(studio.studio.library.folder.iterdir())
+
+
+def closed_with(page: ClientConnection) -> int | None:
+    """Read until the socket is closed; return with which code."""
+    with suppress(ConnectionClosed):
+        while True:
+            page.recv(20)
+    return page.close_code
+
+
+def test_s07_a_message_of_sixteen_megabytes_closes_the_socket(studio: Serving):
+    with studio.page() as page:
+        with suppress(ConnectionClosed):
+            page.send("x" * (16 << 20))
+        assert closed_with(page) == 1009
+
+
+def test_s07_a_flood_of_messages_closes_the_socket(hurried: Serving):
+    with hurried.page() as page:
+        with suppress(ConnectionClosed):
+            for number in range(10_000):
+                page.send(f'{{"id": {number}, "do": "nothing"}}')
+        assert closed_with(page) == 1008
+    with hurried.page() as page:  # and the next one is welcome
+        assert "error" in ask_page(page, do="nothing")
+
+
+def test_s07_no_more_than_eight_sockets_open(tmp_path: Path, tally: Tally):
+    with serving(tmp_path) as studio, ExitStack() as stack:
+        for _ in range(8):
+            stack.enter_context(studio.page())
+        for _ in each(tally, range(192)):
+            with pytest.raises(InvalidStatus) as refusal:
+                studio.socket().close()
+            assert refusal.value.response.status_code == 503
+        assert studio.ask("/").status == 200
+
+
+def test_s07_what_is_no_json_closes_the_socket(studio: Serving, tally: Tally):
+    request = '{"id": 1, "do": "replay", "bundle": "lander-50", "start": [%s], "controls": [[0]]}'
+    messages = [
+        "", "nothing", "[1]", "1", "null", "{", '{"id": 1, "id": 2}', "[" * 100_000, '{"a":' * 10_000,
+        request % "NaN", request % "Infinity", request % "-Infinity", request % "1e999", request % ("9" * 5_000),
+        '{"id": 1, "do": "\\ud800"}',
+    ]  # fmt: skip
+    for message in each(tally, messages):
+        with studio.page() as page:
+            page.send(message)
+            assert closed_with(page) == 1008, message[:60]
+    with studio.page() as page:
+        page.send(b"\x00\x01")
+        assert closed_with(page) == 1008
+
+
+def test_s07_json_that_asks_nothing_known_is_answered_with_one_line(studio: Serving, tally: Tally):
+    lander = {"do": "replay", "bundle": "lander-50"}
+    requests = [
+        {},
+        {"do": None},
+        {"do": "__init__"},
+        {**lander},
+        {**lander, "start": [], "controls": []},
+        {**lander, "start": [0] * 13, "controls": [[0, 0, 0, 0]], "more": 1},
+        {**lander, "start": [0] * 12, "controls": [[0, 0, 0, 0]]},
+        {**lander, "start": [0] * 13, "controls": [[0, 0, 0]]},
+        {**lander, "start": [0] * 13, "controls": [[0, 0, 0, 1e6]]},
+        {**lander, "start": "0" * 13, "controls": [[0, 0, 0, 0]]},
+        {**lander, "start": [[0]], "controls": [[0, 0, 0, 0]]},
+        {**lander, "bundle": "../../secret", "start": [0] * 13, "controls": [[0, 0, 0, 0]]},
+        {
+            "do": "judge",
+            "bundle": "lander-50",
+            "goal": "<img onerror=alert(1)>",
+            "states": [[0] * 13],
+        },
+        {"do": "judge", "bundle": "lander-50", "goal": "pad", "states": "!!!"},
+        {"do": "judge", "bundle": "lander-50", "goal": "pad", "states": "AAAA"},
+    ]
+    with studio.page() as page:
+        for request in each(tally, requests):
+            answer = ask_page(page, **request)
+            assert answer.keys() == {"id", "error"}, (request, answer)
+            assert answer["id"] == 1, request
+            assert len(answer["error"].splitlines()) == 1, request
+            assert "secret" not in answer["error"], answer
+
+
+def test_s13_who_takes_nothing_in_is_left_and_nobody_waits(hurried: Serving):
+    fish = {"do": "judge", "bundle": "fish-50", "goal": "target", "target": [0, 0, 0]}
+    with hurried.raw() as slow:
+        slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        slow.sendall(
+            f"GET /live HTTP/1.1\r\nHost: 127.0.0.1:{hurried.gate.port}\r\nOrigin: {hurried.origin}\r\n"
+            "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
+        )
+        assert b" 101 " in slow.recv(200)
+        slow.sendall(frame(json.dumps({"token": hurried.gate.token})))
+        deadline = time.monotonic() + 10
+        while not hurried.studio.pages:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        # More events than all buffers between here and there hold, and the page reads none of them.
+        for _ in range(200):
+            hurried.studio.tell_pages({"event": "filler", "text": "x" * 500_000})
+            time.sleep(0.005)
+        began = time.perf_counter()
+        assert hurried.ask("/").status == 200
+        assert time.perf_counter() - began < 1
+        with hurried.page() as page:
+            assert "gap" in ask_page(page, **fish, states=[[0.0] * 138 + [0.0] * 12])
+        while hurried.studio.pages:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
+
+def frame(text: str) -> bytes:
+    """Return a WebSocket frame with `text`, masked as a browser's are (RFC 6455, 5.2)."""
+    content = text.encode()
+    mask = b"\1\2\3\4"
+    masked = bytes(byte ^ mask[number % 4] for number, byte in enumerate(content))
+    return bytes([0x81, 0x80 | len(content)]) + mask + masked
+
+
+def test_s13_half_a_download_holds_up_nobody(studio: Serving):
+    request = (
+        f"GET /bundles/fish-50/emulator.wasm HTTP/1.1\r\nHost: 127.0.0.1:{studio.gate.port}\r\n\r\n"
+    )
+    with ExitStack() as stack:
+        for _ in range(10):
+            stack.enter_context(studio.raw(request.encode()))
+        began = time.perf_counter()
+        assert studio.ask("/bundles/dolphin-50/emulator.wasm").status == 200
+        assert time.perf_counter() - began < 1

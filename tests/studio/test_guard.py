@@ -1,0 +1,271 @@
+"""Attacks on the local server: other sites' pages, guessed tokens, paths out of the folder, leaks (S1 to S5, S8 to S12)."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+from pathlib import Path
+
+import pytest
+from serving import Serving, each, serving
+from tally import Tally
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from neuroanimator.studio.guard import Gate
+from neuroanimator.studio.server import listen
+from neuroanimator.studio.words import public_words
+
+
+def test_s01_another_host_is_refused_on_http_and_on_websocket(studio: Serving, tally: Tally):
+    port = studio.gate.port
+    hosts = (
+        "evil.example",
+        f"evil.example:{port}",
+        "127.0.0.1",
+        "127.0.0.1:1",
+        f"127.0.0.1.evil.example:{port}",
+        "",
+        f"0.0.0.0:{port}",
+        f"127.0.0.1@evil.example:{port}",
+    )
+    for host in each(tally, hosts):
+        reply = studio.ask("/", headers={"Host": host})
+        assert reply.status == 400, host
+        assert b"title" not in reply.body
+        with pytest.raises(InvalidStatus) as refusal:
+            studio.socket(additional_headers={"Host": host}).close()
+        assert refusal.value.response.status_code == 400, host
+
+
+def test_s01_its_own_names_are_welcome(studio: Serving):
+    for name in ("127.0.0.1", "localhost", "LOCALHOST", "[::1]"):
+        assert studio.ask("/", headers={"Host": f"{name}:{studio.gate.port}"}).status == 200
+
+
+def test_s01_two_hosts_are_none(studio: Serving):
+    own = f"127.0.0.1:{studio.gate.port}"
+    with studio.raw(f"GET / HTTP/1.1\r\nHost: {own}\r\nHost: {own}\r\n\r\n".encode()) as connection:
+        assert b" 400 " in connection.recv(100)
+
+
+def test_s02_a_socket_of_another_origin_is_refused_before_it_opens(studio: Serving, tally: Tally):
+    port = studio.gate.port
+    origins = (
+        "http://evil.example",
+        f"http://evil.example:{port}",
+        "null",
+        None,
+        "http://127.0.0.1:1",
+        f"https://127.0.0.1:{port}",
+        f"http://localhost.evil.example:{port}",
+    )
+    for origin in each(tally, origins):
+        with pytest.raises(InvalidStatus) as refusal:
+            studio.socket(origin).close()
+        assert refusal.value.response.status_code == 403, origin
+
+
+def test_s03_without_the_token_a_socket_is_closed(studio: Serving, tally: Tally):
+    token = studio.gate.token
+    wrong = (token[:-1], token + "0", token.upper() + "x", "", "0" * 32)
+    firsts = [json.dumps({"token": said}) for said in wrong]
+    firsts += [
+        '{"token": null}',
+        '{"token": ["a"]}',
+        "{}",
+        "[]",
+        "token",
+        '{"id": 1, "do": "replay"}',
+    ]
+    for first in each(tally, firsts):
+        with studio.socket() as page:
+            page.send(first)
+            with pytest.raises(ConnectionClosed) as closing:
+                page.recv(10)
+        assert closing.value.rcvd is not None
+        assert closing.value.rcvd.code == 1008, first
+
+
+def test_s03_who_says_nothing_is_not_waited_for(tmp_path: Path):
+    from neuroanimator.studio.limits import Limits
+
+    with serving(tmp_path, Limits(token_seconds=0.2)) as studio, studio.socket() as page:
+        with pytest.raises(ConnectionClosed) as closing:
+            page.recv(10)
+        assert closing.value.rcvd is not None
+        assert closing.value.rcvd.code == 1008
+
+
+def test_s03_the_token_is_in_the_fragment_and_of_128_bits(studio: Serving):
+    assert studio.gate.url == f"{studio.origin}/#{studio.gate.token}"
+    assert len(bytes.fromhex(studio.gate.token)) == 16
+    assert Gate("127.0.0.1", 1).token != Gate("127.0.0.1", 1).token
+
+
+@pytest.mark.parametrize("path", ["/api/emulators", "/api/exports"])
+def test_s04_what_another_site_can_send_changes_nothing(path: str, studio: Serving, tally: Tally):
+    own = {
+        "Origin": studio.origin,
+        "X-Token": studio.gate.token,
+        "Content-Type": "application/json",
+    }
+    attacks = {
+        "form": own | {"Content-Type": "application/x-www-form-urlencoded"},
+        "plain text": own | {"Content-Type": "text/plain"},
+        "no type": own | {"Content-Type": ""},
+        "other site": own | {"Origin": "http://evil.example"},
+        "no origin to say": own | {"Origin": "null"},
+        "said by the browser": own | {"Sec-Fetch-Site": "cross-site"},
+        "another port": own | {"Sec-Fetch-Site": "same-site"},
+        "no token": own | {"X-Token": ""},
+        "wrong token": own | {"X-Token": "0" * 32},
+    }
+    before = studio.ask("/catalogue.json").body
+    for name, headers in each(tally, list(attacks.items())):
+        assert studio.ask(path, "POST", b"{}", headers).status in (403, 415), name
+    for method in each(tally, ["GET", "PUT", "DELETE", "PATCH", "OPTIONS"]):
+        assert studio.ask(path, method, headers=own).status in (403, 404, 405), method
+    assert studio.ask("/catalogue.json").body == before
+
+
+OUTSIDE = (
+    "/../secret", "/%2e%2e/secret", "/..%2fsecret", "/%252e%252e/secret", "/assets/../../secret", "/..\\secret",
+    "/%5c..%5csecret", "/assets/main.js%00.html", "/%00", "//etc/passwd", "/etc/passwd", "/C:/secret", "/C:%5csecret",
+    "/%5c%5chost%5cshare", "/link.txt", "/folder/secret", "/bundles/..%2f..%2fsecret/bundle.json", "/bundles/../secret",
+    "/bundles/fish-50/..%2f..%2fsecret", "/bundles/fish-50/__init__.py", "/bundles/%2e%2e/catalogue.py",
+    "/api/downloads/..%2f..%2fsecret", "/api/downloads/secret", "/.", "/index.html/", "/assets", "/assets/",
+    "/bundles/fish-50/emulator.safetensors", "http://127.0.0.1/etc/passwd",
+)  # fmt: skip
+
+
+def test_s05_no_path_leads_out_of_the_page(tmp_path: Path, tally: Tally):
+    (tmp_path / "secret").write_text("secret")
+    (tmp_path / "page").mkdir()
+    outside = tmp_path / "elsewhere"
+    outside.mkdir()
+    (outside / "secret").write_text("secret")
+    os.symlink(tmp_path / "secret", tmp_path / "page" / "link.txt")
+    os.symlink(outside, tmp_path / "page" / "folder")
+    with serving(tmp_path) as studio:
+        for path in each(tally, OUTSIDE):
+            reply = studio.ask(path)
+            assert reply.status == 404, path
+            assert b"secret" not in reply.body, path
+        assert studio.ask("/assets/main.js").status == 200
+
+
+def test_s08_nothing_on_the_page_runs_that_is_not_its_own(studio: Serving):
+    policy = studio.ask("/").headers["content-security-policy"]
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == "'self'"
+    assert rules["script-src"] == "'self' 'wasm-unsafe-eval'"
+    assert rules["frame-ancestors"] == "'none'"
+    assert rules["object-src"] == "'none'"
+    assert "http" not in policy
+
+
+def test_s09_every_answer_has_the_headers_and_none_lets_other_sites_in(
+    studio: Serving, tally: Tally
+):
+    paths = (
+        "/",
+        "/assets/main.js",
+        "/catalogue.json",
+        "/bundles/fish-50/emulator.wasm",
+        "/nothing",
+        "/api/exports",
+    )
+    for path in each(tally, paths):
+        for host in (f"127.0.0.1:{studio.gate.port}", "evil.example"):
+            headers = studio.ask(
+                path, headers={"Host": host, "Origin": "http://evil.example"}
+            ).headers
+            assert headers["cross-origin-opener-policy"] == "same-origin", path
+            assert headers["cross-origin-embedder-policy"] == "require-corp"
+            assert headers["cross-origin-resource-policy"] == "same-origin"
+            assert headers["referrer-policy"] == "no-referrer"
+            assert headers["x-content-type-options"] == "nosniff"
+            assert "content-security-policy" in headers
+            assert not [name for name in headers if name.startswith("access-control")]
+            assert "server" not in headers
+            assert "set-cookie" not in headers
+
+
+def test_s10_a_hundred_thousand_ranges_take_no_time(studio: Serving):
+    ranges = "bytes=" + ",".join(f"{start}-" for start in range(8_000))
+    assert studio.ask("/bundles/fish-50/emulator.wasm").status == 200
+    seconds = []
+    for _ in range(5):
+        began = time.perf_counter()
+        reply = studio.ask("/bundles/fish-50/emulator.wasm", headers={"Range": ranges})
+        seconds.append(time.perf_counter() - began)
+        assert reply.status == 200
+    assert min(seconds) < 0.05
+    head = f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{studio.gate.port}\r\nRange: bytes="
+    with studio.raw(head.encode() + b"0-," * 100_000 + b"\r\n\r\n") as connection:
+        assert b" 200 " not in first_line(connection)  # a head that large is none
+
+
+def first_line(connection: socket.socket) -> bytes:
+    """Return how the answer begins; nothing if the connection was cut."""
+    try:
+        return connection.recv(100)
+    except ConnectionError:
+        return b""
+
+
+def test_s11_errors_say_no_paths_no_traces_and_nothing_of_the_surroundings(
+    studio: Serving, tally: Tally
+):
+    own = studio.studio.library.folder
+    replies = [
+        studio.ask("/nothing"),
+        studio.post("/api/emulators", b"junk", "application/octet-stream"),
+        studio.post("/api/exports", b"junk", "application/json"),
+        studio.post_json("/api/exports", {"bundle": "nothing"}),
+        studio.post_json(
+            "/api/exports", {"bundle": "nothing", "format": "glb", "start": [1], "controls": [[1]]}
+        ),
+    ]
+    for reply in each(tally, replies):
+        assert reply.status in (400, 404)
+        text = reply.body.decode()
+        assert "Traceback" not in text
+        assert ".py" not in text
+        assert str(own) not in text
+        assert str(Path.home()) not in text
+        assert "/tmp" not in text
+        assert len(reply.json["error"].splitlines()) == 1
+        assert "/" not in reply.json["error"].replace("application/octet-stream", "")
+
+
+def test_s11_folders_are_cut_out_of_messages():
+    said = "Could not write /home/anna/.cache/x y/bundle.json: no space; see https://a/b and 3 m/s."
+    assert (
+        public_words("Could not write /home/anna/cache/bundle.json: full")
+        == "Could not write bundle.json: full"
+    )
+    assert "anna" not in public_words(said)
+    assert "m/s" in public_words(said)
+
+
+def test_s12_only_this_machine_is_listened_to(studio: Serving):
+    listener = listen("127.0.0.1", 0)
+    with listener:
+        assert listener.getsockname()[0] == "127.0.0.1"
+        hexadecimal = f"0100007F:{listener.getsockname()[1]:04X}"
+        assert hexadecimal in Path("/proc/net/tcp").read_text()
+    with pytest.raises(OSError, match="refused|unreachable"):
+        socket.create_connection(("127.0.0.2", studio.gate.port), timeout=5)
+
+
+def test_s12_who_asks_for_more_still_needs_the_token():
+    gate = Gate("0.0.0.0", 80)
+    assert not gate.is_loopback
+    assert gate.token
+    assert gate.is_own_host("192.168.1.7:80")
+    assert not gate.is_own_host("evil.example:80")
+    assert Gate("192.168.1.7", 81).is_own_host("192.168.1.7:81")
+    assert not Gate("192.168.1.7", 81).is_own_host("192.168.1.8:81")

@@ -1,0 +1,254 @@
+"""What the server does for its own page: files, bundles, replays, verdicts, exports, emulators dropped on it."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from serving import Serving, ask_page, serving, write_page
+
+import neuroanimator as na
+from neuroanimator.cli import studio as studio_verb
+from neuroanimator.export.csv_file import read_clip
+from neuroanimator.studio import run
+from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_folder
+from neuroanimator.studio.description import packed, unpacked
+from neuroanimator.studio.static_site import export_site
+from neuroanimator.studio.studio import page_files
+from neuroanimator.zoo import find_emulator
+
+
+def bundle(name: str) -> dict[str, Any]:
+    return json.loads((shipped_folder() / name / "bundle.json").read_text())
+
+
+def test_the_page_and_the_bundles_are_served_as_what_they_are(studio: Serving):
+    assert studio.ask("/").headers["content-type"].startswith("text/html")
+    assert studio.ask("/index.html").body == studio.ask("/").body
+    assert studio.ask("/assets/main.js").headers["content-type"].startswith("text/javascript")
+    described = studio.ask("/catalogue.json").json
+    assert described["has_server"]
+    assert [row["id"] for row in described["entries"]][:5] == list(SHIPPED_BUNDLES)
+    for row in described["entries"][:2]:
+        facts = studio.ask(f"/{row['bundle']}bundle.json")
+        assert facts.json["system"] == row["system"]
+        program = studio.ask(f"/{row['bundle']}{facts.json['emulator']}")
+        assert program.headers["content-type"] == "application/wasm"
+        assert program.body[:4] == b"\0asm"
+
+
+def test_a_replay_is_what_the_physics_does(studio: Serving):
+    facts = bundle("lander-50")
+    motion = facts["default_motion"]
+    with studio.page() as page:
+        answer = ask_page(page, do="replay", bundle="lander-50", **motion)
+    states = unpacked(answer["states"], "<f4").reshape(-1, 13)
+    system = na.load_system("lander")
+    held = system.bounds.clip(np.array(motion["controls"]))
+    wanted = system.simulate(np.array(motion["start"])[None], held[None], facts["dt"])
+    np.testing.assert_allclose(states, wanted.states[0], atol=1e-4)
+    assert answer["wall_s"] > 0
+    assert answer["physics_steps"] == len(held) * facts["substeps"]
+
+
+def test_what_reaches_the_goal_on_the_physics_is_judged_a_success(studio: Serving):
+    motion = bundle("lander-50")["default_motion"]
+    with studio.page() as page:
+        replayed = ask_page(page, do="replay", bundle="lander-50", **motion)
+        judged = ask_page(
+            page, do="judge", bundle="lander-50", goal="pad", states=replayed["states"]
+        )
+        assert judged["is_success"]
+        assert judged["gap"] < 0.3
+        moved = ask_page(
+            page,
+            do="judge",
+            bundle="lander-50",
+            goal="pad",
+            states=replayed["states"],
+            target=[2, 0, 1.95],
+        )
+    assert not moved["is_success"]
+    assert moved["gap"] == pytest.approx(2, abs=0.3)
+    assert "root.position is off by" in moved["words"]
+
+
+def test_a_swimmer_is_judged_by_where_it_is(studio: Serving):
+    facts = bundle("fish-50")
+    at = np.array(facts["goals"][0]["movable"]["at"])
+    emulator = na.load_emulator("fish-50")
+    state = np.array(facts["goals"][0]["start"])
+    position = np.asarray(na.read_pose(emulator.state_structure, state).position)
+    with studio.page() as page:
+        answer = ask_page(
+            page,
+            do="judge",
+            bundle="fish-50",
+            goal="target",
+            target=at.tolist(),
+            states=packed(state, "<f4"),
+        )
+        there = ask_page(
+            page,
+            do="judge",
+            bundle="fish-50",
+            goal="target",
+            target=position.tolist(),
+            states=[state.tolist()],
+        )
+    assert answer["gap"] == pytest.approx(np.linalg.norm(at - position), abs=1e-4)
+    assert not answer["is_success"]
+    assert there["is_success"]
+
+
+def exported(studio: Serving, name: str, kind: str, **options: Any) -> bytes:
+    motion = bundle(name)["default_motion"]
+    request = {"bundle": name, "format": kind, **motion, **options}
+    reply = studio.post_json("/api/exports", request)
+    assert reply.status == 200, reply.body
+    fetched = studio.ask(f"/api/downloads/{reply.json['download']}")
+    assert f'filename="{name}.{kind}"' in fetched.headers["content-disposition"]
+    return fetched.body
+
+
+def test_a_motion_is_taken_along_as_glb_with_the_physics_as_its_ghost(studio: Serving):
+    content = exported(studio, "lander-50", "glb", ghost=True, rate=24)
+    assert content[:4] == b"glTF"
+    assert b"ghost" in content
+
+
+def test_a_motion_is_taken_along_as_a_table(studio: Serving, tmp_path: Path):
+    file = tmp_path / "motion.csv"
+    file.write_bytes(exported(studio, "pendulum-50", "csv", rate=60))
+    clip = read_clip(file, na.load_emulator("pendulum-50"))
+    assert clip.rate == pytest.approx(60)
+    np.testing.assert_allclose(
+        clip.states[0], bundle("pendulum-50")["default_motion"]["start"], atol=1e-6
+    )
+
+
+def test_a_dropped_emulator_is_there_after_a_restart(tmp_path: Path):
+    pytest.importorskip("ziglang")
+    pytest.importorskip("wasmtime")
+    content = find_emulator("pendulum-passive-50").read_bytes()
+    with serving(tmp_path) as studio, studio.page() as page:
+        reply = studio.post("/api/emulators", content, "application/octet-stream")
+        assert reply.status == 200, reply.body
+        events = [json.loads(page.recv(10)) for _ in range(4)]
+        assert [event.get("phase") for event in events[:2]] == ["reading", "compiling"]
+        assert events[-1] == {"event": "catalogue"}
+        again = studio.post("/api/emulators", content, "application/octet-stream")
+        assert again.json == reply.json
+    with serving(tmp_path) as studio:
+        last = studio.ask("/catalogue.json").json["entries"][-1]
+        assert last["id"] == reply.json["id"]
+        facts = studio.ask(f"/{last['bundle']}bundle.json").json
+        assert facts["system"] == "pendulum-passive"
+        with studio.page() as page:
+            answer = ask_page(page, do="replay", bundle=last["id"], **facts["default_motion"])
+        assert len(unpacked(answer["states"], "<f4")) == 6 * (
+            1 + len(facts["default_motion"]["controls"])
+        )
+
+
+def test_a_site_is_the_same_files_without_a_server(tmp_path: Path):
+    page = write_page(tmp_path / "page")
+    bundles = [shipped_folder() / name for name in SHIPPED_BUNDLES]
+    site = tmp_path / "site"
+    export_site(page, bundles, site)
+    for name, source in page_files(page).items():
+        assert (site / name[1:]).read_bytes() == source.read_bytes()
+    described = json.loads((site / "catalogue.json").read_text())
+    assert not described["has_server"]
+    for row in described["entries"]:
+        folder = site / row["bundle"]
+        facts = json.loads((folder / "bundle.json").read_text())
+        assert (folder / facts["emulator"]).is_file()
+    export_site(page, bundles, site)  # again: an earlier site is replaced
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.txt").write_text("mine")
+    with pytest.raises(na.NeuroAnimatorError, match="is no site"):
+        export_site(page, bundles, tmp_path / "full")
+    assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from neuroanimator.cli import studio
+from neuroanimator.cli.main import main
+from neuroanimator.studio import run
+page = Path(sys.argv.pop())
+run.page_folder = lambda: page
+main()
+"""
+"""The command line, with a page of the tests' own: the real one may not be built."""
+
+
+@contextmanager
+def command(tmp_path: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    page = tmp_path / "page"
+    if not page.exists():
+        write_page(page)
+    with subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, "studio", "--no-open", *arguments, str(page)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_the_command_line_prints_the_address_listens_on_this_machine_alone_and_stops(
+    tmp_path: Path,
+):
+    with command(tmp_path) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        line = process.stdout.readline().strip()
+        match = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#[0-9a-f]{32}", line)
+        assert match, line + process.stderr.read()
+        port = int(match[1])
+        with socket.create_connection(("127.0.0.1", port), timeout=20) as connection:
+            connection.sendall(f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
+            assert b" 200 " in connection.recv(100)
+        table = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
+        listening = re.findall(rf" ([0-9A-F]+):{port:04X} [0-9A-F:]+ 0A ", table)
+        assert listening == ["0100007F"]
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 130
+        assert process.stderr.read().strip().endswith("Stopped. No file was left half-written.")
+
+
+def test_a_port_in_use_is_one_line_and_exit_code_4(tmp_path: Path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with command(tmp_path, "--port", str(port)) as process:
+            out, errors = process.communicate(timeout=30)
+    assert process.returncode == 4
+    assert out == ""
+    assert (
+        errors
+        == f"neuroanimator: Port {port} is in use. Leave --port out for one that is free, or name another.\n"
+    )
+
+
+def test_without_its_page_the_studio_says_how_to_build_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.setattr(run, "__file__", str(tmp_path / "run.py"))
+    with pytest.raises(na.NeuroAnimatorError, match="make page"):
+        studio_verb.run(export=tmp_path / "site")
