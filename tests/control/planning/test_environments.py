@@ -83,6 +83,19 @@ def test_an_episode_ends_where_the_environment_ends_it(planner: Planner):
     assert len(found.controls) == 3 == len(found.states) - 1
 
 
+def test_a_super_step_that_the_environment_cuts_short_is_not_learnt_from(
+    planner: Planner, transitions: Transitions
+):
+    whole = MAX_UNROLL + 2
+    cut = control_environment(planner, PendulumWorld(last=whole * HOLD + 2), SUPER_STEPS)
+    assert cut.whole_steps == whole == len(cut.controls) - 1
+    taught = with_episodes(transitions, [cut])
+    last = cut.states[-1].astype(np.float32)
+    assert not (taught.states == last).all(axis=-1).any()
+    before_last = cut.states[-2].astype(np.float32)
+    assert (taught.states == before_last).all(axis=-1).any()
+
+
 def test_every_episode_may_have_numbers_of_its_own(planner: Planner):
     lazy = Objective.of(effort(1e6), goal(PENDULUM, "upright", since=0, weight=20.0))
     idle = control_environment(
@@ -245,6 +258,7 @@ def test_an_episode_shorter_than_a_window_teaches_nothing(
 ):
     steps = MAX_UNROLL - 1
     nothing = np.zeros(steps)
-    short = Episode(np.zeros((steps, 3)), np.zeros((MAX_UNROLL, 6)), nothing, nothing, False, steps)
+    states = np.zeros((MAX_UNROLL, 6))
+    short = Episode(np.zeros((steps, 3)), states, nothing, nothing, False, steps, steps)
     with pytest.raises(NeuroAnimatorError, match=f"at least {MAX_UNROLL} super steps"):
         learn_from(planner.emulator, [short], transitions)

@@ -96,6 +96,8 @@ class Episode:
     is_terminated: bool
     """Whether the environment ended it, rather than the clock."""
     environment_steps: int
+    whole_steps: int
+    """Super steps, N or one less: an environment that ends within the last leaves it shorter than what was learnt."""
 
     @property
     def total_reward(self) -> float:
@@ -143,6 +145,7 @@ def control_environment(
     rewards = []
     seconds = []
     taken = 0
+    whole = 0
     first = None
     moment = _Moment(observation, 0.0, 0, is_terminated=False, is_over=False)
     while len(controls) < steps and not moment.is_over:
@@ -156,6 +159,7 @@ def control_environment(
             controls.append(control)
             rewards.append(moment.reward)
             taken += moment.steps
+            whole += moment.steps == hold
             on_step(len(controls), moment.reward)
             if moment.is_over:
                 break
@@ -166,6 +170,7 @@ def control_environment(
         np.array(seconds),
         moment.is_terminated,
         taken,
+        whole,
     )
 
 

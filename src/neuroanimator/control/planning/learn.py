@@ -32,13 +32,13 @@ def learn_from(
 def with_episodes(data: Transitions, episodes: Sequence[Episode]) -> Transitions:
     """Return `data` and the windows of `episodes`, repeated until they are a fair share of all.
 
-    Raises ArgumentError if no episode is as long as a window.
+    A super step that the environment ended early is left out. Raises ArgumentError if no episode is as long as a window.
     """
     states = []
     controls = []
     runs = []
     for number, episode in enumerate(episodes):
-        firsts = np.arange(len(episode.controls) - MAX_UNROLL + 1)
+        firsts = np.arange(episode.whole_steps - MAX_UNROLL + 1)
         states.append(episode.states[firsts[:, None] + np.arange(MAX_UNROLL + 1)])
         controls.append(episode.controls[firsts[:, None] + np.arange(MAX_UNROLL)])
         runs.append(np.full(len(firsts), number))
