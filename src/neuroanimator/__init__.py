@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from neuroanimator.export.film.video import write_video
     from neuroanimator.export.gltf.scene import write_glb
     from neuroanimator.export.programs.c_file import write_c_header
+    from neuroanimator.export.programs.numpy_file import write_numpy
     from neuroanimator.export.programs.onnx_file import write_onnx
     from neuroanimator.export.programs.wasm_file import write_wasm
     from neuroanimator.export.usd.scene import write_usd
@@ -126,6 +127,7 @@ _HOMES = {
     "write_video": "export.film.video",
     "write_worst": "export.worst_cases",
     "write_c_header": "export.programs.c_file",
+    "write_numpy": "export.programs.numpy_file",
     "write_onnx": "export.programs.onnx_file",
     "write_wasm": "export.programs.wasm_file",
     "NeuroAnimatorError": "errors",
@@ -196,6 +198,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "write_worst",
     # Use elsewhere.
     "write_c_header",
+    "write_numpy",
     "write_onnx",
     "write_wasm",
     # Errors.

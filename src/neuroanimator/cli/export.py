@@ -22,7 +22,7 @@ def run(
     out: Annotated[
         list[Path],
         typer.Option(
-            help="File ending in .h, .wasm or .onnx; of a clip in .glb, .usda, .usdz, .mp4 or .csv. May be given several times."
+            help="File ending in .h, .wasm, .onnx or .npz; of a clip in .glb, .usda, .usdz, .mp4 or .csv. May be repeated."
         ),
     ],
     policy: Annotated[

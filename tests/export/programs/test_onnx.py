@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,9 @@ from conftest import Cli
 
 from neuroanimator import Emulator, NeuroAnimatorError, Policy, load_emulator, write_onnx
 from neuroanimator.codegen.trace import UnsupportedError
+from neuroanimator.export.programs import numpy_runtime
 from neuroanimator.export.programs.definition import Definition, Port, definition_of
+from neuroanimator.export.programs.numpy_file import numpy_bytes
 from neuroanimator.export.programs.onnx_file import onnx_bytes, run_onnx, run_reference
 from neuroanimator.export.programs.vectors import COUNT, KEPT, make_vectors
 from neuroanimator.state.layout import Layout, Slice
@@ -76,6 +79,8 @@ def test_a_function_is_the_same_in_onnx(name: str, batch: int):
     expected = np.asarray(jax.jit(jax.vmap(FUNCTIONS[name]))(x, y))
     np.testing.assert_allclose(computed, expected, rtol=2e-5, atol=2e-5)
     np.testing.assert_allclose(run_reference(content, feeds), expected, rtol=2e-5, atol=2e-5)
+    in_numpy = numpy_runtime.read(io.BytesIO(numpy_bytes(six_numbers(FUNCTIONS[name]))))
+    np.testing.assert_allclose(in_numpy.run(x, y), expected, rtol=2e-5, atol=2e-5)
 
 
 @pytest.mark.parametrize(
@@ -211,11 +216,11 @@ def test_a_program_that_does_something_else_is_refused():
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["pendulum", "--out", "p.exe"], 2, "'p.exe' ends in none of .h, .wasm, .onnx"),
+        (["pendulum", "--out", "p.exe"], 2, "'p.exe' ends in none of .h, .wasm, .onnx, .npz"),
         (
             ["pendulum", "--out", "p.onnx", "--out", "p.exe"],
             2,
-            "'p.exe' ends in none of .h, .wasm, .onnx",
+            "'p.exe' ends in none of .h, .wasm, .onnx, .npz",
         ),
         (["pendulm", "--out", "p.onnx"], 3, "No emulator file 'pendulm'"),
         (["pendulum", "--policy", "--out", "p.onnx"], 3, "No policy file 'pendulum'"),

@@ -9,12 +9,13 @@ from neuroanimator.control.policies.policy_file import load_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.programs.c_file import write_c_header
+from neuroanimator.export.programs.numpy_file import write_numpy
 from neuroanimator.export.programs.onnx_file import write_onnx
 from neuroanimator.export.programs.wasm_file import write_wasm
 from neuroanimator.export.programs.written import Written
 from neuroanimator.zoo import find_emulator, find_policy, licence_of
 
-WRITERS = {".h": write_c_header, ".wasm": write_wasm, ".onnx": write_onnx}
+WRITERS = {".h": write_c_header, ".wasm": write_wasm, ".onnx": write_onnx, ".npz": write_numpy}
 """What writes a program, by how its file name ends."""
 
 POLICY_ENDING = ".policy.safetensors"

@@ -1,0 +1,125 @@
+"""An emulator or a policy as an .npz file, and a module beside it that runs it in NumPy alone.
+
+    definition in JAX → program → graph of operators (as for ONNX) → arrays and JSON in one .npz, no pickle
+
+With it goes what draws the body: its bones, its skin, and how states are joined between super steps.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from neuroanimator.appearance.colour import linear_of
+from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
+from neuroanimator.codegen.decompositions import without_decompositions
+from neuroanimator.codegen.trace import Input, trace
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.export.programs import numpy_runtime
+from neuroanimator.export.programs.definition import Definition, definition_of
+from neuroanimator.export.programs.onnx_graph import onnx_graph
+from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, make_vectors, save_vectors
+from neuroanimator.export.programs.written import Written
+from neuroanimator.storage.files import write_whole
+
+RUNTIME = "numpy_runtime.py"
+"""The module that is written beside a file, under its name."""
+
+
+class Body(NamedTuple):
+    """What draws a body: its bones, its skin, and what states are joined by between super steps."""
+
+    described: dict[str, Any]
+    """As JSON."""
+    arrays: dict[str, np.ndarray]
+    """Of the skin at rest, in single precision."""
+
+
+NO_BODY = Body({}, {})
+"""What draws a policy: nothing."""
+
+
+def write_numpy(model: Emulator | Policy, path: str | Path, licence: str = "") -> Written:
+    """Write `model` to `path`, after holding it against JAX, with `fish.py`, which runs it, and test vectors beside it.
+
+    Raises UnsupportedError for an operation there is no operator for, and NeuroAnimatorError where the program does
+    not do what JAX does; then nothing is written.
+    """
+    path = Path(path)
+    definition = definition_of(model, licence)
+    content = numpy_bytes(definition, _body(model))
+    vectors = make_vectors(definition, model)
+    computed = _run(content, [vectors.inputs[port.name] for port in definition.inputs])
+    runtime = f"NumPy {np.__version__}"
+    difference = vectors.check({definition.output.name: computed}, f"The program in {runtime}")
+    module = (resources.files("neuroanimator.export.programs") / RUNTIME).read_bytes()
+    module_path = path.with_suffix(".py")
+    vectors_path = path.with_suffix(VECTORS_SUFFIX)
+    save_vectors(vectors_path, definition, {definition.name: vectors})
+    write_whole(module_path, module)
+    write_whole(path, content)
+    others = (module_path, vectors_path)
+    return Written(path, others, len(content), runtime, vectors.count, difference)
+
+
+def numpy_bytes(definition: Definition, body: Body = NO_BODY) -> bytes:
+    """Return the .npz file of `definition` and of what draws its `body`, the same bytes each time."""
+    function = without_decompositions(definition.function)
+    inputs = [Input(shape) for shape in definition.sizes]
+    program = trace(lambda _, *arrays: function(*arrays), None, *inputs)
+    names = [port.name for port in definition.inputs]
+    graph = onnx_graph(program, names, definition.output.name)
+    told = {
+        "format": numpy_runtime.FORMAT,
+        "facts": definition.facts,
+        "inputs": names,
+        "output": definition.output.name,
+        "constants": list(graph.constants),
+        "nodes": [
+            [node.operator, node.inputs, node.output, node.attributes] for node in graph.nodes
+        ],
+        "body": body.described,
+    }
+    text = json.dumps(told, separators=(",", ":"), allow_nan=False).encode("ascii")
+    arrays = {"program": np.frombuffer(text, np.uint8), **graph.constants, **body.arrays}
+    file = io.BytesIO()
+    np.savez_compressed(file, allow_pickle=False, **arrays)
+    return file.getvalue()
+
+
+def _body(model: Emulator | Policy) -> Body:
+    if isinstance(model, Policy):
+        return NO_BODY
+    spec = model.spec
+    body = {
+        "skeleton": Skeleton(spec.skeleton.bones).to_json(),
+        "rates": spec.rates,
+        "orientations": model.state_structure.orientations,
+    }
+    if model.gait is not None:
+        body["gait"] = model.gait.to_json()
+    skin = spec.skeleton.skin
+    if skin is None:
+        return Body(body, {})
+    mesh = skin_mesh(spec.skeleton)
+    arrays = {
+        "skin_points": mesh.points.astype(np.float32),
+        "skin_triangles": mesh.triangles.astype(np.uint32),
+        "skin_bones": mesh.bones.astype(np.uint16),
+        "skin_weights": mesh.weights.astype(np.float32),
+        "skin_light": linear_of(colours_of(skin, mesh.shades)).astype(np.float32),
+    }
+    return Body(body, arrays)
+
+
+def _run(content: bytes, inputs: list[np.ndarray]) -> np.ndarray:
+    """Return what the file computes, read as users read it."""
+    model = numpy_runtime.read(io.BytesIO(content))
+    return model.run(*inputs)

@@ -1,0 +1,101 @@
+"""An .npz file runs in NumPy alone, without this package, and does what its emulator does; hostile ones are refused."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuroanimator import load_emulator, load_policy, write_numpy
+from neuroanimator.export.programs import numpy_runtime
+
+ALONE = """
+import sys
+import numpy as np
+from fish import load
+assert "neuroanimator" not in sys.modules and "jax" not in sys.modules
+fish, swim = load(), load("swim.npz")
+state, phase, controls = fish.rest, 0.0, []
+for _ in range(20):
+    control = swim.control(state, phase, [0.1, 0.2, 0.0, 0.0])
+    state = fish.step(state, control)
+    phase += swim.facts["phase_per_step"]
+    controls.append(control)
+states = fish.rollout(fish.rest, controls)
+assert np.array_equal(states[-1], state)
+assert fish.step(np.stack([state, fish.rest]), np.stack([control, control])).shape == (2, len(state))
+np.savez("found.npz", states=states, controls=controls)
+"""
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("numpy")
+    write_numpy(load_emulator("fish-50"), folder / "fish.npz", "Apache-2.0")
+    write_numpy(load_policy("fish"), folder / "swim.npz")
+    return folder
+
+
+def test_a_motion_alone_is_the_emulators(written: Path):
+    command = [sys.executable, "-I", "-c", "import sys; sys.path.insert(0, '.')" + ALONE]
+    subprocess.run(command, cwd=written, check=True, capture_output=True)
+    found = np.load(written / "found.npz")
+    fish = load_emulator("fish-50")
+    expected = [fish.rest]
+    for control in found["controls"]:
+        expected.append(fish.step(expected[-1], control))
+    np.testing.assert_allclose(found["states"], expected, atol=1e-4)
+    assert np.abs(expected[-1] - expected[0]).max() > 0.05  # it swam
+
+
+def test_the_same_model_is_the_same_bytes_and_says_what_draws_it(written: Path, tmp_path: Path):
+    emulator = load_emulator("fish-50")
+    again = write_numpy(emulator, tmp_path / "fish.npz", "Apache-2.0")
+    assert again.path.read_bytes() == (written / "fish.npz").read_bytes()
+    fish = numpy_runtime.load(again.path)
+    assert fish.facts["licence"] == "Apache-2.0"
+    assert len(fish.body["skeleton"]) == len(emulator.spec.skeleton.bones)
+    assert fish.arrays["skin_triangles"].max() < len(fish.arrays["skin_points"])
+
+
+def hostile(written: Path, **changes: object) -> io.BytesIO:
+    """Return the file with other things in its program."""
+    with np.load(written / "fish.npz") as content:
+        arrays = dict(content)
+    told = json.loads(bytes(arrays["program"])) | changes
+    text = json.dumps(told).encode()
+    file = io.BytesIO()
+    np.savez(file, **(arrays | {"program": np.frombuffer(text, np.uint8)}))
+    file.seek(0)
+    return file
+
+
+@pytest.mark.attack
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"nodes": [["__import__", ["state"], "next_state", []]]},
+        {"nodes": [["Add", ["state", "unknown"], "next_state", []]]},
+        {"nodes": [["Identity", ["state"], "another", []]]},
+        {"nodes": [["Identity", ["state"], "next_state", []]] * (numpy_runtime.MAX_NODES + 1)},
+        {"nodes": 3},
+        {"format": "another"},
+        {"constants": ["../../etc/passwd"]},
+    ],
+)
+def test_a_strange_program_is_refused(changes: dict, written: Path):
+    with pytest.raises(ValueError, match="wanted|no operator|nothing computes|no program"):
+        numpy_runtime.read(hostile(written, **changes))
+
+
+@pytest.mark.attack
+def test_a_pickle_is_never_opened(tmp_path: Path):
+    path = tmp_path / "evil.npz"
+    np.savez(path, program=np.array([object()], dtype=object))
+    with pytest.raises(ValueError, match="allow_pickle=False"):
+        numpy_runtime.load(path)
