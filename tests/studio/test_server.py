@@ -127,6 +127,10 @@ def test_a_motion_is_taken_along_as_glb_with_the_physics_as_its_ghost(studio: Se
     assert b"ghost" in content
 
 
+def test_a_motion_is_taken_along_as_usd(studio: Serving):
+    assert exported(studio, "pendulum-50", "usda", ghost=True)[:5] == b"#usda"
+
+
 def test_a_motion_is_taken_along_as_a_table(studio: Serving, tmp_path: Path):
     file = tmp_path / "motion.csv"
     file.write_bytes(exported(studio, "pendulum-50", "csv", rate=60))

@@ -61,9 +61,14 @@ def make_bundle(
         write_whole(folder / "policy.wasm", policy_wasm)
     progress("looking for a motion worth a look")
     facts = bundle_facts(source, emulator, policy, bundle_id or source.name.split(".")[0])
+    write_facts(facts, folder)
+    return folder
+
+
+def write_facts(facts: dict[str, Any], folder: Path) -> None:
+    """Write what a bundle says into its `folder`."""
     text = json.dumps(facts, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     write_whole(folder / BUNDLE, text.encode("ascii"))
-    return folder
 
 
 def policy_beside(source: Path, emulator: Emulator) -> Policy | None:

@@ -39,6 +39,7 @@ def _entry(folder: Path) -> dict[str, Any]:
     return {
         "id": folder.name,
         "system": facts["system"],
+        "title": facts["title"],
         "about": facts["about"],
         "bundle": f"bundles/{folder.name}/",
     }

@@ -13,7 +13,7 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
 from neuroanimator.control.objective.goals import goal_start, goal_state, is_reached
 from neuroanimator.control.policies.policy import COMMAND, Policy
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.emulator import Emulator, latent_size
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position, Quaternion, Velocity, first_of_each, moves_freely
 from neuroanimator.state.structure import Structure
@@ -49,6 +49,7 @@ def describe_emulator(emulator: Emulator, system: System) -> dict[str, Any]:
     structure = emulator.state_structure
     return {
         "system": emulator.system,
+        "title": _title(emulator),
         "about": _about(emulator),
         "version": neuroanimator.__version__,
         "dt": emulator.dt,
@@ -57,6 +58,7 @@ def describe_emulator(emulator: Emulator, system: System) -> dict[str, Any]:
         "can_simulate": system.can_simulate,
         "state": emulator.state.to_json(),
         "control": emulator.control.to_json(),
+        "latent": latent_size(emulator),
         "control_low": list(emulator.bounds.low),
         "control_high": list(emulator.bounds.high),
         "rest": emulator.rest.tolist(),
@@ -281,6 +283,11 @@ def target_goal(emulator: Emulator, system: System) -> dict[str, Any]:
 def place_within(emulator: Emulator, system: System) -> float:
     """Return how near to a place counts as there [m]."""
     return TARGET_WITHIN * (system.body_length or body_size(emulator))
+
+
+def _title(emulator: Emulator) -> str:
+    """Return what to call an emulator where there are several of one system."""
+    return f"{emulator.system}, {emulator.substeps} steps at a time"
 
 
 def _about(emulator: Emulator) -> str:

@@ -16,6 +16,7 @@ from neuroanimator.errors import DivergedError
 from neuroanimator.export.csv_file import write_clip
 from neuroanimator.export.film.video import write_video
 from neuroanimator.export.gltf.scene import write_glb
+from neuroanimator.export.usd.scene import write_usd
 from neuroanimator.storage.unfinished import remove_at_exit
 from neuroanimator.studio.judge import checked_controls, replay_physics
 from neuroanimator.studio.library import Shown
@@ -29,6 +30,8 @@ MEDIA_TYPES = {
     "glb": "model/gltf-binary",
     "mp4": "video/mp4",
     "csv": "text/csv; charset=utf-8",
+    "usda": "model/vnd.usda",
+    "usdz": "model/vnd.usdz+zip",
 }
 """What browsers are told of each format."""
 
@@ -90,6 +93,8 @@ def write_motion(shown: Shown, wanted: Export, limits: Limits, path: Path) -> No
         ghost = _ghost(shown, replayed.states, wanted.rate)
     if wanted.format == "glb":
         write_glb(drawn, path, ghost=ghost)
+    elif wanted.format in ("usda", "usdz"):
+        write_usd(drawn, path, ghost=ghost)
     else:
         write_video(drawn, path, ghost=ghost)
 

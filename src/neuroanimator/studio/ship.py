@@ -1,12 +1,24 @@
-"""Remake the bundles that ship: `python -m neuroanimator.studio.ship [NAME...]`, after an emulator that ships has changed."""
+"""Remake the bundles that ship, after an emulator that ships has changed: `python -m neuroanimator.studio.ship [NAME...]`.
+
+With `--facts` only what they say is made anew; programs and motions stay as they are.
+"""
 
 from __future__ import annotations
 
+import json
 import sys
 
-from neuroanimator.studio.bundle import make_bundle
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.studio.bundle import (
+    BUNDLE,
+    bundle_facts,
+    make_bundle,
+    policy_beside,
+    write_facts,
+)
 from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_folder
 from neuroanimator.text import print_line
+from neuroanimator.zoo import find_emulator
 
 
 def ship(names: list[str]) -> None:
@@ -17,5 +29,23 @@ def ship(names: list[str]) -> None:
             print_line(f"{path.relative_to(shipped_folder())}: {path.stat().st_size:,} bytes")
 
 
+def ship_facts(names: list[str]) -> None:
+    """Make anew what the bundles `names` say."""
+    for name in names:
+        path = shipped_folder() / name / BUNDLE
+        before = json.loads(path.read_text(encoding="ascii"))
+        source = find_emulator(name)
+        emulator = Emulator.load(source)
+        policy = policy_beside(source, emulator)
+        facts = bundle_facts(source, emulator, policy, name, drive=before["default_motion"])
+        facts["descents"] = before["descents"]
+        write_facts(facts, path.parent)
+
+
 if __name__ == "__main__":
-    ship(sys.argv[1:] or list(SHIPPED_BUNDLES))
+    words = sys.argv[1:]
+    chosen = [word for word in words if word != "--facts"] or list(SHIPPED_BUNDLES)
+    if "--facts" in words:
+        ship_facts(chosen)
+    else:
+        ship(chosen)
