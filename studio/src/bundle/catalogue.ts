@@ -3,6 +3,8 @@
 export interface CatalogueEntry {
   readonly id: string;
   readonly system: string;
+  /** What to call it where several are of one system. */
+  readonly title?: string;
   readonly about: string;
   /** The bundle's folder, relative to the page. */
   readonly bundle: string;

@@ -22,15 +22,18 @@ export function entriesOf(layout: Layout): Map<string, number> {
 /** Return a label for every number: the part's name, numbered or with an axis where it has several. */
 export function labelsOf(layout: Layout): string[] {
   const labels: string[] = [];
-  for (const [name, size] of layout) {
+  for (const [name, size, unit] of layout) {
     for (let i = 0; i < size; i++) {
-      labels.push(size === 1 ? name : `${name} ${suffix(size, i)}`);
+      labels.push(size === 1 ? name : `${name} ${suffix(name, size, unit, i)}`);
     }
   }
   return labels;
 }
 
-function suffix(size: number, i: number): string {
-  const axes = size === 3 ? "xyz" : size === 4 ? "wxyz" : "";
-  return axes[i] ?? String(i + 1);
+function suffix(name: string, size: number, unit: string, i: number): string {
+  const isVector = size === 3 && (unit === "m" || unit === "m/s" || name.endsWith("angular_velocity"));
+  if (isVector) {
+    return "xyz"[i]!;
+  }
+  return unit === "quaternion" ? "wxyz"[i]! : String(i + 1);
 }

@@ -34,6 +34,6 @@ export class Picker {
 /** The system's name for the shipped ones; the file's own for others. */
 function labelOf(entry: CatalogueEntry): string {
   const isUsual = entry.id === `${entry.system}-50`;
-  const name = isUsual ? entry.system : entry.id;
+  const name = isUsual ? entry.system : (entry.title ?? entry.id);
   return name.charAt(0).toUpperCase() + name.slice(1);
 }

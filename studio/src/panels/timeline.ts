@@ -23,7 +23,7 @@ export class Timeline {
     private readonly onLive: () => void,
   ) {
     this.#play = button({ label: "▶", title: "Play or pause (space)", className: "play", onClick: () => this.toggle() });
-    const back = button({ label: "⏮", title: "To the start (Home)", onClick: () => this.player.seek(0) });
+    const back = button({ label: "|◂", title: "To the start (Home)", onClick: () => this.player.seek(0) });
     const before = button({ label: "◂", title: "One super step back (,)", onClick: () => this.player.stepBy(-1) });
     const after = button({ label: "▸", title: "One super step on (.)", onClick: () => this.player.stepBy(1) });
     this.#live = button({ label: "Live", title: "Let the emulator go on from here (L)", className: "live", onClick: () => this.onLive() });

@@ -19,7 +19,7 @@ export interface PlainColours {
 }
 
 const DARK: PlainColours = { wall: new Color(0.028, 0.034, 0.045), floor: new Color(0.075, 0.085, 0.1) };
-const LIGHT: PlainColours = { wall: new Color(0.72, 0.76, 0.8), floor: new Color(0.55, 0.57, 0.6) };
+const LIGHT: PlainColours = { wall: new Color(0.6, 0.64, 0.69), floor: new Color(0.33, 0.35, 0.38) };
 
 export function makePlain(stage: Stage, measure: Measure, floorHeight: number | null, isDark: boolean): Scenery {
   const { size } = measure;
@@ -36,9 +36,9 @@ export function makePlain(stage: Stage, measure: Measure, floorHeight: number | 
     atmosphere: {
       sunDirection: new Vector3(0.5, 1, 0.65),
       sunColour: new Color(1, 0.97, 0.92),
-      sunIntensity: 2.6,
+      sunIntensity: 3.4,
       shadowRadius: 7,
-      environmentIntensity: isDark ? 0.55 : 0.8,
+      environmentIntensity: isDark ? 0.55 : 0.7,
       exposure: 1,
     },
     bodyPatches: [],

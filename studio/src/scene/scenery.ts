@@ -1,6 +1,6 @@
 // What every scene can do: light, ground and air around a body.
 
-import type { Vector3 } from "three";
+import type { Quaternion, Vector3 } from "three";
 import type { Patch } from "./glsl";
 import type { Atmosphere } from "./stage";
 
@@ -11,6 +11,8 @@ export interface Moment {
   readonly seconds: number;
   /** What is looked at, in three.js' axes. */
   readonly focus: Vector3;
+  /** How the body is turned, in three.js' axes. */
+  readonly turn: Quaternion;
   /** Lowest and highest point of the body [m]. */
   readonly low: number;
   readonly high: number;

@@ -1,12 +1,14 @@
 // All that is seen of one system: scenery, the body, its ghost, and the camera in front of them.
 
-import { Plane, Raycaster, Vector2, Vector3, type Object3D } from "three";
+import { Plane, Quaternion, Raycaster, Vector2, Vector3, type Object3D } from "three";
 import { extentOf, movingBones, reachOf, sizeOfBody } from "../body/extent";
 import { emptyPose, poseBones, type Pose } from "../body/pose";
 import type { Bundle } from "../bundle/bundle";
-import { toPhysics, toThree } from "./axes";
+import { toPhysics, toQuaternion, toThree } from "./axes";
 import { makeBody, makeGhost, type BodyView } from "./body/body";
 import { CameraRig } from "./cameras";
+import { makeLot } from "./lot";
+import { makeMoon } from "./moon";
 import { makePlain } from "./plain";
 import type { Measure, Scenery } from "./scenery";
 import type { Stage } from "./stage";
@@ -141,6 +143,7 @@ export class World {
       time,
       seconds,
       focus: this.#focus,
+      turn: this.#turn(),
       low: this.#low,
       high: this.#high,
       controls,
@@ -222,6 +225,13 @@ export class World {
     this.camera.dispose();
   }
 
+  // How the body is turned, in three.js' axes: Y is up where physics' Z is.
+  #turn(): Quaternion {
+    const bone = this.bones[0] ?? 0;
+    const turn = toQuaternion(this.pose.orientations.subarray(4 * bone, 4 * bone + 4));
+    return new Quaternion(turn.x, turn.z, -turn.y, turn.w);
+  }
+
   #locate(): void {
     const extent = extentOf(this.facts.skeleton, this.bones, this.pose);
     this.#focus.copy(toThree(extent.middle));
@@ -248,7 +258,9 @@ function makeScenery(stage: Stage, facts: Bundle, measure: Measure, isDark: bool
     case "water":
       return makeWater(stage, measure, facts.scene.surface);
     case "lot":
+      return makeLot(stage);
     case "moon":
+      return makeMoon(stage, measure);
     case "plain":
       return makePlain(stage, measure, facts.scene.floor, isDark);
   }

@@ -54,7 +54,7 @@ export class Twin {
       });
       if (this.#of === motion) {
         this.#append(motion, controls, floatsOf(String(answer["states"])));
-        this.cost = Number(answer["wall_s"]) / (controls.length * motion.dt);
+        this.cost = Number(answer["usual_wall_s"] ?? answer["wall_s"]) / (controls.length * motion.dt);
       }
     } catch (error) {
       this.isOn = false;

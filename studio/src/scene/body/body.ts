@@ -1,12 +1,15 @@
 // A body as it is drawn: its skin or its bones' shapes, in the colours of its material or as a ghost.
 
 import { Group, Matrix4, Object3D, type BufferGeometry, type Material, type Mesh } from "three";
-import type { Bundle } from "../../bundle/bundle";
+import type { Bundle, Shape } from "../../bundle/bundle";
 import { isMoved, type Pose } from "../../body/pose";
 import type { Patch } from "../glsl";
 import { doubtPatch, ghostMaterial, sceneryMaterial, shapeMaterial, skinMaterial, type Doubt } from "./materials";
 import { boneMatrix, makeSkin, skinGeometry, type SkinView } from "./skin";
 import { shapeColour, shapeMesh } from "./shapes";
+
+/** Half the side from which on a flat box is ground [m]. */
+const GROUND = 8;
 
 export interface BodyView {
   readonly object: Object3D;
@@ -72,6 +75,9 @@ function shapedBody(facts: Bundle, materials: MaterialKeeper, doubt: Doubt, with
     group.matrixAutoUpdate = false;
     if (isMoving || withScenery) {
       for (const shape of bone.shapes) {
+        if (!isMoving && isGround(shape)) {
+          continue;
+        }
         const material = materials.of(shapeColour(shape), shape.colour[3], isMoving);
         group.add(shapeMesh(shape, material));
       }
@@ -97,6 +103,13 @@ function shapedBody(facts: Bundle, materials: MaterialKeeper, doubt: Doubt, with
       materials.dispose();
     },
   };
+}
+
+/** A thin wide box at height 0 is ground, which the scenery draws better. */
+function isGround(shape: Shape): boolean {
+  const [a, b, c] = shape.size;
+  const isWide = shape.kind === "box" && Math.min(a!, b!) >= GROUND && c! < 0.1;
+  return isWide && Math.abs(shape.position[2] + c!) < 0.05;
 }
 
 type Maker = (colour: ReturnType<typeof shapeColour>, opacity: number, isMoving: boolean) => Material;

@@ -44,6 +44,7 @@ export function scalePatch(size: number, strength: number): Patch {
       uniform float bodyLength;
       uniform float scaleStrength;
       varying vec3 vRest;
+      varying float vPart;
       // Rows of overlapping discs: how far from the middle of the scale on top, 0 to 1.
       vec2 scaleAt(vec2 p) {
         vec2 best = vec2(1.0, 0.0);
@@ -58,7 +59,7 @@ export function scalePatch(size: number, strength: number): Patch {
         }
         return best;
       }`,
-    vertex: "vRest = rest / bodyLength;",
+    vertex: "vRest = rest / bodyLength; vPart = part;",
     colour: `
       {
         float around = atan(vRest.z, abs(vRest.y) + 1e-4);
@@ -67,9 +68,14 @@ export function scalePatch(size: number, strength: number): Patch {
         float near = smoothstep(6.0 * bodyLength, 1.5 * bodyLength, length(vViewPosition));
         float shade = mix(0.72, 1.12, smoothstep(1.0, 0.4, scale.x)) * (0.93 + 0.14 * scale.y);
         diffuseColor.rgb *= mix(1.0, shade, onBody * near);
-        float mottle = fbm2(vRest.xz * 9.0 + 3.0);
-        diffuseColor.rgb *= 0.86 + 0.28 * mottle;
+        float isFin = step(0.5, vPart) * step(vPart, 1.5);
+        float fan = vRest.x < -0.76 ? atan(vRest.z, -vRest.x - 0.7) * 2.4 : vRest.x + 0.5 * abs(vRest.z);
+        float ray = 0.5 + 0.5 * sin(fan * 150.0);
+        diffuseColor.rgb *= mix(1.0, 0.74 + 0.42 * ray, isFin * scaleStrength * near);
+        float mottle = fbm2(vRest.xz * 7.0 + 3.0);
+        diffuseColor.rgb *= mix(0.88 + 0.24 * mottle, 1.0, isFin);
       }`,
+    surface: "if (vPart > 1.5) roughnessFactor = 0.06; else if (vPart > 0.5) roughnessFactor = 0.5;",
   };
 }
 
@@ -91,7 +97,7 @@ function withRest<M extends Material>(material: M): M {
   const patch = material.onBeforeCompile;
   material.onBeforeCompile = (shader, renderer) => {
     patch(shader, renderer);
-    shader.vertexShader = `attribute vec3 rest;\n${shader.vertexShader}`;
+    shader.vertexShader = `attribute vec3 rest;\nattribute float part;\n${shader.vertexShader}`;
   };
   return material;
 }
@@ -119,7 +125,14 @@ function hslOf(colour: Color): { h: number; s: number; l: number } {
 
 /** Ground paint and other scenery: dull. */
 export function sceneryMaterial(colour: Color, patches: readonly Patch[]): Material {
-  return patchMaterial(new MeshStandardMaterial({ color: colour, roughness: 0.9 }), patches);
+  const worn: Patch = {
+    key: "worn",
+    uniforms: {},
+    colour: `
+      float wear = fbm2(vPlace.xz * 1.7 + vPlace.yy * vec2(0.6, 1.3)) + 0.35 * noise2(vPlace.xz * 19.0);
+      diffuseColor.rgb *= 0.66 + 0.5 * wear;`,
+  };
+  return patchMaterial(new MeshStandardMaterial({ color: colour, roughness: 0.85 }), [worn, ...patches]);
 }
 
 /** The ghost: one colour that shines at its edges, and shows through. */

@@ -35,8 +35,25 @@ export function skinGeometry(skin: SkinArrays): BufferGeometry {
   }
   geometry.setAttribute("skinIndex", new BufferAttribute(uint16Of(skin.bones), INFLUENCES));
   geometry.setAttribute("skinWeight", new BufferAttribute(floatsOf(skin.weights), INFLUENCES));
-  geometry.setIndex(new BufferAttribute(uint32Of(skin.indices), 1));
+  const indices = uint32Of(skin.indices);
+  geometry.setIndex(new BufferAttribute(indices, 1));
+  geometry.setAttribute("part", new BufferAttribute(partNumbers(skin, indices, positions.length / 3), 1));
   return geometry;
+}
+
+/** Parts of a skin as numbers that shaders read. */
+const PARTS = ["body", "fin", "eye"];
+
+/** Return for every point which of `PARTS` it belongs to. */
+function partNumbers(skin: SkinArrays, indices: Uint32Array, points: number): Float32Array {
+  const numbers = new Float32Array(points);
+  for (const [name, first, count] of skin.parts ?? []) {
+    const number = Math.max(PARTS.indexOf(name), 0);
+    for (let i = first; i < first + count; i++) {
+      numbers[indices[i]!] = number;
+    }
+  }
+  return numbers;
 }
 
 /** Colours stand in bundles as sRGB and are drawn as linear light. */

@@ -5,7 +5,6 @@ import {
   BufferGeometry,
   DoubleSide,
   Group,
-  IcosahedronGeometry,
   Mesh,
   MeshStandardMaterial,
   Quaternion,
@@ -16,6 +15,7 @@ import {
 import { patchMaterial, type Patch } from "../glsl";
 import { randomSource, type Random } from "../random";
 import { clumpedPlaces, makeScatter, type Copy } from "../scatter";
+import { stoneGeometry } from "../stones";
 import { horizonGeometry } from "./surface";
 
 /** Side of the tile after which stones and plants repeat, over the body's size. */
@@ -63,7 +63,7 @@ export function makeBed(water: Patch, size: number, grain: number): Bed {
       swayPatch(time),
       water,
     ]),
-    grassCopies(random, size * grain, 150),
+    grassCopies(random, size * grain, 330),
     tile,
   );
   const scattered = [...stones, grass];
@@ -92,7 +92,7 @@ export function makeBed(water: Patch, size: number, grain: number): Bed {
 }
 
 function makeSand(water: Patch, size: number, grain: number): Mesh<BufferGeometry, MeshStandardMaterial> {
-  const material = patchMaterial(new MeshStandardMaterial({ color: 0xd9c9a1, roughness: 1 }), [
+  const material = patchMaterial(new MeshStandardMaterial({ color: 0xcdb083, roughness: 1 }), [
     sandPatch(size, grain),
     water,
   ]);
@@ -167,26 +167,8 @@ function swayPatch(time: IUniform<number>): Patch {
         transformed.x += lean * 0.16 * sin(1.3 * swayTime + phase + 1.5 * position.y);
         transformed.z += lean * 0.12 * sin(1.1 * swayTime + 1.7 * phase + 1.2 * position.y);
       }`,
-    colour: "diffuseColor.rgb *= mix(0.35, 1.25, vHeight);",
+    colour: "diffuseColor.rgb *= mix(vec3(0.3), mix(vec3(1.3, 1.15, 0.7), vec3(0.8, 1.1, 0.8), noise2(vPlace.xz * 3.0)), vHeight);",
   };
-}
-
-function stoneGeometry(seed: number): BufferGeometry {
-  const geometry = new IcosahedronGeometry(1, 3);
-  const positions = geometry.getAttribute("position");
-  const point = new Vector3();
-  for (let i = 0; i < positions.count; i++) {
-    point.fromBufferAttribute(positions, i);
-    const { x, y, z } = point;
-    const bumps =
-      0.2 * Math.sin(2.3 * x + seed) * Math.cos(1.9 * y + 2 * seed) +
-      0.14 * Math.sin(3.1 * z + 1.3 * seed + x) +
-      0.05 * Math.sin(7 * x + 5 * y + seed) * Math.sin(6 * z - seed);
-    point.multiplyScalar(1 + bumps);
-    positions.setXYZ(i, point.x, 0.62 * point.y, point.z);
-  }
-  geometry.computeVertexNormals();
-  return geometry;
 }
 
 function stoneCopies(random: Random, size: number, count: number): Copy[] {
@@ -203,8 +185,8 @@ function stoneCopies(random: Random, size: number, count: number): Copy[] {
 }
 
 function grassCopies(random: Random, size: number, count: number): Copy[] {
-  return clumpedPlaces(random, count, 12, 0.045).map(([x, z]) => {
-    const height = size * (0.35 + 0.65 * random());
+  return clumpedPlaces(random, count, 14, 0.04).map(([x, z]) => {
+    const height = size * (0.18 + 0.5 * random() ** 2);
     return {
       x,
       z,

@@ -25,6 +25,8 @@ export interface WaterUniforms {
   readonly skyLow: IUniform<Color>;
   /** How much of red, green and blue is lost [1/m]. */
   readonly absorption: IUniform<Vector3>;
+  /** Water takes little on so short a way [m]: what is looked at has its own colours. */
+  readonly clearWay: IUniform<number>;
   readonly caustics: IUniform<Texture | null>;
   readonly causticTile: IUniform<number>;
   readonly causticDrift: IUniform<Vector2>;
@@ -40,7 +42,8 @@ export function waterUniforms(colours: WaterColours, sun: Vector3, sight: number
     brightColour: { value: colours.bright },
     skyHigh: { value: colours.skyHigh },
     skyLow: { value: colours.skyLow },
-    absorption: { value: new Vector3(3.4, 2.0, 1.6).divideScalar(sight) },
+    absorption: { value: new Vector3(3.2, 2.1, 1.8).divideScalar(sight) },
+    clearWay: { value: 0.2 * sight },
     caustics: { value: null },
     causticTile: { value: tile },
     causticDrift: { value: new Vector2() },
@@ -60,6 +63,7 @@ uniform vec3 absorption;
 uniform sampler2D caustics;
 uniform float causticTile;
 uniform vec2 causticDrift;
+uniform float clearWay;
 
 vec3 waterColour(vec3 dir) {
   float up = dir.y;
@@ -91,6 +95,7 @@ float wayThroughWater(vec3 eye, vec3 place) {
 
 vec3 throughWater(vec3 colour, vec3 eye, vec3 place) {
   float way = wayThroughWater(eye, place);
+  way *= way / (way + clearWay);
   vec3 kept = exp(-absorption * way);
   vec3 dir = normalize(place - eye);
   return colour * kept + waterColour(dir) * (1.0 - kept);
@@ -104,7 +109,7 @@ vec3 sunUnderWater(vec3 place) {
   vec2 p = entry / causticTile;
   float fine = texture2D(caustics, p + causticDrift).r;
   float coarse = texture2D(caustics, mat2(0.8, 0.6, -0.6, 0.8) * p * 0.63 - causticDrift).r;
-  float net = 0.35 + 0.65 * sqrt(fine * coarse);
+  float net = 0.4 + 0.6 * sqrt(fine * coarse);
   float blur = clamp(depth / (1.2 * causticTile), 0.0, 1.0);
   net = mix(mix(1.0, net, smoothstep(0.0, 0.12 * causticTile, depth)), mix(net, 1.0, 0.25), blur);
   return net * exp(-0.35 * absorption * depth) * 1.15;

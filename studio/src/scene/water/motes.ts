@@ -59,7 +59,7 @@ export function makeMotes(water: WaterUniforms, box: number, count: number): Dri
         if (vPlace.y > surfaceHeight) discard;
         float edge = length(gl_PointCoord - 0.5) * 2.0;
         float glow = vLight * smoothstep(1.0, 0.1, edge) * sunUnderWater(vPlace).g;
-        gl_FragColor = vec4(brightColour + 0.35, 0.3 * glow);
+        gl_FragColor = vec4(brightColour + 0.35, 0.42 * glow);
       }`,
     transparent: true,
     depthWrite: false,
@@ -132,7 +132,7 @@ export function makeShafts(water: WaterUniforms, size: number, count: number): D
       void main() {
         float edge = 1.0 - vShaft.x * vShaft.x;
         float fade = smoothstep(0.0, 0.12, vShaft.y) * pow(1.0 - vShaft.y, 1.4);
-        gl_FragColor = vec4(brightColour * 0.8 + 0.2, max(0.11 * edge * edge * fade * vLight, 0.0));
+        gl_FragColor = vec4(brightColour * 0.8 + 0.2, max(0.2 * edge * edge * fade * vLight, 0.0));
       }`,
     transparent: true,
     depthWrite: false,

@@ -46,8 +46,8 @@ export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number 
   const grain = size < 2 * SMALL_BODY ? 1 : 0.6;
   const bed = makeBed(patch, size, grain);
   const surface = makeSurface(uniforms, hasSurface ? 3 * size : 4 * size, 0.0075, 60 * size);
-  const motes = makeMotes(uniforms, 7 * size, 420);
-  const shafts = makeShafts(uniforms, size, 34);
+  const motes = makeMotes(uniforms, 6 * size, 700);
+  const shafts = makeShafts(uniforms, size, 46);
   const spray = makeSpray(uniforms, size);
   const dome = makeDome(uniforms, 90 * size);
   const objects = [bed.object, surface.object, motes.object, shafts.object, spray.object, dome];
@@ -58,7 +58,7 @@ export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number 
     atmosphere: {
       sunDirection: sun,
       sunColour: new Color(1, 0.96, 0.88),
-      sunIntensity: 3.4,
+      sunIntensity: 3.0,
       shadowRadius: 5,
       environmentIntensity: 0.75,
       exposure: 1.05,
