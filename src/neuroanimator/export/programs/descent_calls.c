@@ -39,11 +39,6 @@ void descent_costs(const float *zs, int count, double *costs_of_zs, float *memor
     costs(&descent_problem, &descent_begin, zs, count, costs_of_zs, memory);
 }
 
-/* J of `z` (Z,), which is returned, and its `slope` (Z,). */
-double descent_gradient(const float *z, float *slope, float *memory) {
-    return gradient(&descent_problem, &descent_begin, z, slope, memory);
-}
-
 /* J near `z` (Z,): Gauss-Newton's `curvature` (Z, Z), `slope` (Z,), and J itself, which is returned. */
 double descent_quadratic_model(const float *z, float *curvature, float *slope, float *memory) {
     return quadratic_model(&descent_problem, &descent_begin, z, curvature, slope, memory);

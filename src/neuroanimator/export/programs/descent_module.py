@@ -7,7 +7,7 @@ tolerances), the start and the defects are data, so that a target may be dragged
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import resources
@@ -28,6 +28,14 @@ from neuroanimator.control.descent.chain import LINK, link_definition
 from neuroanimator.control.descent.defects import find_defects, still_frame
 from neuroanimator.control.descent.evaluator import EmulatedMotion, Evaluator
 from neuroanimator.control.descent.evaluators import evaluator_of
+from neuroanimator.control.descent.methods import (
+    CONVERGED,
+    DAMPINGS,
+    FIRST_DAMPING,
+    MAX_DAMPING,
+    MIN_DAMPING,
+)
+from neuroanimator.control.descent.options import DEFAULT_ITERATIONS
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import MotionShape, ObjectiveForm
 from neuroanimator.control.objective.objective import Objective
@@ -41,11 +49,14 @@ from neuroanimator.jax_later import Array
 from neuroanimator.pytrees import map_leaves
 
 FUNCTIONS = (
-    "room", "begin_at", "costs", "gradient", "quadratic_model", "motion", "defects_of", "numbers", "defects",
+    "room", "begin_at", "costs", "quadratic_model", "motion", "defects_of", "numbers", "defects",
 )  # fmt: skip
 """What a module exports, all of it called `descent_...`."""
 
 NAME = "descent"
+
+USED = ("forward", "backward", "push", "lanes")
+"""What a module calls of its maps: a quadratic model needs no single slope, and what is not called is not in it."""
 
 TOLERANCE = 2e-3
 """J and its derivatives may be off by so much of their largest: both sum float32 in orders of their own."""
@@ -144,7 +155,6 @@ class PageDescent:
     guesses: Float[np.ndarray, "K Z"]
     """First guesses; a page descends from the one of least J."""
     movable: tuple[Movable, ...] = ()
-    method: str = "gauss-newton"
 
     def moved(self, values: dict[str, Any]) -> Problem:
         """Return the problem with other values of what may be moved, by name."""
@@ -195,7 +205,6 @@ class PageDescent:
             "name": self.name,
             "about": self.about,
             "system": problem.emulator.system,
-            "method": self.method,
             "dt": problem.emulator.dt,
             "steps": problem.parametrisation.steps,
             "state": problem.emulator.state.size,
@@ -207,6 +216,14 @@ class PageDescent:
             "start": np.asarray(problem.start, float).tolist(),
             "guesses": np.round(self.guesses, 6).tolist(),
             "movable": [movable.to_json() for movable in self.movable],
+            "settings": {
+                "iterations": DEFAULT_ITERATIONS,
+                "converged": CONVERGED,
+                "first_damping": FIRST_DAMPING,
+                "dampings": list(DAMPINGS),
+                "min_damping": MIN_DAMPING,
+                "max_damping": MAX_DAMPING,
+            },
             "generator": f"neuroanimator {neuroanimator.__version__}",
         }
 
@@ -250,7 +267,7 @@ def descent_text(descent: PageDescent) -> str:
     for name, definition in definitions.items():
         # Of whole states, where latent ones are observed, only the start is looked at, which does not change.
         is_start = form.encoding is not None and name.startswith("state_")
-        forms = 1 if is_start else len(FORMS)
+        forms = ("forward",) if is_start else USED
         structs[name] = _struct(name, definition, sizes[name], maps[name].tape, forms)
     latent = Input((latent_size(emulator),))
     state = Input((emulator.state.size,))
@@ -307,10 +324,11 @@ def _difference(
     return still_frame(emulator).difference(predicted, actual)
 
 
-def _struct(name: str, definition: MapDefinition, numbers: int, tape: int, forms: int) -> str:
-    """Return `na_map` of a map in C, with so many of its forms; the others are never called."""
-    functions = [f"{NAME}_{name}_{form}" for form in FORMS[:forms]]
-    functions += ["0"] * (len(FORMS) - forms)
+def _struct(
+    name: str, definition: MapDefinition, numbers: int, tape: int, forms: Sequence[str]
+) -> str:
+    """Return `na_map` of a map in C, with those of its forms that are called."""
+    functions = [f"{NAME}_{name}_{form}" if form in forms else "0" for form in FORMS]
     numbers_in_c = "0" if name in (CONTROLS, LINK) else "descent_numbers"
     sizes = [definition.inputs, definition.outputs(numbers), tape]
     return f"{{{', '.join(['descent_k', numbers_in_c, *functions, *map(str, sizes)])}}}"
@@ -372,13 +390,10 @@ def _check_at(
     module.call("costs", zs, COSTS, costs, room)
     _compare("J", costs, evaluator.costs(zs))
     slope = np.zeros_like(z)
-    cost = module.call("gradient", z, slope, room)
-    expected_costs, expected_slopes = evaluator.gradients(z[None])
-    _compare("J", np.array([cost]), expected_costs)
-    _compare("the slope of J", slope, expected_slopes[0])
     curvature = np.zeros((len(z), len(z)), np.float32)
-    module.call("quadratic_model", z, curvature, slope, room)
+    cost = module.call("quadratic_model", z, curvature, slope, room)
     (model,) = evaluator.quadratic_models(z[None])
+    _compare("J", np.array([cost]), np.array([model.cost]))
     _compare("the curvature of J", curvature, model.curvature)
     _compare("the slope of J", slope, model.slope)
     motion = evaluator.motion(z)

@@ -1,0 +1,111 @@
+// Levenberg and Marquardt's method, as `control/descent/methods.py` has it: several dampings are tried side by side.
+
+import type { Settings } from "./facts";
+import type { DescentModule, EmulatedMotion, QuadraticModel } from "./module";
+import { solveDamped } from "./solve";
+
+/** How far a descent has come. */
+export interface Iteration extends EmulatedMotion {
+  /** 0 is the first guess. */
+  readonly iteration: number;
+  /** The least J so far. */
+  readonly cost: number;
+  /** (Z) What was varied; a later descent may begin with it. */
+  readonly z: Float64Array;
+  readonly isDone: boolean;
+}
+
+/** How far one first guess has come. */
+interface Start {
+  z: Float64Array;
+  least: number;
+  damping: number;
+  sweeps: number;
+  isDone: boolean;
+}
+
+/** Yield every iteration of a descent from `guesses` (Z) each, the first guess included; the best of them is shown. */
+export function* descend(
+  module: DescentModule,
+  guesses: readonly ArrayLike<number>[] = module.facts.guesses,
+): Generator<Iteration, void> {
+  const { settings } = module.facts;
+  const costs = module.costs(guesses);
+  const starts = guesses.map(
+    (guess, i): Start => ({
+      z: Float64Array.from(guess),
+      least: finiteOr(costs[i]!),
+      damping: settings.first_damping,
+      sweeps: 0,
+      isDone: false,
+    }),
+  );
+  yield iterationOf(module, starts, 0);
+  for (let iteration = 1; starts.some((start) => !start.isDone); iteration++) {
+    for (const start of starts) {
+      if (!start.isDone) {
+        iterate(module, start, settings);
+        start.isDone ||= start.sweeps >= settings.iterations;
+      }
+    }
+    yield iterationOf(module, starts, iteration);
+  }
+}
+
+/** Take `start` one iteration further. */
+function iterate(module: DescentModule, start: Start, settings: Settings): void {
+  const model = module.quadraticModel(start.z);
+  const isFirst = start.sweeps === 0;
+  start.sweeps += 1;
+  if (isFirst) {
+    start.least = finiteOr(model.cost);
+  }
+  if (!model.slope.every(Number.isFinite)) {
+    start.isDone = true;
+    return;
+  }
+  const dampings = settings.dampings.map((times) =>
+    Math.min(Math.max(times * start.damping, settings.min_damping), settings.max_damping),
+  );
+  const trials = dampings.map((damping) => stepped(start.z, model, damping));
+  const costs = module.costs(trials).map(finiteOr);
+  const cost = Math.min(...costs);
+  const best = costs.indexOf(cost);
+  const largest = dampings.at(-1)!;
+  if (!(cost < start.least)) {
+    start.isDone = largest >= settings.max_damping;
+    start.damping = largest * settings.dampings.at(-1)!;
+    return;
+  }
+  // The first step finds the damping's scale; small falls after it are the end.
+  start.isDone = !isFirst && start.least - cost < settings.converged * start.least;
+  start.z = trials[best]!;
+  start.least = cost;
+  start.damping = dampings[best]!;
+}
+
+/** Return z - (curvature + damping · its mean diagonal)⁻¹ slope; numbers that are none where there is no inverse. */
+function stepped(z: Float64Array, model: QuadraticModel, damping: number): Float64Array {
+  let trace = 0;
+  for (let i = 0; i < z.length; i++) {
+    trace += model.curvature[i * z.length + i]!;
+  }
+  const added = damping * (trace / z.length + Number.MIN_VALUE);
+  const step = solveDamped(model.curvature, added, model.slope);
+  return z.map((number, i) => number - (step === null ? NaN : step[i]!));
+}
+
+function iterationOf(module: DescentModule, starts: readonly Start[], iteration: number): Iteration {
+  const best = starts.reduce((one, other) => (other.least < one.least ? other : one));
+  return {
+    iteration,
+    cost: best.least,
+    z: best.z,
+    isDone: starts.every((start) => start.isDone),
+    ...module.motion(best.z),
+  };
+}
+
+function finiteOr(number: number): number {
+  return Number.isFinite(number) ? number : Infinity;
+}
