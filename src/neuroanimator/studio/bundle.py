@@ -15,8 +15,10 @@ from neuroanimator.control.policies.policy_file import load_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.definition import definition_of
+from neuroanimator.export.programs.descent_module import descent_module
 from neuroanimator.export.programs.wasm_file import checked_wasm
 from neuroanimator.storage.files import write_whole
+from neuroanimator.studio.descents import DESCENT_FILE, descent_of, describe_descent
 from neuroanimator.studio.description import describe_emulator, describe_policy
 from neuroanimator.studio.opening import opening_drive
 from neuroanimator.zoo import (
@@ -59,6 +61,9 @@ def make_bundle(
     if policy is not None:
         policy_wasm, _ = checked_wasm(policy, definition_of(policy, licence), "policy")
         write_whole(folder / "policy.wasm", policy_wasm)
+    descent = descent_of(emulator, system_of(emulator))
+    if descent is not None:
+        write_whole(folder / DESCENT_FILE, descent_module(descent))
     progress("looking for a motion worth a look")
     facts = bundle_facts(source, emulator, policy, bundle_id or source.name.split(".")[0])
     write_facts(facts, folder)
@@ -98,7 +103,8 @@ def bundle_facts(
         drive = {"start": _short(start), "controls": _short(controls)}
     facts["default_motion"] = drive
     facts["emulator"] = "emulator.wasm"
-    facts["descents"] = []
+    descent = descent_of(emulator, system)
+    facts["descents"] = [] if descent is None else [describe_descent(descent)]
     return facts
 
 

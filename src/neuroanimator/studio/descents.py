@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -34,8 +35,10 @@ from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.obstacles import avoid
 from neuroanimator.control.objective.terms import Moments
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
 from neuroanimator.export.programs.descent_module import Movable, PageDescent, Write, entries_of
 from neuroanimator.state.pose import read_pose
+from neuroanimator.studio.description import TARGET_WITHIN
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
@@ -63,13 +66,12 @@ Values = Mapping[str, Sequence[float]]
 """What may be moved and where it was moved to, by name."""
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """Whether a motion of the physics has done what was asked."""
 
     is_success: bool
     gap: float
-    """How far off it ends [m] or [rad]."""
+    """How far off it ends [m], or [rad] where nothing has a place."""
     words: str
     """One line for people."""
 
@@ -97,9 +99,6 @@ STEERING_KNOTS = 6
 
 FIRST_STRENGTH = 0.7
 """First guesses are the gait at this strength: at full strength its muscles are at their bounds."""
-
-TARGET_WITHIN = 0.25
-"""So far off, over the length of the body, counts as there."""
 
 SIZEABLE = 0.1
 """So far off, over the length of the body, is an error of one in the cost."""
@@ -312,8 +311,8 @@ def _place(
     high: Float[np.ndarray, " 3"],
     writes: list[Write],
 ) -> Movable:
-    numbers = [tuple(np.asarray(one, float).tolist()) for one in (place, low, high)]
-    return Movable("place", "place", "m", *numbers, tuple(writes))
+    value, lowest, highest = (tuple(one.tolist()) for one in (place, low, high))
+    return Movable("place", "place", "m", value, lowest, highest, tuple(writes))
 
 
 WEIGHING = 10.0
@@ -334,11 +333,58 @@ def _guesses(
     return np.concatenate([parametrisation.guess(None)[None], others])
 
 
-DESCENTS: dict[str, tuple[Callable, Callable]] = {
-    "dolphin": (swim_to_a_place, judge_swimming),
-    "fish": (swim_to_a_place, judge_swimming),
-    "lander": (land_on_the_pad, judge_landing),
-    "pendulum": (swing_up, judge_swing),
-    "truck": (park_in_a_bay, judge_parking),
+class Recipe(NamedTuple):
+    """How the descent of a system is made, and how its motions are judged."""
+
+    make: Callable[[System, Emulator], PageDescent]
+    judge: Callable[[System, float, Values, Float[np.ndarray, "T1 S"]], Verdict]
+
+
+DESCENTS = {
+    "dolphin": Recipe(swim_to_a_place, judge_swimming),
+    "fish": Recipe(swim_to_a_place, judge_swimming),
+    "lander": Recipe(land_on_the_pad, judge_landing),
+    "pendulum": Recipe(swing_up, judge_swing),
+    "truck": Recipe(park_in_a_bay, judge_parking),
 }
-"""How the descent of each system is made, and how its motions are judged."""
+
+
+def descent_of(emulator: Emulator, system: System) -> PageDescent | None:
+    """Return what the page can look for with `emulator`; None for systems that are not the package's own."""
+    recipe = DESCENTS.get(system.name)
+    if recipe is None or emulator.definition:
+        return None
+    return recipe.make(system, emulator)
+
+
+def describe_descent(descent: PageDescent) -> dict[str, Any]:
+    """Return what the page reads of a descent."""
+    return descent.facts() | {"wasm": DESCENT_FILE}
+
+
+DESCENT_FILE = "descent-1.wasm"
+"""The module of a bundle's descent."""
+
+
+def judge_motion(
+    emulator: Emulator,
+    system: System,
+    values: Values,
+    states: Float[np.ndarray, "T1 S"],
+) -> Verdict:
+    """Return whether `states` of the physics have done what the descent of `system` is for, with these `values`.
+
+    Raises ArgumentError for a motion of another length, and values that are missing or no numbers for it.
+    """
+    descent = descent_of(emulator, system)
+    if descent is None:
+        raise ArgumentError(f"descent: there is none for {system.name}.")
+    steps = descent.problem.parametrisation.steps
+    if len(states) != steps + 1:
+        raise ArgumentError(f"states: wanted {steps + 1} rows, came {len(states)}.")
+    known = {movable.name: movable.value for movable in descent.movable}
+    for name, value in values.items():
+        if len(value) != len(known.get(name, ())):
+            raise ArgumentError(f"values: wanted {', '.join(known)}, came {name}.")
+    recipe = DESCENTS[system.name]
+    return recipe.judge(system, emulator.dt, {**known, **values}, states)

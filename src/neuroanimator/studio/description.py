@@ -37,7 +37,7 @@ TARGET_SECONDS = 3.0
 TARGET_AWAY = (0.77, 0.46, 0.0)
 """Where that place is at first, from where the body is: ahead and to the left, over its length."""
 
-TARGET_WITHIN = 0.2
+TARGET_WITHIN = 0.25
 """How near counts as there, over the body's length."""
 
 BENEATH = 0.6

@@ -15,6 +15,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, DivergedError
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
+from neuroanimator.studio.descents import Verdict
 from neuroanimator.studio.description import TARGET, place_within
 from neuroanimator.studio.library import Shown
 from neuroanimator.studio.limits import Limits
@@ -34,15 +35,6 @@ class Replayed(NamedTuple):
     """Time the physics takes as a user would run it [s]: what speed-ups are measured against."""
     physics_steps: int
     """How many steps the usual physics makes in that time."""
-
-
-class Verdict(NamedTuple):
-    """How near a motion came to its goal."""
-
-    is_success: bool
-    gap: float
-    """The distance from the goal's place [m]; where it has none, the largest error over its tolerance."""
-    words: str
 
 
 def replay_physics(

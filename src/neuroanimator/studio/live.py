@@ -13,17 +13,27 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from starlette.responses import JSONResponse
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import neuroanimator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
+from neuroanimator.studio.descents import judge_motion
 from neuroanimator.studio.description import packed
 from neuroanimator.studio.judge import judge, replay_physics
 from neuroanimator.studio.library import Shown
 from neuroanimator.studio.limits import Limits
 from neuroanimator.studio.open_page import Budget, Page, RefusedError
-from neuroanimator.studio.requests import Judge, Replay, read_hello, read_request, request_id
+from neuroanimator.studio.requests import (
+    Asked,
+    Judge,
+    JudgeDescent,
+    Replay,
+    read_hello,
+    read_request,
+    request_id,
+)
 from neuroanimator.studio.studio import Studio
 from neuroanimator.studio.words import public_words, say_unexpected
 
@@ -142,10 +152,12 @@ async def answer_to(studio: Studio, text: str) -> Answer:
     return {"id": request.id, **answer}
 
 
-async def _carried_out(studio: Studio, request: Replay | Judge) -> Answer:
+async def _carried_out(studio: Studio, request: Asked) -> Answer:
     work: Callable[[], Answer]
     if isinstance(request, Replay):
         work = lambda: replayed(studio.library.load(request.bundle), request, studio.limits)  # noqa: E731
+    elif isinstance(request, JudgeDescent):
+        work = lambda: descent_judged(studio.library.load(request.bundle), request)  # noqa: E731
     else:
         work = lambda: judged(studio.library.load(request.bundle), request)  # noqa: E731
     return await studio.in_physics(work)
@@ -168,11 +180,22 @@ def judged(shown: Shown, request: Judge) -> Answer:
     return verdict._asdict()
 
 
+def descent_judged(shown: Shown, request: JudgeDescent) -> Answer:
+    """Return the answer to `judge_descent`."""
+    states = _all_states(shown, request)
+    return judge_motion(shown.emulator, shown.system, request.values, states)._asdict()
+
+
 def _last_state(shown: Shown, request: Judge) -> np.ndarray:
-    """Return the last of the states, which came as rows or in base64."""
+    """Return the last of the states."""
+    return _all_states(shown, request)[-1]
+
+
+def _all_states(shown: Shown, request: Judge | JudgeDescent) -> Float[np.ndarray, "K S"]:
+    """Return the states, which came as rows or in base64."""
     size = shown.emulator.state.size
     if not isinstance(request.states, str):
-        return np.array(request.states[-1], float)
+        return shown.emulator.state.check(request.states, "states")
     try:
         content = base64.b64decode(request.states, validate=True)
     except ValueError as error:
@@ -181,4 +204,4 @@ def _last_state(shown: Shown, request: Judge) -> np.ndarray:
         raise ArgumentError(
             f"states: wanted rows of {size} float32 numbers, came {len(content)} bytes."
         )
-    return np.frombuffer(content[-4 * size :], "<f4").astype(float)
+    return np.frombuffer(content, "<f4").reshape(-1, size).astype(float)

@@ -56,9 +56,23 @@ class Judge(Table):
     """Rows of numbers, or base64 of little-endian float32; the last state counts."""
 
 
-Request = Annotated[Replay | Judge, Field(discriminator="do")]
+class JudgeDescent(Table):
+    """Has this motion of the physics done what the descent was for?"""
 
-REQUEST: TypeAdapter[Replay | Judge] = TypeAdapter(Request)
+    id: Number
+    do: Literal["judge_descent"]
+    bundle: Name
+    values: dict[Name, Vector] = Field(default_factory=dict)
+    """Where what may be moved was moved to."""
+    states: Annotated[str, Field(max_length=MAX_TEXT)] | Rows
+    """As in `Judge`, but all of them count."""
+
+
+Asked = Replay | Judge | JudgeDescent
+
+Request = Annotated[Asked, Field(discriminator="do")]
+
+REQUEST: TypeAdapter[Asked] = TypeAdapter(Request)
 
 
 class Export(Table):
@@ -77,7 +91,7 @@ HELLO = TypeAdapter(Hello)
 EXPORT = TypeAdapter(Export)
 
 
-def read_request(text: str, largest: int) -> Replay | Judge:
+def read_request(text: str, largest: int) -> Asked:
     """Return what a page asks; ValueError for what is no JSON, ArgumentError for JSON that asks nothing known."""
     values = parse_json_object(text, largest)
     return _checked(REQUEST, values)

@@ -38,7 +38,6 @@ def ship_facts(names: list[str]) -> None:
         emulator = Emulator.load(source)
         policy = policy_beside(source, emulator)
         facts = bundle_facts(source, emulator, policy, name, drive=before["default_motion"])
-        facts["descents"] = before["descents"]
         write_facts(facts, path.parent)
 
 

@@ -14,7 +14,6 @@ from neuroanimator.control.descent.evaluators import evaluator_of
 from neuroanimator.control.descent.parametrisation import Spline
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.descent_module import (
-    DescentModule,
     Movable,
     PageDescent,
     Write,
@@ -55,16 +54,19 @@ def descent() -> PageDescent:
 
 
 @pytest.fixture(scope="module")
-def made(descent: PageDescent) -> DescentModule:
+def made(descent: PageDescent) -> bytes:
     return descent_module(descent)
 
 
-def test_a_module_of_a_descent_imports_nothing_and_says_what_there_is(made: DescentModule):
-    module = wasmtime.Module(wasmtime.Engine(), made.content)
-    assert not module.imports
-    assert made.facts["steps"] == STEPS
-    assert made.facts["z"] == len(made.facts["guesses"][0])
-    assert [movable["name"] for movable in made.facts["movable"]] == ["place", "heading", "effort"]
+def test_a_module_of_a_descent_imports_nothing(made: bytes):
+    assert not wasmtime.Module(wasmtime.Engine(), made).imports
+
+
+def test_facts_of_a_descent_say_how_large_all_is(descent: PageDescent):
+    facts = descent.facts()
+    assert facts["steps"] == STEPS
+    assert facts["z"] == len(facts["guesses"][0])
+    assert [movable["name"] for movable in facts["movable"]] == ["place", "heading", "effort"]
 
 
 def test_moving_a_target_is_stating_another_problem(descent: PageDescent):
@@ -77,13 +79,11 @@ def test_moving_a_target_is_stating_another_problem(descent: PageDescent):
     assert evaluator_of(descent.moved({})).costs(z) == evaluator_of(descent.problem).costs(z)
 
 
-def test_a_module_that_computes_something_else_is_refused(
-    descent: PageDescent, made: DescentModule
-):
+def test_a_module_that_computes_something_else_is_refused(descent: PageDescent, made: bytes):
     parametrisation = descent.problem.parametrisation
     weaker = replace(parametrisation, half=0.9 * parametrisation.half)
     other = replace(descent, problem=replace(descent.problem, parametrisation=weaker))
-    module = Module(wasmtime, made.content, "descent")
+    module = Module(wasmtime, made, "descent")
     check_module(module, descent)
     with pytest.raises(NeuroAnimatorError, match="other numbers than in Python"):
         check_module(module, other)

@@ -35,7 +35,6 @@ from neuroanimator.control.descent.methods import (
     MAX_DAMPING,
     MIN_DAMPING,
 )
-from neuroanimator.control.descent.options import DEFAULT_ITERATIONS
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import MotionShape, ObjectiveForm
 from neuroanimator.control.objective.objective import Objective
@@ -54,6 +53,9 @@ FUNCTIONS = (
 """What a module exports, all of it called `descent_...`."""
 
 NAME = "descent"
+
+ITERATIONS = 20
+"""Backward sweeps of a descent in a page: those of 1998."""
 
 USED = ("forward", "backward", "push", "lanes")
 """What a module calls of its maps: a quadratic model needs no single slope, and what is not called is not in it."""
@@ -137,14 +139,6 @@ def entries_of(
 
 
 @dataclass(frozen=True)
-class DescentModule:
-    """A module, and what a page must know to call it."""
-
-    content: bytes
-    facts: dict[str, Any]
-
-
-@dataclass(frozen=True)
 class PageDescent:
     """A descent for a page: a problem, where to begin, and what may be moved."""
 
@@ -217,7 +211,7 @@ class PageDescent:
             "guesses": np.round(self.guesses, 6).tolist(),
             "movable": [movable.to_json() for movable in self.movable],
             "settings": {
-                "iterations": DEFAULT_ITERATIONS,
+                "iterations": ITERATIONS,
                 "converged": CONVERGED,
                 "first_damping": FIRST_DAMPING,
                 "dampings": list(DAMPINGS),
@@ -228,7 +222,7 @@ class PageDescent:
         }
 
 
-def descent_module(descent: PageDescent) -> DescentModule:
+def descent_module(descent: PageDescent) -> bytes:
     """Return the module of `descent`, after holding it against the descent in Python.
 
     Raises ResourceError without Zig and wasmtime, UnsupportedError for an objective or an emulator there is no C for, and
@@ -240,7 +234,7 @@ def descent_module(descent: PageDescent) -> DescentModule:
     except CompilerError as error:
         raise NeuroAnimatorError(f"descent.wasm: {error}. Please report it.") from error
     check_module(Module(runtime, content, NAME), descent)
-    return DescentModule(content, descent.facts())
+    return content
 
 
 def descent_text(descent: PageDescent) -> str:
