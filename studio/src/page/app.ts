@@ -283,8 +283,7 @@ export class App {
   // Only the studio floor has other colours in the dark; the sea is the same at all times.
   #redecorate(): void {
     if (this.#session?.facts.scene.kind === "plain") {
-      const entry = this.#session.entry;
-      void this.open(entry);
+      void this.open(this.#session.entry);
     }
   }
 
@@ -499,6 +498,10 @@ export class App {
     this.#steer(session, seconds);
     const { player, world } = session;
     player.advance(seconds);
+    if (session.school && player.isPlaying) {
+      session.school.target = session.swimmer?.target ?? null;
+      session.school.advance(seconds * player.speed);
+    }
     if (!isMotionReduced()) {
       this.#sceneTime += seconds * (player.isPlaying ? player.speed : 0.4);
     }

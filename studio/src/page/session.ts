@@ -10,6 +10,7 @@ import { Player } from "../motion/player";
 import { World } from "../scene/world";
 import type { Stage } from "../scene/stage";
 import { PolicyPilot, SliderPilot } from "../steering/pilots";
+import { School } from "../steering/school";
 
 /** Super steps made to measure how quick the emulator is. */
 const TIMED_STEPS = 200;
@@ -20,14 +21,16 @@ export class Session {
   readonly swimmer: PolicyPilot | null;
   /** What the emulator needs for a super step [s], measured when it was loaded. */
   readonly secondsPerStep: number;
-  world: World;
+  readonly world: World;
+  school: School | null = null;
 
   private constructor(
     readonly entry: CatalogueEntry,
     readonly bundle: LoadedBundle,
     readonly emulator: Emulator,
-    policy: Policy | null,
-    private readonly stage: Stage,
+    private readonly policy: Policy | null,
+    private readonly emulatorModule: WebAssembly.Module,
+    stage: Stage,
     isDark: boolean,
   ) {
     const facts = bundle.facts;
@@ -52,17 +55,25 @@ export class Session {
     ]);
     const emulator = await Emulator.start(emulatorModule, sizes);
     const policy = policyModule && (await Policy.start(policyModule, state, control));
-    return new Session(entry, bundle, emulator, policy, stage, isDark);
+    return new Session(entry, bundle, emulator, policy, emulatorModule, stage, isDark);
   }
 
   get facts(): Bundle {
     return this.bundle.facts;
   }
 
-  /** Make the scene anew, in other colours. */
-  redecorate(isDark: boolean): void {
-    this.world.dispose();
-    this.world = new World(this.stage, this.facts, this.player.state(), isDark);
+  /** Let a school swim around the body: so many more of its kind; none takes it away. */
+  async keepSchool(count: number): Promise<void> {
+    this.world.showSchool(null);
+    this.school = null;
+    if (count === 0 || !this.policy || !this.facts.root) {
+      return;
+    }
+    // A module of its own: its memory goes when the school goes.
+    const emulator = await Emulator.start(this.emulatorModule, this.emulator.sizes);
+    const { world } = this;
+    this.school = new School(emulator, this.policy, this.facts, world.size, world.room, world.middle, count);
+    world.showSchool(this.school);
   }
 
   dispose(): void {

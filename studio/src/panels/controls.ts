@@ -9,6 +9,9 @@ import { neutralControl } from "../steering/pilots";
 const MAX_TURN = 1;
 const MAX_CLIMB = 0.8;
 
+/** Sizes of schools to choose from. */
+const SCHOOLS = [0, 20, 200, 1000] as const;
+
 export interface Panel {
   readonly element: HTMLElement;
   update(): void;
@@ -58,6 +61,7 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
     turn.row,
     climb.row,
     element("div", "row", [target]),
+    schoolRow(session),
   );
   return {
     element: details,
@@ -69,6 +73,19 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
       target.setAttribute("aria-pressed", String(hasTarget));
     },
   };
+}
+
+/** How many swim along. */
+function schoolRow(session: Session): HTMLElement {
+  const select = element("select");
+  select.setAttribute("aria-label", "How many swim along");
+  for (const count of SCHOOLS) {
+    const option = element("option", "", [count === 0 ? "alone" : `with ${count.toLocaleString("en")} more`]);
+    option.value = String(count);
+    select.append(option);
+  }
+  select.addEventListener("change", () => void session.keepSchool(Number(select.value)));
+  return element("label", "row", [element("span", "", ["School"]), select]);
 }
 
 /** Sliders of the controls themselves. */

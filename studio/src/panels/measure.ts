@@ -92,7 +92,9 @@ export class MeasurePanel implements Panel {
     this.#gap.note = this.gap === null ? "–" : `${shortNumber(100 * this.gap)} cm of ${shortNumber(100 * this.session.world.size)}`;
     this.#trust.draw([{ values: this.#trusts, colour: "--accent" }], length, 0, 1.05, at);
     this.#trust.note = `${Math.round(100 * trustAt(player.motion, player.step))} %`;
-    this.#work.value.textContent = player.isLive ? `${player.workPerImage.toFixed(2)} ms` : "–";
+    const { school } = this.session;
+    const work = player.workPerImage + (school?.workPerImage ?? 0);
+    this.#work.value.textContent = player.isLive || school ? `${work.toFixed(2)} ms` : "–";
     const cost = this.twin?.cost;
     if (cost) {
       const own = this.session.secondsPerStep / this.session.facts.dt;

@@ -1,6 +1,6 @@
 // Leave with something: files of the motion that is shown, and the lines that make the same elsewhere.
 
-import { labelsOf } from "../bundle/layout";
+import type { Layout } from "../bundle/layout";
 import { button, element, panel } from "../page/dom";
 import type { Banners } from "../page/banner";
 import type { Session } from "../page/session";
@@ -12,16 +12,16 @@ const SERVER_FORMATS = ["glb", "usda", "mp4", "html"] as const;
 /** Images a second of what the server writes. */
 const RATE = 60;
 
-/** Return the motion as CSV: time, controls and states, one super step a line, as `animate` writes it. */
+/** A start with more parts than this is no use on a command line. */
+const MAX_START_OPTIONS = 6;
+
+/** Return the states as CSV, one super step a line. */
 export function motionCsv(session: Session): string {
   const { motion } = session.player;
   const { facts } = session;
-  const head = ["time", ...labelsOf(facts.state), ...labelsOf(facts.control)].map((name) => name.replaceAll(" ", "."));
-  const lines = [head.join(",")];
+  const lines = [headOf(facts.state)];
   for (let step = 0; step <= motion.steps; step++) {
-    const control = motion.steps > 0 ? motion.control(Math.min(step, motion.steps - 1)) : facts.control_low;
-    const numbers = [step * motion.dt, ...motion.state(step), ...control];
-    lines.push(numbers.map((number) => Number(number.toPrecision(7))).join(","));
+    lines.push(lineOf(step * motion.dt, motion.state(step)));
   }
   return `${lines.join("\n")}\n`;
 }
@@ -29,18 +29,30 @@ export function motionCsv(session: Session): string {
 /** Return only the controls as CSV, as `animate --controls` reads them. */
 export function controlsCsv(session: Session): string {
   const { motion } = session.player;
-  const lines = [["time", ...columnsOf(session)].join(",")];
+  const lines = [headOf(session.facts.control)];
   for (let step = 0; step < motion.steps; step++) {
-    const numbers = [step * motion.dt, ...motion.control(step)];
-    lines.push(numbers.map((number) => Number(number.toPrecision(7))).join(","));
+    lines.push(lineOf(step * motion.dt, motion.control(step)));
   }
   return `${lines.join("\n")}\n`;
 }
 
-function columnsOf(session: Session): string[] {
-  return session.facts.control.flatMap(([name, size]) =>
-    size === 1 ? [name] : Array.from({ length: size }, (_, i) => `${name}_${i}`),
+/** The first line, as `neuroanimator` itself writes and reads it (export/csv_file.py). */
+function headOf(layout: Layout): string {
+  const columns = layout.flatMap(([name, size, unit]) =>
+    Array.from({ length: size }, (_, i) => cell(`${name}[${i}] ${unit}`)),
   );
+  return ["time s", ...columns].join(",");
+}
+
+/** A name as a cell: quoted where it must be, and never a formula to a spreadsheet. */
+function cell(name: string): string {
+  const harmless = /^[=+\-@]/.test(name) ? `'${name}` : name;
+  return /[",\n]/.test(harmless) ? `"${harmless.replaceAll('"', '""')}"` : harmless;
+}
+
+function lineOf(time: number, numbers: Float32Array): string {
+  const all = [time, ...numbers];
+  return all.map((number) => String(Number(number.toPrecision(8)))).join(",");
 }
 
 /** Return the command line and the Python that make the shown motion, given its controls in a file. */
@@ -48,16 +60,38 @@ export function equivalentLines(session: Session): string {
   const { id } = session.facts;
   return [
     "# shell",
-    `neuroanimator animate ${id} --controls controls.csv --out motion.glb`,
+    `neuroanimator animate ${id} --controls controls.csv \\`,
+    ...startOptions(session).map((option) => `  --start ${option} \\`),
+    "  --out motion.glb",
     "",
     "# Python",
     "import numpy as np",
     "import neuroanimator as na",
     "",
     `emulator = na.load_emulator("${id}")`,
+    'start = np.loadtxt("motion.csv", delimiter=",", skiprows=1)[0, 1:]',
     'controls = np.loadtxt("controls.csv", delimiter=",", skiprows=1, ndmin=2)[:, 1:]',
-    "states = emulator.rollout(start, controls)  # start: the first line of motion.csv",
+    "states = emulator.rollout(start, controls)",
+    'clip = na.make_clip(emulator, states, rate=60, source="emulator")',
+    'na.write_glb(clip, "motion.glb")',
   ].join("\n");
+}
+
+/** Parts of the start that are not as at rest, as `--start` takes them; of a body of many points nothing: Python has them all. */
+function startOptions(session: Session): string[] {
+  const { facts, player } = session;
+  const start = player.motion.state(0);
+  const options: string[] = [];
+  let entry = 0;
+  for (const [name, size] of facts.state) {
+    const numbers = Array.from(start.subarray(entry, entry + size));
+    const isElsewhere = numbers.some((number, i) => Math.abs(number - facts.rest[entry + i]!) > 1e-6);
+    if (isElsewhere) {
+      options.push(`${name}=${numbers.map((number) => Number(number.toPrecision(6))).join(",")}`);
+    }
+    entry += size;
+  }
+  return options.length <= MAX_START_OPTIONS ? options : [];
 }
 
 export function takePanel(session: Session, live: Live | null, banners: Banners): Panel {
@@ -96,7 +130,17 @@ export function takePanel(session: Session, live: Live | null, banners: Banners)
     code,
     element("div", "row", [copy]),
   );
-  return { element: details, update: () => undefined };
+  let shown = session.player.motion;
+  details.addEventListener("toggle", () => (code.textContent = equivalentLines(session)));
+  return {
+    element: details,
+    update() {
+      if (shown !== session.player.motion) {
+        shown = session.player.motion;
+        code.textContent = equivalentLines(session);
+      }
+    },
+  };
 }
 
 async function exportBy(

@@ -37,6 +37,10 @@ export interface Patch {
   readonly uniforms: Uniforms;
   /** Declarations for both shaders. */
   readonly shared?: string;
+  /** Declarations for the vertex shader alone, attributes among them. */
+  readonly attributes?: string;
+  /** After `objectNormal` is known. */
+  readonly normal?: string;
   /** Declarations for the fragment shader alone. */
   readonly fragment?: string;
   /** After `transformed` and `objectNormal` are known, before they are projected. */
@@ -75,7 +79,8 @@ function patchShader(shader: WebGLProgramParametersWithUniforms, patches: readon
     #endif
     vPlace = (modelMatrix * placed).xyz;`;
   shader.vertexShader = shader.vertexShader
-    .replace("#include <common>", `#include <common>\n${shared}`)
+    .replace("#include <common>", `#include <common>\n${shared}\n${pieces("attributes")}`)
+    .replace("#include <skinnormal_vertex>", `#include <skinnormal_vertex>\n${pieces("normal")}`)
     .replace("#include <project_vertex>", `${pieces("vertex")}\n${place}\n#include <project_vertex>`);
   const light = patches.filter((patch) => patch.light);
   const dimmed = light.map((patch) => `directLight.color *= ${patch.light};`).join("\n");

@@ -24,6 +24,8 @@ export interface Scenery {
   readonly atmosphere: Atmosphere;
   /** What the materials of bodies need so that they belong here. */
   readonly bodyPatches: readonly Patch[];
+  /** Height of the water's surface [m], if there is one. */
+  readonly surface?: number;
   /** The ground's height below which the camera does not go [m]. */
   readonly ground: number;
   update(moment: Moment): void;

@@ -10,6 +10,8 @@ import { CameraRig } from "./cameras";
 import { makeLot } from "./lot";
 import { makeMoon } from "./moon";
 import { makePlain } from "./plain";
+import { makeSchoolView, type SchoolView } from "./school";
+import type { Room, School } from "../steering/school";
 import type { Measure, Scenery } from "./scenery";
 import type { Stage } from "./stage";
 import { makeWater } from "./water/water";
@@ -56,6 +58,7 @@ export class World {
   readonly #scenery: Scenery;
   readonly #focus = new Vector3();
   readonly #objects: Object3D[];
+  #school: SchoolView | null = null;
   #low = 0;
   #high = 0;
   #heading = 0;
@@ -126,6 +129,28 @@ export class World {
     this.#body.doubt.value = share;
   }
 
+  /** The middle of the body [m]. */
+  get middle(): [number, number, number] {
+    return toPhysics(this.#focus);
+  }
+
+  /** Heights between which there is room to swim [m]. */
+  get room(): Room {
+    return { low: this.#scenery.ground, high: this.#scenery.surface ?? Infinity };
+  }
+
+  /** Draw a school around the body, or none. */
+  showSchool(school: School | null): void {
+    if (this.#school) {
+      this.stage.root.remove(this.#school.object);
+      this.#school.dispose();
+    }
+    this.#school = school && makeSchoolView(this.facts, school, this.size, this.#scenery.bodyPatches);
+    if (this.#school) {
+      this.stage.root.add(this.#school.object);
+    }
+  }
+
   /** Draw an image. `controls` are shares of their bounds, 0 to 1; scenery stands still where motion is to be reduced. */
   draw(seconds: number, time: number, controls: readonly number[]): void {
     const heading = this.#heading;
@@ -136,6 +161,7 @@ export class World {
       this.#isFresh = false;
       turned = 0;
     }
+    this.#school?.update();
     this.camera.ground = this.#scenery.ground;
     this.camera.update(this.#focus, turned, seconds);
     this.stage.follow(this.#focus);
@@ -218,6 +244,7 @@ export class World {
   }
 
   dispose(): void {
+    this.showSchool(null);
     this.stage.root.remove(...this.#objects);
     this.#body.dispose();
     this.#ghost.dispose();

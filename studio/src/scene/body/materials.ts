@@ -59,6 +59,7 @@ export function scalePatch(size: number, strength: number): Patch {
         }
         return best;
       }`,
+    attributes: "attribute vec3 rest; attribute float part;",
     vertex: "vRest = rest / bodyLength; vPart = part;",
     colour: `
       {
@@ -88,18 +89,7 @@ export function skinMaterial(size: number, scales: number, patches: readonly Pat
     clearcoat: scales > 0 ? 0.5 : 0.45,
     clearcoatRoughness: scales > 0 ? 0.3 : 0.22,
   });
-  const restAttribute: Patch = { key: "rest", uniforms: {}, shared: "" };
-  return withRest(patchMaterial(material, [restAttribute, scalePatch(size, scales), ...patches]));
-}
-
-// The attribute `rest` is declared for the vertex shader alone.
-function withRest<M extends Material>(material: M): M {
-  const patch = material.onBeforeCompile;
-  material.onBeforeCompile = (shader, renderer) => {
-    patch(shader, renderer);
-    shader.vertexShader = `attribute vec3 rest;\nattribute float part;\n${shader.vertexShader}`;
-  };
-  return material;
+  return patchMaterial(material, [scalePatch(size, scales), ...patches]);
 }
 
 /** Paint, rubber or metal, by its colour: what is grey and bright is metal, what is nearly black is rubber. */

@@ -67,6 +67,9 @@ export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number 
     get ground() {
       return bedHeight;
     },
+    get surface() {
+      return uniforms.surfaceHeight.value;
+    },
     update(moment: Moment) {
       const low = moment.low - ROOM * size;
       if (low < bedHeight) {
@@ -152,7 +155,7 @@ function skyScene(uniforms: WaterUniforms): Scene {
       void main() {
         vec3 dir = normalize(vDirection);
         vec3 colour = 1.6 * waterColour(dir) + smoothstep(0.55, 0.95, dir.y) * vec3(1.5, 1.9, 2.0);
-        colour += smoothstep(-0.1, -1.0, dir.y) * vec3(0.3, 0.3, 0.22);
+        colour += smoothstep(-0.1, -1.0, dir.y) * vec3(0.8, 0.68, 0.45);
         gl_FragColor = vec4(colour, 1.0);
       }`,
     side: BackSide,
