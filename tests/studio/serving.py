@@ -17,6 +17,7 @@ from tally import Tally
 from websockets.sync.client import ClientConnection, connect
 
 from neuroanimator.studio.guard import Gate
+from neuroanimator.studio.jobs import Jobs
 from neuroanimator.studio.library import Library
 from neuroanimator.studio.limits import USUAL, Limits
 from neuroanimator.studio.server import listen, make_server
@@ -131,7 +132,10 @@ def serving(folder: Path, limits: Limits = USUAL) -> Iterator[Serving]:
     own = folder / "bundles"
     own.mkdir(exist_ok=True)
     listener = listen("127.0.0.1", 0)
-    studio = Studio(Gate("127.0.0.1", listener.getsockname()[1]), page, Library(own), limits)
+    gate = Gate("127.0.0.1", listener.getsockname()[1])
+    trainings = folder / "jobs"
+    trainings.mkdir(exist_ok=True)
+    studio = Studio(gate, page, Library(own), limits, Jobs(own, trainings))
     server = make_server(studio)
     thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listener])))
     thread.start()

@@ -18,6 +18,7 @@ from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.export.programs.descent_module import descent_module
 from neuroanimator.export.programs.wasm_file import checked_wasm
 from neuroanimator.storage.files import write_whole
+from neuroanimator.studio.catalogue import BUNDLE
 from neuroanimator.studio.descents import DESCENT_FILE, descent_of, describe_descent
 from neuroanimator.studio.description import describe_emulator, describe_policy
 from neuroanimator.studio.opening import opening_drive
@@ -29,9 +30,6 @@ from neuroanimator.zoo import (
     shipped_path,
     shipped_policy,
 )
-
-BUNDLE = "bundle.json"
-"""The file of a bundle that says everything but programs."""
 
 DIGITS = 9
 """Digits of the numbers of a motion: those of float32."""

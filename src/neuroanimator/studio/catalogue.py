@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import neuroanimator
-from neuroanimator.studio.bundle import BUNDLE
+
+BUNDLE = "bundle.json"
+"""The file of a bundle that says everything but programs."""
 
 SHIPPED_BUNDLES = ("dolphin-50", "fish-50", "truck-50", "lander-50", "pendulum-50")
 """The emulators that ship as bundles, in the order the page shows them."""

@@ -13,14 +13,12 @@ from functools import lru_cache
 from pathlib import Path
 from threading import Lock, Timer
 
-from neuroanimator.control.policies.policy_file import load_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError, ResourceError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.storage.private_folder import private_folders
-from neuroanimator.studio.bundle import BUNDLE
 from neuroanimator.studio.bundle_worker import FAULT, PHASE
-from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_bundles
+from neuroanimator.studio.catalogue import BUNDLE, SHIPPED_BUNDLES, shipped_bundles
 from neuroanimator.systems.system import System
 from neuroanimator.zoo import find_emulator
 
@@ -159,6 +157,10 @@ def _check_file(file: Path) -> None:
 
 
 def _is_policy(file: Path) -> bool:
+    from neuroanimator.control.policies.policy_file import (
+        load_policy,  # takes time, and is hardly ever needed
+    )
+
     try:
         load_policy(file)
     except BadFileError:

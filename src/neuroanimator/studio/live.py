@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,15 +20,18 @@ import neuroanimator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.studio.descents import judge_motion
 from neuroanimator.studio.description import packed
+from neuroanimator.studio.job_plan import check_packaged, checked_plan
 from neuroanimator.studio.judge import judge, replay_physics
 from neuroanimator.studio.library import Shown
-from neuroanimator.studio.limits import Limits
 from neuroanimator.studio.open_page import Budget, Page, RefusedError
 from neuroanimator.studio.requests import (
     Asked,
+    Jobs,
     Judge,
     JudgeDescent,
+    OfJob,
     Replay,
+    Train,
     read_hello,
     read_request,
     request_id,
@@ -153,19 +155,20 @@ async def answer_to(studio: Studio, text: str) -> Answer:
 
 
 async def _carried_out(studio: Studio, request: Asked) -> Answer:
-    work: Callable[[], Answer]
+    """Return what was asked for, computed beside the server."""
     if isinstance(request, Replay):
-        work = lambda: replayed(studio.library.load(request.bundle), request, studio.limits)  # noqa: E731
-    elif isinstance(request, JudgeDescent):
-        work = lambda: descent_judged(studio.library.load(request.bundle), request)  # noqa: E731
-    else:
-        work = lambda: judged(studio.library.load(request.bundle), request)  # noqa: E731
-    return await studio.in_physics(work)
+        return await studio.in_physics(lambda: replayed(studio, request))
+    if isinstance(request, Judge):
+        return await studio.in_physics(lambda: judged(studio, request))
+    if isinstance(request, JudgeDescent):
+        return await studio.in_physics(lambda: descent_judged(studio, request))
+    return await studio.in_files(lambda: job_answer(studio, request))
 
 
-def replayed(shown: Shown, request: Replay, limits: Limits) -> Answer:
+def replayed(studio: Studio, request: Replay) -> Answer:
     """Return the answer to `replay`."""
-    result = replay_physics(shown, request.start, request.controls, limits)
+    shown = studio.library.load(request.bundle)
+    result = replay_physics(shown, request.start, request.controls, studio.limits)
     return {
         "states": packed(result.states, "<f4"),
         "wall_s": result.wall_s,
@@ -174,16 +177,48 @@ def replayed(shown: Shown, request: Replay, limits: Limits) -> Answer:
     }
 
 
-def judged(shown: Shown, request: Judge) -> Answer:
+def judged(studio: Studio, request: Judge) -> Answer:
     """Return the answer to `judge`."""
+    shown = studio.library.load(request.bundle)
     verdict = judge(shown, request.goal, _last_state(shown, request), request.target)
     return verdict._asdict()
 
 
-def descent_judged(shown: Shown, request: JudgeDescent) -> Answer:
+def descent_judged(studio: Studio, request: JudgeDescent) -> Answer:
     """Return the answer to `judge_descent`."""
+    shown = studio.library.load(request.bundle)
     states = _all_states(shown, request)
     return judge_motion(shown.emulator, shown.system, request.values, states)._asdict()
+
+
+def job_answer(studio: Studio, request: Train | Jobs | OfJob) -> Answer:
+    """Return the answer to what is asked of trainings: all of them, as they are then."""
+    answer: Answer = {}
+    if isinstance(request, Train):
+        answer["job"] = started(studio, request)
+    elif isinstance(request, OfJob):
+        actions = {
+            "stop": studio.jobs.stop,
+            "resume": studio.jobs.resume,
+            "forget": studio.jobs.forget,
+        }
+        actions[request.do](request.job)
+    answer["jobs"] = studio.jobs.list()
+    return answer
+
+
+def started(studio: Studio, request: Train) -> str:
+    """Return the id of the training that now runs."""
+    values = request.model_dump(include={"substeps", "size", "count", "updates"})
+    if (request.system is None) == (request.model is None):
+        raise ArgumentError("train: wanted a system or a model, one of them.")
+    if request.model is not None:
+        model = studio.models.find(request.model)
+        return studio.jobs.start(
+            checked_plan({"system": model.facts["system"], **values}), model.toml
+        )
+    check_packaged(request.system or "")
+    return studio.jobs.start(checked_plan({"system": request.system, **values}))
 
 
 def _last_state(shown: Shown, request: Judge) -> np.ndarray:

@@ -8,6 +8,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.studio.job_plan import Size
 from neuroanimator.tables import Finite, Table, first_fault
 
 MAX_STATE = 4096
@@ -68,11 +69,38 @@ class JudgeDescent(Table):
     """As in `Judge`, but all of them count."""
 
 
-Asked = Replay | Judge | JudgeDescent
+class Train(Table):
+    """Train an emulator of a system of the package, or of a model dropped before."""
 
-Request = Annotated[Asked, Field(discriminator="do")]
+    id: Number
+    do: Literal["train"]
+    system: Name | None = None
+    model: Name | None = None
+    substeps: Annotated[int, Field(ge=1, le=1000)] = 50
+    size: Size = "usual"
+    count: int | None = None
+    updates: int | None = None
 
-REQUEST: TypeAdapter[Asked] = TypeAdapter(Request)
+
+class Jobs(Table):
+    """How far are the trainings?"""
+
+    id: Number
+    do: Literal["jobs"]
+
+
+class OfJob(Table):
+    """Stop a training, go on with it, or remove it."""
+
+    id: Number
+    do: Literal["stop", "resume", "forget"]
+    job: Name
+
+
+Asked = Replay | Judge | JudgeDescent | Train | Jobs | OfJob
+"""All that a page may ask on its socket."""
+
+REQUEST: TypeAdapter[Asked] = TypeAdapter(Annotated[Asked, Field(discriminator="do")])
 
 
 class Export(Table):

@@ -60,6 +60,7 @@ def make_app(studio: Studio) -> ASGIApp:
         Route("/bundles/{bundle_id}/{name}", _answering(_bundle_file)),
         Route("/api/downloads/{download_id}", _answering(_download)),
         Route("/api/emulators", _answering(_take_emulator), methods=["POST"]),
+        Route("/api/models", _answering(_take_model), methods=["POST"]),
         Route("/api/exports", _answering(_export), methods=["POST"]),
         WebSocketRoute("/live", serve_page),
         Route("/{path:path}", _answering(_page_file)),
@@ -150,13 +151,19 @@ async def _take_emulator(request: Request) -> Response:
     return JSONResponse({"id": bundle_id})
 
 
+async def _take_model(request: Request) -> Response:
+    """Take a MuJoCo model, look at it, and say what a training of it would be."""
+    studio = _studio(request)
+    _check_type(request, BYTES)
+    content = await _body(request)
+    name = request.headers.get("x-name", "")
+    return JSONResponse(await studio.in_drawing(lambda: studio.models.add(content, name)))
+
+
 async def _export(request: Request) -> Response:
     studio = _studio(request)
     _check_type(request, JSON)
-    with tempfile.TemporaryFile() as body:
-        await _receive(request, studio.limits.body_bytes, body)
-        body.seek(0)
-        content = body.read()
+    content = await _body(request)
     try:
         wanted = read_export(content, studio.limits.body_bytes)
     except ArgumentError:
@@ -169,6 +176,14 @@ async def _export(request: Request) -> Response:
         return studio.downloads.write(shown, wanted, studio.limits)
 
     return JSONResponse({"download": await studio.in_drawing(write)})
+
+
+async def _body(request: Request) -> bytes:
+    """Return a body of a size that memory bears."""
+    with tempfile.TemporaryFile() as file:
+        await _receive(request, _studio(request).limits.body_bytes, file)
+        file.seek(0)
+        return file.read()
 
 
 def _check_type(request: Request, wanted: str) -> None:
@@ -248,6 +263,18 @@ class PatientSocket(WebSocketsSansIOProtocol):
 class Server(uvicorn.Server):
     """uvicorn's, but that it leaves signals to the command line: Ctrl-C ends it as it ends every verb."""
 
+    def __init__(self, config: uvicorn.Config, studio: Studio):
+        super().__init__(config)
+        self._studio = studio
+
+    async def serve(self, sockets: list[socket.socket] | None = None) -> None:
+        """Serve, and watch the trainings."""
+        watching = asyncio.create_task(self._studio.watch_jobs())
+        try:
+            await super().serve(sockets)
+        finally:
+            watching.cancel()
+
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         """Capture none."""
@@ -302,4 +329,4 @@ def make_server(studio: Studio) -> Server:
         timeout_graceful_shutdown=1,
         h11_max_incomplete_event_size=1 << 16,
     )
-    return Server(config)
+    return Server(config, studio)

@@ -10,13 +10,12 @@ import sys
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.studio.bundle import (
-    BUNDLE,
     bundle_facts,
     make_bundle,
     policy_beside,
     write_facts,
 )
-from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_folder
+from neuroanimator.studio.catalogue import BUNDLE, SHIPPED_BUNDLES, shipped_folder
 from neuroanimator.text import print_line
 from neuroanimator.zoo import find_emulator
 

@@ -1,0 +1,125 @@
+"""Somebody's own MuJoCo model, dropped on the page: looked at, and written down as a system that can be trained."""
+
+from __future__ import annotations
+
+import re
+import secrets
+import subprocess
+import sys
+import tempfile
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.storage.unfinished import remove_at_exit
+from neuroanimator.tables import read_toml
+
+KEPT = 8
+"""Models that are kept until the server ends."""
+
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
+"""A name a system may be given after its file."""
+
+KINDS = {"mujoco": ".xml", "robot": ".urdf"}
+"""How files are called, by the outermost element: MJCF and URDF."""
+
+ROOT_ELEMENT = re.compile(rb"<\s*([A-Za-z]+)[\s>]")
+"""The first element of an XML text; comments and declarations begin otherwise."""
+
+COMMAND_LINE = "from neuroanimator.cli.main import main; main()"
+"""A program that is the command line."""
+
+MAX_LOOKING = 120.0
+"""Time after which looking at a model is given up [s]."""
+
+WARNING = "warning: "
+"""How a line of `neuroanimator new` begins that is worth telling."""
+
+FAULT = "neuroanimator: "
+"""How its last line begins where something is wrong."""
+
+HEAD = 1 << 16
+"""So many bytes are searched for it."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A dropped model."""
+
+    toml: Path
+    """The file that defines the system, alone with the model in its folder."""
+    facts: dict[str, Any]
+    """What the page is told of it."""
+
+
+class Models:
+    """Dropped models by ids nobody can guess."""
+
+    def __init__(self) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix="neuroanimator-"))
+        remove_at_exit(self._folder)
+        self._models: OrderedDict[str, Model] = OrderedDict()
+
+    def add(self, content: bytes, name: str) -> dict[str, Any]:
+        """Return what there is to know of a model, its id included; BadFileError for one that cannot be learnt."""
+        suffix = _kind_of(content)
+        if not NAME.fullmatch(name):
+            name = "model"
+        model_id = secrets.token_hex(8)
+        folder = self._folder / model_id
+        folder.mkdir(mode=0o700)
+        file = folder / f"{name}{suffix}"
+        file.write_bytes(content)
+        facts = {"model": model_id, **_looked_at(file)}
+        toml = file.with_suffix(".toml")
+        self._models[model_id] = Model(toml, facts)
+        while len(self._models) > KEPT:
+            self._models.popitem(last=False)
+        return facts
+
+    def find(self, model_id: str) -> Model:
+        """Return the model of that id; ArgumentError if there is none."""
+        if model_id not in self._models:
+            raise ArgumentError("model: there is none of that id. Drop its file again.")
+        return self._models[model_id]
+
+
+def _looked_at(file: Path) -> dict[str, Any]:
+    """Return what `neuroanimator new` finds in a model, in a process of its own: a stranger's may crash it."""
+    command = [sys.executable, "-c", COMMAND_LINE, "new", str(file)]
+    try:
+        looked = subprocess.run(
+            command,
+            cwd=file.parent,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=MAX_LOOKING,
+        )
+    except subprocess.TimeoutExpired:
+        raise BadFileError("Looking at the model took too long. Make it simpler.") from None
+    lines = looked.stderr.splitlines()
+    if looked.returncode != 0:
+        faults = [line.removeprefix(FAULT) for line in lines if line.startswith(FAULT)]
+        raise BadFileError(faults[-1] if faults else "The model made the simulator crash.")
+    values = read_toml(file.with_suffix(".toml"))
+    return {
+        "system": values["name"],
+        "substeps": values["substeps"],
+        "dt": values["substeps"] * values["physics"]["step"],
+        "warnings": [line.removeprefix(WARNING) for line in lines if line.startswith(WARNING)],
+    }
+
+
+def _kind_of(content: bytes) -> str:
+    """Return how a file with this content should be called; BadFileError for what is no model."""
+    found = ROOT_ELEMENT.search(content[:HEAD])
+    if found is not None:
+        suffix = KINDS.get(found[1].decode().lower())
+        if suffix is not None:
+            return suffix
+    raise BadFileError(
+        "The file is neither an MJCF model nor a URDF one. Other kinds are for the command line: neuroanimator new."
+    )
