@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 import wasmtime
@@ -84,3 +88,14 @@ def test_a_motion_of_another_length_and_unknown_values_are_refused():
         judge_motion(emulator, system, {}, states[:3])
     with pytest.raises(ArgumentError, match="values: wanted effort, came weight"):
         judge_motion(emulator, system, {"weight": [1.0]}, states)
+
+
+def test_what_the_page_is_held_against_is_what_python_finds():
+    folder = Path(__file__).parents[2] / "studio" / "tests" / "vectors"
+    writer = runpy.run_path(str(folder / "write_descents.py"))
+    cases = json.loads((folder / "descents.json").read_text())
+    assert {case["bundle"] for case in cases} == set(SHIPPED_BUNDLES)
+    for case in cases:
+        if case["bundle"] == "fish-50":
+            costs = writer["costs_of"](made("fish-50"), case["values"])
+            np.testing.assert_allclose(costs[:4], case["costs"][:4], rtol=0.03)

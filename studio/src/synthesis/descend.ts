@@ -13,6 +13,8 @@ export interface Iteration extends EmulatedMotion {
   /** (Z) What was varied; a later descent may begin with it. */
   readonly z: Float64Array;
   readonly isDone: boolean;
+  /** Work so far [ms]. */
+  readonly milliseconds: number;
 }
 
 /** How far one first guess has come. */
@@ -30,6 +32,15 @@ export function* descend(
   guesses: readonly ArrayLike<number>[] = module.facts.guesses,
 ): Generator<Iteration, void> {
   const { settings } = module.facts;
+  let worked = 0;
+  let since = performance.now();
+  const shown = (iteration: number): Iteration => {
+    const best = starts.reduce((one, other) => (other.least < one.least ? other : one));
+    const motion = module.motion(best.z);
+    const isDone = starts.every((start) => start.isDone);
+    worked += performance.now() - since;
+    return { iteration, cost: best.least, z: best.z, isDone, milliseconds: worked, ...motion };
+  };
   const costs = module.costs(guesses);
   const starts = guesses.map(
     (guess, i): Start => ({
@@ -40,15 +51,17 @@ export function* descend(
       isDone: false,
     }),
   );
-  yield iterationOf(module, starts, 0);
+  yield shown(0);
   for (let iteration = 1; starts.some((start) => !start.isDone); iteration++) {
+    // What whoever asked does meanwhile is no work of the descent.
+    since = performance.now();
     for (const start of starts) {
       if (!start.isDone) {
         iterate(module, start, settings);
         start.isDone ||= start.sweeps >= settings.iterations;
       }
     }
-    yield iterationOf(module, starts, iteration);
+    yield shown(iteration);
   }
 }
 
@@ -93,17 +106,6 @@ function stepped(z: Float64Array, model: QuadraticModel, damping: number): Float
   const added = damping * (trace / z.length + Number.MIN_VALUE);
   const step = solveDamped(model.curvature, added, model.slope);
   return z.map((number, i) => number - (step === null ? NaN : step[i]!));
-}
-
-function iterationOf(module: DescentModule, starts: readonly Start[], iteration: number): Iteration {
-  const best = starts.reduce((one, other) => (other.least < one.least ? other : one));
-  return {
-    iteration,
-    cost: best.least,
-    z: best.z,
-    isDone: starts.every((start) => start.isDone),
-    ...module.motion(best.z),
-  };
 }
 
 function finiteOr(number: number): number {
