@@ -11,6 +11,9 @@ import { Curve } from "./curve";
 /** Trust is the share of so many super steps that training covered. */
 const TRUST_WINDOW = 10;
 
+/** Numbers and curves are written anew so often at most [ms]. */
+const INTERVAL = 250;
+
 /** Return how far apart two motions' bones are on average [m], super step by super step. */
 export function gapsBetween(session: Session, one: Motion, other: Motion, from: number, to: number): number[] {
   const { skeleton } = session.facts;
@@ -56,7 +59,8 @@ export class MeasurePanel implements Panel {
   #of: Motion | null = null;
   #trusts: number[] = [];
   #trustOf: Motion | null = null;
-  #image = 0;
+  #waited = Infinity;
+  #last = performance.now();
 
   constructor(
     private readonly session: Session,
@@ -82,9 +86,13 @@ export class MeasurePanel implements Panel {
     this.#followTrust();
     this.#ghost.setAttribute("aria-pressed", String(this.twin?.isOn ?? false));
     // Numbers that change with every image cannot be read.
-    if (this.#image++ % 15 !== 0 || !(this.element as HTMLDetailsElement).open) {
+    const now = performance.now();
+    this.#waited += now - this.#last;
+    this.#last = now;
+    if (this.#waited < INTERVAL || !(this.element as HTMLDetailsElement).open) {
       return;
     }
+    this.#waited = 0;
     const length = player.motion.steps + 1;
     const at = player.motion.duration > 0 ? player.time / player.motion.duration : 0;
     const largest = this.#gaps.reduce((most, gap) => Math.max(most, gap), 0.05 * this.session.world.size);

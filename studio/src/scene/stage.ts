@@ -22,14 +22,18 @@ const FIELD_OF_VIEW = 40;
 const SHADOW_SIZE = 2048;
 
 /** Shares of the screen's own points that are drawn, the finest first. */
-const FINENESS = [1, 0.8, 0.65, 0.5];
+const FINENESS = [1, 0.8, 0.65, 0.5, 0.35];
 
 /** An image that takes longer on average makes the picture coarser, one that is shorter finer [s]. */
 const SLOW_IMAGE = 1 / 28;
 const QUICK_IMAGE = 1 / 55;
 
 /** Images looked at before the fineness changes. */
-const IMAGES_BETWEEN_CHANGES = 45;
+const IMAGES_BETWEEN_CHANGES = 40;
+
+/** After so few already, if an image takes this long [s]: a picture that stutters is worse than a coarse one. */
+const FEW_IMAGES = 6;
+const VERY_SLOW_IMAGE = 0.12;
 
 /** How light, air and shadows of a scene are. */
 export interface Atmosphere {
@@ -128,9 +132,10 @@ export class Stage {
 
   // On a machine that cannot keep up the picture becomes coarser, and finer again where there is time.
   #adapt(seconds: number): void {
-    this.#imageTime += 0.05 * (Math.min(seconds, 0.5) - this.#imageTime);
+    this.#imageTime += 0.1 * (Math.min(seconds, 0.5) - this.#imageTime);
     this.#images += 1;
-    if (this.#images < IMAGES_BETWEEN_CHANGES) {
+    const wait = this.#imageTime > VERY_SLOW_IMAGE ? FEW_IMAGES : IMAGES_BETWEEN_CHANGES;
+    if (this.#images < wait) {
       return;
     }
     this.#images = 0;

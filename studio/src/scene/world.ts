@@ -86,7 +86,7 @@ export class World {
     };
     this.#scenery = makeScenery(stage, facts, measure, isDark);
     this.#body = makeBody(facts, this.size, this.#scenery.bodyPatches);
-    this.#ghost = makeGhost(facts);
+    this.#ghost = makeGhost(facts, this.size);
     this.#ghost.object.visible = false;
     this.#objects = [this.#body.object, this.#ghost.object];
     if (this.#body.scenery) {

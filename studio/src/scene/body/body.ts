@@ -37,8 +37,8 @@ export function makeBody(facts: Bundle, size: number, patches: readonly Patch[])
 }
 
 /** Return the body's ghost: what moves of it, in one colour. */
-export function makeGhost(facts: Bundle): BodyView {
-  const material = ghostMaterial();
+export function makeGhost(facts: Bundle, size: number): BodyView {
+  const material = ghostMaterial(size);
   const doubt: Doubt = { value: 0 };
   const ghost = facts.skin
     ? skinnedBody(facts, skinGeometry(facts.skin), material, doubt)

@@ -14,6 +14,9 @@ import { patchMaterial, type Patch, type Uniforms } from "../glsl";
 /** The colour of physics beside the emulator: no body has it. */
 export const GHOST_COLOUR = new Color(1.0, 0.05, 0.62);
 
+/** A ghost lies so far behind where it is, over the body's size: where both are the same, the body is seen. */
+const GHOST_BEHIND = 0.02;
+
 /** The colour a body takes where the emulator is not to be believed. */
 const DOUBT_COLOUR = new Color(1.0, 0.42, 0.02);
 
@@ -126,8 +129,11 @@ export function sceneryMaterial(colour: Color, patches: readonly Patch[]): Mater
 }
 
 /** The ghost: one colour that shines at its edges, and shows through. */
-export function ghostMaterial(): Material {
-  const uniforms: Uniforms = { ghostColour: { value: GHOST_COLOUR } };
+export function ghostMaterial(size: number): Material {
+  const uniforms: Uniforms = {
+    ghostColour: { value: GHOST_COLOUR },
+    behind: { value: GHOST_BEHIND * size },
+  };
   const parameters: ShaderMaterialParameters = {
     uniforms,
     vertexShader: `
@@ -135,6 +141,7 @@ export function ghostMaterial(): Material {
       #include <skinning_pars_vertex>
       varying vec3 vNormalSeen;
       varying vec3 vToEye;
+      uniform float behind;
       void main() {
         #include <skinbase_vertex>
         #include <beginnormal_vertex>
@@ -143,6 +150,8 @@ export function ghostMaterial(): Material {
         #include <begin_vertex>
         #include <skinning_vertex>
         #include <project_vertex>
+        vec4 further = projectionMatrix * vec4(mvPosition.xyz * (1.0 + behind / length(mvPosition.xyz)), 1.0);
+        gl_Position.z = further.z / further.w * gl_Position.w;
         vNormalSeen = normalize(transformedNormal);
         vToEye = normalize(-mvPosition.xyz);
       }`,
