@@ -316,12 +316,12 @@ def _place(
 
 
 WEIGHING = 10.0
-"""Weights may be so many times as large, and as small, as they are at first."""
+"""Weights may be so many times as large as they are at first, or nothing."""
 
 
 def _weight(objective: Objective, term: int, name: str, value: float) -> Movable:
     entry = entries_of(objective, lambda one: one.terms[term].weight)
-    bounds = ((value / WEIGHING,), (value * WEIGHING,))
+    bounds = ((0.0,), (value * WEIGHING,))
     return Movable(name, "number", "", (value,), *bounds, (Write(int(entry), 0),))
 
 

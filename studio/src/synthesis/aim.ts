@@ -110,8 +110,8 @@ export class Aim {
     }
     const shown = this.#sliders.get(name);
     if (shown) {
-      const scale = this.facts.movable.find((movable) => movable.name === name)!.kind === "heading" ? DEGREES : 1;
-      shown.value = value[0]! * scale;
+      const movable = this.facts.movable.find((one) => one.name === name)!;
+      shown.value = value[0]! * scaleOf(movable);
     }
   }
 
@@ -119,11 +119,11 @@ export class Aim {
     if (movable.kind === "place") {
       return;
     }
+    const scale = scaleOf(movable);
     const isHeading = movable.kind === "heading";
-    const scale = isHeading ? DEGREES : 1;
     const made = slider({
       label: isHeading ? movable.name : `${movable.name} weighs`,
-      unit: isHeading ? "°" : "",
+      unit: isHeading ? "°" : "×",
       low: movable.low[0]! * scale,
       high: movable.high[0]! * scale,
       value: movable.value[0]! * scale,
@@ -164,4 +164,9 @@ export class Aim {
       this.#set(heading.name, [quaternionHeading(goal.target.slice(root.orientation, root.orientation + 4))]);
     }
   }
+}
+
+/** Return by what a value is multiplied to be shown: angles in degrees, weights as shares of what they are at first. */
+function scaleOf(movable: Movable): number {
+  return movable.kind === "heading" ? DEGREES : 1 / movable.value[0]!;
 }

@@ -4,6 +4,12 @@ import type { Settings } from "./facts";
 import type { DescentModule, EmulatedMotion, QuadraticModel } from "./module";
 import { solveDamped } from "./solve";
 
+/** After so many iterations the worse half of all starts ends, and again after as many more (successive halving). */
+const ROUND = 4;
+
+/** So many starts are never ended by it: which of few ends best is not known early. */
+const FEW_STARTS = 4;
+
 /** How far a descent has come. */
 export interface Iteration extends EmulatedMotion {
   /** 0 is the first guess. */
@@ -61,8 +67,17 @@ export function* descend(
         start.isDone ||= start.sweeps >= settings.iterations;
       }
     }
+    if (iteration % ROUND === 0) {
+      halve(starts);
+    }
     yield shown(iteration);
   }
+}
+
+/** End the worse half of the starts that go on. */
+function halve(starts: readonly Start[]): void {
+  const going = starts.filter((start) => !start.isDone).sort((one, other) => one.least - other.least);
+  going.slice(Math.max(FEW_STARTS, Math.ceil(going.length / 2))).forEach((start) => (start.isDone = true));
 }
 
 /** Take `start` one iteration further. */
