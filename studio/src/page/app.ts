@@ -64,6 +64,7 @@ export class App {
   #opening = 0;
   #last = performance.now();
   #sceneTime = 0;
+  #images = 0;
 
   constructor() {
     this.#picker = new Picker((entry) => void this.open(entry));
@@ -81,7 +82,7 @@ export class App {
   /** Load the catalogue and show the first system. */
   async start(): Promise<void> {
     try {
-      this.#stage = new Stage(this.#canvas);
+      this.#stage = new Stage(this.#canvas, new URLSearchParams(location.search).has("fine"));
     } catch {
       this.#banners.say("webgl", "This browser shows no WebGL: switch on hardware acceleration, or open the page in another browser.", "error");
       return;
@@ -515,6 +516,7 @@ export class App {
     if (this.#pullLine && this.#grip && this.#dragged) {
       this.#pullLine.show([...world.bonePoint(this.#grip.bone), ...this.#dragged]);
     }
+    document.documentElement.dataset["frames"] = String(++this.#images);
     world.draw(seconds, this.#sceneTime, this.#controlShares(session));
     this.#timeline?.update(seconds);
     this.#panels.forEach((one) => one.update());

@@ -9,8 +9,6 @@ export class Banners {
   readonly #lines = new Map<string, { row: HTMLElement; text: HTMLElement }>();
 
   constructor() {
-    this.element.setAttribute("role", "status");
-    this.element.setAttribute("aria-live", "polite");
   }
 
   /** Say a line about `topic`; another one about it takes its place. */
@@ -26,6 +24,7 @@ export class Banners {
     const text = element("span", "", [line]);
     const close = button({ label: "×", title: "Close this message", onClick: () => this.clear(topic) });
     const row = element("div", `banner ${severity}`, [text, close]);
+    row.setAttribute("role", severity === "error" ? "alert" : "status");
     this.#lines.set(topic, { row, text });
     this.element.append(row);
   }

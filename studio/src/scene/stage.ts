@@ -3,6 +3,7 @@
 import {
   Color,
   DirectionalLight,
+  HemisphereLight,
   NeutralToneMapping,
   PCFShadowMap,
   PerspectiveCamera,
@@ -11,7 +12,6 @@ import {
   Vector3,
   WebGLRenderer,
   type Object3D,
-  type Texture,
 } from "three";
 import { physicsRoot } from "./axes";
 
@@ -20,6 +20,10 @@ const FIELD_OF_VIEW = 40;
 
 /** Points of the shadow map along each side. */
 const SHADOW_SIZE = 2048;
+const SMALL_SHADOW_SIZE = 1024;
+
+/** Light from above and below in place of a mirrored sky, over its intensity. */
+const FILL = 2;
 
 /** Shares of the screen's own points that are drawn, the finest first. */
 const FINENESS = [1, 0.8, 0.65, 0.5, 0.35];
@@ -34,6 +38,9 @@ const IMAGES_BETWEEN_CHANGES = 40;
 /** After so few already, if an image takes this long [s]: a picture that stutters is worse than a coarse one. */
 const FEW_IMAGES = 6;
 const VERY_SLOW_IMAGE = 0.12;
+
+/** From so coarse a picture on, shadows and nets of light are drawn anew only now and then. */
+const COARSE = 3;
 
 /** How light, air and shadows of a scene are. */
 export interface Atmosphere {
@@ -57,18 +64,29 @@ export class Stage {
   /** Half the width of where shadows fall [m]. */
   #shadowReach = 1;
   #sunDirection = new Vector3(0, 1, 0);
-  #fineness = 0;
+  readonly #isSoftware: boolean;
+  readonly #isFixed: boolean;
+  readonly #shadowSize: number;
+  readonly #fill = new HemisphereLight(0xdcefff, 0x8a7f6c);
+  #fineness: number;
   #imageTime = 1 / 60;
   #images = 0;
 
-  /** Throws an Error where WebGL is missing. */
-  constructor(readonly canvas: HTMLCanvasElement) {
+  /** Throws an Error where WebGL is missing. `isFine` draws everything, however slowly: for pictures to keep. */
+  constructor(
+    readonly canvas: HTMLCanvasElement,
+    isFine = false,
+  ) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
     this.renderer.toneMapping = NeutralToneMapping;
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
+    this.#isSoftware = !isFine && isSoftware(this.renderer);
+    this.#isFixed = isFine;
+    this.#fineness = this.#isSoftware ? COARSE : 0;
     this.sun.castShadow = true;
-    this.sun.shadow.mapSize.set(SHADOW_SIZE, SHADOW_SIZE);
+    this.#shadowSize = this.#isSoftware ? SMALL_SHADOW_SIZE : SHADOW_SIZE;
+    this.sun.shadow.mapSize.set(this.#shadowSize, this.#shadowSize);
     this.scene.add(this.root, this.sun, this.sun.target);
     this.resize();
   }
@@ -80,7 +98,7 @@ export class Stage {
     this.sun.color.copy(atmosphere.sunColour);
     this.sun.intensity = atmosphere.sunIntensity;
     this.sun.shadow.radius = atmosphere.shadowRadius;
-    this.sun.shadow.normalBias = (2 * reach) / SHADOW_SIZE;
+    this.sun.shadow.normalBias = (2 * reach) / this.#shadowSize;
     this.sun.shadow.bias = -0.0004;
     const shadowCamera = this.sun.shadow.camera;
     shadowCamera.left = shadowCamera.bottom = -reach;
@@ -89,21 +107,27 @@ export class Stage {
     shadowCamera.far = 8 * reach;
     shadowCamera.updateProjectionMatrix();
     this.scene.environmentIntensity = atmosphere.environmentIntensity;
+    this.#fill.intensity = FILL * atmosphere.environmentIntensity;
     this.renderer.toneMappingExposure = atmosphere.exposure;
   }
 
   /** Let what shines be reflected: `sky` is drawn once, all around. */
-  reflect(sky: Scene): Texture {
+  reflect(sky: Scene): void {
+    if (this.#isSoftware) {
+      // Without a graphics card a mirrored sky takes seconds; light from above and below has to do.
+      this.scene.add(this.#fill);
+      return;
+    }
     const generator = new PMREMGenerator(this.renderer);
-    const target = generator.fromScene(sky, 0.03);
+    const target = generator.fromScene(sky);
     generator.dispose();
+    this.scene.environment?.dispose();
     this.scene.environment = target.texture;
-    return target.texture;
   }
 
   /** Let the sun go along with what is looked at, in steps of the shadow map's points, so that edges do not swim. */
   follow(focus: Vector3): void {
-    const grain = (2 * this.#shadowReach) / SHADOW_SIZE;
+    const grain = (2 * this.#shadowReach) / this.#shadowSize;
     const snapped = focus.clone().divideScalar(grain * 8).round().multiplyScalar(grain * 8);
     this.sun.target.position.copy(snapped);
     this.sun.position.copy(snapped).addScaledVector(this.#sunDirection, 4 * this.#shadowReach);
@@ -111,8 +135,14 @@ export class Stage {
 
   /** Draw an image; `seconds` have gone by since the one before. */
   draw(seconds: number): void {
+    this.renderer.shadowMap.autoUpdate = !this.isSlow || this.#images % 2 === 0;
     this.renderer.render(this.scene, this.camera);
     this.#adapt(seconds);
+  }
+
+  /** Whether the machine is so slow that what need not be drawn anew in every image should not be. */
+  get isSlow(): boolean {
+    return this.#fineness >= COARSE;
   }
 
   /** Fit the picture to the room the page gives it. */
@@ -135,7 +165,7 @@ export class Stage {
     this.#imageTime += 0.1 * (Math.min(seconds, 0.5) - this.#imageTime);
     this.#images += 1;
     const wait = this.#imageTime > VERY_SLOW_IMAGE ? FEW_IMAGES : IMAGES_BETWEEN_CHANGES;
-    if (this.#images < wait) {
+    if (this.#isFixed || this.#images < wait) {
       return;
     }
     this.#images = 0;
@@ -148,4 +178,12 @@ export class Stage {
       this.resize();
     }
   }
+}
+
+/** Whether the processor draws, for want of a graphics card. */
+function isSoftware(renderer: WebGLRenderer): boolean {
+  const context = renderer.getContext();
+  const extension = context.getExtension("WEBGL_debug_renderer_info");
+  const name = extension ? String(context.getParameter(extension.UNMASKED_RENDERER_WEBGL)) : "";
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }

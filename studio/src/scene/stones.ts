@@ -5,7 +5,7 @@ import { mergeVertices } from "three/addons/utils/BufferGeometryUtils.js";
 
 /** Return a stone of about radius 1, flattened; another `seed` is another stone. */
 export function stoneGeometry(seed: number): BufferGeometry {
-  const ball = new IcosahedronGeometry(1, 4).deleteAttribute("uv").deleteAttribute("normal");
+  const ball = new IcosahedronGeometry(1, 3).deleteAttribute("uv").deleteAttribute("normal");
   const geometry = mergeVertices(ball);
   const positions = geometry.getAttribute("position");
   const point = new Vector3();

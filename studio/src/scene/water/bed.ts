@@ -55,7 +55,7 @@ export function makeBed(water: Patch, size: number, grain: number): Bed {
       new MeshStandardMaterial({ color: [0x8b8577, 0x77746d, 0x9a8f7a][seed - 1]!, roughness: 0.9 }),
       [stonePatch(size * grain), water],
     );
-    return makeScatter(stoneGeometry(seed), material, stoneCopies(random, size * grain, 70), tile);
+    return makeScatter(stoneGeometry(seed), material, stoneCopies(random, size * grain, 45), tile);
   });
   const grass = makeScatter(
     grassGeometry(random),
@@ -63,7 +63,7 @@ export function makeBed(water: Patch, size: number, grain: number): Bed {
       swayPatch(time),
       water,
     ]),
-    grassCopies(random, size * grain, 330),
+    grassCopies(random, size * grain, 260),
     tile,
   );
   const scattered = [...stones, grass];

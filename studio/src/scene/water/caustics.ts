@@ -25,7 +25,7 @@ import { WAVES_GLSL, waveUniform } from "./waves";
 const SIZE = 256;
 
 /** Rays along each side of the tile and of the margin around it, from where light comes in. */
-const CELLS = 110;
+const CELLS = 80;
 const MARGIN = 0.12;
 
 /** How far a ray is bent over the slope of the surface, in tiles: depth times how strongly water refracts. */

@@ -54,6 +54,7 @@ export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number 
   stage.scene.add(...objects);
   stage.reflect(skyScene(uniforms));
   let wasAbove = false;
+  let images = 0;
   return {
     atmosphere: {
       sunDirection: sun,
@@ -79,7 +80,9 @@ export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number 
         uniforms.surfaceHeight.value = Math.max(uniforms.surfaceHeight.value, moment.high + ROOM * size);
       }
       uniforms.causticDrift.value.set(0.011 * moment.time, -0.008 * moment.time);
-      caustics.update(stage.renderer, 0.9 * moment.time);
+      if (!stage.isSlow || images++ % 4 === 0) {
+        caustics.update(stage.renderer, 0.9 * moment.time);
+      }
       bed.update(moment.focus, bedHeight, moment.time);
       surface.update(moment.focus, moment.time);
       motes.update(moment.focus, moment.time);

@@ -1,0 +1,209 @@
+"""The studio as a person uses it: real Chromium, the real server, keys and mouse. Needs `make page` and Chromium."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import neuroanimator
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+PAGE = Path(neuroanimator.__file__).parent / "studio" / "page" / "index.html"
+
+SWITCHES = (
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
+"""Draw without a graphics card, and stay off the network."""
+
+WINDOW = {"width": 760, "height": 420}
+"""Small: drawing without a graphics card is slow."""
+
+SYSTEMS = ("dolphin", "truck", "lander", "pendulum", "fish")
+
+PATIENCE = 20_000
+"""A step may take so long on a busy machine [ms]."""
+
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium"),
+    pytest.mark.skipif(not PAGE.exists(), reason="the studio's page is not built: make page"),
+]
+
+
+NEUROANIMATOR = (sys.executable, "-c", "from neuroanimator.cli.main import main; main()")
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """Run `neuroanimator studio` and yield the address it prints."""
+    process = subprocess.Popen(
+        [*NEUROANIMATOR, "studio", "--no-open", "--port", "0"], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+    finally:
+        stop(process)
+
+
+def stop(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    process.wait(10)
+    assert process.stdout is not None
+    process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="no playwright here")
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SWITCHES))
+        yield chromium
+        chromium.close()
+
+
+@contextmanager
+def open_page(browser: Any, address: str) -> Iterator[tuple[Any, list[str]]]:
+    """Yield a page, and what is said on its console that should not be."""
+    page = browser.new_page(viewport=WINDOW)
+    page.set_default_timeout(PATIENCE)
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on(
+        "console",
+        lambda said: complaints.append(said.text) if said.type in ("error", "warning") else None,
+    )
+    page.goto(address)
+    try:
+        yield page, complaints
+    finally:
+        page.close()
+
+
+def wait_until(page: Any, expression: str) -> None:
+    """Wait until a piece of JavaScript is true in the page, which lets nobody make functions out of strings."""
+    end = time.monotonic() + PATIENCE / 1000
+    while not page.evaluate(expression):
+        assert time.monotonic() < end, f"never came true: {expression}"
+        page.wait_for_timeout(50)
+
+
+def shown(page: Any, selector: str) -> str:
+    return page.locator(selector).first.inner_text()
+
+
+def shows(page: Any, system: str) -> None:
+    """Wait until a system is on the stage and its motion goes on."""
+    wait_until(page, f"document.querySelector('.about h1')?.textContent === '{system}-50'")
+    before = shown(page, ".clock")
+    wait_until(page, f"document.querySelector('.clock').textContent !== '{before}'")
+
+
+def test_a_person_looks_around_steers_and_comes_back(
+    browser: Any, address: str, tmp_path: Path
+) -> None:
+    with open_page(browser, address) as (page, complaints):
+        shows(page, "fish")
+        assert "#" not in page.url, "the token stays out of the address bar"
+        for system in SYSTEMS:
+            page.get_by_role("button", name=system.capitalize(), exact=True).click()
+            shows(page, system)
+            page.screenshot(path=tmp_path / f"{system}.png", timeout=PATIENCE)
+
+        page.locator("canvas").first.focus()
+        page.keyboard.press("Space")
+        still = shown(page, ".clock")
+        page.wait_for_timeout(300)
+        assert shown(page, ".clock") == still, "space stops the motion"
+        page.keyboard.press("End")
+        wait_until(page, "document.querySelector('.clock').textContent.startsWith('5.00 ')")
+        page.keyboard.press("Comma")
+        wait_until(page, "document.querySelector('.clock').textContent.startsWith('4.90 ')")
+        page.locator(".scrub").fill("1.5")
+        wait_until(page, "document.querySelector('.clock').textContent.startsWith('1.50 ')")
+
+        page.locator("canvas").first.focus()
+        page.keyboard.down("ArrowLeft")
+        wait_until(page, "document.querySelector('.hud').textContent.includes('live')")
+        wait_until(page, "parseFloat(document.querySelector('.clock').textContent) > 2")
+        page.keyboard.up("ArrowLeft")
+        page.keyboard.press("g")
+        wait_until(page, "!document.querySelector('.chip.ghost').hidden")
+        page.screenshot(path=tmp_path / "ghost.png", timeout=PATIENCE)
+        page.keyboard.press("t")
+        wait_until(
+            page, "document.querySelector('[title^=\"Show a target\"]').ariaPressed === 'true'"
+        )
+
+        page.keyboard.press("?")
+        assert page.get_by_role("dialog").is_visible()
+        page.keyboard.press("Escape")
+        assert not page.locator("dialog").is_visible()
+
+        page.reload()
+        shows(page, "fish")
+        assert complaints == []
+
+
+def test_a_body_is_pushed_with_the_mouse(browser: Any, address: str, tmp_path: Path) -> None:
+    with open_page(browser, address.replace("#", "?show=lander-50#")) as (page, complaints):
+        shows(page, "lander")
+        page.keyboard.press("h")
+        box = page.locator("canvas").first.bounding_box()
+        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.move(*middle)
+        page.mouse.down()
+        page.mouse.move(middle[0] + 60, middle[1] - 50, steps=3)
+        wait_until(page, "document.querySelector('.hud').textContent.includes('live')")
+        page.screenshot(path=tmp_path / "push.png", timeout=PATIENCE)
+        page.mouse.up()
+        assert complaints == []
+
+
+def test_a_file_that_is_no_emulator_is_refused_in_words(browser: Any, address: str) -> None:
+    drop = """() => {
+        const data = new DataTransfer();
+        data.items.add(new File(["junk"], "<b>junk</b>.safetensors"));
+        document.dispatchEvent(new DragEvent("drop", { dataTransfer: data, cancelable: true }));
+    }"""
+    with open_page(browser, address) as (page, _):
+        shows(page, "fish")
+        page.evaluate(drop)
+        wait_until(page, "document.querySelector('.banner.error') !== null")
+        assert "<b>junk</b>" in shown(page, ".banner.error"), "a name is text, never markup"
+        assert page.locator(".banner b").count() == 0
+        shows(page, "fish")
+
+
+def test_the_static_page_works_in_a_folder_of_any_host(browser: Any, tmp_path: Path) -> None:
+    folder = tmp_path / "some" / "folder"
+    export = [*NEUROANIMATOR, "studio", "--export", str(folder)]
+    subprocess.run(export, check=True, capture_output=True, timeout=60)
+    host = [sys.executable, "-u", "-m", "http.server", "0", "--bind", "127.0.0.1"]
+    process = subprocess.Popen(
+        host, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    try:
+        assert process.stdout is not None
+        port = process.stdout.readline().split("port ")[1].split()[0]
+        address = f"http://127.0.0.1:{port}/some/folder/?show=pendulum-50"
+        with open_page(browser, address) as (page, complaints):
+            shows(page, "pendulum")
+            assert complaints == []
+    finally:
+        stop(process)
