@@ -126,9 +126,9 @@ def write_page(folder: Path) -> Path:
 
 
 @contextmanager
-def serving(folder: Path, limits: Limits = USUAL) -> Iterator[Serving]:
-    """Run a studio whose page and own bundles are in `folder`."""
-    page = write_page(folder / "page")
+def serving(folder: Path, limits: Limits = USUAL, page: Path | None = None) -> Iterator[Serving]:
+    """Run a studio whose own bundles and trainings are in `folder`; so is its page if none is given."""
+    page = page or write_page(folder / "page")
     own = folder / "bundles"
     own.mkdir(exist_ok=True)
     listener = listen("127.0.0.1", 0)

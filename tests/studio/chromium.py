@@ -1,0 +1,85 @@
+"""A real browser without a screen, as a person's: Debian's Chromium, driven by Playwright."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from neuroanimator.errors import ResourceError
+from neuroanimator.studio.run import page_folder
+
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
+"""Nothing is asked of the network, and pictures are drawn without a graphics card."""
+
+WINDOW = {"width": 480, "height": 320}
+"""Small, for every pixel is computed by the processor."""
+
+
+def chromium_path() -> str:
+    """Return where Chromium is; skip the tests, with one line, where it is not."""
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        pytest.skip("no Chromium to look at the page with: apt-get install chromium")
+    return found
+
+
+def check_page() -> None:
+    """Skip the tests, with one line, where the page is not built."""
+    try:
+        page_folder()
+    except ResourceError:
+        pytest.skip("the studio's page is not built: make page")
+
+
+@contextmanager
+def browsing() -> Iterator[Browser]:
+    check_page()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium_path(), args=ARGUMENTS)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Looking:
+    """A page that is open, and all that it complained of and asked for."""
+
+    def __init__(self, page: Page):
+        self.page = page
+        self.complaints: list[str] = []
+        self.asked: list[str] = []
+        page.on("console", self._on_console)
+        page.on("pageerror", lambda error: self.complaints.append(f"uncaught: {error}"))
+        page.on("request", lambda request: self.asked.append(request.url))
+        page.on("dialog", lambda dialog: self.complaints.append(f"dialog: {dialog.message}"))
+
+    def _on_console(self, message: object) -> None:
+        kind = getattr(message, "type", "")
+        text = getattr(message, "text", "")
+        # Software drawing is slow, and Chromium says so of itself.
+        if kind in ("error", "warning") and "GPU stall" not in text:
+            self.complaints.append(f"{kind}: {text}")
+
+
+@contextmanager
+def looking(browser: Browser) -> Iterator[Looking]:
+    """Open a new window, as of a new person."""
+    context = browser.new_context(viewport=WINDOW, reduced_motion="reduce")
+    try:
+        yield Looking(context.new_page())
+    finally:
+        context.close()
