@@ -1,14 +1,10 @@
-"""The studio as a person meets it: in a browser, with a server, without one, and when the server goes."""
+"""In a real browser: hostile names, one file without a server, and a server that goes; `test_page.py` uses it as people do."""
 
 from __future__ import annotations
 
-import functools
 import json
 import shutil
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
@@ -16,9 +12,8 @@ from chromium import browsing, looking
 from playwright.sync_api import Browser, Page, expect
 from serving import Serving, serving
 
-from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_folder
+from neuroanimator.studio.catalogue import shipped_folder
 from neuroanimator.studio.run import page_folder
-from neuroanimator.studio.static_site import export_site
 
 PENDULUM = shipped_folder() / "pendulum-50"
 
@@ -47,52 +42,22 @@ def with_pendulum_alone(studio: Serving) -> Serving:
     return studio
 
 
-def test_every_system_is_drawn_without_a_complaint(browser: Browser, tmp_path: Path):
-    with serving(tmp_path, page=page_folder()) as studio, looking(browser) as look:
-        page = look.page
-        page.goto(studio.gate.url)
-        for bundle_id in SHIPPED_BUNDLES:
-            button = page.locator(f'nav button[data-id="{bundle_id}"]')
-            button.click(timeout=PATIENCE)
-            expect(button).to_have_attribute("aria-current", "true", timeout=PATIENCE)
-        assert is_something_drawn(page)
-        assert look.complaints == []
-        assert all(url.startswith((studio.origin, "blob:", "data:")) for url in look.asked)
-        assert studio.studio.pages  # it has said its token
-
-
-def test_a_site_in_a_folder_of_a_web_host_needs_no_server_and_no_other_host(
-    browser: Browser, tmp_path: Path
-):
-    site = tmp_path / "some" / "folder"
-    export_site(page_folder(), [PENDULUM], site)
-    with hosting(tmp_path) as origin, looking(browser) as look:
-        look.page.goto(f"{origin}/some/folder/")
-        expect(look.page.locator('nav button[aria-current="true"]')).to_be_visible(timeout=PATIENCE)
+def test_one_file_shows_a_motion_without_any_server(browser: Browser, tmp_path: Path):
+    drive = json.loads((PENDULUM / "bundle.json").read_text())["default_motion"]
+    request = {"bundle": PENDULUM.name, "format": "html", **drive}
+    with serving(tmp_path, page=page_folder()) as studio:
+        reply = studio.post_json("/api/exports", request)
+        assert reply.status == 200, reply.body
+        content = studio.ask(f"/api/downloads/{reply.json['download']}").body
+    file = tmp_path / "motion.html"
+    file.write_bytes(content)
+    with looking(browser) as look:
+        look.page.goto(file.as_uri())
+        shown = look.page.locator('nav button[aria-current="true"]')
+        expect(shown).to_have_text("Pendulum", timeout=PATIENCE)
         assert is_something_drawn(look.page)
         assert look.complaints == []
-        assert all(
-            url.startswith((f"{origin}/some/folder/", "blob:", "data:")) for url in look.asked
-        )
-
-
-@contextmanager
-def hosting(folder: Path) -> Iterator[str]:
-    """Serve a folder as any web host does."""
-
-    class Quiet(SimpleHTTPRequestHandler):
-        def log_message(self, format: str, *arguments: object) -> None:  # noqa: A002
-            pass
-
-    handler = functools.partial(Quiet, directory=str(folder))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as host:
-        thread = threading.Thread(target=host.serve_forever)
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{host.server_address[1]}"
-        finally:
-            host.shutdown()
-            thread.join()
+        assert all(url == file.as_uri() or url.startswith(("blob:", "data:")) for url in look.asked)
 
 
 def test_s08_a_name_that_is_markup_is_shown_as_text(browser: Browser, tmp_path: Path):

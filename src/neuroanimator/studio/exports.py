@@ -7,6 +7,7 @@ import tempfile
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from neuroanimator.export.csv_file import write_clip
 from neuroanimator.export.film.video import write_video
 from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.export.usd.scene import write_usd
+from neuroanimator.storage.files import write_whole
 from neuroanimator.storage.unfinished import remove_at_exit
 from neuroanimator.studio.judge import checked_controls, replay_physics
 from neuroanimator.studio.library import Shown
@@ -32,6 +34,7 @@ MEDIA_TYPES = {
     "csv": "text/csv; charset=utf-8",
     "usda": "model/vnd.usda",
     "usdz": "model/vnd.usdz+zip",
+    "html": "text/html; charset=utf-8",
 }
 """What browsers are told of each format."""
 
@@ -57,10 +60,22 @@ class Downloads:
 
     def write(self, shown: Shown, wanted: Export, limits: Limits) -> str:
         """Write a motion, and return the id it is fetched by; errors are those of the exporters."""
-        download_id = secrets.token_urlsafe(ID_BYTES)
-        path = self._folder / f"{download_id}.{wanted.format}"
+        download_id, path = self._new(wanted)
         write_motion(shown, wanted, limits, path)
-        name = f"{shown.bundle_id}.{wanted.format}"
+        return self._keep(download_id, path, wanted)
+
+    def keep(self, content: bytes, wanted: Export) -> str:
+        """Keep a file that is made already, and return the id it is fetched by."""
+        download_id, path = self._new(wanted)
+        write_whole(path, content)
+        return self._keep(download_id, path, wanted)
+
+    def _new(self, wanted: Export) -> tuple[str, Path]:
+        download_id = secrets.token_urlsafe(ID_BYTES)
+        return download_id, self._folder / f"{download_id}.{wanted.format}"
+
+    def _keep(self, download_id: str, path: Path, wanted: Export) -> str:
+        name = f"{wanted.bundle}.{wanted.format}"
         self._downloads[download_id] = Download(path, name, MEDIA_TYPES[wanted.format])
         while len(self._downloads) > self._most:
             _, oldest = self._downloads.popitem(last=False)
@@ -97,6 +112,13 @@ def write_motion(shown: Shown, wanted: Export, limits: Limits, path: Path) -> No
         write_usd(drawn, path, ghost=ghost)
     else:
         write_video(drawn, path, ghost=ghost)
+
+
+def checked_drive(shown: Shown, wanted: Export, limits: Limits) -> dict[str, Any]:
+    """Return start and controls as the page reads them, checked; errors are those of `checked_controls`."""
+    start = shown.emulator.state.check(wanted.start, "start")
+    controls = checked_controls(shown.emulator, wanted.controls, limits)
+    return {"start": start.tolist(), "controls": controls.tolist()}
 
 
 def _ghost(shown: Shown, states: np.ndarray, rate: float | None) -> Clip:

@@ -23,9 +23,11 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError, ResourceError
 from neuroanimator.studio.catalogue import catalogue
+from neuroanimator.studio.exports import checked_drive
 from neuroanimator.studio.guard import Guard, refused
 from neuroanimator.studio.live import serve_page
 from neuroanimator.studio.requests import read_export
+from neuroanimator.studio.single_file import single_page
 from neuroanimator.studio.studio import Studio
 from neuroanimator.studio.words import public_words, say_unexpected
 
@@ -173,6 +175,10 @@ async def _export(request: Request) -> Response:
 
     def write() -> str:
         shown = studio.library.load(wanted.bundle)
+        folder = studio.library.folder_of(wanted.bundle)
+        if wanted.format == "html" and folder is not None:
+            drive = checked_drive(shown, wanted, studio.limits)
+            return studio.downloads.keep(single_page(studio.page_files, folder, drive), wanted)
         return studio.downloads.write(shown, wanted, studio.limits)
 
     return JSONResponse({"download": await studio.in_drawing(write)})
