@@ -3,6 +3,7 @@
 # make docs: the documentation, readable offline, into site/
 # make endurance: every fault and attack, the long ones too; its last line counts them    make fuzz: random input
 # make wheel: what is installed elsewhere, in dist/
+# make blender: the extension for Blender, in dist/
 # All set up .venv by themselves. PYTHON chooses the interpreter (3.11 or newer).
 PYTHON ?= python3
 BIN := .venv/bin
@@ -11,7 +12,7 @@ DOCS_STAMP := .venv/.ready-docs
 PAGE := src/neuroanimator/studio/page/index.html
 PAGE_SOURCES := $(shell find studio -type f -not -path '*/node_modules/*')
 
-.PHONY: setup demo test page docs wheel endurance fuzz lint check bench lock clean
+.PHONY: setup demo test page docs wheel blender endurance fuzz lint check bench lock clean
 
 demo: setup
 	$(BIN)/neuroanimator demo --out out
@@ -29,6 +30,9 @@ docs: $(DOCS_STAMP)
 wheel: setup page
 	rm -rf dist
 	$(BIN)/python -m hatchling build -t wheel -d dist
+
+blender: setup
+	$(BIN)/python blender/build.py
 
 endurance: setup
 	$(BIN)/pytest -m "endurance or fault or attack"

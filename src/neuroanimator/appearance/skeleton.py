@@ -160,10 +160,14 @@ class Skeleton:
 
     def to_json(self) -> list[dict[str, Any]] | dict[str, Any]:
         """Return plain dictionaries, one per bone; under a skin, in a dictionary with it."""
-        bones = [_bone_to_json(bone) for bone in self.bones]
+        bones = self.bones_to_json()
         if self.skin is None:
             return bones
         return {"bones": bones, "skin": skin_to_json(self.skin)}
+
+    def bones_to_json(self) -> list[dict[str, Any]]:
+        """Return plain dictionaries, one per bone."""
+        return [_bone_to_json(bone) for bone in self.bones]
 
     @classmethod
     def from_json(cls, described: Any, state_size: int | None = None) -> Skeleton:

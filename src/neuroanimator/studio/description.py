@@ -15,8 +15,8 @@ from neuroanimator.control.objective.goals import goal_start, goal_state, is_rea
 from neuroanimator.control.policies.policy import COMMAND, Policy
 from neuroanimator.emulator.emulator import Emulator, latent_size
 from neuroanimator.state.pose import read_pose
-from neuroanimator.state.segments import Position, Quaternion, Velocity, first_of_each, moves_freely
-from neuroanimator.state.structure import Structure
+from neuroanimator.state.pose_entries import describe_root
+from neuroanimator.state.segments import Position, first_of_each, moves_freely
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -24,9 +24,6 @@ from neuroanimator.systems.system import System
 
 PLACES = {"lander": "moon", "truck": "lot"}
 """Where systems of the package take place that are not in water or on a plain."""
-
-SURFACE_GAP = 1e-9
-"""Weights of mass points smaller than this are none."""
 
 TARGET = "target"
 """The goal of whatever moves freely and is given none: to be at a place."""
@@ -64,9 +61,9 @@ def describe_emulator(emulator: Emulator, system: System) -> dict[str, Any]:
         "rest": emulator.rest.tolist(),
         "rates": [list(pair) for pair in emulator.rates],
         "orientations": [list(pair) for pair in structure.orientations],
-        "skeleton": _bones(emulator.skeleton),
+        "skeleton": emulator.skeleton.bones_to_json(),
         "skin": describe_skin(emulator.skeleton),
-        "root": describe_root(structure, emulator.state.size),
+        "root": describe_root(structure),
         "size": body_size(emulator),
         "scene": describe_scene(emulator, system),
         "gait": _gait(emulator),
@@ -121,50 +118,6 @@ def packed(numbers: np.ndarray, kind: str) -> str:
 def unpacked(text: str, kind: str) -> np.ndarray:
     """Return what `packed` wrote."""
     return np.frombuffer(base64.b64decode(text), kind)
-
-
-def describe_root(structure: Structure, size: int) -> dict[str, Any] | None:
-    """Return how position, velocity, forward and up of the whole body are read from a state of `size` numbers.
-
-    A rigid root is at three entries from `position` on, its quaternion from `orientation`, its velocity from `velocity`.
-    A body of mass points is where sums of (first of three entries, weight) say; `forward` and `up` are to be made unit
-    vectors. None where nothing moves freely.
-    """
-    if structure.cloud is not None:
-        return _points_root(structure, size)
-    if not moves_freely(structure.segments):
-        return None
-    root = first_of_each(structure.segments)
-    return {
-        "kind": "free",
-        "position": root[Position].entries.start,
-        "orientation": root[Quaternion].entries.start,
-        "velocity": root[Velocity].entries.start,
-    }
-
-
-def _points_root(structure: Structure, size: int) -> dict[str, Any]:
-    cloud = structure.cloud
-    assert cloud is not None
-    shares = np.array(cloud.masses)
-    moments = np.array(cloud.positions) * shares[:, None]
-    velocities = 3 * cloud.count
-    return {
-        "kind": "points",
-        "position": _weighted(shares, 0),
-        "velocity": _weighted(shares, velocities),
-        "forward": _weighted(moments[:, 0], 0),
-        "up": _weighted(moments[:, 2], 0),
-    }
-
-
-def _weighted(weights: Float[np.ndarray, " N"], first: int) -> list[list[float]]:
-    """Return [entry, weight] of each mass point that counts; their entries begin at `first`."""
-    rows = []
-    for number, weight in enumerate(weights):
-        if abs(weight) > SURFACE_GAP:
-            rows.append([first + 3 * number, float(weight)])
-    return rows
 
 
 def body_size(emulator: Emulator) -> float:
@@ -294,11 +247,6 @@ def _about(emulator: Emulator) -> str:
     if not emulator.definition and emulator.system in SYSTEMS:
         return SYSTEMS[emulator.system]
     return f"{emulator.system}: {emulator.state.size} states, {emulator.control.size} controls"
-
-
-def _bones(skeleton: Skeleton) -> list[dict[str, Any]]:
-    described = skeleton.to_json()
-    return described["bones"] if isinstance(described, dict) else described
 
 
 def _side_view(points: Float[np.ndarray, "V 3"]) -> Float[np.ndarray, "V 2"]:

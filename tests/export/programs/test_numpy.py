@@ -6,6 +6,7 @@ import io
 import json
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +60,7 @@ def test_the_same_model_is_the_same_bytes_and_says_what_draws_it(written: Path, 
     assert again.path.read_bytes() == (written / "fish.npz").read_bytes()
     fish = numpy_runtime.load(again.path)
     assert fish.facts["licence"] == "Apache-2.0"
-    assert len(fish.body["skeleton"]) == len(emulator.spec.skeleton.bones)
+    assert len(fish.body["bones"]) == len(emulator.spec.skeleton.bones)
     assert fish.arrays["skin_triangles"].max() < len(fish.arrays["skin_points"])
 
 
@@ -91,6 +92,30 @@ def hostile(written: Path, **changes: object) -> io.BytesIO:
 def test_a_strange_program_is_refused(changes: dict, written: Path):
     with pytest.raises(ValueError, match="wanted|no operator|nothing computes|no program"):
         numpy_runtime.read(hostile(written, **changes))
+
+
+@pytest.mark.attack
+def test_a_damaged_file_is_refused_wherever_it_is_cut_or_changed(written: Path):
+    whole = (written / "fish.npz").read_bytes()
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        content = bytearray(whole[: rng.integers(0, len(whole))] if rng.random() < 0.5 else whole)
+        for place in rng.integers(0, max(1, len(content)), 4):
+            content[place : place + 1] = bytes([rng.integers(256)])
+        try:
+            numpy_runtime.read(io.BytesIO(bytes(content)))
+        except ValueError:
+            continue
+
+
+@pytest.mark.attack
+def test_few_bytes_that_stand_for_many_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(numpy_runtime, "MAX_SIZE", 1 << 20)
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("program.npy", bytes(numpy_runtime.MAX_SIZE + 1))
+    with pytest.raises(ValueError, match="wanted at most"):
+        numpy_runtime.load(path)
 
 
 @pytest.mark.attack

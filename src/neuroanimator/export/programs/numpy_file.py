@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neuroanimator.appearance.colour import linear_of
+from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
 from neuroanimator.codegen.decompositions import without_decompositions
@@ -27,6 +28,7 @@ from neuroanimator.export.programs.definition import Definition, definition_of
 from neuroanimator.export.programs.onnx_graph import onnx_graph
 from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, make_vectors, save_vectors
 from neuroanimator.export.programs.written import Written
+from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.storage.files import write_whole
 
 RUNTIME = "numpy_runtime.py"
@@ -98,25 +100,41 @@ def _body(model: Emulator | Policy) -> Body:
     if isinstance(model, Policy):
         return NO_BODY
     spec = model.spec
-    body = {
-        "skeleton": Skeleton(spec.skeleton.bones).to_json(),
+    bones, arrays = _bones(spec.skeleton)
+    described: dict[str, Any] = {
+        "bones": bones,
         "rates": spec.rates,
         "orientations": model.state_structure.orientations,
+        "root": describe_root(model.state_structure),
     }
     if model.gait is not None:
-        body["gait"] = model.gait.to_json()
+        described["gait"] = model.gait.to_json()
     skin = spec.skeleton.skin
-    if skin is None:
-        return Body(body, {})
-    mesh = skin_mesh(spec.skeleton)
-    arrays = {
-        "skin_points": mesh.points.astype(np.float32),
-        "skin_triangles": mesh.triangles.astype(np.uint32),
-        "skin_bones": mesh.bones.astype(np.uint16),
-        "skin_weights": mesh.weights.astype(np.float32),
-        "skin_light": linear_of(colours_of(skin, mesh.shades)).astype(np.float32),
-    }
-    return Body(body, arrays)
+    if skin is not None:
+        mesh = skin_mesh(spec.skeleton)
+        arrays["skin_points"] = mesh.points.astype(np.float32)
+        arrays["skin_triangles"] = mesh.triangles.astype(np.uint32)
+        arrays["skin_bones"] = mesh.bones.astype(np.uint16)
+        arrays["skin_weights"] = mesh.weights.astype(np.float32)
+        arrays["skin_light"] = linear_of(colours_of(skin, mesh.shades)).astype(np.float32)
+    return Body(described, arrays)
+
+
+def _bones(skeleton: Skeleton) -> tuple[list[dict[str, Any]], dict[str, np.ndarray]]:
+    """Return the bones as JSON, the triangles of their shapes as arrays that they name."""
+    rows = skeleton.bones_to_json()
+    arrays: dict[str, np.ndarray] = {}
+    for number, (bone, row) in enumerate(zip(skeleton.bones, rows, strict=True)):
+        row["is_scenery"] = not skeleton.is_moved(number)
+        row["shapes"] = []
+        for shape in bone.shapes:
+            name = f"shape_{len(arrays)}"
+            mesh = shape_mesh(shape)
+            arrays[f"{name}_points"] = mesh.points.astype(np.float32)
+            arrays[f"{name}_triangles"] = mesh.triangles.astype(np.uint32)
+            light = linear_of(shape.colour[:3]).tolist()
+            row["shapes"].append({"array": name, "light": [*light, shape.colour[3]]})
+    return rows, arrays
 
 
 def _run(content: bytes, inputs: list[np.ndarray]) -> np.ndarray:
