@@ -59,7 +59,7 @@ export function makeBed(water: Patch, size: number, grain: number): Bed {
   });
   const grass = makeScatter(
     grassGeometry(random),
-    patchMaterial(new MeshStandardMaterial({ color: 0x56803a, roughness: 0.6, side: DoubleSide }), [
+    patchMaterial(new MeshStandardMaterial({ color: 0x7fa04a, roughness: 0.6, side: DoubleSide }), [
       swayPatch(time),
       water,
     ]),
@@ -92,7 +92,7 @@ export function makeBed(water: Patch, size: number, grain: number): Bed {
 }
 
 function makeSand(water: Patch, size: number, grain: number): Mesh<BufferGeometry, MeshStandardMaterial> {
-  const material = patchMaterial(new MeshStandardMaterial({ color: 0xcdb083, roughness: 1 }), [
+  const material = patchMaterial(new MeshStandardMaterial({ color: 0xc2a47a, roughness: 1 }), [
     sandPatch(size, grain),
     water,
   ]);
@@ -167,7 +167,7 @@ function swayPatch(time: IUniform<number>): Patch {
         transformed.x += lean * 0.16 * sin(1.3 * swayTime + phase + 1.5 * position.y);
         transformed.z += lean * 0.12 * sin(1.1 * swayTime + 1.7 * phase + 1.2 * position.y);
       }`,
-    colour: "diffuseColor.rgb *= mix(vec3(0.3), mix(vec3(1.3, 1.15, 0.7), vec3(0.8, 1.1, 0.8), noise2(vPlace.xz * 3.0)), vHeight);",
+    colour: "diffuseColor.rgb *= mix(vec3(0.5), mix(vec3(1.3, 1.15, 0.7), vec3(0.8, 1.1, 0.8), noise2(vPlace.xz * 3.0)), vHeight);",
   };
 }
 

@@ -107,8 +107,8 @@ vec3 sunUnderWater(vec3 place) {
   if (depth <= 0.0) return vec3(1.0);
   vec2 entry = place.xz + sunDirection.xz / sunDirection.y * depth;
   vec2 p = entry / causticTile;
-  float fine = texture2D(caustics, p + causticDrift).r;
-  float coarse = texture2D(caustics, mat2(0.8, 0.6, -0.6, 0.8) * p * 0.63 - causticDrift).r;
+  float fine = texture2D(caustics, p + causticDrift, 1.0).r;
+  float coarse = texture2D(caustics, mat2(0.8, 0.6, -0.6, 0.8) * p * 0.63 - causticDrift, 1.0).r;
   float net = 0.4 + 0.6 * sqrt(fine * coarse);
   float blur = clamp(depth / (1.2 * causticTile), 0.0, 1.0);
   net = mix(mix(1.0, net, smoothstep(0.0, 0.12 * causticTile, depth)), mix(net, 1.0, 0.25), blur);

@@ -116,10 +116,10 @@ export function makeShafts(water: WaterUniforms, size: number, count: number): D
         foot += tile * floor((focus.xz - foot) / tile + 0.5);
         vec3 top = vec3(foot.x, surfaceHeight, foot.y);
         vec3 along = -sunDirection / max(sunDirection.y, 0.3);
-        float deep = size * (7.0 + 5.0 * seed.z);
+        float deep = size * (8.0 + 6.0 * seed.z);
         vec3 place = top + along * deep * position.y;
         vec3 across = normalize(cross(along, place - cameraPosition));
-        place += across * position.x * size * (0.12 + 0.5 * seed.x) * (1.0 + 0.6 * position.y);
+        place += across * position.x * size * (0.15 + 0.7 * seed.x) * (1.0 + 0.6 * position.y);
         vShaft = position.xy;
         float away = distance(place.xz, focus.xz) / tile;
         vLight = (0.35 + 0.65 * sin(now * (0.25 + 0.3 * seed.y) + 40.0 * seed.z)) * smoothstep(0.5, 0.2, away);
@@ -131,8 +131,8 @@ export function makeShafts(water: WaterUniforms, size: number, count: number): D
       uniform vec3 brightColour;
       void main() {
         float edge = 1.0 - vShaft.x * vShaft.x;
-        float fade = smoothstep(0.0, 0.12, vShaft.y) * pow(1.0 - vShaft.y, 1.4);
-        gl_FragColor = vec4(brightColour * 0.8 + 0.2, max(0.2 * edge * edge * fade * vLight, 0.0));
+        float fade = smoothstep(0.0, 0.3, vShaft.y) * pow(1.0 - vShaft.y, 1.4);
+        gl_FragColor = vec4(brightColour * 0.8 + 0.2, max(0.34 * edge * edge * fade * vLight, 0.0));
       }`,
     transparent: true,
     depthWrite: false,
