@@ -1,0 +1,169 @@
+"""How long the studio's page looks for controls, beside Python; writes results/descents_in_the_page.csv.
+
+python benchmarks/descents_in_the_page.py            every bundle, places drawn at random
+python benchmarks/descents_in_the_page.py --quick    two places each; writes no file
+
+The page's own code runs in Node, on the modules that ship. Both descend from the same guesses to the same places, one
+after the other, several times; the controls of the page are judged on the physics, at the first replay. Needs `make page`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import IO, Any
+
+import numpy as np
+
+from neuroanimator import load_emulator
+from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.control.descent.evaluators import evaluator_of
+from neuroanimator.control.descent.methods import METHODS
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.export.programs.descent_module import ITERATIONS, PageDescent
+from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_folder
+from neuroanimator.studio.descents import descent_of, judge_motion
+from neuroanimator.terminal import print_table
+
+STUDIO = Path(__file__).parents[1] / "studio"
+
+PLACES = 12
+"""Places of each bundle; the first one is where the page begins."""
+
+REPEATS = 5
+"""The best of so many counts: the machine may have other things to do."""
+
+Row = dict[str, Any]
+
+
+def build(folder: Path) -> Path:
+    """Build the page's descents for Node; return the library."""
+    entry = folder / "library.ts"
+    synthesis = (STUDIO / "src" / "synthesis").as_posix()
+    entry.write_text(
+        f'export {{ DescentModule }} from "{synthesis}/module";\nexport {{ descend }} from "{synthesis}/descend";\n'
+    )
+    command = ["npx", "vite", "build", "--logLevel", "error", "--ssr", str(entry), "--outDir", str(folder / "out")]  # fmt: skip
+    subprocess.run(command, cwd=STUDIO, check=True)
+    (library,) = (folder / "out").glob("library.*js")
+    return library
+
+
+class Page:
+    """The page's descents, in a process of Node."""
+
+    def __init__(self, library: Path):
+        script = Path(__file__).with_suffix(".mjs")
+        self._process = subprocess.Popen(
+            ["node", str(script), str(library)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def descend(self, bundle: str, values: dict[str, list[float]]) -> Row:
+        """Return what a descent came to, and how long it took."""
+        asked, answers = self._pipes()
+        asked.write(json.dumps({"folder": str(shipped_folder() / bundle), "values": values}) + "\n")
+        asked.flush()
+        return json.loads(answers.readline())
+
+    def close(self) -> None:
+        """End the process."""
+        self._pipes()[0].close()
+        self._process.wait()
+
+    def _pipes(self) -> tuple[IO[str], IO[str]]:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        return self._process.stdin, self._process.stdout
+
+
+def in_python(descent: PageDescent, values: dict[str, list[float]]) -> tuple[float, int, float]:
+    """Return (time [ms], iterations, J) of the same descent in Python."""
+    evaluator = evaluator_of(descent.moved(values))
+    method = METHODS["gauss-newton"]
+    began = time.perf_counter()
+    starts = [method.begin(guess) for guess in descent.guesses]
+    iterations = 0
+    while not all(start.is_done for start in starts) and iterations < ITERATIONS:
+        going = [start for start in starts if not start.is_done]
+        following = iter(method.iterate(evaluator, going))
+        starts = [start if start.is_done else next(following) for start in starts]
+        iterations += 1
+    best = min(starts, key=lambda start: start.least)
+    evaluator.motion(best.best)
+    return 1e3 * (time.perf_counter() - began), iterations, best.least
+
+
+def places_of(descent: PageDescent, count: int) -> list[dict[str, list[float]]]:
+    """Return what the page begins with, and random values of the places that may be moved."""
+    rng = np.random.default_rng(1)
+    places: list[dict[str, list[float]]] = [{}]
+    movable = [one for one in descent.movable if one.kind == "place"]
+    while movable and len(places) < count:
+        places.append({one.name: rng.uniform(one.low, one.high).tolist() for one in movable})
+    return places
+
+
+def row_of(page: Page, bundle: str, count: int) -> Row:
+    """Return a line of the table."""
+    emulator = load_emulator(bundle)
+    system = system_of(emulator)
+    descent = descent_of(emulator, system)
+    assert descent is not None
+    start = np.asarray(descent.problem.start, float)
+    cold = page.descend(bundle, {})["milliseconds"]
+    in_python(descent, {})
+    times, iterations, ratios, differences, successes = [], [], [], [], []
+    for values in places_of(descent, count):
+        tries = [(page.descend(bundle, values), in_python(descent, values)) for _ in range(REPEATS)]
+        ours = min(one["milliseconds"] for one, _ in tries)
+        theirs = min(other[0] for _, other in tries)
+        answer, (_, _, cost) = tries[0]
+        controls = np.reshape(answer["controls"], (-1, emulator.control.size))
+        bounded = emulator.bounds.clip(controls)
+        states = system.simulate_fastest(start[None], bounded[None], emulator.dt).states[0]
+        times.append(ours)
+        ratios.append(ours / theirs)
+        iterations.append(answer["iterations"])
+        differences.append(answer["cost"] / cost - 1)
+        successes.append(judge_motion(emulator, system, values, states).is_success)
+    return {
+        "bundle": bundle,
+        "places": len(times),
+        "guesses": len(descent.guesses),
+        "numbers": descent.guesses.shape[1],
+        "iterations_median": float(np.median(iterations)),
+        "iterations_most": max(iterations),
+        "first_ms": cold,
+        "median_ms": float(np.median(times)),
+        "longest_ms": max(times),
+        "ms_an_iteration": float(np.median(np.array(times) / iterations)),
+        "times_python": float(np.median(ratios)),
+        "j_over_python_median": float(np.median(differences)),
+        "success_at_first_replay": float(np.mean(successes)),
+    }
+
+
+def main() -> None:
+    """Measure, print, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true")
+    is_quick = parser.parse_args().quick
+    with TemporaryDirectory() as folder:
+        page = Page(build(Path(folder)))
+        rows = [row_of(page, bundle, 2 if is_quick else PLACES) for bundle in SHIPPED_BUNDLES]
+        page.close()
+    print_table(rows)
+    if not is_quick:
+        path = Path(__file__).parent / "results" / "descents_in_the_page.csv"
+        write_csv(path, rows)
+
+
+if __name__ == "__main__":
+    main()
