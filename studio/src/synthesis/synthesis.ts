@@ -32,6 +32,8 @@ const MAX_RESULTS = 6;
 /** Colour of paths that are not shown at present. */
 const OTHER_OPACITY = 0.25;
 
+const PROVE = "Replay the controls on the true physics";
+
 export interface SynthesisContext {
   readonly bundle: LoadedBundle;
   readonly emulator: Emulator;
@@ -104,7 +106,7 @@ class GoalPanel implements Synthesis {
     this.#ghostState = new Float32Array(facts.state);
     this.#line = this.#addLine(0.9);
     this.#find = button({ label: "Find controls", className: "primary", title: "Find controls by descent through the emulator", onClick: () => this.#toggle() });
-    this.#prove = button({ label: "Prove it", title: "Replay the controls on the true physics", onClick: () => void this.#proveShown() });
+    this.#prove = button({ label: "Prove it", title: PROVE, onClick: () => void this.#proveShown() });
     this.#close = button({ label: "Close the gap", title: "Learn from the replay and descend again", onClick: () => void this.#closeGap() });
     this.#prove.disabled = true;
     this.#close.hidden = true;
@@ -285,7 +287,8 @@ class GoalPanel implements Synthesis {
       player.isPlaying = true;
     }
     this.#prove.disabled = live === null;
-    this.#prove.title = live ? "Replay the controls on the true physics" : "The proof needs the server: run 'neuroanimator studio'";
+    this.#prove.title = live ? PROVE : "The proof needs the server: run 'neuroanimator studio'";
+    this.#prove.setAttribute("aria-label", this.#prove.title);
     this.#showProof();
     this.#showPaths();
     this.#list.replaceChildren(...this.#results.map((one) => this.#chip(one)));

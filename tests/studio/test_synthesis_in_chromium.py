@@ -1,0 +1,82 @@
+"""Somebody looks for controls in the page: one button, iterations, the proof, and the gap that is closed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from chromium import browsing, hosting, looking
+from playwright.sync_api import Browser, Page, expect
+from serving import serving
+
+from neuroanimator.studio.catalogue import shipped_folder
+from neuroanimator.studio.run import page_folder
+from neuroanimator.studio.static_site import export_site
+
+PATIENCE = 120_000
+"""A picture may take so long on a busy machine without a graphics card [ms]."""
+
+WINDOW = {"width": 1000, "height": 380}
+"""Wide enough for the panels."""
+
+MAX_ITERATIONS = 20
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with browsing() as opened:
+        yield opened
+
+
+def open_panel(page: Page) -> None:
+    """Open "Reach a goal", which is open where nothing else steers."""
+    find = page.get_by_role("button", name="Find controls")
+    expect(page.locator("summary", has_text="Reach a goal")).to_be_visible(timeout=PATIENCE)
+    if not find.is_visible():
+        page.locator("summary", has_text="Reach a goal").click(timeout=PATIENCE)
+
+
+def find_controls(page: Page) -> int:
+    """Press the button and wait for the result; return how many iterations it took."""
+    page.get_by_role("button", name="Find controls").click(timeout=PATIENCE)
+    expect(page.locator(".results button").last).to_be_visible(timeout=PATIENCE)
+    said = page.locator(".said").inner_text()
+    match = re.fullmatch(r"(\d+) iterations, \d+ ms", said)
+    assert match, said
+    return int(match[1])
+
+
+def test_what_the_physics_does_not_do_at_once_it_does_when_the_gap_is_closed(
+    browser: Browser, tmp_path: Path
+):
+    with serving(tmp_path, page=page_folder()) as studio, looking(browser) as look:
+        studio.studio.library.bundles = lambda: [shipped_folder() / "pendulum-50"]
+        page = look.page
+        page.set_viewport_size(WINDOW)
+        page.goto(studio.gate.url)
+        open_panel(page)
+        assert find_controls(page) <= MAX_ITERATIONS
+        page.get_by_role("button", name="Replay the controls").click()
+        verdict = page.locator(".verdict")
+        expect(verdict).to_contain_text("Not yet: the physics ends", timeout=PATIENCE)
+        page.get_by_role("button", name="Learn from the replay").click()
+        expect(verdict).to_contain_text("Success: the physics ends", timeout=PATIENCE)
+        results = page.locator(".results button")
+        assert results.count() >= 2
+        results.first.click()
+        expect(verdict).to_contain_text("Not yet")
+        assert look.complaints == []
+
+
+@pytest.mark.endurance
+def test_a_fish_finds_its_way_in_a_page_without_a_server(browser: Browser, tmp_path: Path):
+    export_site(page_folder(), [shipped_folder() / "fish-50"], tmp_path / "site")
+    with hosting(tmp_path) as origin, looking(browser) as look:
+        look.page.set_viewport_size(WINDOW)
+        look.page.goto(f"{origin}/site/")
+        open_panel(look.page)
+        assert find_controls(look.page) <= MAX_ITERATIONS
+        expect(look.page.get_by_role("button", name="The proof needs the server")).to_be_disabled()
+        assert look.complaints == []
