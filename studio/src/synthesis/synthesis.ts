@@ -18,6 +18,7 @@ import type { DescentFacts } from "./facts";
 import { prove } from "./proof";
 import { motionOf, pathOf, type Result } from "./result";
 import type { Wanted } from "./serve";
+import { Siblings } from "./siblings";
 import { Synthesiser } from "./synthesiser";
 
 /** An iteration is looked at for so long [ms]: the descent itself is quicker than the eye. */
@@ -83,6 +84,9 @@ class GoalPanel implements Synthesis {
   readonly #prove: HTMLButtonElement;
   readonly #close: HTMLButtonElement;
   readonly #fromHere = element("input");
+  readonly #beside = element("input");
+  readonly #besideRow = element("label", "row", [this.#beside, "all side by side"]);
+  readonly #siblings: Siblings;
   readonly #lines: PathLine[] = [];
   readonly #line: PathLine;
   #synthesiser: Promise<Synthesiser> | null = null;
@@ -104,6 +108,10 @@ class GoalPanel implements Synthesis {
     this.#aim = new Aim(facts, bundle, world);
     this.#aim.onChange = () => this.#again();
     this.#ghostState = new Float32Array(facts.state);
+    this.#siblings = new Siblings(bundle.facts, world);
+    this.#beside.type = "checkbox";
+    this.#beside.addEventListener("change", () => this.#showOthers());
+    this.#besideRow.hidden = true;
     this.#line = this.#addLine(0.9);
     this.#find = button({ label: "Find controls", className: "primary", title: "Find controls by descent through the emulator", onClick: () => this.#toggle() });
     this.#prove = button({ label: "Prove it", title: PROVE, onClick: () => void this.#proveShown() });
@@ -125,6 +133,7 @@ class GoalPanel implements Synthesis {
       this.#said,
       this.#verdict,
       this.#list,
+      this.#besideRow,
     );
   }
 
@@ -140,6 +149,7 @@ class GoalPanel implements Synthesis {
       this.#ghost.sample(player.time, this.#ghostState);
       world.showGhost(this.#ghostState);
     }
+    this.#siblings.update(player.time);
   }
 
   grab(x: number, y: number): boolean {
@@ -158,6 +168,7 @@ class GoalPanel implements Synthesis {
     this.#isGone = true;
     this.#running?.abort();
     this.#aim.dispose();
+    this.#siblings.dispose();
     for (const line of [this.#line, ...this.#lines]) {
       this.context.world.remove(line.object);
       line.dispose();
@@ -290,7 +301,7 @@ class GoalPanel implements Synthesis {
     this.#prove.title = live ? PROVE : "The proof needs the server: run 'neuroanimator studio'";
     this.#prove.setAttribute("aria-label", this.#prove.title);
     this.#showProof();
-    this.#showPaths();
+    this.#showOthers();
     this.#list.replaceChildren(...this.#results.map((one) => this.#chip(one)));
   }
 
@@ -303,11 +314,13 @@ class GoalPanel implements Synthesis {
     return made;
   }
 
-  #showPaths(): void {
+  #showOthers(): void {
     const others = this.#results.filter((one) => one !== this.#shown);
     others.forEach((one, i) => (this.#lines[i] ??= this.#addLine(OTHER_OPACITY)).show(one.path));
     this.#lines.slice(others.length).forEach((line) => line.show([]));
     this.#line.show(this.#shown?.path ?? []);
+    this.#besideRow.hidden = others.length === 0;
+    this.#siblings.show(this.#beside.checked ? others : []);
   }
 
   #addLine(opacity: number): PathLine {

@@ -1,6 +1,6 @@
 // A body as it is drawn: its skin or its bones' shapes, in the colours of its material or as a ghost.
 
-import { Group, Matrix4, Object3D, type BufferGeometry, type Material, type Mesh } from "three";
+import { Group, Matrix4, Object3D, type BufferGeometry, type Color, type Material, type Mesh } from "three";
 import type { Bundle, Shape } from "../../bundle/bundle";
 import { isMoved, type Pose } from "../../body/pose";
 import type { Patch } from "../glsl";
@@ -36,9 +36,9 @@ export function makeBody(facts: Bundle, size: number, patches: readonly Patch[])
   return shapedBody(facts, materials, doubt, true);
 }
 
-/** Return the body's ghost: what moves of it, in one colour. */
-export function makeGhost(facts: Bundle, size: number): BodyView {
-  const material = ghostMaterial(size);
+/** Return the body's ghost: what moves of it, in one colour, that of physics if none is given. */
+export function makeGhost(facts: Bundle, size: number, colour?: Color): BodyView {
+  const material = ghostMaterial(size, colour);
   const doubt: Doubt = { value: 0 };
   const ghost = facts.skin
     ? skinnedBody(facts, skinGeometry(facts.skin), material, doubt)

@@ -129,9 +129,9 @@ export function sceneryMaterial(colour: Color, patches: readonly Patch[]): Mater
 }
 
 /** The ghost: one colour that shines at its edges, and shows through. */
-export function ghostMaterial(size: number): Material {
+export function ghostMaterial(size: number, colour = GHOST_COLOUR): Material {
   const uniforms: Uniforms = {
-    ghostColour: { value: GHOST_COLOUR },
+    ghostColour: { value: colour },
     behind: { value: GHOST_BEHIND * size },
   };
   const parameters: ShaderMaterialParameters = {
