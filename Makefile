@@ -57,6 +57,7 @@ setup: $(STAMP)
 
 # The page of the studio, by the machine's Node if that is new enough, or else by the one that PyPI has.
 page: $(STAMP) $(PAGE)
+	@:
 
 $(PAGE): $(PAGE_SOURCES) | $(STAMP)
 	@$(BIN)/python studio/build.py

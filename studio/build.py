@@ -6,6 +6,7 @@ Node is the machine's if it is new enough, and otherwise the one that PyPI has (
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import shutil
 import subprocess
@@ -16,6 +17,9 @@ OLDEST_NODE = (20, 19)
 """The oldest Node that Vite runs on."""
 
 HERE = Path(__file__).parent
+
+PAGE = HERE.parent / "src" / "neuroanimator" / "studio" / "page"
+"""Where Vite writes the page."""
 
 INSTALLED = HERE / "node_modules" / ".package-lock.json"
 """What npm writes last when it has installed everything."""
@@ -36,7 +40,22 @@ def main(task: str) -> int:
         code = subprocess.run(install, cwd=HERE, env=environment).returncode
         if code:
             return code
-    return subprocess.run([*npm, "run", "--silent", task], cwd=HERE, env=environment).returncode
+    code = subprocess.run([*npm, "run", "--silent", task], cwd=HERE, env=environment).returncode
+    if task == "build" and code == 0:
+        write_licences()
+    return code
+
+
+def write_licences() -> None:
+    """Write, beside the page, the licences of what is built into it: they ask to go along."""
+    described = json.loads((HERE / "package.json").read_text(encoding="utf-8"))
+    texts = []
+    for name in sorted(described.get("dependencies", {})):
+        folder = HERE / "node_modules" / name
+        version = json.loads((folder / "package.json").read_text(encoding="utf-8"))["version"]
+        licence = (folder / "LICENSE").read_text(encoding="utf-8").strip()
+        texts.append(f"{name} {version}\n\n{licence}\n")
+    (PAGE / "licences.txt").write_text("\n".join(texts), encoding="utf-8")
 
 
 def find_npm() -> tuple[list[str], dict[str, str]]:

@@ -79,6 +79,20 @@ MODEL = """<mujoco><option timestep="0.01"/><worldbody><body name="b"><joint nam
 ROBOT = """<robot name="r"><link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0"
 ixz="0" iyz="0"/></inertial></link></robot>"""
 
+REQUESTS = {
+    "replay": {"id": 1, "do": "replay", "bundle": "a", "start": [0.5, 1], "controls": [[0], [1e3]]},
+    "judge": {
+        "id": 2,
+        "do": "judge",
+        "bundle": "a",
+        "goal": "pad",
+        "target": [0, 1, 2],
+        "states": "AAAA",
+    },
+    "train": {"id": 3, "do": "train", "system": "fish", "substeps": 50, "size": "sketch"},
+    "stop": {"id": 4, "do": "stop", "job": "00"},
+}
+
 
 def seeds() -> dict[str, dict[str, bytes]]:
     """Return per parser its seeds by name."""
@@ -132,6 +146,7 @@ def seeds() -> dict[str, dict[str, bytes]]:
         "npz": {"plain": plain.getvalue(), "packed": packed.getvalue()},
         "numbers": {"good": b"96,64"},
         "objective": {"good": OBJECTIVE.encode()},
+        "request": {key: json.dumps(value).encode() for key, value in REQUESTS.items()},
         "state": {"good": b"[[0.1, 2, -3e4], [1, 2, 3]]"},
         "tensors": {"good": sealed},
         "toml": {"jelly": JELLY.encode(), "recorded": STEP.encode(), "function": FUNCTION.encode(),

@@ -22,6 +22,7 @@ from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.csv_file import read_table
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.studio.requests import read_request, request_id
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import LOADERS, from_text
 from neuroanimator.systems.recorded.csv_file import read_csv
@@ -48,6 +49,9 @@ FILES = {
     "origins": ["row 0"],
 }
 """What travels with a definition, of every kind at once."""
+
+MESSAGE = 1 << 20
+"""[bytes] The longest message of the studio's page."""
 
 FEW = 2
 """Runs in a dataset of the fuzzer's."""
@@ -154,6 +158,16 @@ def numbers(content: bytes) -> None:
     whole_numbers("widths", content.decode("utf-8", "replace"))
 
 
+def request(content: bytes) -> None:
+    """A message of the studio's page; what is no JSON ends its connection."""
+    text = content.decode("utf-8", "replace")
+    try:
+        request_id(text, MESSAGE)
+    except ValueError:
+        return
+    read_request(text, MESSAGE)
+
+
 TARGETS: dict[str, Callable[[bytes], None]] = {
     "clip": clip,
     "config": config,
@@ -165,6 +179,7 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "npz": npz,
     "numbers": numbers,
     "objective": objective,
+    "request": request,
     "state": state,
     "tensors": tensors,
     "toml": toml,

@@ -10,6 +10,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.studio.job_plan import Size
 from neuroanimator.tables import Finite, Table, first_fault
+from neuroanimator.text import quoted
 
 MAX_STATE = 4096
 """Numbers a state or a control may have: as many as a layout read from a file."""
@@ -115,6 +116,9 @@ class Export(Table):
     """Whether the physics goes along as a ghost."""
 
 
+DOES = ("replay", "judge", "judge_descent", "train", "jobs", "stop", "resume", "forget")
+"""What a page may ask for."""
+
 HELLO = TypeAdapter(Hello)
 EXPORT = TypeAdapter(Export)
 
@@ -122,6 +126,10 @@ EXPORT = TypeAdapter(Export)
 def read_request(text: str, largest: int) -> Asked:
     """Return what a page asks; ValueError for what is no JSON, ArgumentError for JSON that asks nothing known."""
     values = parse_json_object(text, largest)
+    if str(values.get("do")) not in DOES:
+        raise ArgumentError(
+            f"do: nothing is called {quoted(values.get('do'))}. There are: {', '.join(DOES)}."
+        )
     return _checked(REQUEST, values)
 
 

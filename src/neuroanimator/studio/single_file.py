@@ -14,6 +14,9 @@ from neuroanimator.studio.catalogue import BUNDLE, catalogue
 
 INDEX = "/index.html"
 
+LICENCES = "/licences.txt"
+"""The licences of what is built into the page."""
+
 SCRIPT = re.compile(r'<script type="module"[^>]* src="\.(?P<name>/[^"]+)"></script>')
 """Where the built page names its program."""
 
@@ -70,6 +73,9 @@ def _filled(page_files: dict[str, Path], files: dict[str, bytes]) -> str:
             f'<script type="module">{_within_script(program)}</script>',
         )
     )
+    licences = page_files.get(LICENCES)
+    if licences is not None:
+        head = f"<!--\n{licences.read_text(encoding='utf-8').replace('--', '- -')}-->\n{head}"
     text = ICON.sub("", text).replace(style[0], "")
     return text.replace(script[0], head)
 
