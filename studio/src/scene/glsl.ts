@@ -19,10 +19,15 @@ float noise2(vec2 p) {
   float b = mix(hash12(i + vec2(0.0, 1.0)), hash12(i + vec2(1.0, 1.0)), f.x);
   return mix(a, b, f.y);
 }
+#ifdef COARSE
+#define OCTAVES 2
+#else
+#define OCTAVES 4
+#endif
 float fbm2(vec2 p) {
   float sum = 0.0;
   float size = 0.5;
-  for (int i = 0; i < 4; i++) {
+  for (int i = 0; i < OCTAVES; i++) {
     sum += size * noise2(p);
     p = mat2(1.6, 1.2, -1.2, 1.6) * p;
     size *= 0.5;
@@ -30,6 +35,9 @@ float fbm2(vec2 p) {
   return sum;
 }
 `;
+
+/** How much of the fine grain of things is drawn: less where the processor draws. Set before a scene is made. */
+export const detail = { isCoarse: false };
 
 /** What is put where into the shader of a material of three.js. */
 export interface Patch {
@@ -71,7 +79,7 @@ export function patchMaterial<M extends Material>(material: M, patches: readonly
 
 function patchShader(shader: WebGLProgramParametersWithUniforms, patches: readonly Patch[]): void {
   const pieces = (name: keyof Patch): string => patches.map((patch) => patch[name] ?? "").join("\n");
-  const shared = `varying vec3 vPlace;\n${NOISE}\n${pieces("shared")}`;
+  const shared = `${detail.isCoarse ? "#define COARSE" : ""}\nvarying vec3 vPlace;\n${NOISE}\n${pieces("shared")}`;
   const place = `
     vec4 placed = vec4(transformed, 1.0);
     #ifdef USE_INSTANCING

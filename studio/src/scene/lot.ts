@@ -113,12 +113,14 @@ function makeAsphalt(haze: Patch): Mesh {
       float crack = abs(fbm2(cell + 3.0 * fbm2(cell)) - 0.47);
       diffuseColor.rgb *= mix(1.0, mix(0.62, 1.0, smoothstep(0.0, 0.006, crack)), closeBy);`,
     surface: `
+      #ifndef COARSE
       {
         float near = exp(-length(vViewPosition) / 9.0);
         vec2 rough = vec2(noise2(onLot * 70.0), noise2(onLot * 70.0 + 17.0)) - 0.5;
         normal = normalize(normal + (viewMatrix * vec4(0.45 * near * rough.x, 0.0, 0.45 * near * rough.y, 0.0)).xyz);
         roughnessFactor -= 0.25 * stain;
-      }`,
+      }
+      #endif`,
   };
   const material = patchMaterial(new MeshStandardMaterial({ color: 0x5d5f62, roughness: 0.94 }), [asphalt, haze]);
   const mesh = new Mesh(new PlaneGeometry(2 * LOT, 2 * LOT).rotateX(-Math.PI / 2), material);

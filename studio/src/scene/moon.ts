@@ -13,7 +13,7 @@ import {
   Vector3,
 } from "three";
 import { makeExhaust } from "./exhaust";
-import { patchMaterial, type Patch } from "./glsl";
+import { detail, patchMaterial, type Patch } from "./glsl";
 import { disposeOf } from "./lot";
 import { randomSource } from "./random";
 import type { Measure, Moment, Scenery } from "./scenery";
@@ -188,6 +188,7 @@ function dustPatch(): Patch {
       diffuseColor.rgb *= 0.55 + 0.55 * broad + 0.3 * fine;
       diffuseColor.rgb *= mix(1.0, 0.82 + 0.36 * noise2(onDust * 26.0), exp(-length(vViewPosition) / 25.0));`,
     surface: `
+      #ifndef COARSE
       {
         float away = length(vViewPosition);
         float closeBy = exp(-away / 20.0);
@@ -197,7 +198,8 @@ function dustPatch(): Patch {
         slope *= exp(-away / 160.0);
         vec2 rough = (vec2(noise2(onDust * 30.0), noise2(onDust * 30.0 + 13.0)) - 0.5) * 0.6 * closeBy;
         normal = normalize(normal + (viewMatrix * vec4(-slope.x - rough.x, 0.0, -slope.y - rough.y, 0.0)).xyz);
-      }`,
+      }
+      #endif`,
   };
 }
 
@@ -205,7 +207,7 @@ function makeRocks(): InstancedMesh {
   const random = randomSource(9);
   const geometry = stoneGeometry(4);
   const material = patchMaterial(new MeshStandardMaterial({ color: 0x83807d, roughness: 1 }), [rockPatch()]);
-  const rocks = new InstancedMesh(geometry, material, 260);
+  const rocks = new InstancedMesh(geometry, material, detail.isCoarse ? 80 : 260);
   for (let i = 0; i < rocks.count; i++) {
     const angle = 2 * Math.PI * random();
     const distance = 9 + 110 * random() ** 1.5;

@@ -14,6 +14,7 @@ import {
   type Object3D,
 } from "three";
 import { physicsRoot } from "./axes";
+import { detail } from "./glsl";
 
 /** Angle of view from top to bottom [deg]: that of a 50 mm lens. */
 const FIELD_OF_VIEW = 40;
@@ -77,12 +78,17 @@ export class Stage {
     readonly canvas: HTMLCanvasElement,
     isFine = false,
   ) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+    this.#isSoftware = !isFine && isSoftware();
+    this.#isFixed = isFine;
+    detail.isCoarse = this.#isSoftware;
+    this.renderer = new WebGLRenderer({
+      canvas,
+      antialias: !this.#isSoftware,
+      powerPreference: "high-performance",
+    });
     this.renderer.toneMapping = NeutralToneMapping;
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
-    this.#isSoftware = !isFine && isSoftware(this.renderer);
-    this.#isFixed = isFine;
     this.#fineness = this.#isSoftware ? COARSE : 0;
     this.sun.castShadow = true;
     this.#shadowSize = this.#isSoftware ? SMALL_SHADOW_SIZE : SHADOW_SIZE;
@@ -181,9 +187,10 @@ export class Stage {
 }
 
 /** Whether the processor draws, for want of a graphics card. */
-function isSoftware(renderer: WebGLRenderer): boolean {
-  const context = renderer.getContext();
-  const extension = context.getExtension("WEBGL_debug_renderer_info");
-  const name = extension ? String(context.getParameter(extension.UNMASKED_RENDERER_WEBGL)) : "";
+function isSoftware(): boolean {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const extension = context?.getExtension("WEBGL_debug_renderer_info");
+  const name = extension ? String(context!.getParameter(extension.UNMASKED_RENDERER_WEBGL)) : "";
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
   return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }

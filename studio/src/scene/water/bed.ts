@@ -12,7 +12,7 @@ import {
   type IUniform,
   type Object3D,
 } from "three";
-import { patchMaterial, type Patch } from "../glsl";
+import { detail, patchMaterial, type Patch } from "../glsl";
 import { randomSource, type Random } from "../random";
 import { clumpedPlaces, makeScatter, type Copy } from "../scatter";
 import { stoneGeometry } from "../stones";
@@ -55,7 +55,7 @@ export function makeBed(water: Patch, size: number, grain: number): Bed {
       new MeshStandardMaterial({ color: [0x8b8577, 0x77746d, 0x9a8f7a][seed - 1]!, roughness: 0.9 }),
       [stonePatch(size * grain), water],
     );
-    return makeScatter(stoneGeometry(seed), material, stoneCopies(random, size * grain, 45), tile);
+    return makeScatter(stoneGeometry(seed), material, stoneCopies(random, size * grain, detail.isCoarse ? 20 : 45), tile);
   });
   const grass = makeScatter(
     grassGeometry(random),
@@ -63,12 +63,12 @@ export function makeBed(water: Patch, size: number, grain: number): Bed {
       swayPatch(time),
       water,
     ]),
-    grassCopies(random, size * grain, 260),
+    grassCopies(random, size * grain, detail.isCoarse ? 90 : 260),
     tile,
   );
   const scattered = [...stones, grass];
   for (const scatter of scattered) {
-    scatter.mesh.castShadow = true;
+    scatter.mesh.castShadow = !detail.isCoarse;
     scatter.mesh.receiveShadow = true;
     group.add(scatter.mesh);
   }
@@ -126,6 +126,7 @@ function sandPatch(size: number, grain: number): Patch {
       diffuseColor.rgb *= mix(0.86, 1.06, ripples(onSand));
       diffuseColor.rgb = mix(diffuseColor.rgb, diffuseColor.rgb * vec3(0.8, 0.86, 0.72), smoothstep(0.5, 0.75, fbm2(onSand * 0.33 + 9.0)));`,
     surface: `
+      #ifndef COARSE
       {
         float near = exp(-length(vViewPosition) / (7.0 * bodySize));
         float e = 0.02;
@@ -137,7 +138,8 @@ function sandPatch(size: number, grain: number): Patch {
         vec2 rough = vec2(noise2(onSand * 60.0), noise2(onSand * 60.0 + 31.0)) - 0.5;
         slope = 0.075 * near * slope + duneSlope + 0.35 * near * rough;
         normal = normalize((viewMatrix * vec4(-slope.x, 1.0, -slope.y, 0.0)).xyz);
-      }`,
+      }
+      #endif`,
   };
 }
 

@@ -11,11 +11,12 @@ import {
   type IUniform,
   type Object3D,
 } from "three";
-import { NOISE } from "../glsl";
+import { detail, NOISE } from "../glsl";
 import { WATER_GLSL, type WaterUniforms } from "./light";
 import { WAVES_GLSL, waveUniform } from "./waves";
 
 const CELLS = 150;
+const COARSE_CELLS = 60;
 const RINGS = 8;
 
 /** A ring is gone after so much time [s]. */
@@ -156,20 +157,21 @@ export function makeSurface(water: WaterUniforms, waveTile: number, steepness: n
 
 /** A grid, fine in the middle and coarse toward the horizon. */
 export function horizonGeometry(reach: number): BufferGeometry {
-  const points = new Float32Array(3 * (CELLS + 1) ** 2);
+  const cells = detail.isCoarse ? COARSE_CELLS : CELLS;
+  const points = new Float32Array(3 * (cells + 1) ** 2);
   const normals = new Float32Array(points.length);
   const indices: number[] = [];
   const along = (i: number): number => {
-    const share = (2 * i) / CELLS - 1;
+    const share = (2 * i) / cells - 1;
     return reach * (0.06 * share + 0.94 * share ** 3 * Math.abs(share));
   };
-  for (let row = 0; row <= CELLS; row++) {
-    for (let column = 0; column <= CELLS; column++) {
-      const point = row * (CELLS + 1) + column;
+  for (let row = 0; row <= cells; row++) {
+    for (let column = 0; column <= cells; column++) {
+      const point = row * (cells + 1) + column;
       points.set([along(column), 0, along(row)], 3 * point);
       normals[3 * point + 1] = 1;
-      if (row < CELLS && column < CELLS) {
-        const beyond = point + CELLS + 1;
+      if (row < cells && column < cells) {
+        const beyond = point + cells + 1;
         indices.push(point, beyond, point + 1, point + 1, beyond, beyond + 1);
       }
     }
