@@ -15,7 +15,7 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
 from neuroanimator.control.objective.goals import is_reached
 from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.state.pose import Pose, read_pose
+from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.rotation import rotate
 from neuroanimator.studio.bundle import bundle_facts, policy_beside
 from neuroanimator.studio.catalogue import (
@@ -161,6 +161,22 @@ def test_what_is_shown_first_of_a_swimmer_goes_far_and_has_commands(name: str):
     pose = read_pose(emulator.state_structure, states)
     assert np.linalg.norm(pose.position[-1] - pose.position[0]) > facts["size"]
     assert [row[0] for row in facts["policy"]["command"]] == ["speed", "turn", "climb", "roll"]
+
+
+def test_the_dolphin_is_shown_leaping_and_so_it_does_on_the_true_springs():
+    emulator = load_emulator("dolphin-50")
+    system = system_of(emulator)
+    motion = shipped("dolphin-50")["default_motion"]
+    controls = np.array(motion["controls"])
+    emulated = np.asarray(emulator.rollout(motion["start"], controls), float)
+    true = system.simulate_fastest(np.array([motion["start"]]), controls[None], emulator.dt).states[
+        0
+    ]
+    for states in (emulated, true):
+        heights = read_heights(system.structure, states)
+        assert heights.min(axis=1).max() > 0.5  # all of it is out of the water
+        assert heights[0].max() < -1
+        assert heights[-1].max() < 0  # and in again
 
 
 def test_a_shipped_program_makes_the_steps_of_its_emulator():

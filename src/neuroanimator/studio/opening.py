@@ -9,14 +9,20 @@ from neuroanimator.control.objective.goals import goal_start, is_reached
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.studio.leap import leap_drive
 from neuroanimator.systems.system import System
+
+LEAPING = "dolphin"
+"""The system of the package that leaps."""
 
 
 def opening_drive(emulator: Emulator, system: System) -> Drive:
     """Return what `animate` shows of a body with a gait; of another what reaches a goal of `system`, if it has one.
 
-    A goal with a start of its own comes first: its motion goes somewhere.
+    A goal with a start of its own comes first: its motion goes somewhere. The dolphin leaps.
     """
+    if emulator.system == LEAPING and not emulator.definition:
+        return leap_drive(emulator, system)
     if emulator.gait is None:
         for name in _goals_away_from_start(system):
             try:

@@ -1,6 +1,6 @@
 """Remake the bundles that ship, after an emulator that ships has changed: `python -m neuroanimator.studio.ship [NAME...]`.
 
-With `--facts` only what they say is made anew; programs and motions stay as they are.
+With `--facts` only what they say is made anew; programs and motions stay as they are. With `--motions` the motions, too.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def ship(names: list[str]) -> None:
             print_line(f"{path.relative_to(shipped_folder())}: {path.stat().st_size:,} bytes")
 
 
-def ship_facts(names: list[str]) -> None:
+def ship_facts(names: list[str], *, keeps_motions: bool) -> None:
     """Make anew what the bundles `names` say."""
     for name in names:
         path = shipped_folder() / name / BUNDLE
@@ -36,14 +36,15 @@ def ship_facts(names: list[str]) -> None:
         source = find_emulator(name)
         emulator = Emulator.load(source)
         policy = policy_beside(source, emulator)
-        facts = bundle_facts(source, emulator, policy, name, drive=before["default_motion"])
+        drive = before["default_motion"] if keeps_motions else None
+        facts = bundle_facts(source, emulator, policy, name, drive=drive)
         write_facts(facts, path.parent)
 
 
 if __name__ == "__main__":
     words = sys.argv[1:]
-    chosen = [word for word in words if word != "--facts"] or list(SHIPPED_BUNDLES)
-    if "--facts" in words:
-        ship_facts(chosen)
+    chosen = [word for word in words if not word.startswith("--")] or list(SHIPPED_BUNDLES)
+    if "--facts" in words or "--motions" in words:
+        ship_facts(chosen, keeps_motions="--motions" not in words)
     else:
         ship(chosen)
