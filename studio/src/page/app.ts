@@ -1,17 +1,18 @@
 // The page: what is where, and who is told what.
 
 import type { CatalogueEntry } from "../bundle/catalogue";
-import { bundleFolder, loadCatalogue, type Catalogue } from "../bundle/catalogue";
+import { loadCatalogue, type Catalogue } from "../bundle/catalogue";
 import { controlPanel, steerPanel, type Panel } from "../panels/controls";
 import { makeHelp } from "../panels/help";
 import { MeasurePanel, trustAt } from "../panels/measure";
 import { Picker } from "../panels/picker";
 import { takePanel } from "../panels/take";
 import { Timeline } from "../panels/timeline";
+import { isModelFile, TrainPanel } from "../panels/train";
 import { Stage } from "../scene/stage";
 import { makePathLine, makeTarget, TARGET_COLOUR, type PathLine, type TargetHandle } from "../scene/handle";
 import type { Grip } from "../scene/world";
-import { Live } from "../server/live";
+import { Live, type Answer } from "../server/live";
 import { Twin } from "../server/twin";
 import { clamp } from "../steering/pilots";
 import { push } from "../steering/push";
@@ -50,6 +51,7 @@ export class App {
   readonly #cameraButton: HTMLButtonElement;
   #stage: Stage | null = null;
   #live: Live | null = null;
+  #train: TrainPanel | null = null;
   #session: Session | null = null;
   #timeline: Timeline | null = null;
   #twin: Twin | null = null;
@@ -182,6 +184,9 @@ export class App {
       element("p", "", [session.facts.about]),
     ]);
     this.#side.replaceChildren(about, ...this.#panels.map((one) => one.element));
+    if (this.#train) {
+      this.#side.append(this.#train.element);
+    }
     this.#side.scrollTop = 0;
     this.#synthesis = makeSynthesis({
       bundle: session.bundle,
@@ -329,7 +334,39 @@ export class App {
         this.#banners.say("server", "The server does not answer; the emulator goes on without it. Start it again with 'neuroanimator studio'.", "warning");
       }
     };
+    this.#live.onEvent = (event) => this.#told(event);
+    this.#train = new TrainPanel(this.#live, this.#banners, (id) => void this.#showById(id));
     this.#live.connect();
+  }
+
+  // What the server says unasked.
+  #told(event: Answer): void {
+    if (event["event"] === "job") {
+      this.#train?.tell(event);
+    } else if (event["event"] === "emulator") {
+      this.#banners.say("upload", `The emulator: ${String(event["phase"])} …`);
+    } else if (event["event"] === "catalogue") {
+      void this.#reloadCatalogue();
+    }
+  }
+
+  async #reloadCatalogue(): Promise<void> {
+    const catalogue = await loadCatalogue(this.#page).catch(() => null);
+    for (const entry of catalogue?.entries ?? []) {
+      if (!this.#entries.some((one) => one.id === entry.id)) {
+        this.#entries.push(entry);
+        this.#picker.add(entry);
+      }
+    }
+  }
+
+  async #showById(id: string): Promise<void> {
+    await this.#reloadCatalogue();
+    const entry = this.#entries.find((one) => one.id === id);
+    if (!entry) {
+      throw new Error(`the server shows no emulator called ${id}`);
+    }
+    await this.open(entry);
   }
 
   #listen(stage: Stage): void {
@@ -369,17 +406,15 @@ export class App {
       this.#banners.say("upload", "A file of your own needs the server, which checks it and makes it run here: run 'neuroanimator studio'.", "warning");
       return;
     }
+    if (isModelFile(file.name)) {
+      await this.#train?.addModel(file);
+      return;
+    }
     this.#banners.say("upload", `Reading ${file.name} …`);
     try {
       const answer = await this.#live.post("api/emulators", file, "application/octet-stream");
-      const id = String(answer["id"]);
-      const catalogue = await loadCatalogue(this.#page);
-      const entry = catalogue.entries.find((one) => one.id === id) ?? { id, system: id, about: file.name, bundle: `bundles/${encodeURIComponent(id)}/` };
-      bundleFolder(entry, this.#page);
-      this.#entries.push(entry);
-      this.#picker.add(entry);
+      await this.#showById(String(answer["id"]));
       this.#banners.clear("upload");
-      await this.open(entry);
     } catch (error) {
       this.#banners.say("upload", `${file.name}: ${lineOf(error)}`, "error");
     }

@@ -7,7 +7,7 @@ import type { Session } from "../page/session";
 import type { Live } from "../server/live";
 import type { Panel } from "./controls";
 
-const SERVER_FORMATS = ["glb", "usda", "mp4", "html"] as const;
+const SERVER_FORMATS = ["glb", "mp4", "usda", "html"] as const;
 
 /** Images a second of what the server writes. */
 const RATE = 60;

@@ -6,6 +6,7 @@ import { emptyPose, poseBones, type Pose } from "../body/pose";
 import type { Bundle } from "../bundle/bundle";
 import { toPhysics, toQuaternion, toThree } from "./axes";
 import { makeBody, makeGhost, type BodyView } from "./body/body";
+import { makeMount } from "./body/mount";
 import { CameraRig } from "./cameras";
 import { makeLot } from "./lot";
 import { makeMoon } from "./moon";
@@ -37,6 +38,9 @@ const VIEWS: Record<Bundle["scene"]["kind"], View> = {
 /** A state is never drawn if one of its numbers is larger [m, rad, …]: it is lost. */
 const MAX_NUMBER = 1e5;
 
+/** The camera looks so far below where a body hangs, over its size. */
+const LOOK_BELOW = 0.12;
+
 /** How near to a bone a swimmer is taken hold of, over its size. */
 const GRIP = 0.12;
 
@@ -58,6 +62,7 @@ export class World {
   readonly #scenery: Scenery;
   readonly #focus = new Vector3();
   readonly #objects: Object3D[];
+  #fixedFocus: Vector3 | null = null;
   #school: SchoolView | null = null;
   #low = 0;
   #high = 0;
@@ -85,10 +90,17 @@ export class World {
       high: this.#high,
     };
     this.#scenery = makeScenery(stage, facts, measure, isDark);
+    const mount = makeMount(facts, this.#scenery.ground, this.size);
     this.#body = makeBody(facts, this.size, this.#scenery.bodyPatches);
     this.#ghost = makeGhost(facts, this.size);
     this.#ghost.object.visible = false;
     this.#objects = [this.#body.object, this.#ghost.object];
+    if (mount) {
+      this.#objects.push(mount.object);
+      // What hangs in one place is looked at there: a camera that went along would swing.
+      this.#fixedFocus = toThree(mount.pivot).add(new Vector3(0, -LOOK_BELOW * this.size, 0));
+      this.#locate();
+    }
     if (this.#body.scenery) {
       this.#objects.push(this.#body.scenery);
     }
@@ -261,7 +273,7 @@ export class World {
 
   #locate(): void {
     const extent = extentOf(this.facts.skeleton, this.bones, this.pose);
-    this.#focus.copy(toThree(extent.middle));
+    this.#focus.copy(this.#fixedFocus ?? toThree(extent.middle));
     this.#low = extent.low;
     this.#high = extent.high;
     this.#heading = this.#headingOf();

@@ -71,10 +71,10 @@ export class Live {
   }
 
   /** Send bytes or JSON to one of the server's addresses; the error is the server's own line. */
-  async post(path: string, body: BodyInit, type: string): Promise<Answer> {
+  async post(path: string, body: BodyInit, type: string, headers: Record<string, string> = {}): Promise<Answer> {
     const response = await fetch(new URL(path, this.page), {
       method: "POST",
-      headers: { "Content-Type": type, "X-Token": this.token },
+      headers: { ...headers, "Content-Type": type, "X-Token": this.token },
       body,
     });
     const answer = (await response.json().catch(() => ({}))) as Answer;
