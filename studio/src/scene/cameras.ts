@@ -9,6 +9,9 @@ export type CameraMode = (typeof CAMERA_MODES)[number];
 /** Time in which the camera comes after the body [s]. */
 const LAG = 0.35;
 
+/** A picture narrower than this over its height shows the body from further away. */
+const NARROW = 1.2;
+
 /** A turn by a key [rad], and a step nearer or further. */
 const KEY_TURN = 0.12;
 const KEY_ZOOM = 1.12;
@@ -32,7 +35,7 @@ export class CameraRig {
 
   /** Look at `focus` from so many [rad] to its side and above, a body of `size` [m] filling a good share of the picture. */
   frame(focus: Vector3, size: number, heading: number, azimuth: number, elevation: number, distance: number): void {
-    const far = distance * size;
+    const far = distance * size * Math.max(1, NARROW / this.camera.aspect);
     const angle = heading + azimuth;
     const offset = new Vector3(
       Math.cos(elevation) * Math.cos(angle),

@@ -30,7 +30,7 @@ interface View {
 
 const VIEWS: Record<Bundle["scene"]["kind"], View> = {
   water: { azimuth: -1.05, elevation: 0.12, distance: 2.5 },
-  lot: { azimuth: 2.5, elevation: 0.32, distance: 2.6 },
+  lot: { azimuth: 2.5, elevation: 0.42, distance: 2.7 },
   moon: { azimuth: 0.7, elevation: 0.16, distance: 3.4 },
   plain: { azimuth: -1.35, elevation: 0.1, distance: 2.2 },
 };
@@ -91,7 +91,7 @@ export class World {
     };
     this.#scenery = makeScenery(stage, facts, measure, isDark);
     const mount = makeMount(facts, this.#scenery.ground, this.size);
-    this.#body = makeBody(facts, this.size, this.#scenery.bodyPatches);
+    this.#body = makeBody(facts, this.size, this.#focus, this.#scenery.bodyPatches);
     this.#ghost = makeGhost(facts, this.size);
     this.#ghost.object.visible = false;
     this.#objects = [this.#body.object, this.#ghost.object];

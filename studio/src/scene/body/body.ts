@@ -1,6 +1,6 @@
 // A body as it is drawn: its skin or its bones' shapes, in the colours of its material or as a ghost.
 
-import { Group, Matrix4, Object3D, type BufferGeometry, type Color, type Material, type Mesh } from "three";
+import { Group, Matrix4, Object3D, type BufferGeometry, type Color, type Material, type Mesh, type Vector3 } from "three";
 import type { Bundle, Shape } from "../../bundle/bundle";
 import { isMoved, type Pose } from "../../body/pose";
 import type { Patch } from "../glsl";
@@ -21,8 +21,8 @@ export interface BodyView {
   dispose(): void;
 }
 
-/** Return the body of a bundle with its own colours. */
-export function makeBody(facts: Bundle, size: number, patches: readonly Patch[]): BodyView {
+/** Return the body of a bundle with its own colours; `focus` is what is looked at, kept up to date by its owner. */
+export function makeBody(facts: Bundle, size: number, focus: Vector3, patches: readonly Patch[]): BodyView {
   const doubt: Doubt = { value: 0 };
   const all = [...patches, doubtPatch(doubt)];
   if (facts.skin) {
@@ -31,7 +31,7 @@ export function makeBody(facts: Bundle, size: number, patches: readonly Patch[])
     return skinnedBody(facts, skinGeometry(facts.skin), material, doubt);
   }
   const materials = new MaterialKeeper((colour, opacity, isMoving) =>
-    isMoving ? shapeMaterial(colour, opacity, all) : sceneryMaterial(colour, patches),
+    isMoving ? shapeMaterial(colour, opacity, all) : sceneryMaterial(colour, focus, patches),
   );
   return shapedBody(facts, materials, doubt, true);
 }

@@ -8,6 +8,7 @@ import {
   type IUniform,
   type Material,
   type ShaderMaterialParameters,
+  type Vector3,
 } from "three";
 import { patchMaterial, type Patch, type Uniforms } from "../glsl";
 
@@ -116,12 +117,21 @@ function hslOf(colour: Color): { h: number; s: number; l: number } {
   return colour.clone().convertLinearToSRGB().getHSL({ h: 0, s: 0, l: 0 });
 }
 
-/** Ground paint and other scenery: dull. */
-export function sceneryMaterial(colour: Color, patches: readonly Patch[]): Material {
+/** Ground paint and other scenery: dull, and never in front of what is looked at, which is at `focus`. */
+export function sceneryMaterial(colour: Color, focus: Vector3, patches: readonly Patch[]): Material {
   const worn: Patch = {
     key: "worn",
-    uniforms: {},
+    uniforms: { focusPlace: { value: focus } },
+    fragment: "uniform vec3 focusPlace;",
     colour: `
+      {
+        // What stands between the eye and the body is seen through.
+        vec3 toFocus = focusPlace - cameraPosition;
+        float along = dot(vPlace - cameraPosition, toFocus) / dot(toFocus, toFocus);
+        float aside = length(vPlace - cameraPosition - along * toFocus) / length(toFocus);
+        bool isInFront = along < 0.93 && aside < 0.2 * along + 0.06 && vPlace.y > 0.08;
+        if (isInFront && mod(floor(gl_FragCoord.x) + 2.0 * mod(floor(gl_FragCoord.y), 2.0), 4.0) > 0.5) discard;
+      }
       float wear = fbm2(vPlace.xz * 1.7 + vPlace.yy * vec2(0.6, 1.3)) + 0.35 * noise2(vPlace.xz * 19.0);
       diffuseColor.rgb *= 0.66 + 0.5 * wear;`,
   };
