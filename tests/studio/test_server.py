@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -21,11 +22,13 @@ import neuroanimator as na
 from neuroanimator.cli import studio as studio_verb
 from neuroanimator.export.csv_file import read_clip
 from neuroanimator.studio import run
+from neuroanimator.studio.bundle import load_models
 from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_folder
 from neuroanimator.studio.description import packed, unpacked
+from neuroanimator.studio.library import Library
 from neuroanimator.studio.static_site import export_site
 from neuroanimator.studio.studio import page_files
-from neuroanimator.zoo import find_emulator
+from neuroanimator.zoo import find_emulator, shipped_policy
 
 
 def bundle(name: str) -> dict[str, Any]:
@@ -165,6 +168,17 @@ def test_a_dropped_emulator_is_there_after_a_restart(tmp_path: Path):
         )
 
 
+def test_a_policys_file_is_its_emulator_and_what_steers_it(tmp_path: Path):
+    emulator, policy = load_models(shipped_policy("fish"))
+    assert policy is not None
+    assert emulator.system == "fish"
+    library = Library(tmp_path)
+    (tmp_path / ("0" * 16)).mkdir()
+    shutil.copy(shipped_policy("fish"), tmp_path / ("0" * 16) / "emulator.safetensors")
+    (tmp_path / ("0" * 16) / "bundle.json").write_text("{}")
+    assert library.load("0" * 16).system.name == "fish"
+
+
 def test_a_site_is_the_same_files_without_a_server(tmp_path: Path):
     page = write_page(tmp_path / "page")
     bundles = [shipped_folder() / name for name in SHIPPED_BUNDLES]
@@ -192,6 +206,7 @@ from pathlib import Path
 from neuroanimator.cli import studio
 from neuroanimator.cli.main import main
 from neuroanimator.studio import run
+from neuroanimator.studio.bundle import load_models
 page = Path(sys.argv.pop())
 run.page_folder = lambda: page
 main()

@@ -6,13 +6,14 @@ import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import load_policy
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.export.programs.descent_module import descent_module
@@ -49,18 +50,19 @@ def make_bundle(
     `write_wasm` raises. What says it is a bundle is written last.
     """
     source = find_emulator(reference)
-    emulator = Emulator.load(source)
-    policy = policy_beside(source, emulator)
+    emulator, policy = load_models(source)
     licence = licence_of(source)
     folder.mkdir(parents=True, exist_ok=True)
     progress("compiling")
     emulator_wasm, _ = checked_wasm(emulator, definition_of(emulator, licence), "emulator")
     write_whole(folder / "emulator.wasm", emulator_wasm)
     if policy is not None:
+        progress("compiling its policy")
         policy_wasm, _ = checked_wasm(policy, definition_of(policy, licence), "policy")
         write_whole(folder / "policy.wasm", policy_wasm)
     descent = descent_of(emulator, system_of(emulator))
     if descent is not None:
+        progress("compiling its descent")
         write_whole(folder / DESCENT_FILE, descent_module(descent))
     progress("looking for a motion worth a look")
     facts = bundle_facts(source, emulator, policy, bundle_id or source.name.split(".")[0])
@@ -72,6 +74,31 @@ def write_facts(facts: dict[str, Any], folder: Path) -> None:
     """Write what a bundle says into its `folder`."""
     text = json.dumps(facts, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     write_whole(folder / BUNDLE, text.encode("ascii"))
+
+
+class Models(NamedTuple):
+    """What a file has in it."""
+
+    emulator: Emulator
+    policy: Policy | None
+
+
+def load_models(source: Path) -> Models:
+    """Return the emulator in a file, and its policy: the one that ships with it, or all of a policy's file.
+
+    Raises BadFileError for a file that is neither; it says what is wrong with it as an emulator.
+    """
+    try:
+        emulator = Emulator.load(source)
+    except BadFileError:
+        try:
+            policy = load_policy(source)
+        except BadFileError:
+            policy = None
+        if policy is None:
+            raise
+        return Models(policy.emulator, policy)
+    return Models(emulator, policy_beside(source, emulator))
 
 
 def policy_beside(source: Path, emulator: Emulator) -> Policy | None:

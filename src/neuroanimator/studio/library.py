@@ -95,13 +95,14 @@ class Library:
             return self._load(bundle_id)
 
     def _load_now(self, bundle_id: str) -> Shown:
-        emulator = Emulator.load(self.emulator_file(bundle_id))
+        emulator = _load_emulator(self.emulator_file(bundle_id))
         return Shown(bundle_id, emulator, system_of(emulator))
 
     def add(self, file: Path, progress: Progress = lambda phase: None) -> str:
         """Make the bundle of the emulator `file`, unless it is there, and return its id.
 
-        Raises BadFileError, which calls it "the file", for one that is no emulator, and ResourceError where Zig is missing.
+        Raises BadFileError, which calls it "the file", for one that is neither an emulator nor a policy, or where it
+        cannot be compiled here.
         """
         content = file.read_bytes()
         bundle_id = hashlib.sha256(content).hexdigest()[:ID_LENGTH]
@@ -146,26 +147,22 @@ def _age(folder: Path) -> float:
 
 
 def _check_file(file: Path) -> None:
-    """Refuse what is no emulator, in words that do not say where the file lies."""
+    """Refuse what is neither an emulator nor a policy, in words that do not say where the file lies."""
     try:
-        Emulator.load(file)
+        _load_emulator(file)
     except BadFileError as error:
-        said = str(error).replace(str(file), "The file")
-        if _is_policy(file):
-            said = "The file is a policy, which steers an emulator. Drop the emulator it was trained through."
-        raise BadFileError(said) from error
+        raise BadFileError(str(error).replace(str(file), "The file")) from error
 
 
-def _is_policy(file: Path) -> bool:
-    from neuroanimator.control.policies.policy_file import (
-        load_policy,  # takes time, and is hardly ever needed
-    )
-
+def _load_emulator(file: Path) -> Emulator:
+    """Return the emulator in a file; of a policy the one it was trained through."""
     try:
-        load_policy(file)
+        return Emulator.load(file)
     except BadFileError:
-        return False
-    return True
+        # It takes time to import, and nearly all files are emulators.
+        from neuroanimator.studio.bundle import load_models
+
+        return load_models(file).emulator
 
 
 def _make(source: Path, folder: Path, bundle_id: str, progress: Progress) -> None:
