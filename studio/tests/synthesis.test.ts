@@ -9,7 +9,7 @@ import type { DescentFacts, Values } from "../src/synthesis/facts";
 import { DescentModule } from "../src/synthesis/module";
 import { serve } from "../src/synthesis/serve";
 import { solveDamped } from "../src/synthesis/solve";
-import { Synthesiser } from "../src/synthesis/synthesiser";
+import { Synthesiser, type WorkerPort } from "../src/synthesis/synthesiser";
 import cases from "./vectors/descents.json";
 
 const BUNDLES = new URL("../../src/neuroanimator/studio/bundles/", import.meta.url);
@@ -134,4 +134,12 @@ test("what is wrong with a question comes back as one line", async () => {
   await expect(synthesiser.descend({ start: [1] }).next()).rejects.toThrow("start: wanted 6 numbers, came 1");
   await expect(synthesiser.correct(new Float32Array(3), new Float32Array(3))).rejects.toThrow("states: wanted 246 numbers");
   close();
+});
+
+test("a worker that is stopped is said to be, and nobody waits for it", async () => {
+  const deaf: WorkerPort = { postMessage: () => undefined, onmessage: null };
+  const synthesiser = new Synthesiser(descentOf("pendulum-50"), await compiled("pendulum-50"), deaf);
+  const first = synthesiser.descend({ start: synthesiser.facts.start }).next();
+  (deaf.onerror as () => void)();
+  await expect(first).rejects.toThrow("the worker that descends was stopped; reload the page");
 });

@@ -118,6 +118,7 @@ class GoalPanel implements Synthesis {
     this.#close = button({ label: "Close the gap", title: "Learn from the replay and descend again", onClick: () => void this.#closeGap() });
     this.#prove.disabled = true;
     this.#close.hidden = true;
+    this.#verdict.setAttribute("role", "status");
     this.#fromHere.type = "checkbox";
     this.#fromHere.addEventListener("change", () => this.#moveStart());
     const from = element("label", "row", [this.#fromHere, "from where it is now"]);

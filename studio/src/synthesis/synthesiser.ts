@@ -11,6 +11,9 @@ export function startWorker(): Worker {
   return new Worker(new URL("./worker.ts", import.meta.url), { type: "module" });
 }
 
+/** A worker, or what stands for one. */
+export type WorkerPort = Port & { terminate?(): void; onerror?: unknown };
+
 export class Synthesiser {
   #lastId = 0;
   readonly #listeners = new Map<number, (answer: Answer) => void>();
@@ -20,8 +23,13 @@ export class Synthesiser {
   constructor(
     readonly facts: DescentFacts,
     module: WebAssembly.Module,
-    private readonly port: Port & { terminate?(): void } = startWorker(),
+    private readonly port: WorkerPort = startWorker(),
   ) {
+    // A worker that is not loaded, or that runs out of memory, answers nobody.
+    port.onerror = (): void => {
+      const error = "the worker that descends was stopped; reload the page";
+      [...this.#listeners].forEach(([id, listener]) => listener({ id, error }));
+    };
     port.onmessage = (event: MessageEvent): void => {
       const answer = event.data as Answer;
       this.#listeners.get(answer.id)?.(answer);
