@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import DescentOptions, descend, load_emulator, load_system
-from neuroanimator.bench.csv_table import describe_machine, quartiles, write_csv
+from neuroanimator.bench.csv_table import quartiles, write_csv
 from neuroanimator.bench.run_control import DIGITS, QUICK, TASKS, THOROUGH, run_control_bench
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.synthesis.replay import replay
+from neuroanimator.machine import describe_machine
 from neuroanimator.tasks.solver import Solver
 from neuroanimator.terminal import print_table
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from deformable_emulators import accuracy_rows, deformable, hierarchy_rows, long_rows
 
-from neuroanimator.bench.csv_table import describe_machine, write_csv
+from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, make_test
 from neuroanimator.evaluation.speed import interleaved, one_core
 from neuroanimator.evaluation.speed_mass_spring import (
@@ -27,6 +27,7 @@ from neuroanimator.evaluation.speed_mass_spring import (
     random_bodies,
     twin_error,
 )
+from neuroanimator.machine import describe_machine
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS, c_twin
 from neuroanimator.systems.deformable.stability import largest_stable_step

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator import TrainingConfig
-from neuroanimator.bench.csv_table import describe_machine, write_csv
+from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
@@ -35,6 +35,7 @@ from neuroanimator.evaluation.speed import (
     physics_player,
 )
 from neuroanimator.gym import mjcf_of
+from neuroanimator.machine import describe_machine
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem

@@ -30,7 +30,7 @@ from neuroanimator import (
     write_glb,
 )
 from neuroanimator.animation.gauges import drawable
-from neuroanimator.bench.csv_table import describe_machine, write_csv
+from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.data.config import USUAL_COUNT, DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.recorded_segments import limited_to_recordings
@@ -39,6 +39,7 @@ from neuroanimator.data.store import read_transitions
 from neuroanimator.evaluation.evaluate import QUICK as QUICK_EVALUATION
 from neuroanimator.evaluation.evaluate import THOROUGH as THOROUGH_EVALUATION
 from neuroanimator.evaluation.evaluate import Evaluation, EvaluationBudget, evaluate
+from neuroanimator.machine import describe_machine
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.slowness import slowness

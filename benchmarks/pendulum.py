@@ -12,8 +12,9 @@ import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from neuroanimator.bench.csv_table import describe_machine, write_csv
+from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.bench.run_table import chosen_rows, run_table
+from neuroanimator.machine import describe_machine
 from neuroanimator.terminal import print_table
 
 PENDULUMS = "pendulum,pendulum-passive"

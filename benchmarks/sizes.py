@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import Emulator, load_emulator
-from neuroanimator.bench.csv_table import describe_machine, write_csv
+from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
 from neuroanimator.evaluation.held_out import HELD_OUT_RUNS, held_out_runs
 from neuroanimator.evaluation.speed import (
@@ -25,6 +25,7 @@ from neuroanimator.evaluation.speed import (
     one_core,
 )
 from neuroanimator.evaluation.stability import count_diverged
+from neuroanimator.machine import describe_machine
 from neuroanimator.terminal import print_table
 from neuroanimator.zoo import LARGE, emulator_name
 

@@ -22,7 +22,8 @@ from neuroanimator import (
     load_system,
     replay,
 )
-from neuroanimator.bench.csv_table import describe_machine, write_csv
+from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.machine import describe_machine
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.rigid.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE
 from neuroanimator.terminal import print_table

@@ -9,7 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
 STAGES = [
-    "lazy", "jax_later", "pytrees", "errors", "text", "parsing", "terminal", "zoo", "storage", "compiler", "codegen",
+    "lazy", "jax_later", "pytrees", "errors", "text", "parsing", "terminal", "machine", "zoo", "storage", "compiler", "codegen",
     "backend", "tables", "state", "appearance", "definitions", "emulator", "systems", "data", "training", "evaluation",
     "animation", "control", "tasks", "export", "gym", "scaffold", "studio", "bench", "demo", "cli",
 ]  # fmt: skip

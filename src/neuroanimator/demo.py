@@ -21,6 +21,7 @@ from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.evaluate import Evaluation, evaluate
 from neuroanimator.evaluation.report import write_report
 from neuroanimator.export.csv_file import write_table
+from neuroanimator.export.film.inline import film_html
 from neuroanimator.export.film.video import write_video
 from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.storage.files import canonical_json, write_whole
@@ -130,13 +131,15 @@ def _write(out: Path, evaluation: Evaluation, synthesis: Synthesis) -> list[Path
     controls = synthesis.controls
     times = np.arange(len(controls)) * emulator.dt
     write_table(table, times, controls, emulator.control)
-    write_report([evaluation], report, extra=[("Swing-up", _swing_up_html(synthesis))])
+    swing_up = _swing_up_html(synthesis)
     files = [scene, table, report, out / f"{SYSTEM}.emulator.safetensors"]
     try:
         write_video(clip, video)
         files.append(video)
+        swing_up = film_html(video, "The swing-up on the true physics.") + swing_up
     except ResourceError as error:
         print(f"neuroanimator: {error}", file=sys.stderr)
+    write_report([evaluation], report, extra=[("Swing-up", swing_up)])
     return files
 
 

@@ -19,9 +19,10 @@ from neuroanimator.export import worst_cases
 from neuroanimator.export.film.caption import caption_image
 from neuroanimator.export.film.clip_bytes import pack_takes, unpack_takes
 from neuroanimator.export.film.draw_video import averaged
+from neuroanimator.export.film.inline import film_html
 from neuroanimator.export.film.options import Film
 from neuroanimator.export.film.video import graphics_backend
-from neuroanimator.export.worst_cases import _takes, film_html
+from neuroanimator.export.worst_cases import _takes
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +55,10 @@ def test_a_film_shows_every_worst_case_at_half_its_speed(
     seconds = len(found.worst) * (2 * 1.0 + worst_cases.HELD_SECONDS)
     images = len(raw) / (64 * 36 * 3 / 2)
     assert images == pytest.approx(seconds * worst_cases.RATE, abs=2 * len(found.worst))
-    page = film_html(tmp_path / "worst.mp4")
+    page = film_html(tmp_path / "worst.mp4", "<b>of & off</b>")
     assert page.startswith("<video controls")
     assert 'src="data:video/mp4;base64,' in page
+    assert "&lt;b&gt;of &amp; off" in page
 
 
 def test_takes_are_what_they_were_after_their_way_to_the_drawing_process(

@@ -4,42 +4,20 @@ from __future__ import annotations
 
 import csv
 import io
-import os
-import platform
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from neuroanimator.machine import describe_machine
 from neuroanimator.storage.files import write_whole
-
-PACKAGES = ("jax", "mujoco", "numpy")
-"""The versions of these are told with every table."""
 
 
 def quartiles(values: ArrayLike, digits: int = 3) -> str:
     """Return the quartiles of `values` (N,) with so many digits, such as `92.1-96.3`."""
     low, high = np.percentile(np.asarray(values), [25, 75])
     return f"{low:.{digits}g}-{high:.{digits}g}"
-
-
-def describe_machine() -> str:
-    """Return processor, cores and versions in one line."""
-    system = platform.system()
-    python = platform.python_version()
-    packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
-    return f"{_processor()}, {os.cpu_count()} cores, {system}, Python {python}, {packages}, float32"
-
-
-def _processor() -> str:
-    path = Path("/proc/cpuinfo")
-    if path.exists():
-        for line in path.read_text(errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    return platform.machine()
 
 
 def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:

@@ -95,17 +95,25 @@ def _evaluate(
 
 
 def _write(emulators: list[Emulator], evaluations: list[Evaluation], files: Files) -> None:
-    """Write the files that are asked for; a film lies in the report, too."""
+    """Write the files that are asked for; in the report lie films, too, of each system's motion and of the worst cases."""
     from neuroanimator.evaluation.report import write_report
-    from neuroanimator.export.worst_cases import WORST_TITLE, film_html, write_worst
+    from neuroanimator.export.film.inline import film_html, motion_html
+    from neuroanimator.export.worst_cases import WORST_TITLE, WORST_WORDS, write_worst
+    from neuroanimator.terminal import progress_bar
 
     extra: list[tuple[str, str]] = []
     if files.worst:
         inspections = [found.inspection for found in evaluations if found.inspection]
         write_worst(emulators, inspections, files.worst)
         if files.worst.suffix == ".mp4":
-            extra.append((WORST_TITLE, film_html(files.worst)))
+            extra.append((WORST_TITLE, film_html(files.worst, WORST_WORDS)))
     if files.report:
+        by_system = {emulator.system: emulator for emulator in emulators}
+        with progress_bar("drawing motions", len(by_system)) as bar:
+            for number, emulator in enumerate(by_system.values()):
+                motion = (f"How the {emulator.system} moves", motion_html(emulator))
+                extra.insert(number, motion)
+                bar.advance_to(number + 1)
         write_report(evaluations, files.report, extra=extra)
 
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import html
+import shlex
+import sys
+from datetime import UTC, datetime
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +18,7 @@ from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, QUIET, plot
 from neuroanimator.evaluation.report_inspection import inspection_html
 from neuroanimator.evaluation.verdict import beyond_noise
 from neuroanimator.evaluation.work_precision import draw_work
+from neuroanimator.machine import describe_machine
 from neuroanimator.storage.files import write_whole
 from neuroanimator.text import printable
 
@@ -63,7 +68,7 @@ h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}h3{margin-top:1.8rem;f
 .wide{overflow-x:auto}table{border-collapse:collapse;margin:1rem 0}
 td,th{padding:.3rem .8rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
 th{white-space:normal;vertical-align:bottom}td:first-child,th:first-child{text-align:left}
-svg,video{max-width:100%;height:auto}p{max-width:46rem}
+.made{font-size:.85rem;opacity:.75}svg,video{max-width:100%;height:auto}p{max-width:46rem}
 .wide svg.plot{min-width:36rem;max-width:none}dt{font-weight:600}dd{margin:0 0 .4rem 1rem}
 svg.bars{width:9rem;height:1.6rem;fill:var(--bar);vertical-align:middle}
 @media (max-width:40rem){td,th{padding:.3rem .4rem;font-size:.85rem}}
@@ -79,6 +84,7 @@ def write_report(
     path = Path(path)
     parts = [
         "<h1>NeuroAnimator: emulator against physics</h1>",
+        _made(),
         _table(evaluations),
         _glossary(evaluations),
         _verdict(evaluations),
@@ -90,6 +96,17 @@ def write_report(
     head = f"<!doctype html><html lang=en><meta charset=utf-8>{VIEWPORT}<title>NeuroAnimator report</title><style>{STYLE}</style>"
     page = head + "".join(parts) + "</html>\n"
     write_whole(path, page.encode())
+
+
+def _made() -> str:
+    """Return when, by what command and on what machine the report was made."""
+    day = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    program = Path(sys.argv[0]).name
+    command = shlex.join([program, *sys.argv[1:]])
+    return (
+        f"<p class=made>Made {day} by NeuroAnimator {version('neuroanimator')} on {html.escape(describe_machine())}:<br>"
+        f"<code>{html.escape(printable(command))}</code></p>"
+    )
 
 
 def _table(evaluations: list[Evaluation]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from collections.abc import Sequence
 from dataclasses import replace
@@ -87,13 +86,6 @@ def write_worst(
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=DPI)
     write_whole(path, content.getvalue())
-
-
-def film_html(path: Path) -> str:
-    """Return the film at `path` as part of a page that needs no other file."""
-    content = base64.b64encode(path.read_bytes()).decode("ascii")
-    source = f"data:video/mp4;base64,{content}"
-    return f'<video controls loop muted playsinline src="{source}"></video><p>{WORST_WORDS}</p>'
 
 
 def _takes(emulator: Emulator, inspection: Inspection) -> list[Take]:

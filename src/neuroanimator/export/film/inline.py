@@ -1,0 +1,48 @@
+"""Films inside a page that needs no other file."""
+
+from __future__ import annotations
+
+import base64
+import html
+import tempfile
+from pathlib import Path
+
+from neuroanimator.animation.clip import make_clip
+from neuroanimator.animation.gauges import drawable
+from neuroanimator.animation.motion import random_motion
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ResourceError
+from neuroanimator.export.film.video import write_video
+from neuroanimator.state.slowness import slowness
+
+SIZE = (640, 360)
+"""Width and height of a film in a page [pixels]: a few hundred kilobytes, drawn in seconds."""
+
+SECONDS = 3.0
+"""Length of a motion in a page [s]; of a slow system longer."""
+
+MOTION_WORDS = "The emulator's own motion, from where 'animate' begins."
+"""What stands below it."""
+
+
+def film_html(path: Path, words: str) -> str:
+    """Return the film at `path`, and `words` about it, as part of a page."""
+    content = base64.b64encode(path.read_bytes()).decode("ascii")
+    source = f"data:video/mp4;base64,{content}"
+    return (
+        f'<video controls loop muted playsinline src="{source}"></video><p>{html.escape(words)}</p>'
+    )
+
+
+def motion_html(emulator: Emulator) -> str:
+    """Return a few seconds of what the emulator does, as part of a page; where nothing can be drawn, a line that says so."""
+    seconds = SECONDS * slowness(emulator.dt)
+    states = random_motion(emulator, max(seconds, emulator.dt), 0)
+    clip = drawable(make_clip(emulator, states, source="emulator"), emulator)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "motion.mp4"
+        try:
+            write_video(clip, path, size=SIZE)
+        except ResourceError as error:
+            return f"<p>{html.escape(str(error))}</p>"
+        return film_html(path, MOTION_WORDS)

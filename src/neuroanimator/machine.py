@@ -1,0 +1,28 @@
+"""What a figure was measured on: processor, cores and versions."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+PACKAGES = ("jax", "mujoco", "numpy")
+"""The versions of these are told with every table."""
+
+
+def describe_machine() -> str:
+    """Return processor, cores and versions in one line."""
+    system = platform.system()
+    python = platform.python_version()
+    packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
+    return f"{_processor()}, {os.cpu_count()} cores, {system}, Python {python}, {packages}, float32"
+
+
+def _processor() -> str:
+    path = Path("/proc/cpuinfo")
+    if path.exists():
+        for line in path.read_text(errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.machine()
