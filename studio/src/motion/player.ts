@@ -31,6 +31,8 @@ export class Player {
   isPlaying = false;
   /** Whether the emulator goes on where the motion ends; else it begins again. */
   isLive = false;
+  /** Whether more of the motion comes from elsewhere: at its end the playhead waits. */
+  isHeld = false;
   /** What steers while the emulator runs live. */
   pilot: Pilot | null = null;
   /** Changes a state in place before the emulator leaps on from it: a pull at the body. */
@@ -149,8 +151,7 @@ export class Player {
       }
       worked = performance.now() - before;
       if (!this.isLive && this.time > this.motion.duration) {
-        this.time = this.motion.duration > 0 ? this.time % this.motion.duration : 0;
-        this.onEvent("ended");
+        this.#reachEnd();
       }
     }
     this.workPerImage += 0.05 * (worked - this.workPerImage);
@@ -183,6 +184,16 @@ export class Player {
     if (motion.duration > MAX_SECONDS) {
       this.rebase();
     }
+  }
+
+  #reachEnd(): void {
+    const { duration } = this.motion;
+    if (this.isHeld) {
+      this.time = duration;
+      return;
+    }
+    this.time = duration > 0 ? this.time % duration : 0;
+    this.onEvent("ended");
   }
 
   #middle(): number[] {

@@ -13,11 +13,12 @@ import { Stage } from "../scene/stage";
 import { makePathLine, makeTarget, TARGET_COLOUR, type PathLine, type TargetHandle } from "../scene/handle";
 import type { Grip } from "../scene/world";
 import { Live, type Answer } from "../server/live";
+import { HandOver } from "../server/hand_over";
 import { Twin } from "../server/twin";
 import { clamp } from "../steering/pilots";
 import { push } from "../steering/push";
 import { makeSynthesis, type Synthesis } from "../synthesis/synthesis";
-import { Banners } from "./banner";
+import { Banners, type Action } from "./banner";
 import { button, element, panel, shortNumber } from "./dom";
 import { Keyboard } from "./keyboard";
 import { Session } from "./session";
@@ -56,6 +57,7 @@ export class App {
   #timeline: Timeline | null = null;
   #twin: Twin | null = null;
   #measure: MeasurePanel | null = null;
+  #handOver: HandOver | null = null;
   #panels: Panel[] = [];
   #synthesis: Synthesis | null = null;
   #target: TargetHandle | null = null;
@@ -156,6 +158,8 @@ export class App {
     this.#banners.clear("load");
     this.#banners.clear("lost");
     this.#banners.clear("physics");
+    this.#handOver?.stop();
+    this.#handOver = null;
     this.#synthesis?.dispose();
     this.#synthesis = null;
     this.#target?.dispose();
@@ -517,7 +521,8 @@ export class App {
 
   #happened(event: string): void {
     if (event === "lost") {
-      this.#banners.say("lost", "The emulator is lost: its state is no number any more. The last good pose stays; press R to begin again, or Ctrl+Z to go back.", "error");
+      const line = "The emulator is lost: its state is no number any more. The last good pose stays; press R to begin again, or Ctrl+Z to go back.";
+      this.#banners.say("lost", line, "error", this.#session ? this.#handOverAction(this.#session) : undefined);
     } else if (event === "motion") {
       this.#banners.clear("lost");
     }
@@ -625,14 +630,36 @@ export class App {
     const trust = trustAt(player.motion, player.step);
     world.doubt = clamp(1.4 * (1 - trust), 0, 1);
     const percent = Math.round(100 * trust);
-    setText(this.#trustChip, trust === 1 ? "covered by training" : `${percent} % covered by training`);
+    const said = trust === 1 ? "covered by training" : `${percent} % covered by training`;
+    setText(this.#trustChip, player.isHeld ? "the true physics" : said);
     this.#trustChip.classList.toggle("doubt", trust < 1);
-    setText(this.#modeChip, player.isLive ? "live" : "recorded");
+    setText(this.#modeChip, player.isHeld ? "physics" : player.isLive ? "live" : "recorded");
     if (trust < LOST) {
-      this.#banners.say("trust", "Training has not covered this: do not believe the emulator here. Press R to begin again, or Ctrl+Z to go back.", "warning");
+      const line = "Training has not covered this: do not believe the emulator here. Press R to begin again, or Ctrl+Z to go back.";
+      this.#banners.say("trust", line, "warning", this.#handOverAction(session));
     } else if (trust > 0.8) {
       this.#banners.clear("trust");
     }
+  }
+
+  // With a server there, physics can go on where the emulator is lost.
+  #handOverAction(session: Session): Action | undefined {
+    const live = this.#live;
+    if (!live || session.facts.can_simulate === false) {
+      return undefined;
+    }
+    const { player } = session;
+    const act = (): void => {
+      this.#handOver?.stop();
+      this.#banners.clear("trust");
+      this.#banners.clear("lost");
+      const state = player.motion.state(player.step).slice();
+      this.#handOver = HandOver.begin(live, session.facts, player, state, (line) => {
+        this.#banners.say("physics", `Physics does not go on: ${line}`, "warning");
+      });
+      this.#banners.tell("Physics goes on from here, steered as before.");
+    };
+    return { label: "Let physics go on", act };
   }
 
   #controlShares(session: Session): number[] {

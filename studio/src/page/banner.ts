@@ -4,6 +4,12 @@ import { button, element } from "./dom";
 
 export type Severity = "info" | "warning" | "error";
 
+/** What can be done about it, by a button. */
+export interface Action {
+  readonly label: string;
+  act(): void;
+}
+
 export class Banners {
   readonly element = element("div", "banners");
   readonly #lines = new Map<string, { row: HTMLElement; text: HTMLElement }>();
@@ -12,7 +18,7 @@ export class Banners {
   }
 
   /** Say a line about `topic`; another one about it takes its place. */
-  say(topic: string, line: string, severity: Severity = "info"): void {
+  say(topic: string, line: string, severity: Severity = "info", action?: Action): void {
     const present = this.#lines.get(topic);
     if (present) {
       present.row.className = `banner ${severity}`;
@@ -23,7 +29,8 @@ export class Banners {
     }
     const text = element("span", "", [line]);
     const close = button({ label: "×", title: "Close this message", onClick: () => this.clear(topic) });
-    const row = element("div", `banner ${severity}`, [text, close]);
+    const buttons = action ? [button({ label: action.label, onClick: () => action.act() }), close] : [close];
+    const row = element("div", `banner ${severity}`, [text, element("span", "row", buttons)]);
     row.setAttribute("role", severity === "error" ? "alert" : "status");
     this.#lines.set(topic, { row, text });
     this.element.append(row);

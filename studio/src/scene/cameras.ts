@@ -12,6 +12,9 @@ const LAG = 0.35;
 /** A picture narrower than this over its height shows the body from further away. */
 const NARROW = 1.2;
 
+/** However fast the body is, the camera looks no further beside it than this, over its size. */
+const MAX_LAG = 0.4;
+
 /** A turn by a key [rad], and a step nearer or further. */
 const KEY_TURN = 0.12;
 const KEY_ZOOM = 1.12;
@@ -22,6 +25,7 @@ export class CameraRig {
   /** Below this height the camera does not go [m]. */
   ground = -Infinity;
   #clearance = 0;
+  #maxLag = Infinity;
 
   constructor(
     private readonly camera: PerspectiveCamera,
@@ -50,6 +54,7 @@ export class CameraRig {
     this.controls.minDistance = 0.5 * size;
     this.controls.maxDistance = 12 * size;
     this.#clearance = 0.12 * size;
+    this.#maxLag = MAX_LAG * size;
     this.controls.update();
   }
 
@@ -57,7 +62,12 @@ export class CameraRig {
   update(focus: Vector3, turned: number, seconds: number): void {
     if (this.mode !== "orbit") {
       const share = 1 - Math.exp(-seconds / LAG);
-      const shift = focus.clone().sub(this.controls.target).multiplyScalar(share);
+      const behind = focus.clone().sub(this.controls.target);
+      const shift = behind.clone().multiplyScalar(share);
+      const rest = behind.length() * (1 - share);
+      if (rest > this.#maxLag) {
+        shift.addScaledVector(behind.normalize(), rest - this.#maxLag);
+      }
       this.controls.target.add(shift);
       this.camera.position.add(shift);
       if (this.mode === "chase") {

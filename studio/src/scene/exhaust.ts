@@ -135,7 +135,7 @@ function makeDust(size: number): Part {
       void main() {
         float edge = length(gl_PointCoord - 0.5) * 2.0;
         float shade = 0.55 + 0.25 * (0.5 - gl_PointCoord.y);
-        float opacity = 0.22 * smoothstep(1.0, 0.0, edge) * smoothstep(2.2, 0.6, vAge) * smoothstep(0.0, 0.12, vAge);
+        float opacity = 0.34 * smoothstep(1.0, 0.0, edge) * smoothstep(2.2, 0.6, vAge) * smoothstep(0.0, 0.12, vAge);
         gl_FragColor = vec4(vec3(0.78, 0.76, 0.73) * shade, opacity);
       }`,
     transparent: true,
