@@ -99,20 +99,20 @@ def test_a_training_ends_as_an_emulator_on_show(tmp_path: Path):
 @pytest.fixture(scope="module")
 def arm(studio: Serving) -> dict[str, Any]:
     """What the page is told of a model that was dropped on it."""
-    reply = studio.post("/api/models", ARM, "application/octet-stream", {"X-Name": "arm"})
+    reply = studio.post("/api/models", ARM, "application/octet-stream", {"X-Name": "my%20arm"})
     assert reply.status == 200, reply.body
     return reply.json
 
 
 def test_a_dropped_model_becomes_a_system_to_train(studio: Serving, arm: dict[str, Any]):
-    assert arm["system"] == "arm"
+    assert arm["system"] == "my_arm"
     assert arm["dt"] > 0
     model = studio.studio.models.find(arm["model"])
-    plan = checked_plan({"system": "arm", "substeps": arm["substeps"], "size": "sketch"})
+    plan = checked_plan({"system": "my_arm", "substeps": arm["substeps"], "size": "sketch"})
     folder = model.toml.parent
     model.toml.with_name("model.toml").write_bytes(model.toml.read_bytes())
     assert data_of(plan, folder).count == 30_000
-    assert "arm" in data_of(plan, folder).definition
+    assert "my_arm" in data_of(plan, folder).definition
 
 
 def test_s06_what_is_no_model_is_refused_in_one_line(studio: Serving):

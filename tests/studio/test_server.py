@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import signal
@@ -17,6 +18,8 @@ from typing import Any
 import numpy as np
 import pytest
 from serving import Serving, ask_page, serving, write_page
+from websockets.sync.client import connect
+from websockets.typing import Origin
 
 import neuroanimator as na
 from neuroanimator.cli import studio as studio_verb
@@ -250,6 +253,31 @@ def test_the_command_line_prints_the_address_listens_on_this_machine_alone_and_s
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 130
         assert process.stderr.read().strip().endswith("Stopped. No file was left half-written.")
+
+
+def test_f18_a_hundred_pages_come_and_go_and_leave_no_memory_behind(tmp_path: Path):
+    with command(tmp_path) as process:
+        assert process.stdout is not None
+        address, _, token = process.stdout.readline().strip().partition("/#")
+
+        def come_and_go(times: int) -> None:
+            socket_address = address.replace("http", "ws", 1) + "/live"
+            for _ in range(times):
+                with connect(socket_address, origin=Origin(address), compression=None) as page:
+                    page.send(json.dumps({"token": token}))
+                    assert "ready" in str(page.recv(10))
+                    assert "jobs" in ask_page(page, do="jobs")
+
+        come_and_go(20)
+        before = resident_bytes(process.pid)
+        come_and_go(100)
+        assert resident_bytes(process.pid) < 1.05 * before
+
+
+def resident_bytes(process: int) -> int:
+    """Return how much memory a process holds."""
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def test_a_port_in_use_is_one_line_and_exit_code_4(tmp_path: Path):

@@ -19,8 +19,11 @@ from neuroanimator.tables import read_toml
 KEPT = 8
 """Models that are kept until the server ends."""
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 """A name a system may be given after its file."""
+
+MAX_NAME = 40
+"""Letters of such a name."""
 
 KINDS = {"mujoco": ".xml", "robot": ".urdf"}
 """How files are called, by the outermost element: MJCF and URDF."""
@@ -65,8 +68,7 @@ class Models:
     def add(self, content: bytes, name: str) -> dict[str, Any]:
         """Return what there is to know of a model, its id included; BadFileError for one that cannot be learnt."""
         suffix = _kind_of(content)
-        if not NAME.fullmatch(name):
-            name = "model"
+        name = _system_name(name)
         model_id = secrets.token_hex(8)
         folder = self._folder / model_id
         folder.mkdir(mode=0o700)
@@ -84,6 +86,12 @@ class Models:
         if model_id not in self._models:
             raise ArgumentError("model: there is none of that id. Drop its file again.")
         return self._models[model_id]
+
+
+def _system_name(stem: str) -> str:
+    """Return a name for the system after its file's, of which whatever a name may not have becomes a line."""
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_-")[:MAX_NAME]
+    return name if NAME.fullmatch(name) else "model"
 
 
 def _looked_at(file: Path) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
+from urllib.parse import unquote
 
 import uvicorn
 from starlette.applications import Starlette
@@ -158,7 +159,7 @@ async def _take_model(request: Request) -> Response:
     studio = _studio(request)
     _check_type(request, BYTES)
     content = await _body(request)
-    name = request.headers.get("x-name", "")
+    name = unquote(request.headers.get("x-name", ""))
     return JSONResponse(await studio.in_drawing(lambda: studio.models.add(content, name)))
 
 
