@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 
-from neuroanimator.terminal import phase, phase_seconds
+from neuroanimator.terminal import phase, phase_seconds, progress_bar, watched_progress
 
 PHASES = """
 import time
@@ -74,6 +74,19 @@ def test_time_within_an_inner_phase_counts_for_it_alone():
     spent = phase_seconds()
     assert 0.2 <= spent["inner"] < 0.3
     assert 0.05 <= spent["outer"] < 0.15
+
+
+def test_who_sees_no_terminal_may_watch_the_bars_of_a_block():
+    seen: list[tuple[int, int]] = []
+    with (
+        watched_progress(lambda done, total: seen.append((done, total))),
+        progress_bar("rounds", 2) as bar,
+    ):
+        bar.advance_to(1)
+        bar.advance_to(2)
+    with progress_bar("others", 1) as bar:
+        bar.advance_to(1)
+    assert seen == [(1, 2), (2, 2)]
 
 
 def test_a_phase_that_fails_is_over():

@@ -74,6 +74,10 @@ def check_installed(programs: Path, cwd: Path) -> None:
     assert "neuroanimator" in run_installed(programs, cwd, "doctor")
     run_installed(programs, cwd, "animate", "fish", "--seconds", "0.2", "--out", "fish.glb")
     assert (cwd / "fish.glb").read_bytes()[:4] == b"glTF"
+    if (PACKAGE / "studio" / "page" / "index.html").is_file():  # where `make page` has been
+        run_installed(programs, cwd, "studio", "--export", "site")
+        assert (cwd / "site" / "index.html").is_file()
+        assert (cwd / "site" / "bundles" / "fish-50" / "emulator.wasm").is_file()
 
 
 def test_the_wheel_holds_the_package_and_nothing_else(wheel: Path):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from threading import Timer
 
@@ -28,17 +29,37 @@ SHOWN_AFTER = 0.3
 """A phase shorter than this is not shown [s]: it would only flicker."""
 
 
+Watcher = Callable[[int, int], None]
+"""Is told how much of how much is done."""
+
+_watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
+
+
+@contextmanager
+def watched_progress(watcher: Watcher) -> Iterator[None]:
+    """Tell `watcher` of every bar that begins in the block, in this thread: for those who see no terminal."""
+    token = _watcher.set(watcher)
+    try:
+        yield
+    finally:
+        _watcher.reset(token)
+
+
 class Bar:
     """One bar; does nothing where there is no terminal."""
 
     def __init__(self, progress: Progress | None, title: str, total: int):
         self._progress = progress
+        self._watcher = _watcher.get()
+        self._total = total
         self._task: TaskID | None = None
         if progress is not None:
             self._task = progress.add_task(printable(title), total=total, note="")
 
     def advance_to(self, done: int, note: str = "") -> None:
         """Show `done` of the total, with a short note behind the bar."""
+        if self._watcher is not None:
+            self._watcher(done, self._total)
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=done, note=printable(note))
 

@@ -31,6 +31,7 @@ from neuroanimator.studio.requests import read_export
 from neuroanimator.studio.single_file import single_page
 from neuroanimator.studio.studio import Studio
 from neuroanimator.studio.words import public_words, say_unexpected
+from neuroanimator.terminal import watched_progress
 
 INDEX = "/index.html"
 """The file of the page that is shown at first."""
@@ -174,13 +175,20 @@ async def _export(request: Request) -> Response:
     except (ValueError, RecursionError):
         raise HTTPException(400, "The request is no JSON.") from None
 
+    loop = asyncio.get_running_loop()
+
+    def say(done: int, total: int) -> None:
+        event = {"event": "export", "format": wanted.format, "done": done, "of": total}
+        loop.call_soon_threadsafe(studio.tell_pages, event)
+
     def write() -> str:
         shown = studio.library.load(wanted.bundle)
         folder = studio.library.folder_of(wanted.bundle)
         if wanted.format == "html" and folder is not None:
             drive = checked_drive(shown, wanted, studio.limits)
             return studio.downloads.keep(single_page(studio.page_files, folder, drive), wanted)
-        return studio.downloads.write(shown, wanted, studio.limits)
+        with watched_progress(say):
+            return studio.downloads.write(shown, wanted, studio.limits)
 
     return JSONResponse({"download": await studio.in_drawing(write)})
 
