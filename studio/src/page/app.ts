@@ -10,32 +10,23 @@ import { takePanel } from "../panels/take";
 import { Timeline } from "../panels/timeline";
 import { isModelFile, TrainPanel } from "../panels/train";
 import { Stage } from "../scene/stage";
-import { makePathLine, makeTarget, TARGET_COLOUR, type PathLine, type TargetHandle } from "../scene/handle";
-import type { Grip } from "../scene/world";
 import { Live, type Answer } from "../server/live";
 import { HandOver } from "../server/hand_over";
 import { Twin } from "../server/twin";
 import { clamp } from "../steering/pilots";
-import { push } from "../steering/push";
+import { KeySteering } from "../steering/keys";
+import { BodyPull } from "../steering/pull";
+import { SwimTarget } from "../steering/target";
 import { makeSynthesis, type Synthesis } from "../synthesis/synthesis";
 import { Banners, type Action } from "./banner";
 import { button, element, panel, shortNumber } from "./dom";
 import { Keyboard } from "./keyboard";
+import { Pointer, type Grabbable } from "./pointer";
 import { Session } from "./session";
 import { followTheme, isDark, isMotionReduced, toggleTheme } from "./theme";
 
-/** A pull moves the point so far toward the pointer in a second, per distance [1/s]. */
-const PULL = 3.5;
-
 /** Trust below which a banner says that the emulator is lost. */
 const LOST = 0.35;
-
-/** Keys change speed by so much of the fastest in a second. */
-const SPEED_CHANGE = 0.7;
-
-/** A key held turns and climbs so far at a time [rad]. */
-const KEY_TURN = 0.8;
-const KEY_CLIMB = 0.5;
 
 export class App {
   readonly #page = new URL("./", document.baseURI);
@@ -45,7 +36,8 @@ export class App {
   readonly #side = element("aside", "side");
   readonly #help = makeHelp();
   readonly #picker: Picker;
-  readonly #keyboard: Keyboard;
+  readonly #keys: KeySteering;
+  readonly #pointer: Pointer;
   readonly #trustChip = element("span", "chip trust", ["covered by training"]);
   readonly #gapChip = element("span", "chip ghost");
   readonly #modeChip = element("span", "chip");
@@ -60,10 +52,8 @@ export class App {
   #handOver: HandOver | null = null;
   #panels: Panel[] = [];
   #synthesis: Synthesis | null = null;
-  #target: TargetHandle | null = null;
-  #pullLine: PathLine | null = null;
-  #grip: { what: "body" | "target" | "synthesis"; bone: number; point: [number, number, number] } | null = null;
-  #dragged: [number, number, number] | null = null;
+  #target: SwimTarget | null = null;
+  #pull: BodyPull | null = null;
   #entries: CatalogueEntry[] = [];
   #opening = 0;
   #last = performance.now();
@@ -73,7 +63,8 @@ export class App {
   constructor() {
     this.#picker = new Picker((entry) => void this.open(entry));
     this.#cameraButton = button({ label: "Follow", title: "Camera: follow, chase, stay (C)", onClick: () => this.#nextCamera() });
-    this.#keyboard = new Keyboard(this.#actions());
+    this.#keys = new KeySteering(new Keyboard(this.#actions()).held);
+    this.#pointer = new Pointer(this.#canvas, () => this.#grabbables(), (isHeld) => this.#held(isHeld));
     this.#canvas.tabIndex = 0;
     this.#canvas.setAttribute("aria-label", "The stage");
     const hud = element("div", "hud", [this.#modeChip, this.#trustChip, this.#gapChip]);
@@ -120,10 +111,10 @@ export class App {
     }
     const opening = ++this.#opening;
     this.#picker.select(entry.id);
-    let session: Session;
+    let session: Session | null;
     const previous = this.#session;
     try {
-      session = await Session.open(entry, this.#page, stage, isDark());
+      session = await Session.open(entry, this.#page, stage, isDark(), () => opening === this.#opening);
     } catch (error) {
       this.#banners.say("load", `${entry.id} was not loaded: ${lineOf(error)}`, "error");
       if (previous) {
@@ -131,10 +122,10 @@ export class App {
       }
       return;
     }
-    if (opening !== this.#opening) {
-      session.dispose();
+    if (!session) {
       return;
     }
+    this.#pointer.release();
     this.#close(previous);
     this.#session = session;
     session.player.onEvent = (event) => this.#happened(event);
@@ -143,6 +134,8 @@ export class App {
     if (this.#twin) {
       this.#twin.onError = (line) => this.#banners.say("physics", `No physics beside it: ${line}`, "warning");
     }
+    this.#target = new SwimTarget(session);
+    this.#pull = new BodyPull(session, () => this.#goLive());
     this.#furnish(session);
     this.#remember(entry);
   }
@@ -162,11 +155,7 @@ export class App {
     this.#handOver = null;
     this.#synthesis?.dispose();
     this.#synthesis = null;
-    this.#target?.dispose();
-    this.#target = null;
-    this.#pullLine?.dispose();
-    this.#pullLine = null;
-    this.#grip = null;
+    this.#target?.hide();
     session?.dispose();
   }
 
@@ -307,26 +296,14 @@ export class App {
 
   // A target in front of the swimmer, and off again.
   #toggleTarget(): void {
-    const session = this.#session;
-    const pilot = session?.swimmer;
-    if (!session || !pilot) {
+    if (!this.#session?.swimmer || !this.#target) {
       this.#banners.tell("This system has no policy that swims to a target; use 'Reach a goal'.");
-      return;
+    } else if (this.#target.isShown) {
+      this.#target.hide();
+    } else {
+      this.#target.show();
+      this.#goLive();
     }
-    if (this.#target) {
-      session.world.remove(this.#target.object);
-      this.#target.dispose();
-      this.#target = null;
-      pilot.target = null;
-      return;
-    }
-    const { world } = session;
-    this.#target = makeTarget(world.size);
-    this.#target.moveTo(world.ahead(2.2, 0.9));
-    world.add(this.#target.object);
-    pilot.target = this.#target.place;
-    session.player.pilot = pilot;
-    this.#goLive();
   }
 
   #connect(): void {
@@ -380,11 +357,6 @@ export class App {
       this.#banners.say("webgl", "The graphics card was lost; the picture comes back by itself, or reload the page.", "warning");
     });
     this.#canvas.addEventListener("webglcontextrestored", () => this.#banners.clear("webgl"));
-    // Before the camera's own listeners: what takes hold of a body does not turn the camera.
-    this.#canvas.addEventListener("pointerdown", (event) => this.#grab(event), { capture: true });
-    this.#canvas.addEventListener("pointermove", (event) => this.#drag(event));
-    this.#canvas.addEventListener("pointerup", () => this.#release());
-    this.#canvas.addEventListener("pointercancel", () => this.#release());
     document.addEventListener("dragover", (event) => {
       event.preventDefault();
       document.body.classList.add("dropping");
@@ -424,99 +396,15 @@ export class App {
     }
   }
 
-  #pointer(event: PointerEvent): [number, number] {
-    const box = this.#canvas.getBoundingClientRect();
-    return [(2 * (event.clientX - box.left)) / box.width - 1, 1 - (2 * (event.clientY - box.top)) / box.height];
+  // What may be taken hold of, the foremost first.
+  #grabbables(): Grabbable[] {
+    return [this.#synthesis, this.#target, this.#pull].filter((one) => one !== null);
   }
 
-  #grab(event: PointerEvent): void {
-    const session = this.#session;
-    if (!session || event.button !== 0 || !event.isPrimary) {
-      return;
+  #held(isHeld: boolean): void {
+    if (this.#session) {
+      this.#session.world.camera.controls.enabled = !isHeld;
     }
-    const [x, y] = this.#pointer(event);
-    const isSynthesis = this.#synthesis?.grab(x, y) ?? false;
-    const isTarget = !isSynthesis && this.#target !== null && session.world.isNear(x, y, this.#target.place);
-    let grip: Grip | null = null;
-    if (!isSynthesis && !isTarget) {
-      grip = session.world.pick(x, y);
-    }
-    if (!isSynthesis && !isTarget && !grip) {
-      return;
-    }
-    event.stopImmediatePropagation();
-    this.#canvas.setPointerCapture(event.pointerId);
-    this.#canvas.classList.add("pushing");
-    session.world.camera.controls.enabled = false;
-    if (isSynthesis) {
-      this.#grip = { what: "synthesis", bone: -1, point: [0, 0, 0] };
-    } else if (isTarget) {
-      this.#grip = { what: "target", bone: -1, point: this.#target!.place };
-    } else {
-      this.#grip = { what: "body", ...grip! };
-      this.#beginPull(session, grip!);
-    }
-  }
-
-  #beginPull(session: Session, grip: Grip): void {
-    this.#dragged = grip.point;
-    this.#pullLine = makePathLine(TARGET_COLOUR, 0.9, 2);
-    session.world.add(this.#pullLine.object);
-    session.player.force = (state) => {
-      const goal = this.#dragged;
-      if (goal) {
-        const point = session.world.bonePoint(grip.bone);
-        const change = goal.map((value, axis) => PULL * (value - point[axis]!) * session.facts.dt * 4);
-        push(session.facts, state, grip.bone, [0, 0, 0], change);
-      }
-    };
-  }
-
-  #drag(event: PointerEvent): void {
-    const session = this.#session;
-    if (!session || !this.#grip) {
-      return;
-    }
-    const [x, y] = this.#pointer(event);
-    if (this.#grip.what === "synthesis") {
-      this.#synthesis?.drag(x, y);
-      return;
-    }
-    const place = session.world.dragPoint(x, y, this.#grip.point, this.#grip.what === "target" && event.shiftKey);
-    if (!place) {
-      return;
-    }
-    if (this.#grip.what === "target") {
-      this.#target!.moveTo(place);
-    } else {
-      this.#dragged = place;
-      if (!session.player.isLive) {
-        this.#goLive();
-      }
-      session.player.isPlaying = true;
-    }
-  }
-
-  #release(): void {
-    const session = this.#session;
-    if (!session || !this.#grip) {
-      return;
-    }
-    if (this.#grip.what === "synthesis") {
-      this.#synthesis?.release();
-    } else if (this.#grip.what === "body") {
-      session.player.force = null;
-      session.world.remove(this.#pullLine!.object);
-      this.#pullLine!.dispose();
-      this.#pullLine = null;
-      if (session.player.isLive) {
-        session.player.rebase();
-      }
-    }
-    this.#grip = null;
-    this.#dragged = null;
-    this.#canvas.classList.remove("pushing");
-    session.world.camera.controls.enabled = true;
   }
 
   #happened(event: string): void {
@@ -536,7 +424,10 @@ export class App {
     if (!session) {
       return;
     }
-    this.#steer(session, seconds);
+    if (this.#keys.steer(session, seconds)) {
+      this.#target?.hide();
+      this.#goLive();
+    }
     const { player, world } = session;
     player.advance(seconds);
     if (session.school && player.isPlaying) {
@@ -553,50 +444,12 @@ export class App {
     this.#showPhysics(session);
     this.#showTrust(session);
     this.#synthesis?.update(seconds);
-    if (this.#pullLine && this.#grip && this.#dragged) {
-      this.#pullLine.show([...world.bonePoint(this.#grip.bone), ...this.#dragged]);
-    }
+    this.#pull?.update();
     document.documentElement.dataset["frames"] = String(++this.#images);
     world.draw(seconds, this.#sceneTime, this.#controlShares(session));
     this.#timeline?.update(seconds);
     this.#panels.forEach((one) => one.update());
   }
-
-  // What keys held down say.
-  #steer(session: Session, seconds: number): void {
-    const { held } = this.#keyboard;
-    const axis = (more: string, less: string): number => Number(held.has(more)) - Number(held.has(less));
-    const forward = axis("ArrowUp", "ArrowDown");
-    const left = axis("ArrowLeft", "ArrowRight");
-    const up = axis("PageUp", "PageDown");
-    const isSteering = held.size > 0;
-    const pilot = session.swimmer;
-    if (pilot) {
-      if (isSteering && this.#target) {
-        this.#toggleTarget();
-      }
-      if (isSteering || this.#wasSteering) {
-        session.player.pilot = pilot;
-        pilot.command.speed = clamp(pilot.command.speed + forward * SPEED_CHANGE * pilot.maxSpeed * seconds, 0, pilot.maxSpeed);
-        pilot.command.turn = KEY_TURN * left;
-        pilot.command.climb = KEY_CLIMB * up;
-      }
-    } else if (isSteering || this.#wasSteering) {
-      const { sliders, facts } = session;
-      session.player.pilot = sliders;
-      [forward, left, up].forEach((share, i) => {
-        if (i < sliders.values.length) {
-          const middle = clamp(0, facts.control_low[i]!, facts.control_high[i]!);
-          sliders.values[i] = middle + (share > 0 ? share * (facts.control_high[i]! - middle) : -share * (facts.control_low[i]! - middle));
-        }
-      });
-    }
-    if (isSteering && !this.#wasSteering) {
-      this.#goLive();
-    }
-    this.#wasSteering = isSteering;
-  }
-  #wasSteering = false;
 
   #showPhysics(session: Session): void {
     const twin = this.#twin;

@@ -42,8 +42,14 @@ export class Session {
     this.world = new World(stage, facts, this.player.motion.state(0), isDark);
   }
 
-  /** Load an emulator; the error is one clear line. */
-  static async open(entry: CatalogueEntry, page: URL, stage: Stage, isDark: boolean): Promise<Session> {
+  /** Load an emulator; null if it is not wanted any more when it is there. The error is one clear line. */
+  static async open(
+    entry: CatalogueEntry,
+    page: URL,
+    stage: Stage,
+    isDark: boolean,
+    isWanted: () => boolean,
+  ): Promise<Session | null> {
     const bundle = await loadBundle(bundleFolder(entry, page));
     const { facts, folder } = bundle;
     const state = sizeOf(facts.state);
@@ -55,6 +61,10 @@ export class Session {
     ]);
     const emulator = await Emulator.start(emulatorModule, sizes);
     const policy = policyModule && (await Policy.start(policyModule, state, control));
+    // The stage is set for the system that was asked for last, whichever comes last.
+    if (!isWanted()) {
+      return null;
+    }
     return new Session(entry, bundle, emulator, policy, emulatorModule, stage, isDark);
   }
 

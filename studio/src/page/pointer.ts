@@ -1,0 +1,56 @@
+// The pointer on the stage: what lies under it may take hold of its drag, before the camera does.
+
+/** Something that can be taken hold of. Places are -1 to 1 across the picture, and up. */
+export interface Grabbable {
+  /** The pointer went down; return true to have its drag. */
+  grab(x: number, y: number): boolean;
+  /** The pointer that was grabbed moved; `isLevel` asks to stay at one height. */
+  drag(x: number, y: number, isLevel: boolean): void;
+  release(): void;
+}
+
+export class Pointer {
+  #held: Grabbable | null = null;
+
+  /** `candidates` are asked in order; `onHold` is told whether one of them has the pointer. */
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly candidates: () => readonly Grabbable[],
+    private readonly onHold: (isHeld: boolean) => void,
+  ) {
+    // Before the camera's own listeners: what takes hold of a body does not turn the camera.
+    canvas.addEventListener("pointerdown", (event) => this.#down(event), { capture: true });
+    canvas.addEventListener("pointermove", (event) => this.#held?.drag(...this.#place(event), event.shiftKey));
+    canvas.addEventListener("pointerup", () => this.release());
+    canvas.addEventListener("pointercancel", () => this.release());
+  }
+
+  /** Let go of whatever is held. */
+  release(): void {
+    if (this.#held) {
+      this.#held.release();
+      this.#held = null;
+      this.canvas.classList.remove("pushing");
+      this.onHold(false);
+    }
+  }
+
+  #down(event: PointerEvent): void {
+    if (event.button !== 0 || !event.isPrimary) {
+      return;
+    }
+    const place = this.#place(event);
+    this.#held = this.candidates().find((candidate) => candidate.grab(...place)) ?? null;
+    if (this.#held) {
+      event.stopImmediatePropagation();
+      this.canvas.setPointerCapture(event.pointerId);
+      this.canvas.classList.add("pushing");
+      this.onHold(true);
+    }
+  }
+
+  #place(event: PointerEvent): [number, number] {
+    const box = this.canvas.getBoundingClientRect();
+    return [(2 * (event.clientX - box.left)) / box.width - 1, 1 - (2 * (event.clientY - box.top)) / box.height];
+  }
+}

@@ -1,0 +1,60 @@
+// Steering by keys that are held: what a swimmer is told, or the first controls of anything else.
+
+import type { Session } from "../page/session";
+import { clamp } from "./pilots";
+
+/** Keys change a swimmer's speed by so much of its fastest in a second. */
+const SPEED_CHANGE = 0.7;
+
+/** A key held turns and climbs so far at a time [rad]. */
+const TURN = 0.8;
+const CLIMB = 0.5;
+
+export class KeySteering {
+  #wasSteering = false;
+
+  constructor(private readonly held: ReadonlySet<string>) {}
+
+  /** Steer by the keys that are down; return whether this has just begun. */
+  steer(session: Session, seconds: number): boolean {
+    const isSteering = this.held.size > 0;
+    const hasBegun = isSteering && !this.#wasSteering;
+    if (isSteering || this.#wasSteering) {
+      const shares = [this.#axis("ArrowUp", "ArrowDown"), this.#axis("ArrowLeft", "ArrowRight"), this.#axis("PageUp", "PageDown")] as const;
+      if (session.swimmer) {
+        steerSwimmer(session, shares, seconds);
+      } else {
+        steerControls(session, shares);
+      }
+    }
+    this.#wasSteering = isSteering;
+    return hasBegun;
+  }
+
+  #axis(more: string, less: string): number {
+    return Number(this.held.has(more)) - Number(this.held.has(less));
+  }
+}
+
+type Shares = readonly [forward: number, left: number, up: number];
+
+function steerSwimmer(session: Session, [forward, left, up]: Shares, seconds: number): void {
+  const pilot = session.swimmer!;
+  session.player.pilot = pilot;
+  const faster = forward * SPEED_CHANGE * pilot.maxSpeed * seconds;
+  pilot.command.speed = clamp(pilot.command.speed + faster, 0, pilot.maxSpeed);
+  pilot.command.turn = TURN * left;
+  pilot.command.climb = CLIMB * up;
+}
+
+// All of a control or none of it: keys know no more.
+function steerControls(session: Session, shares: Shares): void {
+  const { sliders, facts } = session;
+  session.player.pilot = sliders;
+  shares.slice(0, sliders.values.length).forEach((share, i) => {
+    const low = facts.control_low[i]!;
+    const high = facts.control_high[i]!;
+    const none = clamp(0, low, high);
+    sliders.values[i] = share >= 0 ? none + share * (high - none) : none - share * (low - none);
+  });
+}

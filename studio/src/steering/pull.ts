@@ -1,0 +1,74 @@
+// A body pulled by the mouse: a spring from the point that is held to the pointer.
+
+import type { Grabbable } from "../page/pointer";
+import type { Session } from "../page/session";
+import { makePathLine, TARGET_COLOUR, type PathLine } from "../scene/handle";
+import type { Grip } from "../scene/world";
+import { push } from "./push";
+
+/** Acceleration of the point that is held toward the pointer, over their distance [1/s²]. */
+const STIFFNESS = 14;
+
+export class BodyPull implements Grabbable {
+  #grip: Grip | null = null;
+  /** Where the pointer is [m], once it has moved. */
+  #goal: [number, number, number] | null = null;
+  #line: PathLine | null = null;
+
+  constructor(
+    private readonly session: Session,
+    private readonly goLive: () => void,
+  ) {}
+
+  grab(x: number, y: number): boolean {
+    this.#grip = this.session.world.pick(x, y);
+    return this.#grip !== null;
+  }
+
+  drag(x: number, y: number): void {
+    const { world, player } = this.session;
+    const place = world.dragPoint(x, y, this.#grip!.point, false);
+    if (!place) {
+      return;
+    }
+    if (!this.#line) {
+      this.#line = makePathLine(TARGET_COLOUR, 0.9, 2);
+      world.add(this.#line.object);
+      player.force = (state) => this.#pull(state);
+    }
+    this.#goal = place;
+    if (!player.isLive) {
+      this.goLive();
+    }
+    player.isPlaying = true;
+  }
+
+  /** Draw the spring where it is now. */
+  update(): void {
+    if (this.#line && this.#grip && this.#goal) {
+      this.#line.show([...this.session.world.bonePoint(this.#grip.bone), ...this.#goal]);
+    }
+  }
+
+  release(): void {
+    const { world, player } = this.session;
+    player.force = null;
+    if (this.#line) {
+      world.remove(this.#line.object);
+      this.#line.dispose();
+      this.#line = null;
+      // Physics beside it knows of no pull: it begins anew from here.
+      player.rebase();
+    }
+    this.#grip = null;
+    this.#goal = null;
+  }
+
+  #pull(state: Float32Array): void {
+    const { world, facts } = this.session;
+    const { bone } = this.#grip!;
+    const point = world.bonePoint(bone);
+    const change = this.#goal!.map((value, axis) => STIFFNESS * facts.dt * (value - point[axis]!));
+    push(facts, state, bone, [0, 0, 0], change);
+  }
+}
