@@ -326,6 +326,8 @@ export class App {
       this.#train?.tell(event);
     } else if (event["event"] === "emulator") {
       this.#banners.say("upload", `The emulator: ${String(event["phase"])} …`);
+    } else if (event["event"] === "export" && Number(event["done"]) < Number(event["of"])) {
+      this.#banners.say("export", `Writing ${String(event["format"])}: image ${String(event["done"])} of ${String(event["of"])} …`);
     } else if (event["event"] === "catalogue") {
       void this.#reloadCatalogue();
     }
