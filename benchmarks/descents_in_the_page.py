@@ -1,6 +1,6 @@
 """How long the studio's page looks for controls, beside Python; writes results/descents_in_the_page.csv.
 
-python benchmarks/descents_in_the_page.py            every bundle, places drawn at random
+python benchmarks/descents_in_the_page.py            every bundle, bays or places drawn at random
 python benchmarks/descents_in_the_page.py --quick    two places each; writes no file
 
 The page's own code runs in Node, on the modules that ship. Both descend from the same guesses to the same places, one
@@ -28,6 +28,7 @@ from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.descent_module import ITERATIONS, PageDescent
 from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_folder
 from neuroanimator.studio.descents import descent_of, judge_motion
+from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
 
 STUDIO = Path(__file__).parents[1] / "studio"
@@ -108,8 +109,14 @@ def in_python(descent: PageDescent, values: Values) -> tuple[float, int, float]:
     return 1e3 * (time.process_time() - began), iterations, best.least
 
 
-def places_of(descent: PageDescent, count: int) -> list[Values]:
-    """Return what the page begins with, and random values of the places that may be moved."""
+def places_of(descent: PageDescent, system: System, count: int) -> list[Values]:
+    """Return the bays of a lot; elsewhere what the page begins with, and random values of what may be moved."""
+    if any(one.kind == "heading" for one in descent.movable):
+        bays = [dict(goal.values) for goal in system.goals.values()]
+        return [
+            {"place": [bay[axis] for axis in range(3)], "heading": [2 * np.arctan2(bay[6], bay[3])]}
+            for bay in bays[:count]
+        ]
     rng = np.random.default_rng(1)
     places: list[Values] = [{}]
     movable = [one for one in descent.movable if one.kind == "place"]
@@ -139,12 +146,13 @@ def rounds_to_success(
 def row_of(page: Page, bundle: str, count: int) -> Row:
     """Return a line of the table."""
     emulator = load_emulator(bundle)
-    descent = descent_of(emulator, system_of(emulator))
+    system = system_of(emulator)
+    descent = descent_of(emulator, system)
     assert descent is not None
     cold = page.descend(bundle, {})["milliseconds"]
     in_python(descent, {})
     times, iterations, ratios, differences, rounds = [], [], [], [], []
-    for values in places_of(descent, count):
+    for values in places_of(descent, system, count):
         tries = [(page.descend(bundle, values), in_python(descent, values)) for _ in range(REPEATS)]
         ours = min(one["milliseconds"] for one, _ in tries)
         theirs = min(other[0] for _, other in tries)
