@@ -15,6 +15,9 @@ const NARROW = 1.2;
 /** However fast the body is, the camera looks no further beside it than this, over its size. */
 const MAX_LAG = 0.4;
 
+/** Time in which the camera rises out of the water, and goes back [s]. */
+const RISE = 0.16;
+
 /** A turn by a key [rad], and a step nearer or further. */
 const KEY_TURN = 0.12;
 const KEY_ZOOM = 1.12;
@@ -24,6 +27,9 @@ export class CameraRig {
   mode: CameraMode = "follow";
   /** Below this height the camera does not go [m]. */
   ground = -Infinity;
+  /** The camera rises to this height [m] for as long as it is not null. */
+  lookFrom: number | null = null;
+  #lift = 0;
   #clearance = 0;
   #maxLag = Infinity;
 
@@ -60,6 +66,7 @@ export class CameraRig {
 
   /** Go along with `focus`; at once where motion is to be reduced. `turned` is by how much the body turned left [rad]. */
   update(focus: Vector3, turned: number, seconds: number): void {
+    this.camera.position.y -= this.#lift;
     if (this.mode !== "orbit") {
       const share = 1 - Math.exp(-seconds / LAG);
       const behind = focus.clone().sub(this.controls.target);
@@ -75,9 +82,21 @@ export class CameraRig {
       }
     }
     this.controls.update();
+    this.#rise(seconds);
     const lowest = this.ground + this.#clearance;
     if (this.camera.position.y < lowest) {
       this.camera.position.y = lowest;
+      this.camera.lookAt(this.controls.target);
+    }
+  }
+
+  // A leap is seen from above the water, whether the camera was under it or not.
+  #rise(seconds: number): void {
+    const missing = this.lookFrom === null ? 0 : Math.max(this.lookFrom - this.camera.position.y, 0);
+    const wanted = this.mode === "orbit" ? 0 : missing;
+    this.#lift += (wanted - this.#lift) * (1 - Math.exp(-seconds / RISE));
+    if (this.#lift > 1e-4) {
+      this.camera.position.y += this.#lift;
       this.camera.lookAt(this.controls.target);
     }
   }

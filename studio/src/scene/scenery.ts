@@ -26,6 +26,8 @@ export interface Scenery {
   readonly bodyPatches: readonly Patch[];
   /** Height of the water's surface [m], if there is one. */
   readonly surface?: number;
+  /** Height of the surface that physics knows [m]: a body may leap out of it. */
+  readonly waterline?: number;
   /** The ground's height below which the camera does not go [m]. */
   readonly ground: number;
   update(moment: Moment): void;

@@ -41,6 +41,10 @@ const MAX_NUMBER = 1e5;
 /** The camera looks so far below where a body hangs, over its size. */
 const LOOK_BELOW = 0.12;
 
+/** A body that reaches so far out of the water leaps, and is then looked at from so high over it; over its size. */
+const EMERGED = 0.1;
+const OVER_WATER = 0.3;
+
 /** How near to a bone a swimmer is taken hold of, over its size. */
 const GRIP = 0.12;
 
@@ -175,6 +179,7 @@ export class World {
     }
     this.#school?.update();
     this.camera.ground = this.#scenery.ground;
+    this.camera.lookFrom = this.#heightForLeap();
     this.camera.update(this.#focus, turned, seconds);
     this.stage.follow(this.#focus);
     this.#scenery.update({
@@ -262,6 +267,15 @@ export class World {
     this.#ghost.dispose();
     this.#scenery.dispose();
     this.camera.dispose();
+  }
+
+  // From where a leap is seen [m]; null while there is none.
+  #heightForLeap(): number | null {
+    const { waterline } = this.#scenery;
+    if (waterline === undefined || this.#high < waterline + EMERGED * this.size) {
+      return null;
+    }
+    return waterline + OVER_WATER * this.size;
   }
 
   // How the body is turned, in three.js' axes: Y is up where physics' Z is.

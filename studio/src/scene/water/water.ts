@@ -68,6 +68,7 @@ export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number 
     get ground() {
       return bedHeight;
     },
+    ...(hasSurface ? { waterline: highest } : {}),
     get surface() {
       return uniforms.surfaceHeight.value;
     },
@@ -126,8 +127,10 @@ function makeDome(uniforms: WaterUniforms, radius: number): Mesh<SphereGeometry,
       ${WATER_GLSL}
       void main() {
         vec3 dir = normalize(vDirection);
-        bool isSky = cameraPosition.y > surfaceHeight && dir.y > 0.0;
-        gl_FragColor = vec4(isSky ? skyColour(dir) : waterColour(dir), 1.0);
+        bool isAbove = cameraPosition.y > surfaceHeight;
+        vec3 colour = waterColour(dir);
+        if (isAbove) colour = dir.y > 0.0 ? skyColour(dir) : mix(skyLow, colour, smoothstep(-0.01, -0.08, dir.y));
+        gl_FragColor = vec4(colour, 1.0);
         #include <tonemapping_fragment>
         #include <colorspace_fragment>
       }`,
