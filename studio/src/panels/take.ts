@@ -65,7 +65,10 @@ export function equivalentLines(session: Session): string {
     "  --out motion.glb",
     "",
     "# Python",
+    "from pathlib import Path",
+    "",
     "import numpy as np",
+    "",
     "import neuroanimator as na",
     "",
     `emulator = na.load_emulator("${id}")`,
@@ -73,7 +76,7 @@ export function equivalentLines(session: Session): string {
     'controls = np.loadtxt("controls.csv", delimiter=",", skiprows=1, ndmin=2)[:, 1:]',
     "states = emulator.rollout(start, controls)",
     'clip = na.make_clip(emulator, states, rate=60, source="emulator")',
-    'na.write_glb(clip, "motion.glb")',
+    'na.write_glb(clip, Path("motion.glb"))',
   ].join("\n");
 }
 
