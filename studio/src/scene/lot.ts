@@ -32,7 +32,7 @@ const MEADOW = 400;
 
 const TREES = 220;
 
-const SUN = new Vector3(-0.78, 0.82, -0.18);
+const SUN = new Vector3(0.62, 0.85, -0.3);
 
 const HILLS = /* glsl */ `
   sky = daySky(dir);

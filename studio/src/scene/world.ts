@@ -30,7 +30,7 @@ interface View {
 
 const VIEWS: Record<Bundle["scene"]["kind"], View> = {
   water: { azimuth: -1.05, elevation: 0.12, distance: 2.5 },
-  lot: { azimuth: 2.5, elevation: 0.42, distance: 2.7 },
+  lot: { azimuth: 0.85, elevation: 0.3, distance: 2.5 },
   moon: { azimuth: 0.7, elevation: 0.16, distance: 3.4 },
   plain: { azimuth: -1.35, elevation: 0.1, distance: 2.2 },
 };

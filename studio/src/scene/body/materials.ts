@@ -129,7 +129,7 @@ export function sceneryMaterial(colour: Color, focus: Vector3, patches: readonly
         vec3 toFocus = focusPlace - cameraPosition;
         float along = dot(vPlace - cameraPosition, toFocus) / dot(toFocus, toFocus);
         float aside = length(vPlace - cameraPosition - along * toFocus) / length(toFocus);
-        bool isInFront = along < 0.93 && aside < 0.2 * along + 0.06 && vPlace.y > 0.08;
+        bool isInFront = along < 0.93 && aside < 0.12 * along + 0.05 && vPlace.y > 0.08;
         if (isInFront && mod(floor(gl_FragCoord.x) + 2.0 * mod(floor(gl_FragCoord.y), 2.0), 4.0) > 0.5) discard;
       }
       float wear = fbm2(vPlace.xz * 1.7 + vPlace.yy * vec2(0.6, 1.3)) + 0.35 * noise2(vPlace.xz * 19.0);
