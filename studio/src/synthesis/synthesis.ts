@@ -125,6 +125,8 @@ class GoalPanel implements Synthesis {
     if (!facts.movable.some((movable) => movable.kind === "place")) {
       this.#said.textContent = "Press the button: descent through the emulator finds the controls.";
     }
+    // Whoever comes near is likely to press the button: the module is there by then.
+    context.body.addEventListener("pointerenter", () => void this.#opened().catch(() => undefined), { once: true });
     context.body.append(
       element("p", "", [facts.about]),
       this.#aim.element,
@@ -222,7 +224,7 @@ class GoalPanel implements Synthesis {
     let last: Iteration | null = null;
     let isFirst = true;
     try {
-      const synthesiser = await (this.#synthesiser ??= this.#open());
+      const synthesiser = await this.#opened();
       for await (const iteration of synthesiser.descend(wanted, running.signal)) {
         last = iteration;
         this.#costs.push(iteration.cost);
@@ -259,6 +261,11 @@ class GoalPanel implements Synthesis {
     player.seek(0);
     this.#select(result, false);
     return result;
+  }
+
+  #opened(): Promise<Synthesiser> {
+    this.#synthesiser ??= this.#open();
+    return this.#synthesiser;
   }
 
   async #open(): Promise<Synthesiser> {
@@ -379,7 +386,7 @@ class GoalPanel implements Synthesis {
       if (!from?.proof || from.proof.isSuccess || this.#running || this.#isGone) {
         return;
       }
-      const synthesiser = await (this.#synthesiser ??= this.#open());
+      const synthesiser = await this.#opened();
       const defects = await synthesiser.correct(from.proof.states, from.motion.controls());
       const wanted = { start: [...from.start], values: from.values, guess: from.z, defects };
       if (!(await this.#descend(wanted))) {
