@@ -10,7 +10,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,8 @@ from shapes import check_shapes
 from tally import Tally, tally_line
 
 if TYPE_CHECKING:
+    from serving import Serving
+
     from neuroanimator import Emulator
     from neuroanimator.data.store import Transitions
 
@@ -209,6 +211,15 @@ def cli_process() -> Cli:
         )
 
     return run
+
+
+@pytest.fixture(scope="session")
+def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serving]:
+    """One studio for all tests that do not change what it allows."""
+    from serving import serving
+
+    with serving(tmp_path_factory.mktemp("studio")) as running:
+        yield running
 
 
 def read_glb(path: Path) -> tuple[dict, bytes]:

@@ -19,6 +19,7 @@ class Files(NamedTuple):
 
     report: Path | None
     worst: Path | None
+    card: Path | None
 
 
 def run(
@@ -36,6 +37,9 @@ def run(
     worst: Annotated[
         Path | None,
         typer.Option(help="Worst cases: a film in .mp4, also in the report; curves in .svg, .png."),
+    ] = None,
+    card: Annotated[
+        Path | None, typer.Option(help="Markdown file: a model card of the only emulator.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
     sweep: Annotated[
@@ -58,7 +62,7 @@ def run(
     if sweep:
         _sweep(emulators, substeps, tolerance, seconds, count, updates, out, json)
     else:
-        _evaluate(emulators, data, system, Files(report, worst), json)
+        _evaluate(emulators, data, system, Files(report, worst, card), json)
 
 
 def _evaluate(
@@ -71,6 +75,7 @@ def _evaluate(
     with phase("loading"):
         from neuroanimator.data.store import read_transitions
         from neuroanimator.emulator.emulator import Emulator
+        from neuroanimator.errors import ArgumentError
         from neuroanimator.evaluation.evaluate import evaluate
         from neuroanimator.export.worst_cases import check_worst_path
         from neuroanimator.systems.loading import trust_files
@@ -81,6 +86,8 @@ def _evaluate(
         loaded = [Emulator.load(find_emulator(name)) for name in emulators]
         if files.worst:
             check_worst_path(files.worst)
+        if files.card and len(loaded) > 1:
+            raise ArgumentError(f"evaluate --card: wanted one emulator, came {len(loaded)}.")
         transitions = read_transitions(data) if data else None
     evaluations = []
     with progress_bar("emulators", len(loaded)) as bar:
@@ -88,6 +95,10 @@ def _evaluate(
             evaluations.append(evaluate(emulator, data=transitions))
             bar.advance_to(len(evaluations))
     _write(loaded, evaluations, files)
+    if files.card:
+        from neuroanimator.evaluation.model_card import write_card
+
+        write_card(loaded[0], find_emulator(emulators[0]), evaluations[0], files.card)
     if json:
         print(dumps([_everything(evaluation) for evaluation in evaluations], indent=2))
     else:

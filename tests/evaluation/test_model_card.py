@@ -1,0 +1,41 @@
+"""A model card says what was measured, is a head of YAML and Markdown, and a stranger's words stay words in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from conftest import Cli
+
+from neuroanimator.evaluation.model_card import _cell
+
+
+def test_a_card_says_what_it_is_and_what_was_measured(cli: Cli, tmp_path: Path):
+    told = cli("evaluate", "pendulum-100", "--card", str(tmp_path / "card.md"))
+    assert told.returncode == 0, told.stderr
+    card = (tmp_path / "card.md").read_text()
+    head, _, body = card.removeprefix("---\n").partition("\n---\n")
+    assert "license: apache-2.0" in head.splitlines()
+    assert body.lstrip().startswith("# pendulum, n = 100\n")
+    titles = [line for line in body.splitlines() if line.startswith("## ")]
+    assert titles == [
+        "## How it was made", "## How far to believe it", "## State", "## Control", "## Use it",
+    ]  # fmt: skip
+    assert "| equal error speedup |" in body
+    assert "| N·m |" in body.partition("## Control")[2]
+
+
+def test_one_card_is_of_one_emulator(cli: Cli, tmp_path: Path):
+    told = cli("evaluate", "pendulum", "fish", "--card", str(tmp_path / "card.md"))
+    assert told.returncode == 2
+    assert "evaluate --card: wanted one emulator, came 2." in told.stderr
+    assert not (tmp_path / "card.md").exists()
+
+
+@pytest.mark.attack
+def test_a_strangers_words_are_no_markup():
+    shown = _cell("a|b\n# c <script>alert(1)</script> ![x](http://y) `rm` \x1b[2J")
+    assert "\n" not in shown
+    assert "\x1b" not in shown
+    for sign in "|#<>[]`!":
+        assert sign not in shown.replace(f"\\{sign}", "")
