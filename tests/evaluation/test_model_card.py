@@ -7,12 +7,16 @@ from pathlib import Path
 import pytest
 from conftest import Cli
 
-from neuroanimator.evaluation.model_card import _cell
+from neuroanimator import load_emulator
+from neuroanimator.evaluation.evaluate import QUICK, evaluate
+from neuroanimator.evaluation.model_card import _cell, write_card
+from neuroanimator.zoo import find_emulator
 
 
-def test_a_card_says_what_it_is_and_what_was_measured(cli: Cli, tmp_path: Path):
-    told = cli("evaluate", "pendulum-100", "--card", str(tmp_path / "card.md"))
-    assert told.returncode == 0, told.stderr
+def test_a_card_says_what_it_is_and_what_was_measured(tmp_path: Path):
+    file = find_emulator("pendulum-100")
+    emulator = load_emulator(file)
+    write_card(emulator, file, evaluate(emulator, budget=QUICK), tmp_path / "card.md")
     card = (tmp_path / "card.md").read_text()
     head, _, body = card.removeprefix("---\n").partition("\n---\n")
     assert "license: apache-2.0" in head.splitlines()

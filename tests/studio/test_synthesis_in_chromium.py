@@ -48,6 +48,7 @@ def find_controls(page: Page) -> int:
     return int(match[1])
 
 
+@pytest.mark.endurance
 def test_what_the_physics_does_not_do_at_once_it_does_when_the_gap_is_closed(
     browser: Browser, tmp_path: Path
 ):
