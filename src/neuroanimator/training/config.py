@@ -16,8 +16,7 @@ from neuroanimator.tables import Settings
 UPDATES_PER_CHUNK = 250
 """Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""
 
-WITH_CONTACTS: dict[str, Any] = {
-    "updates": 16_000,
+LARGE_BATCHES: dict[str, Any] = {
     "batch": 2048,
     "learning_rate": 1e-2,
     "orthogonalisation_steps": 3,
@@ -25,11 +24,11 @@ WITH_CONTACTS: dict[str, Any] = {
 """What suits bodies with contacts. In the time of as many updates of a quarter of the batch, errors of a walking robot are a
 tenth smaller."""
 
-WIDTHS_ON_GROUND = (256, 192)
-"""Hidden layers of bodies that may touch the ground: with half as many units errors of a walking robot are a fifth larger."""
+ON_GROUND = LARGE_BATCHES | {"widths": (256, 192), "updates": 16_000}
+"""Bodies that may touch the ground: with half as many units errors of a walking robot are a fifth larger."""
 
-WIDTHS_WITH_STOPS = (128, 96)
-"""Hidden layers of bodies whose joints have stops, and that touch nothing."""
+WITH_STOPS = LARGE_BATCHES | {"widths": (128, 96), "updates": 32_000}
+"""Bodies whose joints have stops, and that touch nothing: narrower layers have time for more updates."""
 
 DEFAULT_RATES = {"muon": 5e-3, "adam": 5e-3, "momentum": 2e-2}
 
@@ -83,8 +82,8 @@ class TrainingConfig(Settings):
         is_usual = settings.get("network", "gated") in ("gated", "glu")
         is_usual &= settings.get("optimizer", "muon") == "muon"
         if structure.contacts is not None and is_usual:
-            widths = WIDTHS_ON_GROUND if structure.contacts.points else WIDTHS_WITH_STOPS
-            settings = {"widths": widths} | WITH_CONTACTS | settings
+            suited = ON_GROUND if structure.contacts.points else WITH_STOPS
+            settings = suited | settings
         return cls(**settings)
 
     def check(self) -> None:
