@@ -12,24 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from chromium import ARGUMENTS
 
 import neuroanimator
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 PAGE = Path(neuroanimator.__file__).parent / "studio" / "page" / "index.html"
-
-SWITCHES = (
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-)
-"""Draw without a graphics card, and stay off the network."""
 
 WINDOW = {"width": 760, "height": 420}
 """Small: drawing without a graphics card is slow."""
@@ -72,7 +61,7 @@ def stop(process: subprocess.Popen[str]) -> None:
 def browser() -> Iterator[Any]:
     sync_api = pytest.importorskip("playwright.sync_api", reason="no playwright here")
     with sync_api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SWITCHES))
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
         yield chromium
         chromium.close()
 

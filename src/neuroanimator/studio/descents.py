@@ -19,10 +19,8 @@ from neuroanimator.control.descent.parametrisation import (
 )
 from neuroanimator.control.objective.costs import (
     effort,
-    keep_velocity,
     reach_position,
     smoothness,
-    stand_up,
     stay_upright,
 )
 from neuroanimator.control.objective.goals import (
@@ -43,9 +41,7 @@ from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System
 from neuroanimator.tasks.rigid import (
-    FINAL_DESCENT_HEIGHT,
     FINAL_DESCENT_SECONDS,
-    FINAL_DESCENT_VELOCITY,
     HOLD_SECONDS,
     HOLD_STRIDE,
     PAD_RADIUS,
@@ -54,6 +50,7 @@ from neuroanimator.tasks.rigid import (
     TRUCK_PROBES,
     clearance,
     is_soft_landing,
+    landing_objective,
     lot_zones,
 )
 from neuroanimator.tasks.swimmers import (
@@ -164,21 +161,12 @@ def land_on_the_pad(system: System, emulator: Emulator) -> PageDescent:
     steps = round(LANDING_SECONDS / emulator.dt)
     start = goal_start(system, "pad")
     over_pad = LANDING_SECONDS - FINAL_DESCENT_SECONDS
-    x, y, z = (float(number) for number in system.rest[:3])
-    objective = Objective.of(
-        effort(0.05),
-        reach_goal(system, system.goals["pad"]),
-        reach_position(system, [x, y, z + FINAL_DESCENT_HEIGHT], within=0.3, at=over_pad),
-        stand_up(system, within=0.05, at=over_pad),
-        keep_velocity(
-            system, [0.0, 0.0, -FINAL_DESCENT_VELOCITY], within=0.2, since=over_pad, weight=0.2
-        ),
-    )
+    objective = landing_objective(system, over_pad)
     goal = entries_of(objective, lambda one: one.terms[1].goal)
     above = entries_of(objective, lambda one: one.terms[2].positions)[0]
     # The ground is where it is.
     writes = [Write(int(entries[axis]), axis) for entries in (goal, above) for axis in (0, 1)]
-    place = np.array([x, y, z])
+    place = np.array(system.rest[:3], float)
     reach = np.array([LANDING_REACH, LANDING_REACH, 0.0])
     movable = (_place(place, place - reach, place + reach, writes), _weight(objective, 0, "effort", 0.05))  # fmt: skip
     parametrisation = Spline.of(steps, LANDING_KNOTS, system.bounds)

@@ -186,6 +186,20 @@ def truck_outline() -> Float[np.ndarray, "P 2"]:
     return np.array(points)
 
 
+def landing_objective(system: System, over_pad: float) -> Objective:
+    """Return the objective of a soft landing: above the pad and upright at `over_pad` [s], from then on slowly down."""
+    x, y, z = (float(number) for number in system.rest[:3])
+    return Objective.of(
+        effort(0.05),
+        reach_goal(system, system.goals["pad"]),
+        reach_position(system, [x, y, z + FINAL_DESCENT_HEIGHT], within=0.3, at=over_pad),
+        stand_up(system, within=0.05, at=over_pad),
+        keep_velocity(
+            system, [0.0, 0.0, -FINAL_DESCENT_VELOCITY], within=0.2, since=over_pad, weight=0.2
+        ),
+    )
+
+
 def land(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
     """Draw a start in a cone over the pad, slowly moving and leaning; the feet must touch down softly."""
     height = rng.uniform(*CONE_HEIGHTS)
@@ -198,15 +212,7 @@ def land(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
     start[7:13] = rng.normal(size=6) * LANDER_START_VELOCITIES
     over_pad = steps * dt - FINAL_DESCENT_SECONDS
     x, y, z = (float(number) for number in system.rest[:3])
-    objective = Objective.of(
-        effort(0.05),
-        reach_goal(system, system.goals["pad"]),
-        reach_position(system, [x, y, z + FINAL_DESCENT_HEIGHT], within=0.3, at=over_pad),
-        stand_up(system, within=0.05, at=over_pad),
-        keep_velocity(
-            system, [0.0, 0.0, -FINAL_DESCENT_VELOCITY], within=0.2, since=over_pad, weight=0.2
-        ),
-    )
+    objective = landing_objective(system, over_pad)
 
     def has_landed_softly(states: np.ndarray) -> bool:
         return is_soft_landing(system, states)
