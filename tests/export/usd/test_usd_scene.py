@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import Clip, load_system, write_usd
-from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.appearance.skeleton import MAX_BONES, Skeleton
 from neuroanimator.appearance.skin_mesh import skin_mesh
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.ghost import GHOST_OPACITY
@@ -161,6 +161,20 @@ def test_hostile_names_stay_names(name: str, tmp_path: Path):
     assert count == honest_count
     assert identifier(name, set()).replace("_", "a").isalnum()
     assert string(name).isprintable()
+
+
+@pytest.mark.attack
+def test_a_chain_of_as_many_bones_as_there_may_be_is_written_and_read(tmp_path: Path):
+    clip = a_clip("pendulum")
+    last = clip.skeleton.bones[-1]
+    bones = [
+        replace(last, name=f"b{number}", parent=number - 1, shapes=())
+        for number in range(MAX_BONES)
+    ]
+    write_usd(replace(clip, skeleton=Skeleton(tuple(bones))), tmp_path / "a.usda")
+    stage = opened(tmp_path / "a.usda")
+    names = {prim.GetDisplayName() for prim in stage.Traverse()}
+    assert names >= {bone.name for bone in bones}
 
 
 def test_what_cannot_be_drawn_together_is_refused(tmp_path: Path):

@@ -36,20 +36,29 @@ class Prim:
     properties: list[str] = field(default_factory=list)
     children: list[Prim] = field(default_factory=list)
 
-    def lines(self) -> Iterable[str]:
-        """Yield the lines of this prim and all below it."""
-        head = f'def {self.kind} "{self.name}"'
-        if self.metadata:
-            yield f"{head} ("
-            yield from (INDENT + line for line in self.metadata)
-            yield ")"
-        else:
-            yield head
-        yield "{"
-        yield from (INDENT + line for line in self.properties)
-        for child in self.children:
-            yield from (INDENT + line for line in child.lines())
-        yield "}"
+    def lines(self) -> list[str]:
+        """Return the lines of this prim and all below it: without recursion, for a skeleton may be a long chain of bones."""
+        written = []
+        waiting: list[tuple[Prim | None, str]] = [(self, "")]
+        while waiting:
+            prim, indent = waiting.pop()
+            if prim is None:
+                written.append(f"{indent}}}")
+                continue
+            within = indent + INDENT
+            written += prim._head(indent)
+            written += [within + line for line in prim.properties]
+            waiting.append((None, indent))
+            waiting += [(child, within) for child in reversed(prim.children)]
+        return written
+
+    def _head(self, indent: str) -> list[str]:
+        """Return the lines up to the opening brace."""
+        named = f'{indent}def {self.kind} "{self.name}"'
+        if not self.metadata:
+            return [named, f"{indent}{{"]
+        metadata = [indent + INDENT + line for line in self.metadata]
+        return [f"{named} (", *metadata, f"{indent})", f"{indent}{{"]
 
 
 def identifier(name: str, taken: set[str]) -> str:
