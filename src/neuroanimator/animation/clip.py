@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,9 @@ USUAL_RATE = 30.0
 
 MAX_RATE = 1000.0
 """Highest display rate accepted [1/s]; no display and no engine asks for more."""
+
+MAX_CLIPS = 1000
+"""The most clips one file may hold."""
 
 FRAME_ROUNDING = 1e-6
 """Share of a frame that a motion may be too short for its last frame: products of numbers round."""
@@ -58,6 +62,21 @@ def check_drawable(clip: Clip) -> None:
         raise ArgumentError(
             f"clip: {clip.name} has no bodies to draw, only numbers. Draw na.as_gauges(clip, emulator) instead."
         )
+
+
+def together(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[Clip]:
+    """Return the clips that go into one file; ArgumentError if they cannot, or the `ghost` is of another body."""
+    every = [clips] if isinstance(clips, Clip) else list(clips)
+    if not 1 <= len(every) <= MAX_CLIPS:
+        raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} in one file, came {len(every)}.")
+    for clip in every:
+        check_drawable(clip)
+    if ghost is not None and (len(every) > 1 or ghost.skeleton != every[0].skeleton):
+        names = " and ".join(clip.name for clip in every[:3])
+        raise ArgumentError(
+            f"ghost: wanted another motion of the same body, came {ghost.name} beside {names}."
+        )
+    return every
 
 
 def make_clip(

@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.animation.clip import Clip, check_drawable
+from neuroanimator.animation.clip import Clip, together
 from neuroanimator.animation.interpolate import continuous
 from neuroanimator.appearance.part_names import colour_names, unique
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Bone, Skeleton
-from neuroanimator.errors import ArgumentError
 from neuroanimator.export.gltf.buffers import (
     ARRAY_BUFFER,
     ELEMENT_ARRAY_BUFFER,
@@ -44,9 +43,6 @@ MIN_TRAVEL = 1e-9
 GHOST_PREFIX = "ghost "
 """What the names of a ghost's nodes begin with: engines find what moves by its name."""
 
-MAX_CLIPS = 1000
-"""The most clips one file may hold."""
-
 
 def write_glb(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | None = None) -> None:
     """Write one clip, or several such as a school, to `path`: one node per bone, channels for what moves.
@@ -57,19 +53,10 @@ def write_glb(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | N
     colour: such as the emulator's beside the physics'. What each motion is of is in the `extras` of its root node.
     """
     path = Path(path)
-    together = [clips] if isinstance(clips, Clip) else list(clips)
-    if not 1 <= len(together) <= MAX_CLIPS:
-        raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} in one file, came {len(together)}.")
-    for clip in together:
-        check_drawable(clip)
-    if ghost is not None and (len(together) > 1 or ghost.skeleton != together[0].skeleton):
-        names = " and ".join(clip.name for clip in together[:3])
-        raise ArgumentError(
-            f"ghost: wanted another motion of the same body, came {ghost.name} beside {names}."
-        )
-    scene = _Scene(together[0].rate)
-    for number, clip in enumerate(together):
-        prefix = "" if len(together) == 1 else f"{clip.name} {number + 1} "
+    every = together(clips, ghost)
+    scene = _Scene(every[0].rate)
+    for number, clip in enumerate(every):
+        prefix = "" if len(every) == 1 else f"{clip.name} {number + 1} "
         scene.add(clip, prefix, has_scenery=number == 0)
     if ghost is not None:
         scene.add(ghost, GHOST_PREFIX, is_ghost=True)
@@ -100,6 +87,7 @@ class _Scene:
         self._meshes: dict[tuple[Any, ...], int] = {}
         self._materials: dict[tuple[Any, ...], int] = {}
         self._names: set[str] = set()
+        self._colour_names: dict[tuple[float, ...], str] = {}
 
     def add(
         self, clip: Clip, prefix: str, *, has_scenery: bool = False, is_ghost: bool = False
@@ -108,6 +96,7 @@ class _Scene:
         nodes = self.document["nodes"]
         bones = clip.skeleton.bones
         root = len(nodes)
+        self._colour_names = colour_names(clip.skeleton)
         positions, orientations = clip.skeleton.local_poses(clip.states)
         self.document["scenes"][0]["nodes"].append(root)
         title = f"{prefix}root" if prefix and not is_ghost else f"{prefix}{clip.name} root"
@@ -146,7 +135,7 @@ class _Scene:
         if key not in self._meshes:
             primitives = []
             for shape, primitive in zip(bone.shapes, _primitives(bone, self.buffer), strict=True):
-                paint = self._ghost() if is_ghost else self._painted(skeleton, shape.colour)
+                paint = self._ghost() if is_ghost else self._painted(shape.colour)
                 primitives.append(primitive | {"material": paint})
             name = GHOST_PREFIX + bone.name if is_ghost else bone.name
             self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
@@ -170,9 +159,9 @@ class _Scene:
         node = self._append("nodes", {"name": title, "mesh": self._meshes[key], "skin": skin})
         self.document["scenes"][0]["nodes"].append(node)
 
-    def _painted(self, skeleton: Skeleton, colour: tuple[float, ...]) -> int:
-        """Return the material of that colour of the skeleton's shapes."""
-        return self._material(colour, material(colour_names(skeleton)[colour], colour))
+    def _painted(self, colour: tuple[float, ...]) -> int:
+        """Return the material of that colour of the shapes of the clip that is added."""
+        return self._material(colour, material(self._colour_names[colour], colour))
 
     def _ghost(self) -> int:
         return self._material(("ghost",), ghost_material())

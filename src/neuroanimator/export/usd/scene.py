@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.animation.clip import Clip, check_drawable
+from neuroanimator.animation.clip import Clip, together
 from neuroanimator.animation.interpolate import continuous
 from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.part_names import colour_names
@@ -30,7 +30,7 @@ from neuroanimator.appearance.skin_mesh import (
     part_numbers,
     skin_mesh,
 )
-from neuroanimator.errors import ArgumentError, ResourceError
+from neuroanimator.errors import ResourceError
 from neuroanimator.export.ghost import GHOST_COLOUR, GHOST_OPACITY
 from neuroanimator.export.usd.prims import (
     Prim,
@@ -45,9 +45,6 @@ from neuroanimator.export.usd.prims import (
 )
 from neuroanimator.state.rotation import rotation_matrices
 from neuroanimator.storage.files import write_whole
-
-MAX_CLIPS = 1000
-"""The most clips one file may hold."""
 
 DRY_ROUGHNESS = 0.6
 """How rough the surfaces of simple shapes are."""
@@ -71,16 +68,7 @@ def write_usd(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | N
     Raises ArgumentError for what cannot be drawn together, and ResourceError where the library is missing.
     """
     path = Path(path)
-    together = [clips] if isinstance(clips, Clip) else list(clips)
-    if not 1 <= len(together) <= MAX_CLIPS:
-        raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} in one file, came {len(together)}.")
-    for clip in together:
-        check_drawable(clip)
-    if ghost is not None and (len(together) > 1 or ghost.skeleton != together[0].skeleton):
-        raise ArgumentError(
-            f"ghost: wanted another motion of the same body, came {ghost.name} beside {together[0].name}."
-        )
-    content = usda_text(together, ghost).encode("ascii")
+    content = usda_text(together(clips, ghost), ghost).encode("ascii")
     if path.suffix in BINARY:
         content = _converted(content, path.suffix)
     write_whole(path, content)
@@ -130,6 +118,7 @@ class _Body:
         self._has_scenery = has_scenery
         self._is_ghost = is_ghost
         self._materials: dict[Any, str] = {}
+        self._colour_names = colour_names(clip.skeleton)
         self._looks = Prim("Scope", "materials")
         self._path = ""
 
@@ -247,8 +236,9 @@ class _Body:
             return self._ghost()
         light = linear_of(colour[:3])
         diffuse = f"color3f inputs:diffuseColor = {vector(light)}"
-        name = colour_names(self._clip.skeleton)[colour]
-        return self._material(colour, name, [diffuse], DRY_ROUGHNESS, colour[3])
+        return self._material(
+            colour, self._colour_names[colour], [diffuse], DRY_ROUGHNESS, colour[3]
+        )
 
     def _ghost(self) -> str:
         diffuse = f"color3f inputs:diffuseColor = {vector(linear_of(GHOST_COLOUR))}"
