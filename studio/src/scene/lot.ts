@@ -15,12 +15,12 @@ import {
   PlaneGeometry,
   Quaternion,
   Vector3,
-  type Object3D,
 } from "three";
 import { mergeGeometries, mergeVertices } from "three/addons/utils/BufferGeometryUtils.js";
 import { patchMaterial, type Patch } from "./glsl";
 import { randomSource } from "./random";
 import type { Moment, Scenery } from "./scenery";
+import { disposeOf } from "./dispose";
 import { DAY_DECLARATIONS, dayUniforms, makeDome, skyAlone } from "./sky";
 import type { Stage } from "./stage";
 
@@ -84,15 +84,6 @@ export function makeLot(stage: Stage): Scenery {
       group.traverse(disposeOf);
     },
   };
-}
-
-/** Free what a mesh keeps on the graphics card. */
-export function disposeOf(object: Object3D): void {
-  if (object instanceof Mesh) {
-    (object.geometry as BufferGeometry).dispose();
-    const materials = Array.isArray(object.material) ? object.material : [object.material];
-    materials.forEach((material: { dispose(): void }) => material.dispose());
-  }
 }
 
 function makeAsphalt(haze: Patch): Mesh {

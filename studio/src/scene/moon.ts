@@ -14,7 +14,7 @@ import {
 } from "three";
 import { makeExhaust } from "./exhaust";
 import { detail, patchMaterial, type Patch } from "./glsl";
-import { disposeOf } from "./lot";
+import { disposeOf } from "./dispose";
 import { randomSource } from "./random";
 import type { Measure, Moment, Scenery } from "./scenery";
 import { makeDome, skyAlone } from "./sky";

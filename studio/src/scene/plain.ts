@@ -3,6 +3,7 @@
 import { BufferGeometry, Color, Mesh, MeshStandardMaterial, Vector3, type Object3D } from "three";
 import { patchMaterial, type Patch } from "./glsl";
 import type { Measure, Moment, Scenery } from "./scenery";
+import { disposeOf } from "./dispose";
 import { makeDome, skyAlone } from "./sky";
 import type { Stage } from "./stage";
 import { horizonGeometry } from "./water/surface";
@@ -49,9 +50,7 @@ export function makePlain(stage: Stage, measure: Measure, floorHeight: number | 
     },
     dispose() {
       stage.scene.remove(...objects);
-      ground.geometry.dispose();
-      ground.material.dispose();
-      dome.geometry.dispose();
+      objects.forEach((object) => object.traverse(disposeOf));
     },
   };
 }

@@ -4,7 +4,7 @@ import { BackSide, Color, Mesh, Scene, ShaderMaterial, SphereGeometry, Vector3 }
 import { NOISE, type Uniforms } from "./glsl";
 
 /** Draws every direction `dir` with the piece of shader `colour`, which sets `vec3 sky`. */
-export function makeDome(radius: number, uniforms: Uniforms, declarations: string, colour: string): Mesh {
+export function makeDome(radius: number, uniforms: Uniforms, declarations: string, colour: string): Mesh<SphereGeometry, ShaderMaterial> {
   const material = new ShaderMaterial({
     uniforms,
     vertexShader: `

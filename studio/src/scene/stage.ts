@@ -14,6 +14,7 @@ import {
   type Object3D,
 } from "three";
 import { physicsRoot } from "./axes";
+import { disposeOf } from "./dispose";
 import { detail } from "./glsl";
 
 /** Angle of view from top to bottom [deg]: that of a 50 mm lens. */
@@ -117,8 +118,13 @@ export class Stage {
     this.renderer.toneMappingExposure = atmosphere.exposure;
   }
 
-  /** Let what shines be reflected: `sky` is drawn once, all around. */
+  /** Let what shines be reflected: `sky` is drawn once, all around, and then done with. */
   reflect(sky: Scene): void {
+    this.#mirror(sky);
+    sky.traverse(disposeOf);
+  }
+
+  #mirror(sky: Scene): void {
     if (this.#isSoftware) {
       // Without a graphics card a mirrored sky takes seconds; light from above and below has to do.
       this.scene.add(this.#fill);

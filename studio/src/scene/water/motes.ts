@@ -66,19 +66,8 @@ export function makeMotes(water: WaterUniforms, box: number, count: number): Dri
     blending: AdditiveBlending,
   });
   const object = new Points(geometry, material);
-  object.frustumCulled = false;
   object.renderOrder = 5;
-  return {
-    object,
-    update(focus, time) {
-      (material.uniforms["focus"]!.value as Vector3).copy(focus);
-      material.uniforms["now"]!.value = time;
-    },
-    dispose() {
-      geometry.dispose();
-      material.dispose();
-    },
-  };
+  return drifting(object, geometry, material);
 }
 
 /** Shafts of light around what is looked at: bands along the sun's rays that face the eye. */
@@ -140,8 +129,13 @@ export function makeShafts(water: WaterUniforms, size: number, count: number): D
     side: DoubleSide,
   });
   const object = new Mesh(geometry, material);
-  object.frustumCulled = false;
   object.renderOrder = 6;
+  return drifting(object, geometry, material);
+}
+
+// Places come from `focus` and `now` in the shader, so that nothing is to be cut away by where the geometry lies.
+function drifting(object: Object3D, geometry: BufferGeometry, material: ShaderMaterial): Drift {
+  object.frustumCulled = false;
   return {
     object,
     update(focus, time) {

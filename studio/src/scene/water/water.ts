@@ -1,12 +1,13 @@
 // The sea: a surface, light from above in a net, a bed of sand, and water that takes colour away.
 
-import { BackSide, Color, Mesh, Scene, ShaderMaterial, SphereGeometry, Vector3 } from "three";
-import { NOISE } from "../glsl";
+import { Color, Vector3 } from "three";
+import { disposeOf } from "../dispose";
 import type { Measure, Moment, Scenery } from "../scenery";
+import { makeDome, skyAlone } from "../sky";
 import type { Stage } from "../stage";
 import { makeBed } from "./bed";
 import { makeCaustics } from "./caustics";
-import { WATER_GLSL, waterPatch, waterUniforms, type WaterColours, type WaterUniforms } from "./light";
+import { WATER_GLSL, waterPatch, waterUniforms, type WaterColours } from "./light";
 import { makeMotes, makeShafts } from "./motes";
 import { makeSpray } from "./spray";
 import { makeSurface } from "./surface";
@@ -49,10 +50,10 @@ export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number 
   const motes = makeMotes(uniforms, 6 * size, 700);
   const shafts = makeShafts(uniforms, size, 46);
   const spray = makeSpray(uniforms, size);
-  const dome = makeDome(uniforms, 90 * size);
+  const dome = makeDome(90 * size, { ...uniforms }, WATER_GLSL, FAR);
   const objects = [bed.object, surface.object, motes.object, shafts.object, spray.object, dome];
   stage.scene.add(...objects);
-  stage.reflect(skyScene(uniforms));
+  stage.reflect(skyAlone({ ...uniforms }, WATER_GLSL, MIRRORED));
   let wasAbove = false;
   let images = 0;
   return {
@@ -105,67 +106,18 @@ export function makeWater(stage: Stage, measure: Measure, surfaceHeight: number 
       for (const part of [bed, surface, motes, shafts, spray, caustics]) {
         part.dispose();
       }
-      dome.geometry.dispose();
-      dome.material.dispose();
+      disposeOf(dome);
     },
   };
 }
 
 /** What is seen where nothing is: water on all sides, or the sky over it. */
-function makeDome(uniforms: WaterUniforms, radius: number): Mesh<SphereGeometry, ShaderMaterial> {
-  const material = new ShaderMaterial({
-    uniforms: { ...uniforms },
-    vertexShader: `
-      varying vec3 vDirection;
-      void main() {
-        vDirection = position;
-        gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-      }`,
-    fragmentShader: `
-      varying vec3 vDirection;
-      ${NOISE}
-      ${WATER_GLSL}
-      void main() {
-        vec3 dir = normalize(vDirection);
-        bool isAbove = cameraPosition.y > surfaceHeight;
-        vec3 colour = waterColour(dir);
-        if (isAbove) colour = dir.y > 0.0 ? skyColour(dir) : mix(skyLow, colour, smoothstep(-0.01, -0.08, dir.y));
-        gl_FragColor = vec4(colour, 1.0);
-        #include <tonemapping_fragment>
-        #include <colorspace_fragment>
-      }`,
-    side: BackSide,
-    depthWrite: false,
-  });
-  const dome = new Mesh(new SphereGeometry(radius, 32, 24), material);
-  dome.renderOrder = -10;
-  dome.frustumCulled = false;
-  return dome;
-}
+const FAR = /* glsl */ `
+  sky = waterColour(dir);
+  bool isAbove = cameraPosition.y > surfaceHeight;
+  if (isAbove) sky = dir.y > 0.0 ? skyColour(dir) : mix(skyLow, sky, smoothstep(-0.01, -0.08, dir.y));`;
 
 /** What a wet skin mirrors: bright water above, dark below, sand's warmth from beneath. */
-function skyScene(uniforms: WaterUniforms): Scene {
-  const scene = new Scene();
-  const material = new ShaderMaterial({
-    uniforms: { ...uniforms },
-    vertexShader: `
-      varying vec3 vDirection;
-      void main() {
-        vDirection = position;
-        gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-      }`,
-    fragmentShader: `
-      varying vec3 vDirection;
-      ${NOISE}
-      ${WATER_GLSL}
-      void main() {
-        vec3 dir = normalize(vDirection);
-        vec3 colour = 1.6 * waterColour(dir) + smoothstep(0.55, 0.95, dir.y) * vec3(1.5, 1.9, 2.0);
-        colour += smoothstep(-0.1, -1.0, dir.y) * vec3(0.8, 0.68, 0.45);
-        gl_FragColor = vec4(colour, 1.0);
-      }`,
-    side: BackSide,
-  });
-  scene.add(new Mesh(new SphereGeometry(10, 32, 24), material));
-  return scene;
-}
+const MIRRORED = /* glsl */ `
+  sky = 1.6 * waterColour(dir) + smoothstep(0.55, 0.95, dir.y) * vec3(1.5, 1.9, 2.0);
+  sky += smoothstep(-0.1, -1.0, dir.y) * vec3(0.8, 0.68, 0.45);`;
