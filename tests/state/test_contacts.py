@@ -229,3 +229,14 @@ def test_contacts_no_body_has_are_refused(spoiled, fresh):
 def test_what_has_no_ground_and_no_stops_shows_nothing(robot):
     structure = replace(robot.structure, contacts=None)
     assert Frame.of(structure, 0.02).local_size < Frame.of(robot.structure, 0.02).local_size
+
+
+def test_what_suits_large_batches_is_proposed_with_large_batches_alone(robot: System):
+    usual = TrainingConfig.usual(robot.structure)
+    own = TrainingConfig.usual(robot.structure, batch=usual.batch // 4)
+    plain = TrainingConfig(batch=own.batch)
+    assert (own.widths, own.updates) == (usual.widths, usual.updates)
+    assert (own.learning_rate, own.orthogonalisation_steps) == (
+        plain.learning_rate,
+        plain.orthogonalisation_steps,
+    )

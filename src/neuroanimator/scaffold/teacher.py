@@ -20,7 +20,7 @@ MIN_CHANGE = 1e-9
 """An entry that changes less than this in a super step does not count by more than its difference over this."""
 
 MAX_DATA_SECONDS = 240.0
-"""A teacher whose usual data would take one core longer than this by `step_cost` is passed over for a cheaper one."""
+"""A teacher by which the usual data, warm-up apart, would take one core longer than this is passed over for a cheaper one."""
 
 MAX_TRIAL_SECONDS = 2.0
 """Errors are measured on so many transitions that the fine reference takes about this long by `step_cost` [s]."""
@@ -30,6 +30,9 @@ MIN_TRANSITIONS = 32
 
 MAX_TRANSITIONS = 320
 """Errors are measured on at most this many transitions."""
+
+USUAL_RUNS = USUAL_COUNT / USUAL_SAMPLES_PER_RUN
+"""So many runs are simulated if nothing else is said."""
 
 MINUTES_FROM = 90.0
 """Times from this on are told in minutes [s]."""
@@ -45,18 +48,26 @@ class Teacher(NamedTuple):
     own_error: float
     """The same of the scheme the model asks for."""
     seconds: float
-    """About how long one core takes for the usual data [s]."""
+    """About how long one core takes for the usual data [s], with what runs are warmed up by."""
     fine: Scheme
     """The reference of the errors."""
     passed_over: Scheme | None = None
     """A better scheme that would take too long, if there is one."""
 
 
-def data_seconds(scheme: Scheme, dt: float, cost: float) -> float:
-    """Return about how long one core takes for the usual data by `scheme` [s]."""
-    super_steps = USUAL_COUNT / USUAL_SAMPLES_PER_RUN * RUN_STEPS
-    evaluations = EVALUATIONS.get(scheme.integrator, 1)
-    return super_steps * scheme.steps(dt) * evaluations * cost
+def recording_seconds(scheme: Scheme, dt: float, cost: float) -> float:
+    """Return about how long one core takes for the recorded part of the usual data by `scheme` [s]."""
+    return USUAL_RUNS * _evaluations(scheme, RUN_STEPS * dt) * cost
+
+
+def warm_up_seconds(system: ModelSystem, cost: float) -> float:
+    """Return about how long one core takes to warm up the runs of the usual data, by the model's own scheme [s]."""
+    return USUAL_RUNS * _evaluations(system.scheme, system.warm_up) * cost
+
+
+def _evaluations(scheme: Scheme, seconds: float) -> float:
+    """Return how often `scheme` computes forces in so many seconds."""
+    return seconds / scheme.dt * EVALUATIONS.get(scheme.integrator, 1)
 
 
 def choose_teacher(system: ModelSystem, trial: Trial, contacts: float) -> Teacher:
@@ -96,7 +107,7 @@ def choose_teacher(system: ModelSystem, trial: Trial, contacts: float) -> Teache
         for scheme in schemes:
             errors[scheme] = error_of(scheme)
             bar.advance_to(len(errors), f"{scheme.integrator} {scheme.dt * 1e3:.3g} ms")
-    seconds = {scheme: data_seconds(scheme, trial.dt, cost) for scheme in schemes}
+    seconds = {scheme: recording_seconds(scheme, trial.dt, cost) for scheme in schemes}
     chosen = _cheapest_good(errors)
     passed_over = None
     if seconds[chosen] > MAX_DATA_SECONDS:
@@ -112,7 +123,7 @@ def choose_teacher(system: ModelSystem, trial: Trial, contacts: float) -> Teache
         scheme=chosen,
         error=errors[chosen],
         own_error=errors[system.scheme],
-        seconds=seconds[chosen],
+        seconds=seconds[chosen] + warm_up_seconds(system, cost),
         fine=fine,
         passed_over=passed_over,
     )
