@@ -26,7 +26,7 @@ from neuroanimator.control.descent.evaluators import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.descent_module import ITERATIONS, PageDescent
-from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_folder
+from neuroanimator.studio.catalogue import WITH_DESCENT, shipped_folder
 from neuroanimator.studio.descents import descent_of, judge_motion
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
@@ -187,7 +187,7 @@ def main() -> None:
     is_quick = parser.parse_args().quick
     with TemporaryDirectory() as folder:
         page = Page(build(Path(folder)))
-        rows = [row_of(page, bundle, 2 if is_quick else PLACES) for bundle in SHIPPED_BUNDLES]
+        rows = [row_of(page, bundle, 2 if is_quick else PLACES) for bundle in WITH_DESCENT]
         page.close()
     print_table(rows)
     if not is_quick:

@@ -19,6 +19,7 @@ from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.rotation import rotate
 from neuroanimator.studio.bundle import bundle_facts, policy_beside
 from neuroanimator.studio.catalogue import (
+    PHYSICS_BUNDLES,
     SHIPPED_BUNDLES,
     catalogue,
     shipped_bundles,
@@ -194,6 +195,6 @@ def test_a_shipped_program_makes_the_steps_of_its_emulator():
 
 def test_the_catalogue_names_every_shipped_bundle_once(tmp_path: Path):
     described = catalogue(shipped_bundles(), has_server=False)
-    assert [row["id"] for row in described["entries"]] == list(SHIPPED_BUNDLES)
+    assert [row["id"] for row in described["entries"]] == [*SHIPPED_BUNDLES, *PHYSICS_BUNDLES]
     assert all(row["bundle"] == f"bundles/{row['id']}/" for row in described["entries"])
     assert not described["has_server"]

@@ -18,7 +18,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.descent_module import PageDescent, check_module
 from neuroanimator.export.programs.wasm_file import Module
-from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_folder
+from neuroanimator.studio.catalogue import WITH_DESCENT, shipped_folder
 from neuroanimator.studio.descents import BAY, DESCENT_FILE, descent_of, judge_motion
 
 
@@ -29,7 +29,7 @@ def made(name: str) -> PageDescent:
     return descent
 
 
-@pytest.mark.parametrize("name", [*SHIPPED_BUNDLES])
+@pytest.mark.parametrize("name", [*WITH_DESCENT])
 def test_the_descent_of_every_bundle_finds_what_the_emulator_calls_success(name: str):
     descent = made(name)
     emulator = descent.problem.emulator
@@ -48,7 +48,7 @@ def test_the_descent_of_every_bundle_finds_what_the_emulator_calls_success(name:
     "name",
     [
         name if name == "pendulum-50" else pytest.param(name, marks=pytest.mark.endurance)
-        for name in SHIPPED_BUNDLES
+        for name in WITH_DESCENT
     ],
 )
 def test_a_shipped_module_computes_what_python_does(name: str):
@@ -94,7 +94,7 @@ def test_what_the_page_is_held_against_is_what_python_finds():
     folder = Path(__file__).parents[2] / "studio" / "tests" / "vectors"
     writer = runpy.run_path(str(folder / "write_descents.py"))
     cases = json.loads((folder / "descents.json").read_text())
-    assert {case["bundle"] for case in cases} == set(SHIPPED_BUNDLES)
+    assert {case["bundle"] for case in cases} == set(WITH_DESCENT)
     for case in cases:
         if case["bundle"] == "fish-50":
             costs = writer["costs_of"](made("fish-50"), case["values"])

@@ -23,7 +23,7 @@ PAGE = Path(neuroanimator.__file__).parent / "studio" / "page" / "index.html"
 WINDOW = {"width": 760, "height": 420}
 """Small: drawing without a graphics card is slow."""
 
-SYSTEMS = ("dolphin", "truck", "lander", "pendulum", "fish")
+SYSTEMS = ("dolphin", "truck", "lander", "pendulum", "pendulum-passive", "cube", "fish")
 
 PATIENCE = 20_000
 """A step may take so long on a busy machine [ms]."""
@@ -98,7 +98,8 @@ def shown(page: Any, selector: str) -> str:
 
 def shows(page: Any, system: str) -> None:
     """Wait until a system is on the stage and its motion goes on."""
-    wait_until(page, f"document.querySelector('.about h1')?.textContent === '{system}-50'")
+    name = system if system == "cube" else f"{system}-50"
+    wait_until(page, f"document.querySelector('.about h1')?.textContent === '{name}'")
     before = shown(page, ".clock")
     wait_until(page, f"document.querySelector('.clock').textContent !== '{before}'")
 

@@ -26,7 +26,12 @@ from neuroanimator.cli import studio as studio_verb
 from neuroanimator.export.csv_file import read_clip
 from neuroanimator.studio import run
 from neuroanimator.studio.bundle import load_models
-from neuroanimator.studio.catalogue import SHIPPED_BUNDLES, shipped_folder
+from neuroanimator.studio.catalogue import (
+    PHYSICS_BUNDLES,
+    SHIPPED_BUNDLES,
+    shipped_bundles,
+    shipped_folder,
+)
 from neuroanimator.studio.description import packed, unpacked
 from neuroanimator.studio.library import Library
 from neuroanimator.studio.static_site import export_site
@@ -44,7 +49,7 @@ def test_the_page_and_the_bundles_are_served_as_what_they_are(studio: Serving):
     assert studio.ask("/assets/main.js").headers["content-type"].startswith("text/javascript")
     described = studio.ask("/catalogue.json").json
     assert described["has_server"]
-    assert [row["id"] for row in described["entries"]][:5] == list(SHIPPED_BUNDLES)
+    assert [row["id"] for row in described["entries"]][:7] == [*SHIPPED_BUNDLES, *PHYSICS_BUNDLES]
     for row in described["entries"][:2]:
         facts = studio.ask(f"/{row['bundle']}bundle.json")
         assert facts.json["system"] == row["system"]
@@ -184,7 +189,7 @@ def test_a_policys_file_is_its_emulator_and_what_steers_it(tmp_path: Path):
 
 def test_a_site_is_the_same_files_without_a_server(tmp_path: Path):
     page = write_page(tmp_path / "page")
-    bundles = [shipped_folder() / name for name in SHIPPED_BUNDLES]
+    bundles = shipped_bundles()
     site = tmp_path / "site"
     export_site(page, bundles, site)
     for name, source in page_files(page).items():

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.animation.interpolate import INTERPOLATIONS
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.slowness import slowness
 
@@ -97,16 +98,27 @@ def make_clip(
         raise ArgumentError(
             f"No interpolation called '{interpolation}'. Interpolations: {', '.join(sorted(INTERPOLATIONS))}."
         )
-    trajectory = emulator.state.check(states, "state")
+    orientations = emulator.state_structure.orientations
+    return clip_of(emulator.spec, orientations, states, rate, interpolation, source)
+
+
+def clip_of(
+    spec: EmulatorSpec,
+    orientations: tuple[tuple[int, int], ...],
+    states: ArrayLike,
+    rate: float | None = None,
+    interpolation: str = "hermite",
+    source: str = "",
+) -> Clip:
+    """Return what `make_clip` does of a system's facts; `orientations` are its structure's."""
+    trajectory = spec.state.check(states, "state")
     if rate is None:
-        rate = USUAL_RATE / slowness(emulator.dt)
+        rate = USUAL_RATE / slowness(spec.dt)
     if not 0 < rate <= MAX_RATE:
         raise ArgumentError(
             f"rate: wanted between 0 and {MAX_RATE:g} frames a second, came {rate}."
         )
-    spec = emulator.spec
     times = _frame_times((len(trajectory) - 1) * spec.dt, rate)
-    orientations = emulator.state_structure.orientations
     interpolate = INTERPOLATIONS[interpolation]
     frames = interpolate(trajectory, spec.dt, times, spec.rates, orientations)
     return Clip(spec.system, spec.skeleton, times, frames, spec.definition, source)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import multiply, rotate
 
 FIRST_BEND = 0.02
@@ -99,8 +100,25 @@ def is_soft_on_ground(emulator: Emulator) -> bool:
 
 
 def throw(emulator: Emulator, start: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
-    """Return `start` of a soft body, in place turned, above the ground, and flying: up, forward and spinning."""
-    positions, velocities = _points(emulator, start)
+    """Return what `throw_body` does, as fast as the emulator was trained for."""
+    cloud = emulator.state_structure.cloud
+    assert cloud is not None
+    return throw_body(
+        cloud, start, emulator.encoding.max_speed, emulator.encoding.max_angular_speed
+    )
+
+
+def throw_body(
+    cloud: Cloud,
+    start: Float[np.ndarray, " S"],
+    max_speed: float = np.inf,
+    max_angular_speed: float = np.inf,
+) -> Float[np.ndarray, " S"]:
+    """Return `start` of a soft body, in place turned, above the ground, and flying: up, forward and spinning.
+
+    It stays well within `max_speed` [m/s] and `max_angular_speed` [rad/s].
+    """
+    positions, velocities = _points_of(cloud, start)
     size = float(np.ptp(positions, axis=0).max())
     centre = positions.mean(axis=0)
     about_x, about_y = TOSS_ORIENTATION
@@ -108,10 +126,8 @@ def throw(emulator: Emulator, start: Float[np.ndarray, " S"]) -> Float[np.ndarra
     offsets = rotate(np.broadcast_to(orientation, (len(positions), 4)), positions - centre)
     # It begins half as high as it is thrown, and climbs the other half: v² = 2 g (TOSS / 2) size.
     velocity = TOSS_VELOCITY * np.sqrt(GRAVITY * TOSS * size)
-    velocity *= _share_within(velocity, emulator.encoding.max_speed)
-    spin = TOSS_ANGULAR_VELOCITY * _share_within(
-        TOSS_ANGULAR_VELOCITY, emulator.encoding.max_angular_speed
-    )
+    velocity *= _share_within(velocity, max_speed)
+    spin = TOSS_ANGULAR_VELOCITY * _share_within(TOSS_ANGULAR_VELOCITY, max_angular_speed)
     positions[:] = centre + np.array([0.0, 0.0, TOSS / 2 * size]) + offsets
     velocities[:] = velocity + np.cross(spin, offsets)
     return start
@@ -139,6 +155,12 @@ def _points(
     """Return positions [m] and velocities [m/s] of the mass points of `state`, as views into it."""
     cloud = emulator.state_structure.cloud
     assert cloud is not None
+    return _points_of(cloud, state)
+
+
+def _points_of(
+    cloud: Cloud, state: Float[np.ndarray, " S"]
+) -> tuple[Float[np.ndarray, "N 3"], Float[np.ndarray, "N 3"]]:
     size = 3 * cloud.count
     return state[:size].reshape(-1, 3), state[size : 2 * size].reshape(-1, 3)
 

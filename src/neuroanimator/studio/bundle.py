@@ -8,8 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import load_policy
 from neuroanimator.emulator.emulator import Emulator
@@ -19,9 +17,9 @@ from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.export.programs.descent_module import descent_module
 from neuroanimator.export.programs.wasm_file import checked_wasm
 from neuroanimator.storage.files import write_whole
-from neuroanimator.studio.catalogue import BUNDLE
+from neuroanimator.studio.catalogue import BUNDLE, EMULATOR_WASM
 from neuroanimator.studio.descents import DESCENT_FILE, descent_of, describe_descent
-from neuroanimator.studio.description import describe_emulator, describe_policy
+from neuroanimator.studio.description import describe_emulator, describe_policy, short_numbers
 from neuroanimator.studio.opening import opening_drive
 from neuroanimator.zoo import (
     POLICIES,
@@ -31,9 +29,6 @@ from neuroanimator.zoo import (
     shipped_path,
     shipped_policy,
 )
-
-DIGITS = 9
-"""Digits of the numbers of a motion: those of float32."""
 
 
 def make_bundle(
@@ -55,7 +50,7 @@ def make_bundle(
     folder.mkdir(parents=True, exist_ok=True)
     progress("compiling")
     emulator_wasm, _ = checked_wasm(emulator, definition_of(emulator, licence), "emulator")
-    write_whole(folder / "emulator.wasm", emulator_wasm)
+    write_whole(folder / EMULATOR_WASM, emulator_wasm)
     if policy is not None:
         progress("compiling its policy")
         policy_wasm, _ = checked_wasm(policy, definition_of(policy, licence), "policy")
@@ -125,16 +120,9 @@ def bundle_facts(
     facts["policy"] = None if policy is None else describe_policy(policy)
     if drive is None:
         start, controls = opening_drive(emulator, system)
-        drive = {"start": _short(start), "controls": _short(controls)}
+        drive = {"start": short_numbers(start), "controls": short_numbers(controls)}
     facts["default_motion"] = drive
-    facts["emulator"] = "emulator.wasm"
+    facts["emulator"] = EMULATOR_WASM
     descent = descent_of(emulator, system)
     facts["descents"] = [] if descent is None else [describe_descent(descent)]
     return facts
-
-
-def _short(numbers: np.ndarray) -> Any:
-    """Return `numbers` as lists, with the digits that float32 has."""
-    if numbers.ndim > 1:
-        return [_short(row) for row in numbers]
-    return [float(f"{number:.{DIGITS}g}") for number in numbers]

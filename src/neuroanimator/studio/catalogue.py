@@ -12,8 +12,17 @@ import neuroanimator
 BUNDLE = "bundle.json"
 """The file of a bundle that says everything but programs."""
 
-SHIPPED_BUNDLES = ("dolphin-50", "fish-50", "truck-50", "lander-50", "pendulum-50")
-"""The emulators that ship as bundles, in the order the page shows them."""
+EMULATOR_WASM = "emulator.wasm"
+"""What makes super steps."""
+
+WITH_DESCENT = ("dolphin-50", "fish-50", "truck-50", "lander-50", "pendulum-50")
+"""The emulators that ship as bundles with a goal to be reached in the page, in the order it shows them."""
+
+SHIPPED_BUNDLES = (*WITH_DESCENT, "pendulum-passive-50")
+"""All emulators that ship as bundles; what has no motors reaches no goal."""
+
+PHYSICS_BUNDLES = ("cube",)
+"""The systems without an emulator, of which the page runs the physics itself; they come after the others."""
 
 
 def shipped_folder() -> Path:
@@ -23,7 +32,7 @@ def shipped_folder() -> Path:
 
 def shipped_bundles() -> list[Path]:
     """Return the folders of the bundles that ship."""
-    return [shipped_folder() / name for name in SHIPPED_BUNDLES]
+    return [shipped_folder() / name for name in (*SHIPPED_BUNDLES, *PHYSICS_BUNDLES)]
 
 
 def catalogue(folders: Iterable[Path], *, has_server: bool) -> dict[str, Any]:

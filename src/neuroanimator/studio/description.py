@@ -14,9 +14,11 @@ from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, 
 from neuroanimator.control.objective.goals import goal_start, goal_state, is_reached
 from neuroanimator.control.policies.policy import COMMAND, Policy
 from neuroanimator.emulator.emulator import Emulator, latent_size
+from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
+from neuroanimator.state.structure import Structure
 from neuroanimator.systems import SYSTEMS
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
@@ -24,6 +26,9 @@ from neuroanimator.systems.system import System
 
 PLACES = {"lander": "moon", "truck": "lot"}
 """Where systems of the package take place that are not in water or on a plain."""
+
+DIGITS = 9
+"""Digits of the numbers of a motion: those of float32."""
 
 TARGET = "target"
 """The goal of whatever moves freely and is given none: to be at a place."""
@@ -43,31 +48,46 @@ BENEATH = 0.6
 
 def describe_emulator(emulator: Emulator, system: System) -> dict[str, Any]:
     """Return what does not hang on motions or files: layouts, bounds, interpolation, appearance, place, goals."""
-    structure = emulator.state_structure
+    facts = _describe(emulator.spec, emulator.state_structure, system)
+    facts["model"] = "emulator"
+    facts["title"] = _title(emulator)
+    facts["latent"] = latent_size(emulator)
+    facts["goals"] = describe_goals(emulator, system)
+    return facts
+
+
+def describe_physics(spec: EmulatorSpec, system: System) -> dict[str, Any]:
+    """Return the same of a system whose physics the page runs itself; goals are reached through emulators alone."""
+    facts = _describe(spec, system.structure, system)
+    facts["model"] = "physics"
+    facts["title"] = spec.system
+    facts["latent"] = spec.state.size
+    facts["goals"] = []
+    return facts
+
+
+def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[str, Any]:
     return {
-        "system": emulator.system,
-        "title": _title(emulator),
-        "about": _about(emulator),
+        "system": spec.system,
+        "about": _about(spec),
         "version": neuroanimator.__version__,
-        "dt": emulator.dt,
+        "dt": spec.dt,
         "physics_dt": system.physics_dt,
-        "substeps": emulator.substeps,
+        "substeps": spec.substeps,
         "can_simulate": system.can_simulate,
-        "state": emulator.state.to_json(),
-        "control": emulator.control.to_json(),
-        "latent": latent_size(emulator),
-        "control_low": list(emulator.bounds.low),
-        "control_high": list(emulator.bounds.high),
-        "rest": emulator.rest.tolist(),
-        "rates": [list(pair) for pair in emulator.rates],
+        "state": spec.state.to_json(),
+        "control": spec.control.to_json(),
+        "control_low": list(spec.bounds.low),
+        "control_high": list(spec.bounds.high),
+        "rest": list(spec.rest),
+        "rates": [list(pair) for pair in spec.rates],
         "orientations": [list(pair) for pair in structure.orientations],
-        "skeleton": emulator.skeleton.bones_to_json(),
-        "skin": describe_skin(emulator.skeleton),
+        "skeleton": spec.skeleton.bones_to_json(),
+        "skin": describe_skin(spec.skeleton),
         "root": describe_root(structure),
-        "size": body_size(emulator),
-        "scene": describe_scene(emulator, system),
-        "gait": _gait(emulator),
-        "goals": describe_goals(emulator, system),
+        "size": body_size(spec),
+        "scene": describe_scene(spec, system),
+        "gait": _gait(spec),
     }
 
 
@@ -110,6 +130,13 @@ def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
     }
 
 
+def short_numbers(numbers: np.ndarray) -> Any:
+    """Return `numbers` as lists, with the digits that float32 has."""
+    if numbers.ndim > 1:
+        return [short_numbers(row) for row in numbers]
+    return [float(f"{number:.{DIGITS}g}") for number in numbers]
+
+
 def packed(numbers: np.ndarray, kind: str) -> str:
     """Return `numbers`, as NumPy calls the `kind`, in base64."""
     return base64.b64encode(np.ascontiguousarray(numbers, kind).tobytes()).decode("ascii")
@@ -120,12 +147,12 @@ def unpacked(text: str, kind: str) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), kind)
 
 
-def body_size(emulator: Emulator) -> float:
+def body_size(spec: EmulatorSpec) -> float:
     """Return the longest side [m] of the box around what moves, at rest; 1 where nothing is drawn."""
-    skeleton = emulator.skeleton
+    skeleton = spec.skeleton
     if skeleton.skin is not None:
         return float(np.ptp(skin_mesh(skeleton).points, axis=0).max())
-    positions, _ = skeleton.world_poses(emulator.rest[None])
+    positions, _ = skeleton.world_poses(np.array(spec.rest)[None])
     corners = []
     for number, bone in enumerate(skeleton.bones):
         if not skeleton.is_moved(number):
@@ -138,20 +165,20 @@ def body_size(emulator: Emulator) -> float:
     return float(np.ptp(corners, axis=0).max())
 
 
-def describe_scene(emulator: Emulator, system: System) -> dict[str, Any]:
+def describe_scene(spec: EmulatorSpec, system: System) -> dict[str, Any]:
     """Return the kind of place, and how high the water's surface and the ground are [m]; None where there is none."""
-    is_own = bool(emulator.definition)
+    is_own = bool(spec.definition)
     kind = "plain" if is_own else PLACES.get(system.name, "plain")
-    if is_in_water(emulator):
+    if is_in_water(system.structure):
         kind = "water"
     return {"kind": kind, "surface": system.water_surface, "floor": _floor(system)}
 
 
-def is_in_water(emulator: Emulator) -> bool:
+def is_in_water(structure: Structure) -> bool:
     """Return whether this is a body of mass points that no ground holds and no gravity pulls, or that water carries."""
-    if emulator.state_structure.cloud is None:
+    if structure.cloud is None:
         return False
-    return emulator.frame.is_immersed or not emulator.frame.has_gravity
+    return structure.is_immersed or not structure.has_gravity
 
 
 def _floor(system: System) -> float | None:
@@ -213,7 +240,7 @@ def _movable(
 def target_goal(emulator: Emulator, system: System) -> dict[str, Any]:
     """Return the goal to be at a place, which may be dragged anywhere."""
     start = np.array(system.rest, float)
-    length = system.body_length or body_size(emulator)
+    length = system.body_length or body_size(emulator.spec)
     if system.water_surface is not None:
         cloud = emulator.state_structure.cloud
         assert cloud is not None
@@ -229,13 +256,13 @@ def target_goal(emulator: Emulator, system: System) -> dict[str, Any]:
         "target": None,
         "is_at_start": False,
         "movable": {"kind": "place", "entry": None, "at": at.tolist()},
-        "within": {"distance": place_within(emulator, system)},
+        "within": {"distance": place_within(emulator.spec, system)},
     }
 
 
-def place_within(emulator: Emulator, system: System) -> float:
+def place_within(spec: EmulatorSpec, system: System) -> float:
     """Return how near to a place counts as there [m]."""
-    return TARGET_WITHIN * (system.body_length or body_size(emulator))
+    return TARGET_WITHIN * (system.body_length or body_size(spec))
 
 
 def _title(emulator: Emulator) -> str:
@@ -243,10 +270,10 @@ def _title(emulator: Emulator) -> str:
     return f"{emulator.system}, {emulator.substeps} steps at a time"
 
 
-def _about(emulator: Emulator) -> str:
-    if not emulator.definition and emulator.system in SYSTEMS:
-        return SYSTEMS[emulator.system]
-    return f"{emulator.system}: {emulator.state.size} states, {emulator.control.size} controls"
+def _about(spec: EmulatorSpec) -> str:
+    if not spec.definition and spec.system in SYSTEMS:
+        return SYSTEMS[spec.system]
+    return f"{spec.system}: {spec.state.size} states, {spec.control.size} controls"
 
 
 def _side_view(points: Float[np.ndarray, "V 3"]) -> Float[np.ndarray, "V 2"]:
@@ -257,8 +284,8 @@ def _side_view(points: Float[np.ndarray, "V 3"]) -> Float[np.ndarray, "V 2"]:
     return np.stack([1 - share[:, 0], share[:, 2]], axis=1)
 
 
-def _gait(emulator: Emulator) -> dict[str, Any] | None:
-    gait = emulator.gait
+def _gait(spec: EmulatorSpec) -> dict[str, Any] | None:
+    gait = spec.gait
     if gait is None:
         return None
     return {

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator.animation.clip import Clip, make_clip
+from neuroanimator.animation.clip import Clip, clip_of, make_clip
 from neuroanimator.animation.gauges import drawable
 from neuroanimator.errors import DivergedError
 from neuroanimator.export.csv_file import write_clip
@@ -88,24 +88,15 @@ class Downloads:
 
 
 def write_motion(shown: Shown, wanted: Export, limits: Limits, path: Path) -> None:
-    """Write the emulator's motion to `path`, the physics' beside it if wanted; a table has the emulator's alone."""
-    emulator = shown.emulator
-    start = emulator.state.check(wanted.start, "start")
-    controls = checked_controls(emulator, wanted.controls, limits)
-    states = np.asarray(emulator.rollout(start, controls, may_diverge=True), float)
-    if not np.isfinite(states).all():
-        raise DivergedError(
-            "The emulator's motion ends in numbers that are not finite. Shorten it."
-        )
-    clip = make_clip(emulator, states, rate=wanted.rate, source="emulator")
+    """Write what is shown to `path`, the physics beside it if wanted; a table has what is shown alone."""
+    clip = _shown_clip(shown, wanted, limits)
     if wanted.format == "csv":
-        write_clip(clip, path, emulator.state)
+        write_clip(clip, path, shown.spec.state)
         return
-    drawn = drawable(clip, emulator)
+    drawn = _drawable(shown, clip)
     ghost = None
-    if wanted.ghost:
-        replayed = replay_physics(shown, wanted.start, wanted.controls, limits)
-        ghost = _ghost(shown, replayed.states, wanted.rate)
+    if wanted.ghost and shown.emulator is not None:
+        ghost = _drawable(shown, _physics_clip(shown, wanted, limits))
     if wanted.format == "glb":
         write_glb(drawn, path, ghost=ghost)
     elif wanted.format in ("usda", "usdz"):
@@ -116,11 +107,32 @@ def write_motion(shown: Shown, wanted: Export, limits: Limits, path: Path) -> No
 
 def checked_drive(shown: Shown, wanted: Export, limits: Limits) -> dict[str, Any]:
     """Return start and controls as the page reads them, checked; errors are those of `checked_controls`."""
-    start = shown.emulator.state.check(wanted.start, "start")
-    controls = checked_controls(shown.emulator, wanted.controls, limits)
+    start = shown.spec.state.check(wanted.start, "start")
+    controls = checked_controls(shown.spec, wanted.controls, limits)
     return {"start": start.tolist(), "controls": controls.tolist()}
 
 
-def _ghost(shown: Shown, states: np.ndarray, rate: float | None) -> Clip:
-    clip = make_clip(shown.emulator, states, rate=rate, source="physics")
-    return drawable(clip, shown.emulator)
+def _shown_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:
+    """Return the motion as the page shows it: by the emulator, or by the physics where there is none."""
+    emulator = shown.emulator
+    if emulator is None:
+        return _physics_clip(shown, wanted, limits)
+    start = emulator.state.check(wanted.start, "start")
+    controls = checked_controls(emulator.spec, wanted.controls, limits)
+    states = np.asarray(emulator.rollout(start, controls, may_diverge=True), float)
+    if not np.isfinite(states).all():
+        raise DivergedError(
+            "The emulator's motion ends in numbers that are not finite. Shorten it."
+        )
+    return make_clip(emulator, states, rate=wanted.rate, source="emulator")
+
+
+def _physics_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:
+    replayed = replay_physics(shown, wanted.start, wanted.controls, limits)
+    orientations = shown.system.structure.orientations
+    return clip_of(shown.spec, orientations, replayed.states, rate=wanted.rate, source="physics")
+
+
+def _drawable(shown: Shown, clip: Clip) -> Clip:
+    """Return `clip`, or gauges of its numbers where there are no bodies to draw."""
+    return clip if shown.emulator is None else drawable(clip, shown.emulator)

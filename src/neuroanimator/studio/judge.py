@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.control.objective.goals import errors_over_tolerances, find_goal, judged_parts
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, DivergedError
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
@@ -45,45 +45,45 @@ def replay_physics(
     Raises ArgumentError for a wrong shape, controls out of bounds and too long a motion, DivergedError where the physics
     blows up.
     """
-    emulator = shown.emulator
+    spec = shown.spec
     system = shown.system
     if not system.can_simulate:
         raise ArgumentError(
             f"{system.name} is known from recordings alone: there is no physics to replay on."
         )
-    state = emulator.state.check(start, "start")
-    held = checked_controls(emulator, controls, limits)
-    steps = len(held) * system.truth.steps(emulator.dt)
+    state = spec.state.check(start, "start")
+    held = checked_controls(spec, controls, limits)
+    steps = len(held) * system.truth.steps(spec.dt)
     if steps > limits.physics_steps:
         raise ArgumentError(
             f"controls: wanted a motion of at most {limits.physics_steps:,} physics steps, came {steps:,}. Shorten it."
         )
     began = time.perf_counter()
-    runs = system.simulate_fastest(state[None], held[None], emulator.dt)
+    runs = system.simulate_fastest(state[None], held[None], spec.dt)
     wall_s = time.perf_counter() - began
     if runs.has_diverged[0]:
         raise DivergedError(
             "The physics diverged under these controls. Shorten the motion, or make it milder."
         )
     began = time.perf_counter()
-    system.simulate_fastest(state[None], held[None], emulator.dt, scheme=system.scheme)
+    system.simulate_fastest(state[None], held[None], spec.dt, scheme=system.scheme)
     usual_wall_s = time.perf_counter() - began
-    usual_steps = len(held) * system.scheme.steps(emulator.dt)
+    usual_steps = len(held) * system.scheme.steps(spec.dt)
     return Replayed(runs.states[0], wall_s, usual_wall_s, usual_steps)
 
 
 def checked_controls(
-    emulator: Emulator, controls: Sequence[Sequence[float]], limits: Limits
+    spec: EmulatorSpec, controls: Sequence[Sequence[float]], limits: Limits
 ) -> Float[np.ndarray, "T C"]:
     """Return `controls` as an array; ArgumentError unless they are finite, within bounds and not too many."""
     if not 1 <= len(controls) <= limits.steps:
         raise ArgumentError(
             f"controls: wanted 1 to {limits.steps:,} super steps, came {len(controls):,}."
         )
-    rows = emulator.control.check(controls, "controls")
-    emulator.bounds.check(rows, emulator.control.names)
+    rows = spec.control.check(controls, "controls")
+    spec.bounds.check(rows, spec.control.names)
     # What the page brings to a bound in float32 may be one rounding beyond it.
-    return emulator.bounds.clip(rows)
+    return spec.bounds.clip(rows)
 
 
 def judge(
@@ -94,7 +94,7 @@ def judge(
 ) -> Verdict:
     """Return how near `state` (S,), the last of a motion, is to a goal; `target` is where its place was dragged to [m]."""
     system = shown.system
-    state = shown.emulator.state.check(state, "states")
+    state = shown.spec.state.check(state, "states")
     if goal_name == TARGET and TARGET not in system.goals:
         return _judge_place(shown, state, target)
     goal = find_goal(system, goal_name)
@@ -117,7 +117,7 @@ def _judge_place(
     ):  # nobody asks where a body points whose points are all in one place
         position = np.asarray(read_pose(shown.system.structure, state).position)
     gap = float(np.linalg.norm(position - np.array(target)))
-    within = place_within(shown.emulator, shown.system)
+    within = place_within(shown.spec, shown.system)
     words = f"ends {short_number(gap)} m from the target; within {short_number(within)} m counts"
     return Verdict(gap <= within, gap, words)
 

@@ -14,11 +14,19 @@ from pathlib import Path
 from threading import Lock, Timer
 
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError, ResourceError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.storage.private_folder import private_folders
 from neuroanimator.studio.bundle_worker import FAULT, PHASE
-from neuroanimator.studio.catalogue import BUNDLE, SHIPPED_BUNDLES, shipped_bundles
+from neuroanimator.studio.catalogue import (
+    BUNDLE,
+    PHYSICS_BUNDLES,
+    SHIPPED_BUNDLES,
+    shipped_bundles,
+)
+from neuroanimator.studio.physics import physics_spec
+from neuroanimator.systems import load_system
 from neuroanimator.systems.system import System
 from neuroanimator.zoo import find_emulator
 
@@ -49,11 +57,13 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """An emulator on show, and the physics it stands for."""
+    """What is on show, and the physics it stands for."""
 
     bundle_id: str
-    emulator: Emulator
+    spec: EmulatorSpec
     system: System
+    emulator: Emulator | None
+    """None where the page runs the physics itself."""
 
 
 class Library:
@@ -90,13 +100,16 @@ class Library:
         return folder / EMULATOR
 
     def load(self, bundle_id: str) -> Shown:
-        """Return a bundle's emulator and its physics; ArgumentError if there is no such bundle."""
+        """Return a bundle's physics, and its emulator if it has one; ArgumentError if there is no such bundle."""
         with self._loading:
             return self._load(bundle_id)
 
     def _load_now(self, bundle_id: str) -> Shown:
+        if bundle_id in PHYSICS_BUNDLES:
+            system = load_system(bundle_id)
+            return Shown(bundle_id, physics_spec(system), system, None)
         emulator = _load_emulator(self.emulator_file(bundle_id))
-        return Shown(bundle_id, emulator, system_of(emulator))
+        return Shown(bundle_id, emulator.spec, system_of(emulator), emulator)
 
     def add(self, file: Path, progress: Progress = lambda phase: None) -> str:
         """Make the bundle of the emulator `file`, unless it is there, and return its id.

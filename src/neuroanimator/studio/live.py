@@ -188,6 +188,8 @@ def descent_judged(studio: Studio, request: JudgeDescent) -> Answer:
     """Return the answer to `judge_descent`."""
     shown = studio.library.load(request.bundle)
     states = _all_states(shown, request)
+    if shown.emulator is None:
+        raise ArgumentError(f"{shown.bundle_id} has no emulator, and so no descents to judge.")
     return judge_motion(shown.emulator, shown.system, request.values, states)._asdict()
 
 
@@ -228,9 +230,9 @@ def _last_state(shown: Shown, request: Judge) -> np.ndarray:
 
 def _all_states(shown: Shown, request: Judge | JudgeDescent) -> Float[np.ndarray, "K S"]:
     """Return the states, which came as rows or in base64."""
-    size = shown.emulator.state.size
+    size = shown.spec.state.size
     if not isinstance(request.states, str):
-        return shown.emulator.state.check(request.states, "states")
+        return shown.spec.state.check(request.states, "states")
     try:
         content = base64.b64decode(request.states, validate=True)
     except ValueError as error:

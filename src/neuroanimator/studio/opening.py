@@ -15,14 +15,26 @@ from neuroanimator.systems.system import System
 LEAPING = "dolphin"
 """The system of the package that leaps."""
 
+SWINGING = "pendulum-passive"
+"""The system of the package that is let go, and swings until it hangs still."""
+
+HELD_OUT = np.pi / 2
+"""It is held out level and straight: angle of its first hinge [rad]."""
+
+SWING_SECONDS = 7.0
+"""Time in which most of its swing is gone [s]."""
+
 
 def opening_drive(emulator: Emulator, system: System) -> Drive:
     """Return what `animate` shows of a body with a gait; of another what reaches a goal of `system`, if it has one.
 
-    A goal with a start of its own comes first: its motion goes somewhere. The dolphin leaps.
+    A goal with a start of its own comes first: its motion goes somewhere. The dolphin leaps, and what has no motors swings.
     """
-    if emulator.system == LEAPING and not emulator.definition:
+    is_packaged = not emulator.definition
+    if emulator.system == LEAPING and is_packaged:
         return leap_drive(emulator, system)
+    if emulator.system == SWINGING and is_packaged:
+        return swing_drive(emulator)
     if emulator.gait is None:
         for name in _goals_away_from_start(system):
             try:
@@ -36,6 +48,14 @@ def opening_drive(emulator: Emulator, system: System) -> Drive:
                 if is_reached(system, name, states[-1]):
                     return Drive(start, np.array(controls, float))
     return random_drive(emulator, None, 0)
+
+
+def swing_drive(emulator: Emulator) -> Drive:
+    """Return a start with the first link held out level, the others straight on, and nothing that pushes."""
+    start = emulator.rest
+    start[0] = HELD_OUT
+    steps = round(SWING_SECONDS / emulator.dt)
+    return Drive(start, np.repeat(emulator.bounds.middle[None], steps, axis=0))
 
 
 def _goals_away_from_start(system: System) -> list[str]:

@@ -15,7 +15,13 @@ from neuroanimator.studio.bundle import (
     policy_beside,
     write_facts,
 )
-from neuroanimator.studio.catalogue import BUNDLE, SHIPPED_BUNDLES, shipped_folder
+from neuroanimator.studio.catalogue import (
+    BUNDLE,
+    PHYSICS_BUNDLES,
+    SHIPPED_BUNDLES,
+    shipped_folder,
+)
+from neuroanimator.studio.physics import physics_facts, write_physics_module
 from neuroanimator.text import print_line
 from neuroanimator.zoo import find_emulator
 
@@ -23,7 +29,13 @@ from neuroanimator.zoo import find_emulator
 def ship(names: list[str]) -> None:
     """Make the bundles `names` anew."""
     for name in names:
-        folder = make_bundle(name, shipped_folder() / name)
+        folder = shipped_folder() / name
+        if name in PHYSICS_BUNDLES:
+            folder.mkdir(exist_ok=True)
+            write_physics_module(name, folder)
+            write_facts(physics_facts(name, folder), folder)
+        else:
+            make_bundle(name, folder)
         for path in sorted(folder.iterdir()):
             print_line(f"{path.relative_to(shipped_folder())}: {path.stat().st_size:,} bytes")
 
@@ -32,6 +44,9 @@ def ship_facts(names: list[str], *, keeps_motions: bool) -> None:
     """Make anew what the bundles `names` say."""
     for name in names:
         path = shipped_folder() / name / BUNDLE
+        if name in PHYSICS_BUNDLES:
+            write_facts(physics_facts(name, path.parent), path.parent)
+            continue
         before = json.loads(path.read_text(encoding="ascii"))
         source = find_emulator(name)
         emulator = Emulator.load(source)
@@ -43,7 +58,10 @@ def ship_facts(names: list[str], *, keeps_motions: bool) -> None:
 
 if __name__ == "__main__":
     words = sys.argv[1:]
-    chosen = [word for word in words if not word.startswith("--")] or list(SHIPPED_BUNDLES)
+    chosen = [word for word in words if not word.startswith("--")] or [
+        *SHIPPED_BUNDLES,
+        *PHYSICS_BUNDLES,
+    ]
     if "--facts" in words or "--motions" in words:
         ship_facts(chosen, keeps_motions="--motions" not in words)
     else:

@@ -83,7 +83,7 @@ def build_emulator(data: Transitions, config: TrainingConfig) -> Emulator:
         normaliser=_normaliser(data, latent, raw, odd_raw),
         network=_network(config, latent, system, raw.shape[1]),
         domain=_domain(raw, odd_raw),
-        spec=_spec(system, data.config.substeps, latent.frame.dt),
+        spec=spec_of(system, data.config.substeps, latent.frame.dt),
         encoding=latent.encoding,
     )
 
@@ -190,7 +190,8 @@ def _network_name(config: TrainingConfig, features: Features) -> str:
     return "gated" if features.is_odd else "glu"
 
 
-def _spec(system: System, substeps: int, dt: float) -> EmulatorSpec:
+def spec_of(system: System, substeps: int, dt: float) -> EmulatorSpec:
+    """Return the fixed facts of an emulator of `system` that leaps `substeps` physics steps, `dt` [s], at a time."""
     return EmulatorSpec(
         system=system.name,
         state=system.state,

@@ -108,6 +108,8 @@ export interface Bundle {
   readonly id: string;
   readonly system: string;
   readonly about: string;
+  /** What makes its super steps: an emulator, or the physics itself where that costs less. */
+  readonly model?: "emulator" | "physics";
   readonly dt: number;
   readonly physics_dt: number;
   readonly substeps: number;
@@ -130,6 +132,16 @@ export interface Bundle {
   readonly emulator: string;
   readonly can_simulate?: boolean;
   readonly descents: readonly unknown[];
+}
+
+/** Return whether the page runs the true physics of a bundle: there is nothing to doubt, and nothing to compare it with. */
+export function isPhysics(facts: Bundle): boolean {
+  return facts.model === "physics";
+}
+
+/** Return whether a bundle is of a soft body on solid ground, which may be thrown and tumble: no side of it is its front. */
+export function isTumbling(facts: Bundle): boolean {
+  return facts.skin !== null && facts.scene.kind === "plain";
 }
 
 /** A bundle and the address of its folder. */

@@ -1,6 +1,7 @@
 // The page: what is where, and who is told what.
 
 import type { CatalogueEntry } from "../bundle/catalogue";
+import { isPhysics } from "../bundle/bundle";
 import { loadCatalogue, type Catalogue } from "../bundle/catalogue";
 import { controlPanel, steerPanel, type Panel } from "../panels/controls";
 import { makeHelp } from "../panels/help";
@@ -130,7 +131,7 @@ export class App {
     this.#session = session;
     session.player.onEvent = (event) => this.#happened(event);
     session.player.isPlaying = !isMotionReduced();
-    this.#twin = this.#live && session.facts.can_simulate !== false ? new Twin(this.#live, session.facts) : null;
+    this.#twin = this.#live && session.facts.can_simulate !== false && !isPhysics(session.facts) ? new Twin(this.#live, session.facts) : null;
     if (this.#twin) {
       this.#twin.onError = (line) => this.#banners.say("physics", `No physics beside it: ${line}`, "warning");
     }
@@ -287,6 +288,10 @@ export class App {
   }
 
   #toggleGhost(): void {
+    if (this.#session && isPhysics(this.#session.facts)) {
+      this.#banners.tell("What you see is the true physics itself: there is nothing to put beside it.");
+      return;
+    }
     if (!this.#twin) {
       this.#banners.tell("Physics beside the emulator needs the server: run 'neuroanimator studio'.", "warning");
       return;
@@ -486,10 +491,10 @@ export class App {
     world.doubt = clamp(1.4 * (1 - trust), 0, 1);
     const percent = Math.round(100 * trust);
     const said = trust === 1 ? "covered by training" : `${percent} % covered by training`;
-    setText(this.#trustChip, player.isHeld ? "the true physics" : said);
+    setText(this.#trustChip, player.isHeld || isPhysics(session.facts) ? "the true physics" : said);
     this.#trustChip.classList.toggle("doubt", trust < 1);
     setText(this.#modeChip, player.isHeld ? "physics" : player.isLive ? "live" : "recorded");
-    if (trust < LOST) {
+    if (trust < LOST && !isPhysics(session.facts)) {
       const line = "Training has not covered this: do not believe the emulator here. Press R to begin again, or Ctrl+Z to go back.";
       this.#banners.say("trust", line, "warning", this.#handOverAction(session));
     } else if (trust > 0.8) {

@@ -107,8 +107,14 @@ export function panel(title: string, isOpen: boolean): { details: HTMLDetailsEle
   return { details, body };
 }
 
+/** A row with a name and a value that changes. */
+export interface Fact {
+  readonly row: HTMLElement;
+  readonly value: HTMLElement;
+}
+
 /** Return a row of a name and what is said of it; set the text of `value` later. */
-export function fact(name: string): { row: HTMLElement; value: HTMLElement } {
+export function fact(name: string): Fact {
   const value = element("dd", "", ["–"]);
   return { row: element("div", "fact", [element("dt", "", [name]), value]), value };
 }

@@ -1,5 +1,6 @@
 // Sliders: what the muscles, motors or jets do, number by number; or what a swimmer is told.
 
+import { isPhysics } from "../bundle/bundle";
 import { labelsOf } from "../bundle/layout";
 import { button, element, panel, slider, type Slider } from "../page/dom";
 import type { Session } from "../page/session";
@@ -124,7 +125,7 @@ export function controlPanel(session: Session, goLive: () => void): Panel {
     },
   });
   body.append(
-    element("p", "", ["Move a slider and the emulator goes on live from where the playhead stands."]),
+    element("p", "", [`Move a slider and the ${isPhysics(facts) ? "physics" : "emulator"} goes on live from where the playhead stands.`]),
     ...rows.map((row) => row.row),
     element("div", "row", [neutral]),
   );

@@ -1,8 +1,9 @@
 // What the emulator costs, how far it is from physics, and how far to believe it.
 
 import { emptyPose, poseBones } from "../body/pose";
+import { isPhysics } from "../bundle/bundle";
 import type { Motion } from "../motion/motion";
-import { button, element, fact, panel, shortNumber } from "../page/dom";
+import { button, element, fact, panel, shortNumber, type Fact } from "../page/dom";
 import type { Session } from "../page/session";
 import type { Twin } from "../server/twin";
 import type { Panel } from "./controls";
@@ -49,8 +50,8 @@ export class MeasurePanel implements Panel {
   readonly element: HTMLElement;
   /** The gap at the playhead [m], or null where physics has not come yet. */
   gap: number | null = null;
-  readonly #step = fact("a super step of the emulator");
-  readonly #work = fact("emulator's work an image");
+  readonly #step: Fact;
+  readonly #work: Fact;
   readonly #speedUp = fact("times faster than physics here");
   readonly #gap = new Curve("gap to physics");
   readonly #trust = new Curve("trust: covered by training");
@@ -68,16 +69,24 @@ export class MeasurePanel implements Panel {
     onGhost: () => void,
   ) {
     const { details, body } = panel("Measure", true);
+    const model = isPhysics(session.facts) ? "physics" : "emulator";
+    this.#step = fact(`a super step of the ${model}`);
+    this.#work = fact(`the ${model}'s work an image`);
     this.element = details;
     this.#ghost = button({ label: "Physics as a ghost", title: "Show the true physics beside the emulator (G)", onClick: onGhost });
     this.#ghost.disabled = twin === null;
+    const micro = 1e6 * session.secondsPerStep;
+    this.#step.value.textContent = `${shortNumber(micro)} µs for ${shortNumber(1000 * session.facts.dt)} ms`;
+    if (isPhysics(session.facts)) {
+      const facts = element("dl", "facts", [this.#step.row, this.#work.row]);
+      body.append(element("p", "", ["This is the true physics, computed in the page: it costs less than an emulator of it."]), facts);
+      return;
+    }
     const facts = element("dl", "facts", [this.#step.row, this.#work.row, this.#speedUp.row]);
     body.append(element("div", "row", [this.#ghost]), facts, this.#gap.element, this.#trust.element);
     if (!twin) {
       body.append(element("p", "", ["Physics beside the emulator needs the server: run 'neuroanimator studio'."]));
     }
-    const micro = 1e6 * session.secondsPerStep;
-    this.#step.value.textContent = `${shortNumber(micro)} µs for ${shortNumber(1000 * session.facts.dt)} ms`;
   }
 
   update(): void {

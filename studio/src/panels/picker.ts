@@ -33,7 +33,7 @@ export class Picker {
 
 /** The system's name for the shipped ones; the file's own for others. */
 function labelOf(entry: CatalogueEntry): string {
-  const isUsual = entry.id === `${entry.system}-50`;
+  const isUsual = entry.id === `${entry.system}-50` || entry.id === entry.system;
   const name = isUsual ? entry.system : (entry.title ?? entry.id);
   return name.charAt(0).toUpperCase() + name.slice(1);
 }

@@ -1,5 +1,6 @@
 // Leave with something: files of the motion that is shown, and the lines that make the same elsewhere.
 
+import { isPhysics } from "../bundle/bundle";
 import type { Layout } from "../bundle/layout";
 import { button, element, panel } from "../page/dom";
 import type { Banners } from "../page/banner";
@@ -58,6 +59,9 @@ function lineOf(time: number, numbers: Float32Array): string {
 /** Return the command line and the Python that make the shown motion, given its controls in a file. */
 export function equivalentLines(session: Session): string {
   const { id } = session.facts;
+  if (isPhysics(session.facts)) {
+    return physicsLines(session);
+  }
   return [
     "# shell",
     `neuroanimator animate ${id} --controls controls.csv \\`,
@@ -77,6 +81,26 @@ export function equivalentLines(session: Session): string {
     "states = emulator.rollout(start, controls)",
     'clip = na.make_clip(emulator, states, rate=60, source="emulator")',
     'na.write_glb(clip, Path("motion.glb"))',
+  ].join("\n");
+}
+
+/** The same where there is no emulator: the physics makes the motion. */
+function physicsLines(session: Session): string {
+  const { system, dt } = session.facts;
+  return [
+    "# Python",
+    "import numpy as np",
+    "",
+    "import neuroanimator as na",
+    "",
+    `system = na.load_system("${system}")`,
+    'start = np.loadtxt("motion.csv", delimiter=",", skiprows=1)[0, 1:]',
+    'controls = np.loadtxt("controls.csv", delimiter=",", skiprows=1, ndmin=2)[:, 1:]',
+    `runs = system.simulate(start[None], controls[None], dt=${dt})`,
+    "states = runs.states[0]",
+    "",
+    "# shell: an emulator of it, to animate, export and control",
+    `neuroanimator train ${system} --out ${system}.emulator.safetensors`,
   ].join("\n");
 }
 

@@ -3,7 +3,7 @@
 import { Plane, Quaternion, Raycaster, Vector2, Vector3, type Object3D } from "three";
 import { extentOf, movingBones, reachOf, sizeOfBody } from "../body/extent";
 import { emptyPose, poseBones, type Pose } from "../body/pose";
-import type { Bundle } from "../bundle/bundle";
+import { isTumbling, type Bundle } from "../bundle/bundle";
 import { toPhysics, toQuaternion, toThree } from "./axes";
 import { makeBody, makeGhost, type BodyView } from "./body/body";
 import { makeMount } from "./body/mount";
@@ -35,6 +35,10 @@ const VIEWS: Record<Bundle["scene"]["kind"], View> = {
   plain: { azimuth: -1.35, elevation: 0.1, distance: 2.2 },
 };
 
+/** A thrown body is seen from further away, and the camera stays at this height over the ground while it bounces; over its size. */
+const THROWN_VIEW: View = { azimuth: -1.1, elevation: 0.2, distance: 5.2 };
+const THROWN_HEIGHT = 1.1;
+
 /** A state is never drawn if one of its numbers is larger [m, rad, …]: it is lost. */
 const MAX_NUMBER = 1e5;
 
@@ -65,6 +69,9 @@ export class World {
   readonly ghostPose: Pose;
   readonly #scenery: Scenery;
   readonly #focus = new Vector3();
+  /** What the camera looks at: the body, or for one that bounces where it is along the ground. */
+  readonly #lookAt = new Vector3();
+  readonly #isTumbling: boolean;
   readonly #objects: Object3D[];
   #fixedFocus: Vector3 | null = null;
   #school: SchoolView | null = null;
@@ -80,17 +87,20 @@ export class World {
     isDark: boolean,
   ) {
     const bones = facts.skeleton;
+    this.#isTumbling = isTumbling(facts);
     this.bones = movingBones(bones);
     this.pose = emptyPose(bones.length);
     this.ghostPose = emptyPose(bones.length);
     poseBones(bones, facts.rest, this.pose);
     this.size = sizeOfBody(bones, this.bones, this.pose);
+    const lowAtRest = extentOf(bones, this.bones, this.pose).low;
     poseBones(bones, start, this.pose);
     this.#locate();
     const measure: Measure = {
       size: this.size,
       middle: this.#focus.clone(),
-      low: this.#low,
+      // What hangs may begin higher than it will ever be again.
+      low: facts.scene.kind === "plain" ? Math.min(this.#low, lowAtRest) : this.#low,
       high: this.#high,
     };
     this.#scenery = makeScenery(stage, facts, measure, isDark);
@@ -116,8 +126,9 @@ export class World {
 
   /** Bring the camera back to where it began. */
   home(): void {
-    const view = VIEWS[this.facts.scene.kind];
-    this.camera.frame(this.#focus, this.size, this.#heading, view.azimuth, view.elevation, view.distance);
+    const view = this.#isTumbling ? THROWN_VIEW : VIEWS[this.facts.scene.kind];
+    this.#aim();
+    this.camera.frame(this.#lookAt, this.size, this.#heading, view.azimuth, view.elevation, view.distance);
   }
 
   /** Show the body in `state` (S); a state that is lost is not shown, and false is returned: the last good pose stays. */
@@ -180,7 +191,8 @@ export class World {
     this.#school?.update();
     this.camera.ground = this.#scenery.ground;
     this.camera.lookFrom = this.#heightForLeap();
-    this.camera.update(this.#focus, turned, seconds);
+    this.#aim();
+    this.camera.update(this.#lookAt, turned, seconds);
     this.stage.follow(this.#focus);
     this.#scenery.update({
       time,
@@ -293,11 +305,20 @@ export class World {
     this.#heading = this.#headingOf();
   }
 
+  // A camera that went up and down with what bounces would show it standing still.
+  #aim(): void {
+    this.#lookAt.copy(this.#focus);
+    if (this.#isTumbling) {
+      const height = this.#scenery.ground + THROWN_HEIGHT * this.size;
+      this.#lookAt.y = Math.max(height, this.#focus.y - THROWN_HEIGHT * this.size);
+    }
+  }
+
   // Where the body points [rad]: by the bone in the middle of a skin, else by the first that moves freely.
   #headingOf(): number {
     const bones = this.facts.skeleton;
     const isFree = bones[this.bones[0]!]?.joints[0]?.kind === "free";
-    if (!isFree && !this.facts.skin) {
+    if ((!isFree && !this.facts.skin) || this.#isTumbling) {
       return 0;
     }
     const bone = this.facts.skin ? this.bones[Math.floor(this.bones.length / 2)]! : this.bones[0]!;

@@ -1,6 +1,6 @@
 // "Reach a goal": where descent through the emulator finds controls. What it may use of the page is its context.
 
-import type { LoadedBundle } from "../bundle/bundle";
+import type { Bundle, LoadedBundle } from "../bundle/bundle";
 import { rootPose } from "../body/root";
 import type { Emulator } from "../emulator/emulator";
 import { fetchModule } from "../emulator/instance";
@@ -64,7 +64,7 @@ export function makeSynthesis(context: SynthesisContext): Synthesis {
   if (facts) {
     return new GoalPanel(context, facts);
   }
-  context.body.append(element("p", "", ["There is no goal for this system in the page; 'neuroanimator control' takes any."]));
+  context.body.append(element("p", "", [sayNoGoal(context.bundle.facts)]));
   return {
     update: () => undefined,
     grab: () => false,
@@ -72,6 +72,13 @@ export function makeSynthesis(context: SynthesisContext): Synthesis {
     release: () => undefined,
     dispose: () => undefined,
   };
+}
+
+function sayNoGoal({ system, ...facts }: Bundle): string {
+  if (facts.model === "physics") {
+    return `Goals are reached through an emulator, and none of the ${system} ships: 'neuroanimator train ${system}' makes one; drop its file here.`;
+  }
+  return "There is no goal for this system in the page; 'neuroanimator control' takes any.";
 }
 
 class GoalPanel implements Synthesis {

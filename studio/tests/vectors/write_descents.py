@@ -16,7 +16,7 @@ from neuroanimator.control.descent.evaluators import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.descent_module import ITERATIONS, PageDescent
-from neuroanimator.studio.catalogue import SHIPPED_BUNDLES
+from neuroanimator.studio.catalogue import WITH_DESCENT
 from neuroanimator.studio.descents import descent_of
 
 CASES = 3
@@ -49,7 +49,7 @@ def moved(descent: PageDescent, rng: np.random.Generator) -> dict[str, list[floa
 def cases() -> list[dict[str, Any]]:
     """Return every case."""
     rows = []
-    for name in SHIPPED_BUNDLES:
+    for name in WITH_DESCENT:
         emulator = load_emulator(name)
         descent = descent_of(emulator, system_of(emulator))
         assert descent is not None

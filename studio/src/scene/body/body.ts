@@ -1,10 +1,10 @@
 // A body as it is drawn: its skin or its bones' shapes, in the colours of its material or as a ghost.
 
 import { Group, Matrix4, Object3D, type BufferGeometry, type Color, type Material, type Mesh, type Vector3 } from "three";
-import type { Bundle, Shape } from "../../bundle/bundle";
+import { isTumbling, type Bundle, type Shape } from "../../bundle/bundle";
 import { isMoved, type Pose } from "../../body/pose";
 import type { Patch } from "../glsl";
-import { doubtPatch, ghostMaterial, sceneryMaterial, shapeMaterial, skinMaterial, type Doubt } from "./materials";
+import { doubtPatch, ghostMaterial, sceneryMaterial, shapeMaterial, skinMaterial, softMaterial, type Doubt } from "./materials";
 import { boneMatrix, makeSkin, skinGeometry, type SkinView } from "./skin";
 import { shapeColour, shapeMesh } from "./shapes";
 
@@ -27,7 +27,7 @@ export function makeBody(facts: Bundle, size: number, focus: Vector3, patches: r
   const all = [...patches, doubtPatch(doubt)];
   if (facts.skin) {
     const scales = facts.system === "fish" ? 1 : 0;
-    const material = skinMaterial(size, scales, all);
+    const material = isTumbling(facts) ? softMaterial(all) : skinMaterial(size, scales, all);
     return skinnedBody(facts, skinGeometry(facts.skin), material, doubt);
   }
   const materials = new MaterialKeeper((colour, opacity, isMoving) =>

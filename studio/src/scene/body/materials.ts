@@ -96,6 +96,20 @@ export function skinMaterial(size: number, scales: number, patches: readonly Pat
   return patchMaterial(material, [scalePatch(size, scales), ...patches]);
 }
 
+/** A soft body's skin: matt foam, in the colours of its points. */
+export function softMaterial(patches: readonly Patch[]): Material {
+  const material = new MeshPhysicalMaterial({
+    vertexColors: true,
+    roughness: 0.62,
+    metalness: 0,
+    clearcoat: 0.18,
+    clearcoatRoughness: 0.55,
+    sheen: 0.35,
+    sheenRoughness: 0.6,
+  });
+  return patchMaterial(material, patches);
+}
+
 /** Paint, rubber or metal, by its colour: what is grey and bright is metal, what is nearly black is rubber. */
 export function shapeMaterial(colour: Color, opacity: number, patches: readonly Patch[]): Material {
   const { s: saturation, l: lightness } = hslOf(colour);

@@ -1,0 +1,101 @@
+"""The cube has no emulator: the page runs its physics, which is that of Python."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from neuroanimator.export.programs.wasm_file import Module
+from neuroanimator.studio.catalogue import PHYSICS_BUNDLES, shipped_folder
+from neuroanimator.studio.exports import write_motion
+from neuroanimator.studio.judge import replay_physics
+from neuroanimator.studio.library import Library
+from neuroanimator.studio.limits import USUAL
+from neuroanimator.studio.physics import physics_facts
+from neuroanimator.studio.requests import Export
+from neuroanimator.systems import SYSTEMS, load_system
+from neuroanimator.zoo import SHIPPED
+
+wasmtime = pytest.importorskip("wasmtime")
+
+CUBE = shipped_folder() / "cube"
+
+
+def facts() -> dict[str, Any]:
+    return json.loads((CUBE / "bundle.json").read_text())
+
+
+def module() -> Module:
+    return Module(wasmtime, (CUBE / "emulator.wasm").read_bytes(), "emulator")
+
+
+def rollout(start: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    states = np.zeros((len(controls) + 1, len(start)), np.float32)
+    first = np.ascontiguousarray(start, np.float32)
+    held = np.ascontiguousarray(controls, np.float32)
+    module().call("rollout", first, held, len(held), states)
+    return states
+
+
+def test_every_system_is_on_the_stage():
+    with_emulator = {system for system, _ in SHIPPED}
+    assert with_emulator | set(PHYSICS_BUNDLES) == set(SYSTEMS)
+
+
+def test_the_module_does_what_the_true_physics_does():
+    rng = np.random.default_rng(0)
+    system = load_system("cube")
+    motion = facts()["default_motion"]
+    controls = rng.uniform(-1, 1, (100, 3)).astype(np.float32)
+    runs = system.simulate_fastest(
+        np.array(motion["start"])[None], controls[None].astype(float), facts()["dt"]
+    )
+    states = rollout(np.array(motion["start"]), controls)
+    # Bounces amplify the rounding of a start in float32.
+    np.testing.assert_allclose(states, runs.states[0], atol=1e-3)
+
+
+def test_many_cubes_move_as_one_does():
+    start = np.array(facts()["default_motion"]["start"], np.float32)
+    latents = np.tile(start, (3, 1))
+    states = np.zeros_like(latents)
+    controls = np.zeros((3, 3), np.float32)
+    module().call("advance_batch", latents, controls, 3, states)
+    np.testing.assert_array_equal(states, np.tile(rollout(start, controls[:1])[1], (3, 1)))
+    np.testing.assert_array_equal(latents, states)
+
+
+def test_the_cube_is_thrown_bounces_and_comes_to_rest_on_the_ground():
+    motion = facts()["default_motion"]
+    states = rollout(np.array(motion["start"]), np.array(motion["controls"]))
+    heights = states[:, 2:24:3].mean(axis=1)
+    lowest = states[:, 2:24:3].min(axis=1)
+    assert heights.max() > 0.6
+    assert lowest.min() > -0.03
+    turning_points = np.diff(np.sign(np.diff(heights)))
+    assert (turning_points > 0).sum() >= 2, "it bounces"
+    assert np.abs(states[-1, 24:]).max() < 0.2
+
+
+def test_the_shipped_cube_made_anew_says_the_same():
+    again = json.loads(json.dumps(physics_facts("cube", CUBE)))
+    shipped = facts()
+    assert again.keys() == shipped.keys()
+    for name in ("state", "control", "dt", "model", "sha256", "scene", "goals", "default_motion"):
+        assert again[name] == shipped[name], name
+
+
+def test_the_server_replays_and_exports_it(tmp_path):
+    shown = Library(tmp_path).load("cube")
+    motion = facts()["default_motion"]
+    short = {"start": motion["start"], "controls": motion["controls"][:10]}
+    replayed = replay_physics(shown, motion["start"], motion["controls"][:10], USUAL)
+    states = rollout(np.array(motion["start"]), np.array(motion["controls"][:10]))
+    np.testing.assert_allclose(replayed.states, states, atol=1e-4)
+    for kind in ("glb", "csv", "usda"):
+        wanted = Export(bundle="cube", format=kind, rate=50, ghost=True, **short)
+        write_motion(shown, wanted, USUAL, tmp_path / f"cube.{kind}")
+        assert (tmp_path / f"cube.{kind}").stat().st_size > 100
