@@ -17,8 +17,8 @@ from neuroanimator import (
     read_transitions,
 )
 from neuroanimator.data.config import MAX_GAP, MAX_UNROLL, RUN_STEPS
-from neuroanimator.data.generate import make_shard, sample_steps
 from neuroanimator.data.sampling import sample_control_runs, sample_controls
+from neuroanimator.data.shard import make_shard, sample_steps
 from neuroanimator.state.layout import Bounds
 
 

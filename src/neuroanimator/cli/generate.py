@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from neuroanimator.cli.spread import Where, Workers, chosen_executor
+
 if TYPE_CHECKING:
     from neuroanimator.data.config import DatasetConfig
+    from neuroanimator.executor.executor import Executor
 
 EXAMPLE = (
     "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0 --out data/pendulum"
@@ -31,7 +34,15 @@ def run(
     seed: Annotated[int, typer.Option(help="Seed of starts and controls.")] = 0,
     threads: Annotated[
         int | None,
-        typer.Option(help="Threads; 0 or not given: all cores. The bytes do not depend on it."),
+        typer.Option(
+            help="Threads of each worker; 0 or not given: all cores. The bytes do not depend on it."
+        ),
+    ] = None,
+    workers: Workers = None,
+    executor: Where = "local",
+    task_seconds: Annotated[
+        float | None,
+        typer.Option(help="A worker that takes longer for a shard counts as hung (3600) [s]."),
     ] = None,
 ) -> None:
     """Simulate random motions and store transitions. Killed and started again it goes on where it stopped."""
@@ -58,7 +69,8 @@ def run(
     }
     config = DatasetConfig(**settings)
     config = limited_to_recordings(config)
-    diverged = generate_with_bar(config, out, threads)
+    with chosen_executor(executor, workers, threads) as spread:
+        diverged = generate_with_bar(config, out, spread, task_seconds)
     rows: list[tuple[str, object]] = [
         ("transitions", (config.runs - diverged) * config.samples_per_run),
         ("runs diverged and dropped", diverged),
@@ -69,7 +81,12 @@ def run(
     print_rows(rows)
 
 
-def generate_with_bar(config: DatasetConfig, out: Path, threads: int | None = None) -> int:
+def generate_with_bar(
+    config: DatasetConfig,
+    out: Path,
+    executor: Executor | None = None,
+    longest: float | None = None,
+) -> int:
     """Fill `out` with the dataset under a progress bar; return how many runs diverged and were dropped."""
     from neuroanimator.data.generate import generate
     from neuroanimator.terminal import progress_bar
@@ -82,7 +99,7 @@ def generate_with_bar(config: DatasetConfig, out: Path, threads: int | None = No
             done += 1
             bar.advance_to(done)
 
-        return generate(config, out, threads=threads, on_shard=on_shard)
+        return generate(config, out, executor=executor, longest=longest, on_shard=on_shard)
 
 
 def ensure_data(reference: str, emulator: Path) -> Path:

@@ -1,38 +1,33 @@
-"""Simulate, sample, store: resumable, and the same bytes for any number of threads."""
+"""Simulate, sample, store: resumable, and the same bytes for any number of threads, processes and machines."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
-from jaxtyping import Float, Int
-
-from neuroanimator.data.config import (
-    MAX_GAP,
-    MAX_UNROLL,
-    RUN_STEPS,
-    RUNS_PER_SHARD,
-    SAMPLES_PER_RUN,
-    DatasetConfig,
-)
+from neuroanimator.data.config import RUNS_PER_SHARD, DatasetConfig
 from neuroanimator.data.diverged_runs import has_diverged, write_diverged
 from neuroanimator.data.recorded_segments import limited_to_recordings
-from neuroanimator.data.recorded_windows import cut_shard, write_held_out
-from neuroanimator.data.sampling import sample_control_runs, sample_starts, with_idle_runs
+from neuroanimator.data.recorded_windows import write_held_out
+from neuroanimator.data.shard import Shard, make_shard
+from neuroanimator.data.shard_task import SHARD_SECONDS, ShardTask, run_shard_task
 from neuroanimator.data.store import (
     Transitions,
     claim_folder,
     gather_transitions,
     read_shard,
 )
-from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
+from neuroanimator.executor.executor import Executor, LostTaskError, raise_first
+from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.storage.files import locked, write_tensors
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.cores import core_count
+from neuroanimator.systems.rigid.warnings import also_heard
 from neuroanimator.systems.system import System
+from neuroanimator.systems.trusted_files import trusted_so_far
 
 
 def generate(
@@ -40,24 +35,45 @@ def generate(
     folder: str | Path,
     *,
     threads: int | None = None,
+    executor: Executor | None = None,
+    longest: float | None = None,
     on_shard: Callable[[], None] = lambda: None,
 ) -> int:
     """Fill `folder` with the dataset `config` describes; return how many runs diverged and were dropped.
 
     Shards already there are kept, damaged ones made again. `on_shard` is called as each is done. The runs that blew
-    up can be replayed, see `data.diverged_runs`. `threads`: none, or 0, for all cores. Recordings hold only so many
-    transitions: `count` is then lowered, see `limited_to_recordings`.
+    up can be replayed, see `data.diverged_runs`. Recordings hold only so many transitions: `count` is then lowered,
+    see `limited_to_recordings`.
+
+    `executor` makes the shards; without one this process does. `threads` for each shard: none, or 0, for those of the
+    executor, or for all cores. A worker that takes more than `longest` [s] for a shard counts as hung; none for
+    `SHARD_SECONDS`.
     """
     folder = Path(folder)
+    if not threads and executor is not None:
+        threads = executor.threads
     threads = _checked_threads(threads)
+    if longest is None:
+        longest = SHARD_SECONDS
+    if not longest > 0:
+        raise ArgumentError(f"longest: wanted a time above 0 s for a shard, came {longest:g}.")
     config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)
     with locked(folder):
         claim_folder(folder, config)
         remove_stale(folder)
         diverged = 0
+        tasks = []
         for shard in range(config.shards):
-            diverged += _ensure_shard(system, config, folder, shard, threads)
+            dropped = _diverged_in(system, config, folder, shard)
+            if dropped is None:
+                tasks.append(ShardTask(config, shard, threads, trusted_so_far()))
+            else:
+                diverged += dropped
+                on_shard()
+        for shard, made in _made(tasks, executor or LocalExecutor(1, threads), longest):
+            _store(made, config, folder, shard)
+            diverged += made.diverged
             on_shard()
         if system.recordings is not None:
             write_held_out(system.recordings, config, folder)
@@ -82,67 +98,38 @@ def _checked_threads(threads: int | None) -> int:
     return min(threads or core_count(), RUNS_PER_SHARD)
 
 
-class Shard(NamedTuple):
-    """A shard, and what was left out of it."""
-
-    tensors: dict[str, np.ndarray]
-    starts: Float[np.ndarray, "B S"]
-    """Where the runs began that diverged."""
-    controls: Float[np.ndarray, "B T C"]
-    """What the runs were driven by that diverged."""
-
-    @property
-    def diverged(self) -> int:
-        """How many runs diverged."""
-        return len(self.starts)
-
-
-def _ensure_shard(
-    system: System, config: DatasetConfig, folder: Path, shard: int, threads: int
-) -> int:
-    """Return how many of a shard's runs diverged; the shard is made unless it is there."""
+def _diverged_in(system: System, config: DatasetConfig, folder: Path, shard: int) -> int | None:
+    """Return how many runs of a shard diverged that is whole; None for one that must be made."""
     try:
         _, metadata = read_shard(folder, config, system, shard)
-        if has_diverged(folder, config, shard, metadata["diverged"]):
-            return metadata["diverged"]
     except BadFileError:
-        pass
-    made = make_shard(system, config, shard, threads)
+        return None
+    if has_diverged(folder, config, shard, metadata["diverged"]):
+        return metadata["diverged"]
+    return None
+
+
+def _made(
+    tasks: list[ShardTask], executor: Executor, longest: float
+) -> Iterator[tuple[int, Shard]]:
+    """Yield (number, shard) as each is made.
+
+    What is wrong with one is wrong with all, and is raised at once; those whose workers died are told of at the end.
+    """
+    lost: dict[int, NeuroAnimatorError] = {}
+    for outcome in executor.outcomes(run_shard_task, tasks, longest=longest):
+        if isinstance(outcome.error, LostTaskError):
+            lost[outcome.index] = outcome.error
+            continue
+        made = outcome.value()
+        if made.process != os.getpid():
+            also_heard(made.warnings)
+        yield tasks[outcome.index].shard, made.shard
+    raise_first(lost, len(tasks))
+
+
+def _store(made: Shard, config: DatasetConfig, folder: Path, shard: int) -> None:
+    """Write a shard, and the runs of it that diverged."""
     write_diverged(folder, config, shard, made.starts, made.controls)
     metadata = {"kind": "shard", "config": config.hash, "shard": shard, "diverged": made.diverged}
     write_tensors(config.shard_path(folder, shard), made.tensors, metadata)
-    return made.diverged
-
-
-def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) -> Shard:
-    """Return shard number `shard`: a function of its arguments alone."""
-    if system.recordings is not None:
-        return Shard(
-            cut_shard(system.recordings, config, shard), np.zeros((0, 0)), np.zeros((0, 0, 0))
-        )
-    rng = np.random.default_rng([config.seed, shard])
-    count = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
-    dt = config.substeps * system.physics_dt
-    starts = sample_starts(system, rng, count, threads)
-    controls = sample_control_runs(rng, count, RUN_STEPS, dt, system)
-    samples = np.stack([sample_steps(rng, config.samples_per_run) for _ in range(count)])
-    controls = with_idle_runs(rng, controls, system.bounds, config.idle_share)
-    runs = system.simulate(starts, controls, dt, threads=threads)
-    is_whole = ~runs.has_diverged
-    tensors = {
-        "states": runs.states[is_whole].astype(np.float32),
-        "controls": controls[is_whole].astype(np.float32),
-        "samples": samples[is_whole].astype(np.int32),
-    }
-    return Shard(tensors, starts[runs.has_diverged], controls[runs.has_diverged])
-
-
-def sample_steps(rng: np.random.Generator, count: int) -> Int[np.ndarray, " K"]:
-    """Return the `count` super steps of one run that become examples, 1 to 5 apart (eq. 8)."""
-    last = RUN_STEPS - MAX_UNROLL
-    largest_gap = MAX_GAP * SAMPLES_PER_RUN // count
-    while True:
-        gaps = rng.integers(1, largest_gap + 1, count)
-        steps = np.cumsum(gaps) - 1
-        if steps[-1] <= last:
-            return steps

@@ -3,7 +3,8 @@
 A definition that travels with a dataset or an emulator may name a file, never hold one to run or to
 open: what was not allowed here stays closed, so that a stranger's emulator cannot make us run anything.
 Nothing else in the package allows a file than `loading.trust_files`, for a TOML file the user names, and
-`scaffold.write_toml.write_definition`, for the file it is asked to write one for.
+`scaffold.write_toml.write_definition`, for the file it is asked to write one for. A worker of this process's own is
+told what was allowed, with the task it is given (`data.shard_task`).
 """
 
 from __future__ import annotations
@@ -25,6 +26,17 @@ def trust_file(path: Path) -> str:
     digest = digest_of(path)
     _TRUSTED[digest] = path
     return digest
+
+
+def trusted_so_far() -> tuple[tuple[str, str], ...]:
+    """Return (sha256, path) of each file this process may use, for the workers it starts."""
+    return tuple((digest, str(path.resolve())) for digest, path in _TRUSTED.items())
+
+
+def trust_as_told(files: tuple[tuple[str, str], ...]) -> None:
+    """Allow this process, a worker, what `trusted_so_far` said of the process that gives it work."""
+    for digest, path in files:
+        _TRUSTED.setdefault(digest, Path(path))
 
 
 def digest_of(path: Path) -> str:

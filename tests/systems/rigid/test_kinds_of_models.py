@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import DatasetConfig, NeuroAnimatorError, load_system
-from neuroanimator.data.generate import make_shard
+from neuroanimator.data.shard import make_shard
 from neuroanimator.definitions.model import Definition
 from neuroanimator.scaffold.model import proposed_feature
 from neuroanimator.scaffold.write_toml import write_definition

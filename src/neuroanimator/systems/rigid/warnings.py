@@ -59,6 +59,11 @@ def warnings_heard() -> Counter[str]:
     return Counter(_heard)
 
 
+def also_heard(warnings: Counter[str]) -> None:
+    """Count what MuJoCo warned another process of that works for this one."""
+    _heard.update(warnings)
+
+
 def warning_line() -> str:
     """Return one line that says how often MuJoCo warned this process, of what and what became of it; empty if never."""
     if not _heard:

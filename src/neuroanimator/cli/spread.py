@@ -1,0 +1,30 @@
+"""The options of verbs whose work can be spread over processes or a cluster."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from neuroanimator.executor.executor import Executor
+
+Where = Annotated[
+    str,
+    typer.Option("--executor", help="Where to compute: local."),
+]
+"""The option `--executor`."""
+
+Workers = Annotated[
+    int | None,
+    typer.Option(help="Processes that work at a time; the results do not depend on it."),
+]
+"""The option `--workers`."""
+
+
+def chosen_executor(where: str, workers: int | None, threads: int | None = None) -> Executor:
+    """Return the executor these options choose."""
+    from neuroanimator.executor.choose import open_executor
+    from neuroanimator.systems.cores import core_count
+
+    return open_executor(where, workers, threads, core_count())

@@ -1,0 +1,69 @@
+"""Make one shard: starts and controls drawn, physics simulated, super steps sampled."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.data.config import (
+    MAX_GAP,
+    MAX_UNROLL,
+    RUN_STEPS,
+    RUNS_PER_SHARD,
+    SAMPLES_PER_RUN,
+    DatasetConfig,
+)
+from neuroanimator.data.recorded_windows import cut_shard
+from neuroanimator.data.sampling import sample_control_runs, sample_starts, with_idle_runs
+from neuroanimator.systems.system import System
+
+
+class Shard(NamedTuple):
+    """A shard, and what was left out of it."""
+
+    tensors: dict[str, np.ndarray]
+    starts: Float[np.ndarray, "B S"]
+    """Where the runs began that diverged."""
+    controls: Float[np.ndarray, "B T C"]
+    """What the runs were driven by that diverged."""
+
+    @property
+    def diverged(self) -> int:
+        """How many runs diverged."""
+        return len(self.starts)
+
+
+def make_shard(system: System, config: DatasetConfig, shard: int, threads: int) -> Shard:
+    """Return shard number `shard`: a function of its arguments alone."""
+    if system.recordings is not None:
+        return Shard(
+            cut_shard(system.recordings, config, shard), np.zeros((0, 0)), np.zeros((0, 0, 0))
+        )
+    rng = np.random.default_rng([config.seed, shard])
+    count = min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
+    dt = config.substeps * system.physics_dt
+    starts = sample_starts(system, rng, count, threads)
+    controls = sample_control_runs(rng, count, RUN_STEPS, dt, system)
+    samples = np.stack([sample_steps(rng, config.samples_per_run) for _ in range(count)])
+    controls = with_idle_runs(rng, controls, system.bounds, config.idle_share)
+    runs = system.simulate(starts, controls, dt, threads=threads)
+    is_whole = ~runs.has_diverged
+    tensors = {
+        "states": runs.states[is_whole].astype(np.float32),
+        "controls": controls[is_whole].astype(np.float32),
+        "samples": samples[is_whole].astype(np.int32),
+    }
+    return Shard(tensors, starts[runs.has_diverged], controls[runs.has_diverged])
+
+
+def sample_steps(rng: np.random.Generator, count: int) -> Int[np.ndarray, " K"]:
+    """Return the `count` super steps of one run that become examples, 1 to 5 apart (eq. 8)."""
+    last = RUN_STEPS - MAX_UNROLL
+    largest_gap = MAX_GAP * SAMPLES_PER_RUN // count
+    while True:
+        gaps = rng.integers(1, largest_gap + 1, count)
+        steps = np.cumsum(gaps) - 1
+        if steps[-1] <= last:
+            return steps

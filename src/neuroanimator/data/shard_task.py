@@ -1,0 +1,60 @@
+"""One shard as a task for an executor: everything it depends on, and the function that makes it."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+from neuroanimator.data.config import DatasetConfig
+from neuroanimator.data.shard import Shard, make_shard
+from neuroanimator.systems import carried_system
+from neuroanimator.systems.rigid.warnings import warnings_heard
+from neuroanimator.systems.system import System
+from neuroanimator.systems.trusted_files import trust_as_told
+
+SHARD_SECONDS = 3600.0
+"""A worker that takes longer for a shard counts as hung [s]: those of the slowest models take some minutes."""
+
+
+@dataclass(frozen=True)
+class ShardTask:
+    """Shard number `shard` of a dataset."""
+
+    config: DatasetConfig
+    shard: int
+    threads: int
+    """The bytes do not depend on it."""
+    trusted: tuple[tuple[str, str], ...] = ()
+    """The files that the process which gives the task may use, see `trusted_files.trusted_so_far`."""
+
+    @property
+    def label(self) -> str:
+        """What errors call it."""
+        return f"shard {self.shard}"
+
+
+class MadeShard(NamedTuple):
+    """A shard, and what MuJoCo warned of on the way."""
+
+    shard: Shard
+    warnings: Counter[str]
+    process: int
+    """Who made it."""
+
+
+def run_shard_task(task: ShardTask) -> MadeShard:
+    """Return the shard: a function of the task alone, but for what MuJoCo warned of."""
+    trust_as_told(task.trusted)
+    before = warnings_heard()
+    system = _system_of(task.config.system, task.config.definition)
+    shard = make_shard(system, task.config, task.shard, task.threads)
+    return MadeShard(shard, warnings_heard() - before, os.getpid())
+
+
+@lru_cache(maxsize=2)
+def _system_of(name: str, definition: str) -> System:
+    """A worker makes many shards of one system."""
+    return carried_system(name, definition)

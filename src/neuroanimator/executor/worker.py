@@ -1,0 +1,66 @@
+"""What a worker does, in a process of this machine or in one of a cluster."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import pickle
+import traceback
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from neuroanimator.errors import NeuroAnimatorError, ResourceError
+from neuroanimator.text import printable
+
+THREAD_VARIABLES = (
+    "NPROC",  # XLA's own threads, whatever they are called for
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NEUROANIMATOR_CORES",
+)
+"""The environment variables that say to libraries how many threads they may start."""
+
+
+class Answer(NamedTuple):
+    """What came of a task."""
+
+    result: Any
+    error: NeuroAnimatorError | None
+    trace: str
+    """Where an error came from that nobody foresaw; empty otherwise."""
+
+
+def worker_environment(threads: int) -> dict[str, str]:
+    """Return the environment variables of a worker that may use so many threads; its JAX runs on the processor."""
+    return {name: str(threads) for name in THREAD_VARIABLES} | {"JAX_PLATFORMS": "cpu"}
+
+
+def pack(function: Callable[[Any], Any], task: Any) -> bytes:
+    """Return a call as bytes, for `perform`."""
+    return pickle.dumps((function, task))
+
+
+def perform(call: bytes) -> Answer:
+    """Compute a packed call; whatever it raises comes back as an error."""
+    try:
+        function, task = pickle.loads(call)
+        return Answer(function(task), None, "")
+    except NeuroAnimatorError as error:
+        return Answer(None, error, "")
+    except MemoryError:
+        return Answer(None, ResourceError("out of memory. Use fewer workers."), "")
+    except Exception as error:
+        line = " ".join(f"{type(error).__name__}: {error}".split())
+        return Answer(None, NeuroAnimatorError(printable(line)), traceback.format_exc())
+
+
+def perform_within(call: bytes, longest: float) -> Answer:
+    """Compute a packed call as `perform` does; after `longest` [s] the whole process ends, whatever it is in."""
+    # A thread of C: it ends calls into compiled code that never come back, too.
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(longest, exit=True, file=nowhere)
+        try:
+            return perform(call)
+        finally:
+            faulthandler.cancel_dump_traceback_later()
