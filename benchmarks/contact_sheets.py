@@ -19,12 +19,10 @@ import imageio_ffmpeg
 import numpy as np
 
 import neuroanimator as na
-from neuroanimator.animation.motion import random_motion
+from neuroanimator.animation.motion import default_motion
 from neuroanimator.export.film.options import read_film
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin")
-SECONDS = 5.0
-"""Of a default film, as `animate` has it."""
 COLUMNS, ROWS = 3, 4
 """Of a sheet."""
 ROOT = Path(__file__).resolve().parents[1]
@@ -76,7 +74,7 @@ def clip_of(name: str) -> na.Clip:
             found = runpy.run_path(str(LEAP))
         return na.make_clip(found["emulator"], found["found"].outcome.physics_states)
     emulator = na.load_emulator(name)
-    return na.make_clip(emulator, random_motion(emulator, SECONDS, seed=0))
+    return na.make_clip(emulator, default_motion(emulator), source="emulator")
 
 
 def tile(film: Path, chosen: list[int], columns: int, rows: int, width: int, out: Path) -> None:

@@ -38,6 +38,12 @@ def emulator_name(system: str, substeps: int, size: str = "") -> str:
     return f"{name}-{size}" if size else name
 
 
+def shown_motion_path(system: str) -> Path:
+    """Return where the motion of a shipped `system` that is shown first lies: the one the studio opens with."""
+    bundles = Path(str(resources.files("neuroanimator"))) / "studio" / "bundles"
+    return bundles / emulator_name(system, 50) / "bundle.json"
+
+
 def shipped_emulators() -> dict[str, Path]:
     """Return where every emulator that ships lies, by its name."""
     usual = {emulator_name(*row): shipped_path(*row) for row in SHIPPED}

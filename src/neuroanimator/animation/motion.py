@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.slowness import slowness
 from neuroanimator.state.start import start_state
+from neuroanimator.zoo import SHIPPED, shown_motion_path
 
 MAX_SECONDS = 3600.0
 """Longest random motion [s]: an hour; of a slow system longer."""
@@ -37,6 +39,35 @@ class Drive(NamedTuple):
 
     start: Float[np.ndarray, " S"]
     controls: Float[np.ndarray, "T C"]
+
+
+def default_motion(emulator: Emulator) -> Float[np.ndarray, "K S"]:
+    """Return the trajectory (K = T+1 states) to show when nobody asks for anything: a truck parks, a dolphin leaps.
+
+    Of a system that ships it is the one the studio opens with, of another `random_motion` with the seed 0.
+    """
+    drive = shown_drive(emulator) or random_drive(emulator, None, 0)
+    return np.asarray(emulator.rollout(drive.start, drive.controls), float)
+
+
+def shown_drive(emulator: Emulator) -> Drive | None:
+    """Return what the studio opens with for the emulator's system, at its own super step; None if it does not ship.
+
+    It was found for one super step; between two of its controls there are those in between.
+    """
+    if emulator.definition or (emulator.system, 50) not in SHIPPED:
+        return None
+    path = shown_motion_path(emulator.system)
+    if not path.is_file():
+        return None
+    bundle = json.loads(path.read_text(encoding="ascii"))
+    motion = bundle["default_motion"]
+    found = np.array(motion["controls"], float)
+    middles = (np.arange(len(found)) + 0.5) * bundle["dt"]
+    steps = round(len(found) * bundle["dt"] / emulator.dt)
+    times = (np.arange(steps) + 0.5) * emulator.dt
+    columns = [np.interp(times, middles, column) for column in found.T]
+    return Drive(np.array(motion["start"], float), np.stack(columns, axis=1))
 
 
 def random_motion(

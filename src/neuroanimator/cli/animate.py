@@ -35,14 +35,14 @@ def run(
     ],
     seconds: Annotated[
         float | None,
-        typer.Option(help="Length of a random motion [s]; 5 if not given, more of a slow system."),
+        typer.Option(help="Length of a random motion [s]."),
     ] = None,
     controls: Annotated[
         Path | None,
         typer.Option(help="CSV of controls, as 'control' writes; from rest, or --start."),
     ] = None,
     start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
-    seed: Annotated[int, typer.Option(help="Seed of start and controls.")] = 0,
+    seed: Annotated[int | None, typer.Option(help="Seed of a random motion.")] = None,
     rate: Annotated[
         float | None,
         typer.Option(help="Frames a second, such as 60; 30 if not given, fewer of a slow system."),
@@ -51,7 +51,7 @@ def run(
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
 ) -> None:
-    """Animate a random motion, or one found by 'control', without running the physics."""
+    """Animate the motion a system is best seen by, one found by 'control', or a random one, without running the physics."""
 
     from neuroanimator.export.film.options import read_film
     from neuroanimator.terminal import phase, print_rows
@@ -59,7 +59,12 @@ def run(
     film = read_film(size, camera)
     with phase("loading"):
         from neuroanimator.animation.clip import make_clip
-        from neuroanimator.animation.motion import controlled_motion, named_start, random_motion
+        from neuroanimator.animation.motion import (
+            controlled_motion,
+            default_motion,
+            named_start,
+            random_motion,
+        )
         from neuroanimator.export.csv_file import read_table
         from neuroanimator.export.formats import emulator_for, export_clip
         from neuroanimator.state.start import read_starts
@@ -72,8 +77,10 @@ def run(
         if controls:
             _, control_rows = read_table(controls, model.control)
             states = controlled_motion(model, control_rows, start_state)
+        elif seconds is None and seed is None and start_state is None:
+            states = default_motion(model)
         else:
-            states = random_motion(model, seconds, seed, start_state)
+            states = random_motion(model, seconds, seed or 0, start_state)
     clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="emulator")
     with phase("drawing"):
         export_clip(clip, model, out, film)

@@ -11,10 +11,12 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import Clip, Emulator, load_emulator, load_system, write_video
-from neuroanimator.animation.motion import random_motion
+from neuroanimator.animation.motion import default_motion, random_motion
+from neuroanimator.control.objective.goals import is_reached
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, VIEWS, shots_of
+from neuroanimator.export.film.edges import smooth_edges
 from neuroanimator.export.film.options import CAMERAS, Film, read_film
 from neuroanimator.export.film.video import graphics_backend
 from neuroanimator.systems.system import System
@@ -188,3 +190,43 @@ def test_a_soft_body_on_the_ground_is_thrown(untrained_cube: Emulator):
     assert centres[:, 2].min() > 0.1
     assert centres[:, 2].max() < 0.9
     assert np.linalg.norm(centres[-1, :2] - centres[0, :2]) > 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "goal"), [("truck-50", "bay_2"), ("lander-50", "pad"), ("pendulum-50", "upright")]
+)
+def test_a_machine_shows_how_it_reaches_a_goal(name: str, goal: str):
+    emulator = load_emulator(name)
+    states = default_motion(emulator)
+    assert is_reached(load_system(emulator.system), goal, states[-1])
+
+
+def test_a_dolphin_shows_a_leap_at_every_super_step():
+    for name in ("dolphin-25", "dolphin-50", "dolphin-100"):
+        heights = default_motion(load_emulator(name))[:, 2 : 3 * 23 : 3]
+        assert heights.min(axis=1).max() > 0.2, name
+        assert heights.mean(axis=1)[-1] < 0.2, name
+
+
+@pytest.mark.parametrize(("slope", "share"), [(0.11, 0.4), (0.37, 0.4), (-0.23, 0.4), (0.8, 0.7)])
+def test_smooth_edges_are_nearer_to_what_a_pixel_covers(slope: float, share: float):
+    fine = 8
+    rows, columns = np.mgrid[: 64 * fine, : 96 * fine] / fine
+    is_bright = rows - 32 > slope * (columns - 48)
+    covered = 40 + 160 * is_bright.reshape(64, fine, 96, fine).mean(axis=(1, 3))
+    sampled = np.where(is_bright[fine // 2 :: fine, fine // 2 :: fine], 200, 40).astype(np.uint8)
+    smooth = smooth_edges(np.repeat(sampled[..., None], 3, axis=2))[..., 0]
+    # Runs at the picture's rim end there, not where their edge does.
+    inside = np.s_[4:-4, 12:-12]
+    before = np.abs(sampled - covered)[inside].mean()
+    after = np.abs(smooth - covered)[inside].mean()
+    assert after < share * before
+
+
+def test_what_is_smooth_or_straight_stays_as_it_is():
+    ramp = np.repeat(np.arange(0, 255, dtype=np.uint8)[None], 40, axis=0)
+    box = np.zeros((40, 60), np.uint8)
+    box[10:, :] = 200
+    for image in (ramp, box):
+        coloured = np.repeat(image[..., None], 3, axis=2)
+        np.testing.assert_array_equal(smooth_edges(coloured), coloured)
