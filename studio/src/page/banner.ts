@@ -51,3 +51,8 @@ export class Banners {
     this.#lines.delete(topic);
   }
 }
+
+/** Return what went wrong as one line. */
+export function lineOf(error: unknown): string {
+  return error instanceof Error ? error.message : String(error);
+}

@@ -36,7 +36,7 @@ export function gapsBetween(session: Session, one: Motion, other: Motion, from: 
 }
 
 /** Return the share of the last super steps before `step` that training covered. */
-export function trustAt(motion: Motion, step: number): number {
+function trustAt(motion: Motion, step: number): number {
   let covered = 0;
   let count = 0;
   for (let i = Math.max(0, step - TRUST_WINDOW + 1); i <= step && i < motion.steps; i++) {
@@ -89,6 +89,12 @@ export class MeasurePanel implements Panel {
     }
   }
 
+  /** The share of the last super steps before the playhead that training covered. */
+  get trust(): number {
+    const { player } = this.session;
+    return trustAt(player.motion, player.step);
+  }
+
   update(): void {
     const { player } = this.session;
     this.#followGap();
@@ -108,7 +114,7 @@ export class MeasurePanel implements Panel {
     this.#gap.draw([{ values: this.#gaps, colour: "--ghost" }], length, 0, largest, at);
     this.#gap.note = this.gap === null ? "–" : `${shortNumber(100 * this.gap)} cm of ${shortNumber(100 * this.session.world.size)}`;
     this.#trust.draw([{ values: this.#trusts, colour: "--accent" }], length, 0, 1.05, at);
-    this.#trust.note = `${Math.round(100 * trustAt(player.motion, player.step))} %`;
+    this.#trust.note = `${Math.round(100 * this.trust)} %`;
     const { school } = this.session;
     const work = player.workPerImage + (school?.workPerImage ?? 0);
     this.#work.value.textContent = player.isLive || school ? `${work.toFixed(2)} ms` : "–";

@@ -3,7 +3,7 @@
 import { isPhysics } from "../bundle/bundle";
 import type { Layout } from "../bundle/layout";
 import { button, element, panel } from "../page/dom";
-import type { Banners } from "../page/banner";
+import { lineOf, type Banners } from "../page/banner";
 import type { Session } from "../page/session";
 import type { Live } from "../server/live";
 import type { Panel } from "./controls";
@@ -22,7 +22,7 @@ export function motionCsv(session: Session): string {
   const { facts } = session;
   const lines = [headOf(facts.state)];
   for (let step = 0; step <= motion.steps; step++) {
-    lines.push(lineOf(step * motion.dt, motion.state(step)));
+    lines.push(rowOf(step * motion.dt, motion.state(step)));
   }
   return `${lines.join("\n")}\n`;
 }
@@ -32,7 +32,7 @@ export function controlsCsv(session: Session): string {
   const { motion } = session.player;
   const lines = [headOf(session.facts.control)];
   for (let step = 0; step < motion.steps; step++) {
-    lines.push(lineOf(step * motion.dt, motion.control(step)));
+    lines.push(rowOf(step * motion.dt, motion.control(step)));
   }
   return `${lines.join("\n")}\n`;
 }
@@ -51,7 +51,7 @@ function cell(name: string): string {
   return /[",\n]/.test(harmless) ? `"${harmless.replaceAll('"', '""')}"` : harmless;
 }
 
-function lineOf(time: number, numbers: Float32Array): string {
+function rowOf(time: number, numbers: Float32Array): string {
   const all = [time, ...numbers];
   return all.map((number) => String(Number(number.toPrecision(8)))).join(",");
 }
@@ -191,7 +191,7 @@ async function exportBy(
     banners.clear("export");
     banners.tell(`${format} is written.`);
   } catch (error) {
-    banners.say("export", `No ${format}: ${error instanceof Error ? error.message : String(error)}`, "error");
+    banners.say("export", `No ${format}: ${lineOf(error)}`, "error");
   } finally {
     pressed.disabled = false;
   }

@@ -1,7 +1,7 @@
 // Training from the page: choose a system or drop a model, watch data and loss, stop and go on. The server does the work.
 
 import { button, element, panel } from "../page/dom";
-import type { Banners } from "../page/banner";
+import { lineOf, type Banners } from "../page/banner";
 import type { Answer, Live } from "../server/live";
 import { Curve } from "./curve";
 
@@ -93,7 +93,7 @@ export class TrainPanel {
       const warnings = (answer["warnings"] as string[] | undefined) ?? [];
       this.banners.say("upload", [`${file.name} is read: press Train.`, ...warnings].join(" "), warnings.length > 0 ? "warning" : "info");
     } catch (error) {
-      this.banners.say("upload", `${file.name}: ${error instanceof Error ? error.message : String(error)}`, "error");
+      this.banners.say("upload", `${file.name}: ${lineOf(error)}`, "error");
     }
   }
 
@@ -123,7 +123,7 @@ export class TrainPanel {
       jobs.forEach((job) => this.#show(job));
       this.banners.clear("train");
     } catch (error) {
-      this.banners.say("train", `Training: ${error instanceof Error ? error.message : String(error)}`, "error");
+      this.banners.say("train", `Training: ${lineOf(error)}`, "error");
     }
   }
 

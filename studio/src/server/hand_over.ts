@@ -4,6 +4,7 @@ import { floatsOf } from "../bundle/base64";
 import type { Bundle } from "../bundle/bundle";
 import { Motion } from "../motion/motion";
 import type { Player } from "../motion/player";
+import { lineOf } from "../page/banner";
 import type { Live } from "./live";
 
 /** Physics goes so far ahead of the playhead [s]. */
@@ -36,7 +37,7 @@ export class HandOver {
     player.isHeld = true;
     player.isPlaying = true;
     const handOver = new HandOver(live, facts, player, motion);
-    handOver.#run().catch((error: unknown) => onError(error instanceof Error ? error.message : String(error)));
+    handOver.#run().catch((error: unknown) => onError(lineOf(error)));
     return handOver;
   }
 

@@ -4,6 +4,7 @@ import { floatsOf } from "../bundle/base64";
 import type { Bundle } from "../bundle/bundle";
 import type { Motion } from "../motion/motion";
 import { Motion as MotionRecord } from "../motion/motion";
+import { lineOf } from "../page/banner";
 import type { Live } from "./live";
 
 /** At least so many new super steps are asked for at a time, unless the motion is finished. */
@@ -58,7 +59,7 @@ export class Twin {
       }
     } catch (error) {
       this.isOn = false;
-      this.onError(error instanceof Error ? error.message : String(error));
+      this.onError(lineOf(error));
     } finally {
       this.#isAsking = false;
     }

@@ -7,7 +7,7 @@ import { fetchModule } from "../emulator/instance";
 import { Motion } from "../motion/motion";
 import type { Player } from "../motion/player";
 import { button, element, shortNumber } from "../page/dom";
-import type { Banners } from "../page/banner";
+import { lineOf, type Banners } from "../page/banner";
 import { Curve } from "../panels/curve";
 import { makePathLine, TARGET_COLOUR, type PathLine } from "../scene/handle";
 import type { World } from "../scene/world";
@@ -402,8 +402,4 @@ class GoalPanel implements Synthesis {
       await this.#proveShown();
     }
   }
-}
-
-function lineOf(error: unknown): string {
-  return error instanceof Error ? error.message : String(error);
 }

@@ -1,0 +1,238 @@
+// A system on show: its session, physics beside it, its panels, and what of it may be taken hold of.
+
+import { isPhysics } from "../bundle/bundle";
+import { controlPanel, steerPanel, type Panel } from "../panels/controls";
+import { MeasurePanel } from "../panels/measure";
+import { takePanel } from "../panels/take";
+import type { CameraMode } from "../scene/cameras";
+import { HandOver } from "../server/hand_over";
+import type { Live } from "../server/live";
+import { Twin } from "../server/twin";
+import type { KeySteering } from "../steering/keys";
+import { BodyPull } from "../steering/pull";
+import { SwimTarget } from "../steering/target";
+import { makeSynthesis, type Synthesis } from "../synthesis/synthesis";
+import type { Action, Banners } from "./banner";
+import { element, panel } from "./dom";
+import type { Hud } from "./hud";
+import type { Grabbable } from "./pointer";
+import type { Session } from "./session";
+import { isMotionReduced } from "./theme";
+
+/** Trust below which a banner says that the emulator is lost, and above which it goes. */
+const LOST = 0.35;
+const FOUND = 0.8;
+
+/** The scenery moves at this speed while the motion stands still. */
+const IDLE_SPEED = 0.4;
+
+export class Showing {
+  /** What stands beside the stage. */
+  readonly side: HTMLElement[];
+  /** What may be taken hold of, the foremost first. */
+  readonly grabbables: readonly Grabbable[];
+  readonly #twin: Twin | null;
+  readonly #measure: MeasurePanel;
+  readonly #panels: Panel[];
+  readonly #synthesis: Synthesis;
+  readonly #target: SwimTarget;
+  readonly #pull: BodyPull;
+  readonly #ghostState: Float32Array;
+  #handOver: HandOver | null = null;
+  #sceneTime = 0;
+
+  /** `live` is the line to the server, or null where there is none. */
+  constructor(
+    readonly session: Session,
+    private readonly live: Live | null,
+    private readonly banners: Banners,
+    private readonly hud: Hud,
+  ) {
+    const { facts, player } = session;
+    this.#ghostState = new Float32Array(facts.rest.length);
+    this.#twin = live && this.#canReplay ? new Twin(live, facts) : null;
+    if (this.#twin) {
+      this.#twin.onError = (line) => banners.say("physics", `No physics beside it: ${line}`, "warning");
+    }
+    player.onEvent = (event) => this.#happened(event);
+    player.isPlaying = !isMotionReduced();
+    this.#target = new SwimTarget(session);
+    this.#pull = new BodyPull(session, () => this.goLive());
+    this.#measure = new MeasurePanel(session, this.#twin, () => this.toggleGhost());
+    const steer = steerPanel(session, () => this.goLive(), () => this.toggleTarget());
+    const goal = panel("Reach a goal", steer === null);
+    const controls = controlPanel(session, () => this.goLive());
+    const take = takePanel(session, live, banners);
+    this.#panels = [...(steer ? [steer] : []), controls, this.#measure, take];
+    this.#synthesis = makeSynthesis({
+      bundle: session.bundle,
+      emulator: session.emulator,
+      player,
+      world: session.world,
+      live,
+      banners,
+      body: goal.body,
+    });
+    this.grabbables = [this.#synthesis, this.#target, this.#pull];
+    const about = element("div", "about", [element("h1", "", [facts.id]), element("p", "", [facts.about])]);
+    const elements = [about, steer?.element, goal.details, controls.element, this.#measure.element, take.element];
+    this.side = elements.filter((one) => one !== undefined);
+  }
+
+  /** Take down what hangs on the page: messages and physics that would go on. */
+  dispose(): void {
+    for (const topic of ["load", "lost", "trust", "physics"]) {
+      this.banners.clear(topic);
+    }
+    this.#handOver?.stop();
+    this.#synthesis.dispose();
+    this.#target.hide();
+    this.session.dispose();
+  }
+
+  /** Let `seconds` go by and draw an image. */
+  update(seconds: number, keys: KeySteering): void {
+    const { session } = this;
+    const { player, world } = session;
+    if (keys.steer(session, seconds)) {
+      this.#target.hide();
+      this.goLive();
+    }
+    player.advance(seconds);
+    if (session.school && player.isPlaying) {
+      session.school.target = session.swimmer?.target ?? null;
+      session.school.advance(seconds * player.speed);
+    }
+    if (!isMotionReduced()) {
+      this.#sceneTime += seconds * (player.isPlaying ? player.speed : IDLE_SPEED);
+    }
+    if (!world.show(player.state())) {
+      player.isPlaying = false;
+      this.#happened("lost");
+    }
+    this.#showPhysics();
+    this.#showTrust();
+    this.#synthesis.update(seconds);
+    this.#pull.update();
+    world.draw(seconds, this.#sceneTime, this.#controlShares());
+    this.#panels.forEach((one) => one.update());
+  }
+
+  /** Begin the motion that is shown again, live. */
+  restart(): void {
+    const { player } = this.session;
+    player.restart(player.motion.state(0));
+    player.isPlaying = true;
+  }
+
+  goLive(): void {
+    const { player } = this.session;
+    player.goLive();
+    player.isPlaying = true;
+  }
+
+  undo(): void {
+    if (!this.session.player.undo()) {
+      this.banners.tell("Nothing to undo.");
+    }
+  }
+
+  nextCamera(): CameraMode {
+    return this.session.world.camera.nextMode();
+  }
+
+  toggleGhost(): void {
+    if (this.#twin) {
+      this.#twin.isOn = !this.#twin.isOn;
+    } else if (isPhysics(this.session.facts)) {
+      this.banners.tell("What you see is the true physics itself: there is nothing to put beside it.");
+    } else {
+      this.banners.tell("Physics beside the emulator needs the server: run 'neuroanimator studio'.", "warning");
+    }
+  }
+
+  /** Show a target in front of the swimmer, and off again. */
+  toggleTarget(): void {
+    if (!this.session.swimmer) {
+      this.banners.tell("This system has no policy that swims to a target; use 'Reach a goal'.");
+    } else if (this.#target.isShown) {
+      this.#target.hide();
+    } else {
+      this.#target.show();
+      this.goLive();
+    }
+  }
+
+  /** Whether the server has physics of it that is not shown already. */
+  get #canReplay(): boolean {
+    const { facts } = this.session;
+    return facts.can_simulate !== false && !isPhysics(facts);
+  }
+
+  #happened(event: string): void {
+    if (event === "lost") {
+      const line = "The emulator is lost: its state is no number any more. The last good pose stays; press R to begin again, or Ctrl+Z to go back.";
+      this.banners.say("lost", line, "error", this.#handOverAction());
+    } else if (event === "motion") {
+      this.banners.clear("lost");
+    }
+  }
+
+  #showPhysics(): void {
+    const { player, world } = this.session;
+    const twin = this.#twin;
+    twin?.follow(player.motion, player.isLive && player.isPlaying);
+    const physics = twin?.isOn ? twin.motion : null;
+    if (physics && physics.duration + physics.dt > player.time) {
+      physics.sample(player.time, this.#ghostState);
+      world.showGhost(this.#ghostState);
+    } else {
+      world.showGhost(null);
+    }
+    this.hud.showGap(this.#measure.gap);
+  }
+
+  #showTrust(): void {
+    const { player, world, facts } = this.session;
+    const trust = this.#measure.trust;
+    world.doubt = Math.min(Math.max(1.4 * (1 - trust), 0), 1);
+    this.hud.showMode(player);
+    this.hud.showTrust(player.isHeld || isPhysics(facts) ? null : trust);
+    if (trust < LOST && !isPhysics(facts)) {
+      const line = "Training has not covered this: do not believe the emulator here. Press R to begin again, or Ctrl+Z to go back.";
+      this.banners.say("trust", line, "warning", this.#handOverAction());
+    } else if (trust > FOUND) {
+      this.banners.clear("trust");
+    }
+  }
+
+  // With a server there, physics can go on where the emulator is lost.
+  #handOverAction(): Action | undefined {
+    const { live } = this;
+    if (!live || !this.#canReplay) {
+      return undefined;
+    }
+    return { label: "Let physics go on", act: () => this.#letPhysicsGoOn(live) };
+  }
+
+  #letPhysicsGoOn(live: Live): void {
+    const { player, facts } = this.session;
+    this.#handOver?.stop();
+    this.banners.clear("trust");
+    this.banners.clear("lost");
+    const state = player.motion.state(player.step).slice();
+    this.#handOver = HandOver.begin(live, facts, player, state, (line) => {
+      this.banners.say("physics", `Physics does not go on: ${line}`, "warning");
+    });
+    this.banners.tell("Physics goes on from here, steered as before.");
+  }
+
+  #controlShares(): number[] {
+    const { motion, step } = this.session.player;
+    if (motion.steps === 0) {
+      return [];
+    }
+    const { control_low: low, control_high: high } = this.session.facts;
+    return Array.from(motion.control(step), (value, i) => (value - low[i]!) / (high[i]! - low[i]!));
+  }
+}

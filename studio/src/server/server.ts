@@ -1,0 +1,68 @@
+// What the server does for the page as a whole: it tells of trainings and new emulators, and takes files.
+
+import { lineOf, type Banners } from "../page/banner";
+import { isModelFile, TrainPanel } from "../panels/train";
+import { Live, type Answer } from "./live";
+
+/** What the page does when the server has something new. */
+export interface ServerUses {
+  /** The catalogue has changed. */
+  reloadCatalogue(): Promise<void>;
+  /** Show the emulator of a bundle, which may be new. */
+  show(id: string): Promise<void>;
+}
+
+export class Server {
+  readonly live: Live;
+  readonly train: TrainPanel;
+
+  /** Open the line to the server the page came from. */
+  constructor(
+    page: URL,
+    private readonly banners: Banners,
+    private readonly uses: ServerUses,
+  ) {
+    this.live = new Live(page);
+    this.live.onState = (isOpen) => this.#sayState(isOpen);
+    this.live.onEvent = (event) => this.#told(event);
+    this.train = new TrainPanel(this.live, banners, (id) => void uses.show(id));
+    this.live.connect();
+  }
+
+  /** Take a file of the user's: a model to train, or an emulator to show. */
+  async take(file: File): Promise<void> {
+    if (isModelFile(file.name)) {
+      await this.train.addModel(file);
+      return;
+    }
+    this.banners.say("upload", `Reading ${file.name} …`);
+    try {
+      const answer = await this.live.post("api/emulators", file, "application/octet-stream");
+      await this.uses.show(String(answer["id"]));
+      this.banners.clear("upload");
+    } catch (error) {
+      this.banners.say("upload", `${file.name}: ${lineOf(error)}`, "error");
+    }
+  }
+
+  #sayState(isOpen: boolean): void {
+    if (isOpen) {
+      this.banners.clear("server");
+    } else {
+      this.banners.say("server", "The server does not answer; the emulator goes on without it. Start it again with 'neuroanimator studio'.", "warning");
+    }
+  }
+
+  // What the server says unasked.
+  #told(event: Answer): void {
+    if (event["event"] === "job") {
+      this.train.tell(event);
+    } else if (event["event"] === "emulator") {
+      this.banners.say("upload", `The emulator: ${String(event["phase"])} …`);
+    } else if (event["event"] === "export" && Number(event["done"]) < Number(event["of"])) {
+      this.banners.say("export", `Writing ${String(event["format"])}: image ${String(event["done"])} of ${String(event["of"])} …`);
+    } else if (event["event"] === "catalogue") {
+      void this.uses.reloadCatalogue();
+    }
+  }
+}
