@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from neuroanimator.data.diverged_runs import read_diverged
     from neuroanimator.data.generate import generate
     from neuroanimator.data.store import read_transitions
+    from neuroanimator.data.stored import open_transitions
     from neuroanimator.emulator.emulator import Emulator, load_emulator
     from neuroanimator.errors import NeuroAnimatorError
     from neuroanimator.evaluation.evaluate import EvaluationBudget, evaluate
@@ -73,6 +74,7 @@ _HOMES = {
     "DatasetConfig": "data.config",
     "generate": "data.generate",
     "read_transitions": "data.store",
+    "open_transitions": "data.stored",
     "read_diverged": "data.diverged_runs",
     "coverage": "data.coverage",
     "TrainingConfig": "training.config",
@@ -140,6 +142,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "DatasetConfig",
     "generate",
     "read_transitions",
+    "open_transitions",
     "read_diverged",
     "coverage",
     "TrainingConfig",

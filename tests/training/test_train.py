@@ -14,7 +14,8 @@ import pytest
 
 from neuroanimator import NeuroAnimatorError, TrainingConfig
 from neuroanimator.data.store import Transitions
-from neuroanimator.training.train import Report, run_folder, train, validation_mask
+from neuroanimator.training.lesson import validation_mask
+from neuroanimator.training.train import Report, run_folder, train
 
 SMALL = ["--widths", "8", "--updates", "3000", "--batch", "16"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.structure import Structure
 from neuroanimator.training.checkpoint import Progress
-from neuroanimator.training.chunk import TrainingProblem, train_chunk
+from neuroanimator.training.chunk import TrainingProblem, WindowsInMemory, train_chunk
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.optimizer import make_optimizer
 
@@ -39,17 +39,19 @@ def time_chunk(emulator: Emulator, config: TrainingConfig) -> float:
         structure=Structure((), (), ()),
         symmetries=(),
         base=emulator,
+        rest=None,
+    )
+    windows = WindowsInMemory(
         states=emulator.encode(rest + SPREAD * noise),
         controls=jnp.tile(middle, (WINDOWS, 1, 1)),
         rare=jnp.arange(RARE_WINDOWS),
-        rest=None,
     )
     fresh = Progress.fresh(emulator.network, make_optimizer(config))
     spans = []
     for chunk in range(CHUNKS):
         began = time.perf_counter()
         number = jnp.asarray(chunk)
-        after = train_chunk(problem, fresh.network, fresh.optimizer_state, number, 1)
+        after = train_chunk(problem, windows, fresh.network, fresh.optimizer_state, number, 1)
         jax.block_until_ready(after)
         spans.append(time.perf_counter() - began)
     return min(spans[1:])

@@ -39,6 +39,10 @@ def run(
         int | None, typer.Option(help="Super steps the last updates look ahead, 1 to 4.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of weights, split and batches.")] = None,
+    memory: Annotated[
+        str | None,
+        typer.Option(help="What data may take (default 8GB); what needs more is read from disk."),
+    ] = None,
 ) -> None:
     """Train an emulator; of a system or a TOML file the data is generated first.
 
@@ -49,7 +53,7 @@ def run(
     with phase("loading"):
         from neuroanimator.cli.generate import ensure_data
         from neuroanimator.cli.numbers import whole_numbers
-        from neuroanimator.data.store import read_transitions
+        from neuroanimator.data.stored import open_transitions
         from neuroanimator.evaluation.evaluate import judge_training
         from neuroanimator.tables import read_toml
         from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
@@ -67,6 +71,7 @@ def run(
         "batch": batch,
         "unroll": unroll,
         "seed": seed,
+        "memory": memory,
     }
     settings: dict[str, Any] = {}
     if config:
@@ -74,9 +79,9 @@ def run(
     for key, value in options.items():
         if value is not None:
             settings[key] = value
-    TrainingConfig(**settings)  # what is wrong is said before data are made
+    memory_limit = TrainingConfig(**settings).memory  # what is wrong is said before data are made
     last: list[Report] = []
-    transitions = read_transitions(ensure_data(data, out))
+    transitions = open_transitions(ensure_data(data, out), memory_limit)
     checked = TrainingConfig.usual(transitions.system.structure, **settings)
     with progress_bar("updates", checked.chunks * UPDATES_PER_CHUNK) as bar:
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.data.store import Transitions
+from neuroanimator.data.stored import StoredTransitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import (
@@ -36,7 +37,8 @@ from neuroanimator.evaluation.weak_spots import WeakSpot
 from neuroanimator.terminal import phase
 from neuroanimator.text import listed
 from neuroanimator.training.config import TrainingConfig
-from neuroanimator.training.train import validation_mask
+from neuroanimator.training.lesson import validation_mask
+from neuroanimator.training.survey import validation_of
 
 MAX_NAMED = 6
 """So many state entries are named in a note; of the others only the number is told."""
@@ -326,9 +328,14 @@ def evaluate(
     )
 
 
-def judge_training(emulator: Emulator, data: Transitions, config: TrainingConfig) -> Verdict:
+def judge_training(
+    emulator: Emulator, data: Transitions | StoredTransitions, config: TrainingConfig
+) -> Verdict:
     """Return the verdict on the windows of `data` that training with `config` kept for validation: one step each."""
-    validation = data.where(validation_mask(data.run, config))
+    if isinstance(data, StoredTransitions):
+        validation = validation_of(data, config)
+    else:
+        validation = data.where(validation_mask(data.run, config))
     states = np.asarray(validation.states[:, :2], float)
     controls = np.asarray(validation.controls[:, :1], float)
     test = make_test(data.system, emulator.dt, states, controls)

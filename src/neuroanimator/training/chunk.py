@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, PRNGKeyArray
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
-from neuroanimator.jax_later import Array, eqx, filter_jit, jax
+from neuroanimator.jax_later import Array, eqx, filter_jit, jax, jnp
 from neuroanimator.pytrees import Module, static
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
@@ -31,14 +32,28 @@ class TrainingProblem(Module):
     """By which every window may be seen, besides as it is."""
     base: Emulator
     """The emulator whose network is trained."""
+    rest: RestStreams | None
+    """What the network sees at rest; None where the system does not keep still there."""
+
+
+class WindowsInMemory(Module):
+    """Every window there is to learn from."""
+
     states: Float[Array, "N T I"]
     """Windows of T = H + 1 latent states."""
     controls: Float[Array, "N H C"]
     """The latent controls between them."""
     rare: Int[Array, " M"]
     """Rows of the windows with the most unusual changes."""
-    rest: RestStreams | None
-    """What the network sees at rest; None where the system does not keep still there."""
+
+
+class Batches(Module):
+    """The batches of consecutive updates U of a chunk; F = unroll + 1."""
+
+    states: Float[Array, "U B F I"]
+    controls: Float[Array, "U B H C"]
+    weights: Float[Array, "U B"] | None
+    """How much each window counts; None for all alike."""
 
 
 def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> Emulator:
@@ -56,6 +71,7 @@ completed = filter_jit(with_network)
 @filter_jit
 def train_chunk(
     problem: TrainingProblem,
+    windows: WindowsInMemory,
     network: Network,
     optimizer_state: Any,
     chunk: Int[Array, ""],
@@ -67,37 +83,85 @@ def train_chunk(
     is an array: a plain one would be compiled in, and every chunk compiled anew.
     """
     config = problem.config
-    structure = problem.structure
-    optimizer = make_optimizer(config)
-    size = max(1, config.batch // unroll)
+    size = config.batch_at(unroll)
     key = jax.random.fold_in(jax.random.key(config.seed), chunk)
     rows_of_updates, weights = draw_batches(
-        key, size, problem.states.shape[0], problem.rare, config.rare_share
+        key, size, windows.states.shape[0], windows.rare, config.rare_share
     )
 
     def loss_of(network: Network, rows: Int[Array, " B"]) -> Float[Array, ""]:
-        emulator = with_network(problem.base, network, problem.rest)
         row_weights = None
         if weights is not None:
             row_weights = weights[rows]
-        states = problem.states[rows, : unroll + 1]
-        controls = problem.controls[rows, :unroll]
+        states = windows.states[rows, : unroll + 1]
+        controls = windows.controls[rows, :unroll]
         fold_key = jax.random.fold_in(key, rows[0])
-        if problem.symmetries:
-            view_key = jax.random.fold_in(fold_key, 1)
-            states, controls = seen_by(problem.symmetries, view_key, states, controls)
-        if structure.symmetry_order > 1:
-            states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
-        return unrolled_loss(emulator, states, controls, row_weights)
+        return _batch_loss(problem, network, fold_key, states, controls, row_weights)
 
-    def update(
-        carry: tuple[Any, Any], rows: Int[Array, " B"]
-    ) -> tuple[tuple[Any, Any], Float[Array, ""]]:
+    return _updated(problem, loss_of, network, optimizer_state, rows_of_updates)
+
+
+@filter_jit
+def train_batches(
+    problem: TrainingProblem,
+    batches: Batches,
+    network: Network,
+    optimizer_state: Any,
+    chunk: Int[Array, ""],
+    first_update: Int[Array, ""],
+) -> tuple[Network, Any, Float[Array, ""]]:
+    """Return (network, optimiser state, mean loss) after one update with each of `batches`.
+
+    They are those of chunk number `chunk` from its `first_update` on.
+    """
+    key = jax.random.fold_in(jax.random.key(problem.config.seed), chunk)
+    numbers = first_update + jnp.arange(batches.states.shape[0])
+
+    def loss_of(network: Network, batch: tuple[Int[Array, ""], Batches]) -> Float[Array, ""]:
+        number, windows = batch
+        fold_key = jax.random.fold_in(key, number)
+        return _batch_loss(
+            problem, network, fold_key, windows.states, windows.controls, windows.weights
+        )
+
+    return _updated(problem, loss_of, network, optimizer_state, (numbers, batches))
+
+
+def _batch_loss(
+    problem: TrainingProblem,
+    network: Network,
+    fold_key: PRNGKeyArray,
+    states: Float[Array, "N F I"],
+    controls: Float[Array, "N H C"],
+    weights: Float[Array, " N"] | None,
+) -> Float[Array, ""]:
+    """Return the loss of some windows, each of them as it is or as one of the symmetries has it."""
+    structure = problem.structure
+    emulator = with_network(problem.base, network, problem.rest)
+    if problem.symmetries:
+        view_key = jax.random.fold_in(fold_key, 1)
+        states, controls = seen_by(problem.symmetries, view_key, states, controls)
+    if structure.symmetry_order > 1:
+        states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
+    return unrolled_loss(emulator, states, controls, weights)
+
+
+def _updated(
+    problem: TrainingProblem,
+    loss_of: Callable[[Network, Any], Float[Array, ""]],
+    network: Network,
+    optimizer_state: Any,
+    batches: Any,
+) -> tuple[Network, Any, Float[Array, ""]]:
+    """Return (network, optimiser state, mean loss) after one update with each of `batches`."""
+    optimizer = make_optimizer(problem.config)
+
+    def update(carry: tuple[Any, Any], batch: Any) -> tuple[tuple[Any, Any], Float[Array, ""]]:
         network, optimizer_state = carry
-        loss, gradient = jax.value_and_grad(loss_of)(network, rows)
+        loss, gradient = jax.value_and_grad(loss_of)(network, batch)
         step, optimizer_state = optimizer.update(gradient, optimizer_state, network)
         return (eqx.apply_updates(network, step), optimizer_state), loss
 
     start = (network, optimizer_state)
-    (network, optimizer_state), losses = jax.lax.scan(update, start, rows_of_updates)
+    (network, optimizer_state), losses = jax.lax.scan(update, start, batches)
     return network, optimizer_state, losses.mean()

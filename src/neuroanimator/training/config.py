@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
 from neuroanimator.data.config import MAX_UNROLL
+from neuroanimator.data.stored import DEFAULT_MEMORY
 from neuroanimator.emulator.networks import DEFAULT_WIDTHS, check_widths
+from neuroanimator.errors import ArgumentError
 from neuroanimator.state.structure import Structure
 from neuroanimator.storage.files import canonical_json
 from neuroanimator.tables import Settings
+from neuroanimator.text import quoted
 
 UPDATES_PER_CHUNK = 250
 """Updates compiled into one call: long enough to hide the call, short enough for a lively progress bar."""
@@ -29,6 +33,16 @@ ON_GROUND = LARGE_BATCHES | {"widths": (256, 192), "updates": 16_000}
 
 WITH_STOPS = LARGE_BATCHES | {"widths": (128, 96), "updates": 32_000}
 """Bodies whose joints have stops, and that touch nothing: narrower layers have time for more updates."""
+
+MIN_MEMORY = 16 * 10**6
+"""With less, not even one shard of the smallest system would fit [bytes]."""
+
+MAX_MEMORY = 10**15
+"""More is a slip of the hand [bytes]."""
+
+SIZE_UNITS = {"kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+
+SIZE = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,6})?) ?(kB|MB|GB|TB)", re.ASCII)
 
 DEFAULT_RATES = {"muon": 5e-3, "adam": 5e-3, "momentum": 2e-2}
 
@@ -63,6 +77,21 @@ class TrainingConfig(Settings):
     validation_share: float = Field(default=0.05, gt=0, lt=0.9)
     patience: int = Field(default=80, ge=1)
     seed: int = Field(default=0, ge=0, lt=2**31)
+    memory: int = Field(default=DEFAULT_MEMORY, ge=MIN_MEMORY, le=MAX_MEMORY)
+    """What windows may take besides the program itself [bytes], or text such as `1GB`. A dataset that takes more stays on
+    disk, and its windows come in another order; of one that fits nothing depends on this."""
+
+    @field_validator("memory", mode="before")
+    @classmethod
+    def _bytes_of(cls, memory: Any) -> Any:
+        if not isinstance(memory, str):
+            return memory
+        match = SIZE.fullmatch(memory)
+        if match is None:
+            raise ArgumentError(
+                f"memory: wanted a size such as 500MB, 8GB or 1.5TB; came {quoted(memory)}."
+            )
+        return round(float(match[1]) * SIZE_UNITS[match[2]])
 
     @field_validator("widths")
     @classmethod
@@ -93,13 +122,18 @@ class TrainingConfig(Settings):
 
     @property
     def hash(self) -> str:
-        """Sixteen hex digits that name this configuration."""
-        return hashlib.sha256(canonical_json(self.model_dump()).encode()).hexdigest()[:16]
+        """Sixteen hex digits that name this configuration: all but the memory, which matters to few datasets."""
+        values = self.model_dump(exclude={"memory"})
+        return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:16]
 
     @property
     def chunks(self) -> int:
         """Compiled calls in the whole run."""
         return -(-self.updates // UPDATES_PER_CHUNK)
+
+    def batch_at(self, unroll: int) -> int:
+        """Return how many windows a batch has whose loss spans `unroll` super steps."""
+        return max(1, self.batch // unroll)
 
     def unroll_at(self, chunk: int) -> int:
         """Return how many super steps the loss of chunk number `chunk` spans."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import reduce
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -63,8 +66,88 @@ class _LatentData:
     """Shape modes and the groups they belong to; None where states are not encoded."""
 
 
-def build_emulator(data: Transitions, config: TrainingConfig) -> Emulator:
-    """Return an emulator normalised by `data`, its network drawn from the config's seed."""
+@dataclass(frozen=True)
+class _Moments:
+    """Mean, spread and range of some numbers, each over all rows."""
+
+    count: int
+    mean: Float[np.ndarray, " K"]
+    std: Float[np.ndarray, " K"]
+    low: Float[np.ndarray, " K"]
+    high: Float[np.ndarray, " K"]
+
+    @classmethod
+    def of(cls, rows: Float[np.ndarray, "N K"]) -> _Moments:
+        return cls(
+            len(rows), rows.mean(axis=0), rows.std(axis=0), rows.min(axis=0), rows.max(axis=0)
+        )
+
+    def joined(self, other: _Moments) -> _Moments:
+        """Return the moments of both together, in double precision (Chan, Golub and LeVeque, 1979)."""
+        count = self.count + other.count
+        apart = np.asarray(other.mean, float) - self.mean
+        mean = self.mean + apart * (other.count / count)
+        squares = self.count * np.asarray(self.std, float) ** 2
+        squares += other.count * np.asarray(other.std, float) ** 2
+        squares += apart**2 * (self.count * other.count / count)
+        low = np.minimum(self.low, other.low)
+        high = np.maximum(self.high, other.high)
+        return _Moments(count, mean, np.sqrt(squares / count), low, high)
+
+
+class _Statistics(NamedTuple):
+    """What normalisers and domains are made of."""
+
+    raw: _Moments
+    """Of the raw features."""
+    change: _Moments
+    """Of what a network predicts of a change."""
+    whole_change: _Moments
+
+    @classmethod
+    def of(cls, latent: _LatentData) -> _Statistics:
+        frame = latent.frame
+        local = frame.local(latent.states)
+        felt = frame.felt_control(latent.states, latent.controls)
+        return cls(
+            raw=_Moments.of(latent.features.plain_of(latent.states, local, felt)),
+            change=_Moments.of(frame.remainder(latent.states, latent.following)),
+            whole_change=_Moments.of(frame.difference(latent.states, latent.following)),
+        )
+
+    def joined(self, other: _Statistics) -> _Statistics:
+        return _Statistics(
+            self.raw.joined(other.raw),
+            self.change.joined(other.change),
+            self.whole_change.joined(other.whole_change),
+        )
+
+
+def _encoded(latent: _LatentData, data: Transitions) -> _LatentData:
+    """Return other `data` in the same latent numbers."""
+    states, following, controls = _latent_numbers(latent.encoding, data)
+    return replace(latent, states=states, following=following, controls=controls)
+
+
+def _latent_numbers(
+    encoding: Encoding, data: Transitions
+) -> tuple[Float[np.ndarray, "N I"], Float[np.ndarray, "N I"], Float[np.ndarray, "N C"]]:
+    """Return (latent states, those a super step later, latent controls between them)."""
+    if encoding.is_identity:
+        return data.states[:, 0], data.states[:, 1], data.controls[:, 0]
+    states = encoding.encode(np.asarray(data.states[:, :2], float))
+    controls = encoding.encode_control(np.asarray(data.controls[:, 0], float))
+    return states[:, 0], states[:, 1], controls
+
+
+def build_emulator(
+    data: Transitions, config: TrainingConfig, parts: Iterable[Transitions] | None = None
+) -> Emulator:
+    """Return an emulator normalised by `data`, its network drawn from the config's seed.
+
+    Where there is more data than fits into memory, `data` is a sample of them, by which shape modes are found; means,
+    spreads and ranges are those of all data, whose `parts` come one after another.
+    """
     system = data.system
     dt = data.config.substeps * system.physics_dt
     if system.structure.cloud is None:
@@ -72,17 +155,20 @@ def build_emulator(data: Transitions, config: TrainingConfig) -> Emulator:
     else:
         latent = _body_data(data, config, dt)
     features = latent.features
-    local = latent.frame.local(latent.states)
-    felt = latent.frame.felt_control(latent.states, latent.controls)
-    raw = features.plain_of(latent.states, local, felt)
-    is_odd = [features.is_odd and i not in features.even for i in range(raw.shape[1])]
+    if parts is None:
+        statistics = _Statistics.of(latent)
+    else:
+        encoded = (_encoded(latent, part) for part in parts)
+        statistics = reduce(_Statistics.joined, map(_Statistics.of, encoded))
+    size = len(statistics.raw.mean)
+    is_odd = [features.is_odd and i not in features.even for i in range(size)]
     odd_raw = np.array(is_odd)
     return Emulator(
         frame=latent.frame,
         features=features,
-        normaliser=_normaliser(data, latent, raw, odd_raw),
-        network=_network(config, latent, system, raw.shape[1]),
-        domain=_domain(raw, odd_raw),
+        normaliser=_normaliser(data, latent, statistics, odd_raw),
+        network=_network(config, latent, system, size),
+        domain=_domain(statistics.raw, odd_raw),
         spec=spec_of(system, data.config.substeps, latent.frame.dt),
         encoding=latent.encoding,
     )
@@ -91,18 +177,19 @@ def build_emulator(data: Transitions, config: TrainingConfig) -> Emulator:
 def _state_data(data: Transitions, dt: float) -> _LatentData:
     """Return the data of a system whose super steps are made in the state itself."""
     structure = data.system.structure
-    states = data.states[:, 0]
+    encoding = IdentityEncoding(data.system.state)
+    states, following, controls = _latent_numbers(encoding, data)
     size = states.shape[-1]
     frame = Frame.of(structure, dt)
     features = Features.of(structure, size, dt)
     return _LatentData(
-        encoding=IdentityEncoding(data.system.state),
+        encoding=encoding,
         frame=frame,
         features=features,
         odd_changes=np.full(frame.change_size(size), features.is_odd),
         states=states,
-        following=data.states[:, 1],
-        controls=data.controls[:, 0],
+        following=following,
+        controls=controls,
     )
 
 
@@ -112,8 +199,7 @@ def _body_data(data: Transitions, config: TrainingConfig, dt: float) -> _LatentD
     modes = grouped.modes
     body = data.system.structure
     structure = modes.structure(body)
-    states = modes.encode(np.asarray(data.states[:, :2], float))
-    controls = modes.encode_control(np.asarray(data.controls[:, 0], float))
+    states, following, controls = _latent_numbers(modes, data)
     size = states.shape[-1]
     frame = Frame.of(structure, dt)
     features = Features.of(structure, size, dt)
@@ -127,8 +213,8 @@ def _body_data(data: Transitions, config: TrainingConfig, dt: float) -> _LatentD
         frame=frame,
         features=features,
         odd_changes=odd_changes,
-        states=states[:, 0],
-        following=states[:, 1],
+        states=states,
+        following=following,
         controls=controls,
         grouped_modes=grouped,
     )
@@ -207,37 +293,36 @@ def spec_of(system: System, substeps: int, dt: float) -> EmulatorSpec:
     )
 
 
-def _domain(raw: Float[np.ndarray, "N K"], odd: Bool[np.ndarray, " K"]) -> Domain:
+def _domain(raw: _Moments, odd: Bool[np.ndarray, " K"]) -> Domain:
     """Return the range of the raw features, the same on both sides for those the mirror reverses."""
-    low = raw.min(axis=0)
-    high = raw.max(axis=0)
-    high = np.where(odd, np.maximum(-low, high), high)
-    low = np.where(odd, -high, low)
+    high = np.where(odd, np.maximum(-raw.low, raw.high), raw.high)
+    low = np.where(odd, -high, raw.low)
     return Domain(as_jax(low), as_jax(high))
 
 
 def _normaliser(
     data: Transitions,
     latent: _LatentData,
-    raw: Float[np.ndarray, "N K"],
+    statistics: _Statistics,
     odd_raw: Bool[np.ndarray, " K"],
 ) -> Normaliser:
     """Return the normaliser of raw features and changes; what the mirror reverses has a mean of zero."""
-    change = latent.frame.remainder(latent.states, latent.following)
-    whole_change = latent.frame.difference(latent.states, latent.following)
-    change_scale = np.maximum(change.std(axis=0), MIN_SCALE)
-    unit = np.maximum(whole_change.std(axis=0), MIN_SCALE)
+    raw = statistics.raw
+    change = statistics.change
+    whole_change = statistics.whole_change
+    change_scale = np.maximum(change.std, MIN_SCALE)
+    unit = np.maximum(whole_change.std, MIN_SCALE)
     if latent.encoding.is_identity:
-        moves = whole_change.std(axis=0) >= MIN_CHANGE
+        moves = whole_change.std >= MIN_CHANGE
         if not moves.any():
             raise ArgumentError(NOTHING_MOVES)
         change_scale = np.where(moves, change_scale, 0.0)
         unit = np.where(moves, unit, 0.0)
     else:  # the latent numbers of a deformable body all move, and have units of their own
         unit = _body_units(data, latent)
-    plain_mean = np.where(odd_raw, 0.0, raw.mean(axis=0))
-    plain_scale = np.maximum(raw.std(axis=0), MIN_SCALE)
-    change_mean = np.where(latent.odd_changes, 0.0, change.mean(axis=0))
+    plain_mean = np.where(odd_raw, 0.0, raw.mean)
+    plain_scale = np.maximum(raw.std, MIN_SCALE)
+    change_mean = np.where(latent.odd_changes, 0.0, change.mean)
     return Normaliser(
         plain_mean=as_jax(plain_mean),
         plain_scale=as_jax(plain_scale),

@@ -5,47 +5,39 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from contextlib import closing
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from neuroanimator.data.store import Transitions
+from neuroanimator.data.stored import StoredTransitions
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
-from neuroanimator.emulator.tensors import emulator_tensors
-from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.json_text import parse_json_object
-from neuroanimator.state.symmetry import Symmetry
-from neuroanimator.storage.files import append_line, digest, locked, write_whole
+from neuroanimator.storage.files import append_line, locked, write_whole
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.storage.unfinished import remove_stale
-from neuroanimator.systems.system import System
-from neuroanimator.training.batches import rare_rows
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
-from neuroanimator.training.chunk import TrainingProblem, completed, train_chunk
+from neuroanimator.training.chunk import TrainingProblem, completed
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
-from neuroanimator.training.initialise import build_emulator
+from neuroanimator.training.feed import Feed
+from neuroanimator.training.lesson import lesson_of
 from neuroanimator.training.loss import squared_error
 from neuroanimator.training.optimizer import make_optimizer
+from neuroanimator.training.survey import MAX_VALIDATION
 
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""
 
 MAX_LINE = 10_000
 """Longest line of `metrics.jsonl` that is read [characters]; ours have a hundred."""
-
-MAX_VALIDATION = 8192
-"""Windows used for validation, at most: more would slow training and change no digit that matters."""
-
-
-STILL = 0.01
-"""Share of a usual change by which a system at rest may move in a super step and still count as keeping still."""
 
 
 class Report(NamedTuple):
@@ -62,7 +54,7 @@ class Report(NamedTuple):
 
 
 def train(
-    data: Transitions,
+    data: Transitions | StoredTransitions,
     config: TrainingConfig,
     out: str | Path,
     *,
@@ -79,16 +71,21 @@ def train(
     with locked(folder):
         run = _Run.prepare(data, config, folder, start_from)
         remove_stale(folder)
-        provenance = {
-            "dataset": data.config.model_dump(),
-            "training": config.model_dump(mode="json"),
-        }
+        provenance = {"dataset": data.config.model_dump(), "training": _settings(data, config)}
         check_readable(run.problem.base, folder, provenance)
-        while not run.is_over:
-            on_report(run.advance())
+        with closing(run.feed):
+            while not run.is_over:
+                on_report(run.advance())
         emulator = run.best
         save(emulator, out, provenance)
     return emulator
+
+
+def _settings(data: Transitions | StoredTransitions, config: TrainingConfig) -> dict[str, Any]:
+    """Return the settings that the weights depend on: of a dataset in memory, the memory is none of them."""
+    if isinstance(data, Transitions):
+        return config.model_dump(mode="json", exclude={"memory"})
+    return config.model_dump(mode="json")
 
 
 def run_folder(out: Path) -> Path:
@@ -101,6 +98,7 @@ class _Run:
     """A training run between two reports."""
 
     problem: TrainingProblem
+    feed: Feed
     validation_states: Float[Array, "N T I"]
     validation_controls: Float[Array, "N H C"]
     folder: Path
@@ -112,38 +110,24 @@ class _Run:
 
     @classmethod
     def prepare(
-        cls, data: Transitions, config: TrainingConfig, folder: Path, start_from: Emulator | None
+        cls,
+        data: Transitions | StoredTransitions,
+        config: TrainingConfig,
+        folder: Path,
+        start_from: Emulator | None,
     ) -> _Run:
         """Return the run in `folder`, where it stopped if it was begun."""
-        is_held_out = validation_mask(data.run, config)
-        if not is_held_out.any() or is_held_out.all():
-            raise ArgumentError(_too_few(data))
-        base = start_from or build_emulator(data.where(~is_held_out), config)
-        training = base_windows(base, data.where(~is_held_out))
-        validation = base_windows(base, data.where(is_held_out))
-        rest = None
-        if keeps_still(data.system, base):
-            rest = base.rest_streams()
-        problem = TrainingProblem(
-            config=config,
-            structure=data.system.structure,
-            symmetries=found_symmetries(data),
-            base=base,
-            states=as_jax(training.states),
-            controls=as_jax(training.controls),
-            rare=as_jax(rare_rows(base, training), np.int32),
-            rest=rest,
-        )
-        fingerprint = f"{_content_hash(data, base)}-{config.hash}"
-        fresh = Progress.fresh(base.network, make_optimizer(config))
-        progress = read_checkpoint(folder, fingerprint, fresh)
+        lesson = lesson_of(data, config, start_from)
+        fresh = Progress.fresh(lesson.problem.base.network, make_optimizer(config))
+        progress = read_checkpoint(folder, lesson.fingerprint, fresh)
         _trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
         return cls(
-            problem=problem,
-            validation_states=as_jax(validation.states[:MAX_VALIDATION]),
-            validation_controls=as_jax(validation.controls[:MAX_VALIDATION]),
+            problem=lesson.problem,
+            feed=lesson.feed,
+            validation_states=as_jax(lesson.validation.states[:MAX_VALIDATION]),
+            validation_controls=as_jax(lesson.validation.controls[:MAX_VALIDATION]),
             folder=folder,
-            fingerprint=fingerprint,
+            fingerprint=lesson.fingerprint,
             progress=progress,
         )
 
@@ -164,14 +148,10 @@ class _Run:
         progress = self.progress
         losses = []
         while True:
-            network, optimizer_state, loss = train_chunk(
-                self.problem,
-                progress.network,
-                progress.optimizer_state,
-                as_jax(progress.chunk, np.int32),
-                config.unroll_at(progress.chunk),
+            network, optimizer_state, loss = self.feed.train(
+                progress.network, progress.optimizer_state, progress.chunk
             )
-            losses.append(float(loss))
+            losses.append(loss)
             progress = progress._replace(
                 network=network, optimizer_state=optimizer_state, chunk=progress.chunk + 1
             )
@@ -196,62 +176,6 @@ class _Run:
         squares = _validate(emulator, self.validation_states, self.validation_controls)
         moves = np.asarray(self.problem.base.normaliser.unit) > 0
         return np.sqrt(np.asarray(squares)[:, moves].mean(axis=1))
-
-
-def _too_few(data: Transitions) -> str:
-    """Return what is said of data that cannot be parted into some to learn from and some to validate by."""
-    lost = ""
-    if data.diverged:
-        lost = f" {data.diverged} runs diverged and were dropped: use a smaller step."
-    return f"count: {len(data.run)} transitions are too few to train on; wanted some hundred.{lost}"
-
-
-def _content_hash(data: Transitions, base: Emulator) -> str:
-    """Return sixteen hex digits that name the windows and every number of the emulator training starts from."""
-    contents = {"states": data.states, "controls": data.controls, **emulator_tensors(base)}
-    return digest(contents)[:16]
-
-
-def keeps_still(system: System, emulator: Emulator) -> bool:
-    """Return whether the physics stays where it is at rest without control, measured over one super step.
-
-    Of recordings and functions of a user's nobody asks: they may be there, or be allowed to run, or not, and what is
-    trained must not depend on that.
-    """
-    if not system.is_self_contained:
-        return False
-    rest = system.rest[None]
-    idle = np.tile(system.bounds.idle, (1, 1, 1))
-    after = system.simulate(rest, idle, emulator.dt).states[:, -1]
-    before_latent = emulator.encode(np.asarray(rest, float))
-    after_latent = emulator.encode(np.asarray(after, float))
-    moved = np.abs(emulator.frame.difference(before_latent, after_latent)[0])
-    return bool((moved <= STILL * np.asarray(emulator.normaliser.unit)).all())
-
-
-def found_symmetries(data: Transitions) -> tuple[Symmetry, ...]:
-    """Return the symmetries of the system, tried on some of `data`.
-
-    As with `keeps_still`, only physics of our own is asked.
-    """
-    if not data.system.is_self_contained:
-        return ()
-    return data.system.symmetries(data.states[:, 0], data.controls[:, 0])
-
-
-def base_windows(base: Emulator, data: Transitions) -> Transitions:
-    """Return the windows in the latent numbers in which `base` makes its super steps."""
-    states = base.encoding.encode_recorded(data.states)
-    controls = base.encode_control(data.controls).astype(np.float32, copy=False)
-    return replace(data, states=states, controls=controls)
-
-
-def validation_mask(run: Int[np.ndarray, " N"], config: TrainingConfig) -> Bool[np.ndarray, " N"]:
-    """Return (N,) True for windows whose whole run is kept for validation."""
-    runs = np.unique(run)
-    count = max(1, round(len(runs) * config.validation_share))
-    chosen = np.random.default_rng([config.seed, 1]).permutation(runs)[:count]
-    return np.isin(run, chosen)
 
 
 @eqx.filter_jit
