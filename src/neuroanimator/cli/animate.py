@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE
+
+if TYPE_CHECKING:
+    from neuroanimator.animation.clip import Clip
 
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
@@ -43,6 +46,10 @@ def run(
     ] = None,
     start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of a random motion.")] = None,
+    school: Annotated[
+        int | None,
+        typer.Option(help="So many swim together, by the policy that ships of dolphin or fish."),
+    ] = None,
     rate: Annotated[
         float | None,
         typer.Option(help="Frames a second, such as 60; 30 if not given, fewer of a slow system."),
@@ -66,10 +73,19 @@ def run(
             random_motion,
         )
         from neuroanimator.export.csv_file import read_table
-        from neuroanimator.export.formats import emulator_for, export_clip
+        from neuroanimator.export.formats import emulator_for, export_clip, export_school
         from neuroanimator.state.start import read_starts
 
         model = emulator_for(out, emulator)
+    if school is not None:
+        _refuse_in_a_school(controls=controls, start=start, interpolation=interpolation)
+        with phase("emulating"):
+            from neuroanimator.control.policies.school import school_clips
+
+            clips = school_clips(model, school, seconds=seconds, seed=seed or 0, rate=rate)
+        with phase("drawing"):
+            export_school(clips, out, film)
+        return print_rows(_rows(clips[0], out))
     with phase("emulating"):
         start_state = None
         if start:
@@ -84,9 +100,22 @@ def run(
     clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="emulator")
     with phase("drawing"):
         export_clip(clip, model, out, film)
-    rows: list[tuple[str, object]] = [
-        ("frames", len(clip.times)),
-        ("seconds", f"{clip.times[-1]:.2f}"),
-    ]
-    rows += [("file", path) for path in out]
-    print_rows(rows)
+    return print_rows(_rows(clip, out))
+
+
+def _rows(clip: Clip, out: list[Path]) -> list[tuple[str, object]]:
+    """Return what the verb prints."""
+    length = [("frames", len(clip.times)), ("seconds", f"{clip.times[-1]:.2f}")]
+    return [*length, *(("file", path) for path in out)]
+
+
+def _refuse_in_a_school(controls: Path | None, start: list[str] | None, interpolation: str) -> None:
+    """Refuse the options that a school has no use for."""
+    from neuroanimator.errors import ArgumentError
+
+    given = {"controls": controls, "start": start, "interpolation": interpolation != "hermite"}
+    for name, value in given.items():
+        if value:
+            raise ArgumentError(
+                f"{name}: a school swims as its policy says. Leave it out, or --school."
+            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from neuroanimator.animation.clip import Clip
@@ -51,6 +52,21 @@ def export_clip(
             write_video(drawn, path, size=film.size, camera=film.camera)
         else:
             write_clip(clip, path, emulator.state)
+
+
+def export_school(clips: Sequence[Clip], outs: list[Path], film: Film = DEFAULT_FILM) -> None:
+    """Write `clips`, seen together, to each path as .glb, USD or .mp4; a table has room for one body alone."""
+    _check_formats(outs)
+    for path in outs:
+        if path.suffix == ".csv":
+            raise ArgumentError(f"out: '{path.name}' holds one body, and a school has more.")
+    for path in outs:
+        if path.suffix == ".glb":
+            write_glb(clips, path)
+        elif path.suffix == ".mp4":
+            write_video(clips, path, size=film.size, camera=film.camera)
+        else:
+            write_usd(clips, path)
 
 
 def _check_formats(outs: list[Path]) -> None:

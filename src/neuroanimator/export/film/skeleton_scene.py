@@ -34,6 +34,18 @@ SAME_PLACE = 1e-9
 HALF_WIDTH = 60.0
 """Half the width of floor and water, over the body's size."""
 
+STONES = 90
+"""Stones on the seabed: what a body passes shows how fast it goes."""
+
+STONE_SIZES = (0.02, 0.09)
+"""Half the length of the smallest and the largest stone, over the body's size."""
+
+STONE_BAND = 4.0
+"""How far from the way of the body stones lie, over its size."""
+
+STONE_COLOURS = ((0.46, 0.45, 0.40), (0.56, 0.54, 0.46), (0.37, 0.39, 0.38))
+"""The sRGB colours of stones."""
+
 GHOST_SWELLING = 0.004
 """How much further out a ghost's surface is drawn, over the body's size: it shows no spots where both are the same."""
 
@@ -121,6 +133,8 @@ class SkeletonScene:
             is_elsewhere = ~_are_alike(poses[0], poses[-1])
             swelling = GHOST_SWELLING * self.shots.size
             _add_ghost(spec, "ghost ", take.ghost.skeleton, is_elsewhere, swelling)
+        if _colours(self.shots, setting) is UNDER_WATER:
+            _add_stones(spec, self.shots, floor)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
 
@@ -151,6 +165,29 @@ def _add_skeleton(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton) -> None:
         add_bone(spec, f"{prefix}bone{number}", bone)
     if skeleton.skin is not None:
         add_skin(spec, prefix, skeleton, skin_mesh(skeleton))
+
+
+def _add_stones(spec: mujoco.MjSpec, shots: Shots, floor: float) -> None:
+    """Scatter stones, the same every time, over the seabed at the height `floor` [m] along the body's way."""
+    rng = np.random.default_rng(0)
+    size = shots.size
+    low = shots.lookat[:, :2].min(axis=0) - STONE_BAND * size
+    high = shots.lookat[:, :2].max(axis=0) + STONE_BAND * size
+    small, large = STONE_SIZES
+    for number in range(STONES):
+        # Most are small.
+        length = size * (small + (large - small) * rng.random() ** 3)
+        half_sizes = length * np.array([1.0, rng.uniform(0.6, 0.9), rng.uniform(0.35, 0.6)])
+        turn = rng.uniform(0, np.pi)
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+            size=half_sizes,
+            pos=[*rng.uniform(low, high), floor + 0.3 * half_sizes[2]],
+            quat=[np.cos(turn), 0, 0, np.sin(turn)],
+            rgba=[*STONE_COLOURS[number % len(STONE_COLOURS)], 1],
+            contype=0,
+            conaffinity=0,
+        )
 
 
 def _are_alike(one: Poses, other: Poses) -> Bool[np.ndarray, " B"]:
