@@ -62,5 +62,5 @@ def test_constraints_name_no_registry():
     for name in ("constraints.txt", "constraints-docs.txt"):
         text = (ROOT / name).read_text()
         assert "--hash=sha256:" in text
-        assert "http" not in text
+        assert "://" not in text
         assert "--index" not in text

@@ -11,7 +11,9 @@ if TYPE_CHECKING:
 
 Where = Annotated[
     str,
-    typer.Option("--executor", help="Where to compute: local."),
+    typer.Option(
+        "--executor", help="Where: local; ray starts Ray here; ray://HOST:PORT joins a cluster."
+    ),
 ]
 """The option `--executor`."""
 

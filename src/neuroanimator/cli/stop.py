@@ -82,15 +82,29 @@ class Stop:
 
 
 def _end_children() -> None:
-    """Kill what this process started: a compiler, or what draws a film. Where there is no /proc a terminal does."""
-    for children in Path("/proc/self/task").glob("*/children"):
-        for word in children.read_text().split():
-            child = int(word)
+    """Kill what this process started, and what that started: a compiler, what draws a film, a cluster on this machine.
+
+    Where there is no /proc a terminal does.
+    """
+    own = os.getpid()
+    for child in _descendants(own):
+        with contextlib.suppress(OSError):  # gone meanwhile
             is_leader = os.getpgid(child) == child
             if is_leader:
                 os.killpg(child, signal.SIGKILL)
             else:
                 os.kill(child, signal.SIGKILL)
+
+
+def _descendants(process: int) -> list[int]:
+    """Return the children of a process and theirs, those first that could start others."""
+    found = []
+    for children in Path(f"/proc/{process}/task").glob("*/children"):
+        with contextlib.suppress(OSError):  # gone meanwhile
+            for word in children.read_text().split():
+                child = int(word)
+                found += [child, *_descendants(child)]
+    return found
 
 
 def _remove_leftovers() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from neuroanimator.data.diverged_runs import has_diverged, write_diverged
 from neuroanimator.data.recorded_segments import limited_to_recordings
 from neuroanimator.data.recorded_windows import write_held_out
 from neuroanimator.data.shard import Shard, make_shard
-from neuroanimator.data.shard_task import SHARD_SECONDS, ShardTask, run_shard_task
+from neuroanimator.data.shard_task import SHARD_SECONDS, THIS_PROCESS, ShardTask, run_shard_task
 from neuroanimator.data.store import (
     Transitions,
     claim_folder,
@@ -122,7 +121,7 @@ def _made(
             lost[outcome.index] = outcome.error
             continue
         made = outcome.value()
-        if made.process != os.getpid():
+        if made.process != THIS_PROCESS:
             also_heard(made.warnings)
         yield tasks[outcome.index].shard, made.shard
     raise_first(lost, len(tasks))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import secrets
 from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +17,9 @@ from neuroanimator.systems.trusted_files import trust_as_told
 
 SHARD_SECONDS = 3600.0
 """A worker that takes longer for a shard counts as hung [s]: those of the slowest models take some minutes."""
+
+THIS_PROCESS = secrets.token_hex(8)
+"""Tells this process from any other, on this machine or another one."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,8 @@ class MadeShard(NamedTuple):
 
     shard: Shard
     warnings: Counter[str]
-    process: int
-    """Who made it."""
+    process: str
+    """Who made it: the `THIS_PROCESS` of the worker."""
 
 
 def run_shard_task(task: ShardTask) -> MadeShard:
@@ -51,7 +54,7 @@ def run_shard_task(task: ShardTask) -> MadeShard:
     before = warnings_heard()
     system = _system_of(task.config.system, task.config.definition)
     shard = make_shard(system, task.config, task.shard, task.threads)
-    return MadeShard(shard, warnings_heard() - before, os.getpid())
+    return MadeShard(shard, warnings_heard() - before, THIS_PROCESS)
 
 
 @lru_cache(maxsize=2)

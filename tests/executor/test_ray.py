@@ -1,0 +1,147 @@
+"""A Ray cluster gives what processes of this machine give, whatever happens to its workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from executor_tasks import Square, cores, square
+from tally import Tally
+
+from neuroanimator import DatasetConfig, generate
+from neuroanimator.errors import ArgumentError, BadFileError, ResourceError
+from neuroanimator.executor.choose import open_executor
+from neuroanimator.executor.executor import LostTaskError, Outcome
+from neuroanimator.executor.ray_cluster import RayExecutor, perform_on_node
+from neuroanimator.executor.versions import installed_versions
+from neuroanimator.executor.worker import pack
+
+pytestmark = pytest.mark.filterwarnings("default")  # Ray's own
+
+LONGEST = 60.0
+"""[s] No task of these tests takes so long."""
+
+NUMBERS = range(6)
+
+
+@pytest.fixture(scope="module")
+def two() -> Iterator[RayExecutor]:
+    """Two workers of a cluster on this machine."""
+    pytest.importorskip("ray", reason="Ray is not installed: pip install 'neuroanimator[ray]'")
+    with RayExecutor(None, workers=2) as executor:
+        yield executor
+
+
+def test_results_come_in_the_order_of_the_tasks(two: RayExecutor):
+    tasks = [Square(number, seconds=0.05 * (5 - number)) for number in NUMBERS]
+    assert two.map(square, tasks, longest=LONGEST) == [n**2 for n in NUMBERS]
+    assert two.map(square, [], longest=LONGEST) == []
+    assert two.map(cores, [Square(0)], longest=LONGEST) == [("1", "1", "1", "cpu")]
+
+
+def test_an_error_names_its_task_and_the_others_end(two: RayExecutor):
+    tasks = [Square(n, fault="complains" if n == 2 else "") for n in NUMBERS]
+    ended: list[Outcome[int]] = []
+    with pytest.raises(BadFileError, match="^number 2: it is damaged.$"):
+        two.map(square, tasks, longest=LONGEST, on_done=ended.append)
+    assert len(ended) == len(NUMBERS)
+
+
+def test_f05_who_dies_or_hangs_in_ray_is_replaced_three_times(
+    two: RayExecutor, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+):
+    tasks = [
+        Square(1, fault="dies once", mark=str(tmp_path / "1")),
+        Square(2, fault="hangs once", mark=str(tmp_path / "2")),
+        Square(3, fault="dies"),
+    ]
+    ended: list[Outcome[int]] = []
+    with pytest.raises(
+        LostTaskError, match="number 3: its worker died, or took longer than 2 s, 4"
+    ):
+        two.map(square, tasks, longest=2.0, on_done=ended.append)
+    assert {outcome.index: outcome.result for outcome in ended} == {0: 1, 1: 4, 2: None}
+    assert capfd.readouterr().out == ""
+
+
+def test_f20_the_bytes_are_those_of_one_process_though_a_worker_is_killed(
+    two: RayExecutor, dataset: Path, tmp_path: Path, tally: Tally
+):
+    generate(DatasetConfig(system="pendulum", count=12), tmp_path / "first", executor=two)
+    workers = ray_workers()
+    assert workers
+    killer = threading.Timer(0.3, lambda: [os.kill(worker, signal.SIGKILL) for worker in workers])
+    killer.start()
+    generate(DatasetConfig(system="pendulum", count=6000), tmp_path / "data", executor=two)
+    killer.join()
+    for path in sorted(dataset.glob("*.*s*")):
+        tally.expect(tmp_path / "data" / path.name, path.read_bytes())
+
+
+def ray_workers() -> list[int]:
+    """Return the processes on this machine that are idle workers of Ray of this test."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            name = (entry / "cmdline").read_bytes().split(b"\0")[0]
+            ours = f"executor_owner={os.getpid()}".encode()
+            if name.startswith(b"ray::") and ours in (entry / "environ").read_bytes():
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return [process for process in found if b"Agent" not in cmdline(process)]
+
+
+def cmdline(process: int) -> bytes:
+    try:
+        return Path(f"/proc/{process}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def owner() -> Iterator[None]:
+    """Mark the processes this module starts, and let them find the tests' tasks."""
+    with pytest.MonkeyPatch.context() as changed:
+        changed.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+        changed.setenv("executor_owner", str(os.getpid()))
+        yield
+
+
+def test_a_node_of_another_version_computes_nothing():
+    other = installed_versions() | {"mujoco": "2.0.0"}
+    with pytest.MonkeyPatch.context() as changed:
+        changed.setattr(os, "environ", dict(os.environ))
+        answer = perform_on_node(pack(square, Square(2)), LONGEST, {}, other)
+    assert answer.result is None
+    assert "has mujoco 3." in str(answer.error)
+    assert ", here 2.0.0: its bytes might differ." in str(answer.error)
+
+
+def test_a_cluster_that_does_not_answer_is_said_before_anything_starts():
+    pytest.importorskip("ray", reason="Ray is not installed: pip install 'neuroanimator[ray]'")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        for address in (f"ray://127.0.0.1:{port}", f"127.0.0.1:{port}"):
+            with pytest.raises(ResourceError, match=f"No Ray cluster answers at {address}. Start"):
+                open_executor(address, None, None, 2)
+
+
+@pytest.mark.parametrize("name", ["rey", "ray://", "ray://host", "host:0", "ray://me@host:1"])
+def test_an_address_that_is_none_is_refused(name: str):
+    pytest.importorskip("ray", reason="Ray is not installed: pip install 'neuroanimator[ray]'")
+    with pytest.raises(ArgumentError, match="executor: wanted local, ray, ray://HOST:PORT or HOST"):
+        open_executor(name, None, None, 2)
+
+
+def test_without_ray_the_line_that_installs_it_is_said(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(ResourceError, match="pip install 'neuroanimator\\[ray\\]'"):
+        open_executor("ray", None, None, 2)
