@@ -48,10 +48,10 @@ class WindowsInMemory(Module):
 
 
 class Batches(Module):
-    """The batches of consecutive updates U of a chunk; F = unroll + 1."""
+    """The batches of consecutive updates U of a chunk."""
 
-    states: Float[Array, "U B F I"]
-    controls: Float[Array, "U B H C"]
+    windows: Float[Array, "U B F V"]
+    """Of F = unroll + 1 latent states, each followed by the latent control after it; the last control means nothing."""
     weights: Float[Array, "U B"] | None
     """How much each window counts; None for all alike."""
 
@@ -115,14 +115,15 @@ def train_batches(
     They are those of chunk number `chunk` from its `first_update` on.
     """
     key = jax.random.fold_in(jax.random.key(problem.config.seed), chunk)
-    numbers = first_update + jnp.arange(batches.states.shape[0])
+    numbers = first_update + jnp.arange(batches.windows.shape[0])
+    state_size = batches.windows.shape[-1] - problem.base.control.size
 
     def loss_of(network: Network, batch: tuple[Int[Array, ""], Batches]) -> Float[Array, ""]:
-        number, windows = batch
+        number, own = batch
+        states = own.windows[..., :state_size]
+        controls = own.windows[:, :-1, state_size:]
         fold_key = jax.random.fold_in(key, number)
-        return _batch_loss(
-            problem, network, fold_key, windows.states, windows.controls, windows.weights
-        )
+        return _batch_loss(problem, network, fold_key, states, controls, own.weights)
 
     return _updated(problem, loss_of, network, optimizer_state, (numbers, batches))
 

@@ -122,12 +122,13 @@ class StreamFeed(Feed):
         for first in range(0, UPDATES_PER_CHUNK, updates):
             yield Demand(chunk, first, updates, size, unroll)
 
-    def _on_device(self, block: Block) -> Batches:
+    @staticmethod
+    def _on_device(block: Block) -> Batches:
         """Return a block as JAX takes it. Nobody writes into its arrays, so they need not be copied."""
         weights = None
-        if self.problem.config.rare_share:
+        if block.weights is not None:
             weights = _put(block.weights)
-        return Batches(_put(block.states), _put(block.controls), weights)
+        return Batches(_put(block.windows), weights)
 
 
 def _put(numbers: Float[np.ndarray, " ..."]) -> Float[Array, " ..."]:

@@ -97,7 +97,7 @@ def _from_disk(
         problem,
         StreamFeed(problem, stream),
         base_windows(base, validation_of(data, config)),
-        f"{shards}-{start}-{config.hash}-{stream.shards_per_pool}",
+        f"{shards}-{start}-{config.hash}-{config.memory}",
     )
 
 

@@ -61,12 +61,12 @@ class Demand(NamedTuple):
 
 
 class Block(NamedTuple):
-    """The batches of consecutive updates U; F = H + 1."""
+    """The batches of consecutive updates U."""
 
-    states: Float[np.ndarray, "U B F I"]
-    controls: Float[np.ndarray, "U B H C"]
-    weights: Float[np.ndarray, "U B"]
-    """They make up for the rare windows that are drawn more often."""
+    windows: Float[np.ndarray, "U B F V"]
+    """Of F = H + 1 latent states, each followed by the latent control after it; the last control means nothing."""
+    weights: Float[np.ndarray, "U B"] | None
+    """Of windows, where rare ones are drawn more often."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class WindowStream:
     def updates_per_block(self, updates: int, size: int, unroll: int) -> int:
         """Return how many updates a block is made for: a divisor of a chunk's `updates`, by the memory there is."""
         state_size, control_size = self._sizes()
-        numbers = (unroll + 1) * state_size + unroll * control_size
+        numbers = (unroll + 1) * (state_size + control_size)
         batch = NUMBER_SIZE * numbers * size
         most = max(1, int(BLOCK_SHARE * self.config.memory / batch))
         return max(
@@ -145,30 +145,28 @@ class WindowStream:
     def _pool(self, shards: Int[np.ndarray, " P"], rng: np.random.Generator, skipped: int) -> Pool:
         """Return the windows of `shards`, mixed, to be read from number `skipped` on."""
         state_size, control_size = self._sizes()
-        length = len(shards) * RUNS_PER_SHARD * STATES_OF_RUN
-        states = np.zeros((length, state_size), np.float32)
-        controls = np.zeros((length, control_size), np.float32)
+        steps = len(shards) * RUNS_PER_SHARD * STATES_OF_RUN
+        numbers = np.zeros((steps, state_size + control_size), np.float32)
         begins = np.zeros(int(self.counts[shards].sum()), np.int32)
         step = 0
         window = 0
         for shard in shards:
             runs = self._training_runs(int(shard))
             rows = len(runs.states)
-            steps = slice(step, step + rows * STATES_OF_RUN)
-            windows = slice(window, window + runs.samples.size)
-            encoded = self.base.encoding.encode_recorded(runs.states)
-            states[steps] = encoded.reshape(-1, state_size)
-            of_runs = controls[steps].reshape(rows, STATES_OF_RUN, control_size)
-            of_runs[:, :-1] = self.base.encode_control(runs.controls)
+            last_step = step + rows * STATES_OF_RUN
+            last_window = window + runs.samples.size
+            of_runs = numbers[step:last_step].reshape(rows, STATES_OF_RUN, -1)
+            of_runs[..., :state_size] = self.base.encoding.encode_recorded(runs.states)
+            of_runs[:, :-1, state_size:] = self.base.encode_control(runs.controls)
             firsts = step + np.arange(rows) * STATES_OF_RUN
-            begins[windows] = (firsts[:, None] + runs.samples).reshape(-1)
-            step = steps.stop
-            window = windows.stop
+            begins[window:last_window] = (firsts[:, None] + runs.samples).reshape(-1)
+            step = last_step
+            window = last_window
         rng.shuffle(begins)
-        if not self.config.rare_share:
-            return Pool(states, controls, begins, None, begins[:0], skipped)
-        is_rare = self._is_rare(states, begins)
-        return Pool(states, controls, begins, is_rare, begins[is_rare], skipped)
+        is_rare = np.zeros(len(begins), bool)
+        if self.config.rare_share:
+            is_rare = self._is_rare(numbers[:, :state_size], begins)
+        return Pool(numbers, begins, is_rare, begins[is_rare], skipped)
 
     def _is_rare(
         self, states: Float[np.ndarray, "N I"], begins: Int[np.ndarray, " M"]
@@ -194,39 +192,24 @@ class WindowStream:
 
     def _block(self, reader: _Reader, demand: Demand) -> Block:
         """Return the batches of the windows that come next."""
-        state_size, control_size = self._sizes()
-        batches = (demand.updates, demand.size)
-        states = np.empty((*batches, demand.unroll + 1, state_size), np.float32)
-        controls = np.empty((*batches, demand.unroll, control_size), np.float32)
-        weights = np.ones(batches, np.float32)
-        block = Block(states, controls, weights)
+        batches = (demand.updates, -1, demand.unroll + 1, sum(self._sizes()))
         new = self.new_per_batch(demand.size)
         rare_share = 1 - new / demand.size
-        for update in range(demand.updates):
-            column = 0
-            while column < new:
-                pool, begins, is_rare = reader.take(new - column)
-                where = (update, slice(column, column + len(begins)))
-                self._fill(block, where, pool, begins)
-                if is_rare is not None:
-                    usual_weight = 1 / (1 - rare_share)
-                    weights[where] = np.where(is_rare, pool.rare_weight(rare_share), usual_weight)
-                column += len(begins)
-            if rare_share:
-                keys = [self.config.seed, RARE_ORDER, demand.chunk, demand.first_update + update]
-                begins = np.random.default_rng(keys).choice(reader.pool.rare, demand.size - new)
-                where = (update, slice(new, demand.size))
-                self._fill(block, where, reader.pool, begins)
-                weights[where] = reader.pool.rare_weight(rare_share)
-        return block
-
-    def _fill(
-        self, block: Block, where: tuple[int, slice], pool: Pool, begins: Int[np.ndarray, " N"]
-    ) -> None:
-        """Write the windows of `pool` that begin at `begins` into `block`, there `where` is said."""
-        unroll = block.controls.shape[2]
-        block.states[where] = windows_at(pool.states, begins, unroll + 1)
-        block.controls[where] = windows_at(pool.controls, begins, unroll)
+        windows, is_rare = reader.take(demand.updates * new, demand.unroll + 1)
+        windows = windows.reshape(batches)
+        if not rare_share:
+            return Block(windows, None)
+        pool = reader.pool
+        keys = [self.config.seed, RARE_ORDER, demand.chunk, demand.first_update]
+        drawn = demand.updates * (demand.size - new)
+        begins = np.random.default_rng(keys).choice(pool.rare, drawn)
+        rare_windows = windows_at(pool.numbers, begins, demand.unroll + 1).reshape(batches)
+        # Importance sampling: what is drawn more often counts less, so that the mean loss stays what it was.
+        rare_weight = 1 / (1 - rare_share + rare_share * len(pool.begins) / len(pool.rare))
+        weights = np.full((demand.updates, demand.size), rare_weight, np.float32)
+        is_usual = ~is_rare.reshape(demand.updates, new)
+        weights[:, :new][is_usual] = 1 / (1 - rare_share)
+        return Block(np.concatenate([windows, rare_windows], axis=1), weights)
 
     def _sizes(self) -> tuple[int, int]:
         """Return how many numbers a latent state and a latent control have."""
@@ -243,22 +226,16 @@ class WindowStream:
 class Pool(NamedTuple):
     """The windows of some shards, mixed."""
 
-    states: Float[np.ndarray, "N I"]
-    """Latent states of all runs, one run after another."""
-    controls: Float[np.ndarray, "N C"]
-    """The latent control after each state; after the last of a run nothing of meaning."""
+    numbers: Float[np.ndarray, "N V"]
+    """Latent states of all runs, one run after another, each with the latent control after it."""
     begins: Int[np.ndarray, " M"]
     """At which state each window begins."""
-    is_rare: Bool[np.ndarray, " M"] | None
-    """Which windows are rare; None where that does not matter."""
+    is_rare: Bool[np.ndarray, " M"]
+    """Which windows are rare; none where that does not matter."""
     rare: Int[np.ndarray, " R"]
     """At which state each rare window begins."""
     skipped: int
     """So many windows were read before the stream was taken up."""
-
-    def rare_weight(self, share: float) -> float:
-        """Return the weight of a rare window, where a `share` of every batch is drawn among them."""
-        return 1 / (1 - share + share * len(self.begins) / len(self.rare))
 
 
 class _Reader:
@@ -269,17 +246,24 @@ class _Reader:
         self.pool = next(pools)
         self._at = self.pool.skipped
 
-    def take(self, count: int) -> tuple[Pool, Int[np.ndarray, " N"], Bool[np.ndarray, " N"] | None]:
-        """Return (the pool, where windows of it begin, which of those are rare), at least one and at most `count`."""
-        if self._at == len(self.pool.begins):
-            self.pool = next(self._pools)
-            self._at = self.pool.skipped
-        some = slice(self._at, min(self._at + count, len(self.pool.begins)))
-        self._at = some.stop
-        is_rare = None
-        if self.pool.is_rare is not None:
-            is_rare = self.pool.is_rare[some]
-        return self.pool, self.pool.begins[some], is_rare
+    def take(
+        self, count: int, length: int
+    ) -> tuple[Float[np.ndarray, "N F V"], Bool[np.ndarray, " N"]]:
+        """Return (the next `count` windows of `length` states, which of them are rare)."""
+        windows = []
+        is_rare = []
+        while count:
+            if self._at == len(self.pool.begins):
+                self.pool = next(self._pools)
+                self._at = self.pool.skipped
+            some = slice(self._at, min(self._at + count, len(self.pool.begins)))
+            windows.append(windows_at(self.pool.numbers, self.pool.begins[some], length))
+            is_rare.append(self.pool.is_rare[some])
+            count -= some.stop - some.start
+            self._at = some.stop
+        if len(windows) == 1:
+            return windows[0], is_rare[0]
+        return np.concatenate(windows), np.concatenate(is_rare)
 
 
 def windows_at(

@@ -1,0 +1,41 @@
+"""Beyond one emulator and one process: what docs/scale.md says, measured. Each part writes results/scale_PART.csv.
+
+python benchmarks/scale.py stream           50 million windows in 1 GB, against windows in memory, killed on the way
+python benchmarks/scale.py stream --quick   the same with 2 million and few updates: whether it works, no figures
+
+Ratios are measured in one run, their two sides in turn.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from scale_cases import stream
+
+from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.machine import describe_machine
+from neuroanimator.terminal import print_table
+
+RESULTS = Path(__file__).parent / "results"
+
+PARTS = {"stream": stream.measure}
+"""What is measured, by its name: a function of (folder for what is made on the way, whether it is quick)."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("part", choices=PARTS)
+    parser.add_argument("--quick", action="store_true", help="small, for a look")
+    parser.add_argument("--work", type=Path, default=Path("out/scale"), help="for data and runs")
+    parser.add_argument("--out", type=Path, help="folder of the table")
+    options = parser.parse_args()
+    out = options.out or (options.work if options.quick else RESULTS)
+    rows = PARTS[options.part](options.work, options.quick)
+    write_csv(out / f"scale_{options.part}.csv", rows)
+    print_table(rows)
+    print(describe_machine())
+
+
+if __name__ == "__main__":
+    main()
