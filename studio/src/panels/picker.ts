@@ -28,6 +28,7 @@ export class Picker {
   /** Show which one is on the stage. */
   select(id: string): void {
     this.#buttons.forEach((made, key) => made.setAttribute("aria-current", String(key === id)));
+    this.#buttons.get(id)?.scrollIntoView({ block: "nearest", inline: "nearest" });
   }
 }
 

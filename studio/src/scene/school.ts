@@ -10,7 +10,6 @@ import {
   RGBAFormat,
   type BufferGeometry,
   type IUniform,
-  type Material,
   Group as Object3DGroup,
   type Object3D,
 } from "three";
@@ -20,6 +19,7 @@ import type { Group, School } from "../steering/school";
 import { skinMaterial } from "./body/materials";
 import { skinGeometry } from "./body/skin";
 import type { Patch } from "./glsl";
+import { makeSchoolShadows, type ShadowGround } from "./school_shadows";
 
 export interface SchoolView {
   readonly object: Object3D;
@@ -29,21 +29,30 @@ export interface SchoolView {
 }
 
 interface GroupView {
-  readonly mesh: Mesh;
+  readonly meshes: readonly Mesh[];
   update(): void;
   dispose(): void;
 }
 
-export function makeSchoolView(facts: Bundle, school: School, size: number, patches: readonly Patch[]): SchoolView {
+/** What all groups of a school share. */
+interface Kind {
+  readonly facts: Bundle;
+  readonly skin: BufferGeometry;
+  readonly bones: SwimmerBones;
+  readonly ground: ShadowGround;
+  /** What belongs to every material of the scene. */
+  readonly patches: readonly Patch[];
+}
+
+/** Return the swimmers of a school, and their shadows on the ground. */
+export function makeSchoolView(facts: Bundle, school: School, ground: ShadowGround, patches: readonly Patch[]): SchoolView {
   const object = new Object3DGroup();
   object.name = "school";
   const skin = skinGeometry(facts.skin!);
   const bones = new SwimmerBones(facts.skeleton, facts.rest);
-  const scales = facts.system === "fish" ? 1 : 0;
-  const views = school.groups.map((group) =>
-    makeGroupView(facts, group, skin, bones, (instances) => skinMaterial(size, scales, [instances, ...patches])),
-  );
-  object.add(...views.map((view) => view.mesh));
+  const kind = { facts, skin, bones, ground, patches };
+  const views = school.groups.map((group) => makeGroupView(kind, group));
+  object.add(...views.flatMap((view) => view.meshes));
   return {
     object,
     update: () => views.forEach((view) => view.update()),
@@ -54,13 +63,7 @@ export function makeSchoolView(facts: Bundle, school: School, size: number, patc
   };
 }
 
-function makeGroupView(
-  facts: Bundle,
-  group: Group,
-  skin: BufferGeometry,
-  bones: SwimmerBones,
-  material: (instances: Patch) => Material,
-): GroupView {
+function makeGroupView({ facts, skin, bones, ground, patches }: Kind, group: Group): GroupView {
   const { count } = group.batch;
   const stateSize = facts.rest.length;
   const before = matrixTexture(bones.count, count);
@@ -80,6 +83,29 @@ function makeGroupView(
   };
   refresh();
   group.onStep = refresh;
+  const bonesOf = bonesPatch(before, after, share);
+  const scales = facts.system === "fish" ? 1 : 0;
+  const material = skinMaterial(ground.size, scales, [bonesOf, bendPatch(), ...patches]);
+  const mesh = new Mesh(instancesOf(skin, count), material);
+  mesh.frustumCulled = false;
+  mesh.receiveShadow = true;
+  const shadows = makeSchoolShadows(facts, skin, count, bonesOf, ground, patches);
+  return {
+    meshes: [mesh, shadows],
+    update: () => void (share.value = group.waited / facts.dt),
+    dispose() {
+      before.dispose();
+      after.dispose();
+      for (const one of [mesh, shadows]) {
+        one.geometry.dispose();
+        one.material.dispose();
+      }
+    },
+  };
+}
+
+/** The skin so many times over, each of its own number and shade. */
+function instancesOf(skin: BufferGeometry, count: number): InstancedBufferGeometry {
   const geometry = new InstancedBufferGeometry();
   geometry.index = skin.index;
   Object.entries(skin.attributes).forEach(([name, attribute]) => geometry.setAttribute(name, attribute));
@@ -88,20 +114,7 @@ function makeGroupView(
   geometry.setAttribute("body", new InstancedBufferAttribute(numbers, 1));
   geometry.setAttribute("tint", new InstancedBufferAttribute(tints, 1));
   geometry.instanceCount = count;
-  const made = material(instancePatch(before, after, share));
-  const mesh = new Mesh(geometry, made);
-  mesh.frustumCulled = false;
-  mesh.receiveShadow = true;
-  return {
-    mesh,
-    update: () => void (share.value = group.waited / facts.dt),
-    dispose() {
-      before.dispose();
-      after.dispose();
-      geometry.dispose();
-      made.dispose();
-    },
-  };
+  return geometry;
 }
 
 /** Three points of a texture a bone: the rows of its matrix. */
@@ -113,24 +126,36 @@ function matrixTexture(bones: number, count: number): DataTexture {
   return texture;
 }
 
-/** Bends a skin by the matrices of its own body, between those of two super steps. */
-function instancePatch(before: DataTexture, after: DataTexture, share: IUniform<number>): Patch {
+/** A row of a bone's matrix, of the body that is drawn, between two super steps. */
+const BONE_ROWS = `
+  attribute float body;
+  uniform highp sampler2D bonesBefore;
+  uniform highp sampler2D bonesAfter;
+  uniform float stepShare;
+  vec4 boneRow(int bone, int row) {
+    ivec2 at = ivec2(3 * bone + row, int(body + 0.5));
+    return mix(texelFetch(bonesBefore, at, 0), texelFetch(bonesAfter, at, 0), stepShare);
+  }`;
+
+/** What a shader knows of the bones of the body that is drawn. */
+function bonesPatch(before: DataTexture, after: DataTexture, share: IUniform<number>): Patch {
+  return {
+    key: "schoolBones",
+    uniforms: { bonesBefore: { value: before }, bonesAfter: { value: after }, stepShare: share },
+    attributes: BONE_ROWS,
+  };
+}
+
+/** Bends a skin by the matrices of its own body. */
+function bendPatch(): Patch {
   return {
     key: "school",
-    uniforms: { bonesBefore: { value: before }, bonesAfter: { value: after }, stepShare: share },
+    uniforms: {},
     shared: "varying float vTint;",
     attributes: `
-      attribute float body;
       attribute float tint;
       attribute vec4 skinIndex;
       attribute vec4 skinWeight;
-      uniform highp sampler2D bonesBefore;
-      uniform highp sampler2D bonesAfter;
-      uniform float stepShare;
-      vec4 boneRow(int bone, int row) {
-        ivec2 at = ivec2(3 * bone + row, int(body + 0.5));
-        return mix(texelFetch(bonesBefore, at, 0), texelFetch(bonesAfter, at, 0), stepShare);
-      }
       vec4 bentRow(int row) {
         return skinWeight.x * boneRow(int(skinIndex.x), row) + skinWeight.y * boneRow(int(skinIndex.y), row)
           + skinWeight.z * boneRow(int(skinIndex.z), row) + skinWeight.w * boneRow(int(skinIndex.w), row);

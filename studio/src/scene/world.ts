@@ -12,6 +12,7 @@ import { makeLot } from "./lot";
 import { makeMoon } from "./moon";
 import { makePlain } from "./plain";
 import { makeSchoolView, type SchoolView } from "./school";
+import type { ShadowGround } from "./school_shadows";
 import type { Room, School } from "../steering/school";
 import type { Measure, Scenery } from "./scenery";
 import type { Stage } from "./stage";
@@ -75,6 +76,7 @@ export class World {
   readonly #objects: Object3D[];
   #fixedFocus: Vector3 | null = null;
   #school: SchoolView | null = null;
+  readonly #groundHeight = { value: 0 };
   #low = 0;
   #high = 0;
   #heading = 0;
@@ -115,8 +117,10 @@ export class World {
       this.#fixedFocus = toThree(mount.pivot).add(new Vector3(0, -LOOK_BELOW * this.size, 0));
       this.#locate();
     }
-    if (this.#body.scenery) {
-      this.#objects.push(this.#body.scenery);
+    for (const still of [this.#body.scenery, this.#body.goalPaint]) {
+      if (still) {
+        this.#objects.push(still);
+      }
     }
     stage.root.add(...this.#objects);
     stage.light(this.#scenery.atmosphere, SHADOW_REACH * this.size);
@@ -172,7 +176,7 @@ export class World {
       this.stage.root.remove(this.#school.object);
       this.#school.dispose();
     }
-    this.#school = school && makeSchoolView(this.facts, school, this.size, this.#scenery.bodyPatches);
+    this.#school = school && makeSchoolView(this.facts, school, this.#shadowGround(), this.#scenery.bodyPatches);
     if (this.#school) {
       this.stage.root.add(this.#school.object);
     }
@@ -188,6 +192,7 @@ export class World {
       this.#isFresh = false;
       turned = 0;
     }
+    this.#groundHeight.value = this.#scenery.ground;
     this.#school?.update();
     this.camera.ground = this.#scenery.ground;
     this.camera.lookFrom = this.#heightForLeap();
@@ -256,6 +261,11 @@ export class World {
     return [x + size * (forward * cosine - left * sine), y + size * (forward * sine + left * cosine), z];
   }
 
+  /** Move what is painted where the goal is by so much from where it was at first [m]. */
+  moveGoalPaint(by: ArrayLike<number>): void {
+    this.#body.goalPaint?.position.set(by[0]!, by[1]!, 0);
+  }
+
   /** Show something of its own, in physics' axes, until it is removed. */
   add(object: Object3D): void {
     this.stage.root.add(object);
@@ -279,6 +289,10 @@ export class World {
     this.#ghost.dispose();
     this.#scenery.dispose();
     this.camera.dispose();
+  }
+
+  #shadowGround(): ShadowGround {
+    return { height: this.#groundHeight, sun: this.#scenery.atmosphere.sunDirection, size: this.size };
   }
 
   // From where a leap is seen [m]; null while there is none.

@@ -105,8 +105,10 @@ export class Aim {
 
   #set(name: string, value: readonly number[]): void {
     this.#values[name] = [...value];
-    if (name === this.#place?.name) {
+    const place = this.#place;
+    if (name === place?.name) {
       this.#handle?.moveTo(value);
+      this.world.moveGoalPaint(value.map((number, axis) => number - place.value[axis]!));
     }
     const shown = this.#sliders.get(name);
     if (shown) {

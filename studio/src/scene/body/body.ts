@@ -1,7 +1,7 @@
 // A body as it is drawn: its skin or its bones' shapes, in the colours of its material or as a ghost.
 
 import { Group, Matrix4, Object3D, type BufferGeometry, type Color, type Material, type Mesh, type Vector3 } from "three";
-import { isTumbling, type Bundle, type Shape } from "../../bundle/bundle";
+import { isTumbling, type Bundle, type Shape, type Vector3 as Vector3Facts } from "../../bundle/bundle";
 import { isMoved, type Pose } from "../../body/pose";
 import type { Patch } from "../glsl";
 import { doubtPatch, ghostMaterial, sceneryMaterial, shapeMaterial, skinMaterial, softMaterial, type Doubt } from "./materials";
@@ -11,10 +11,15 @@ import { shapeColour, shapeMesh } from "./shapes";
 /** Half the side from which on a flat box is ground [m]. */
 const GROUND = 8;
 
+/** Paint lies so near to where a goal is [m]. */
+const SAME_PLACE = 0.02;
+
 export interface BodyView {
   readonly object: Object3D;
   /** What does not move of it: ground markings and the like; null if there is none. */
   readonly scenery: Object3D | null;
+  /** Of that, the paint on the ground where the system's one goal is: the lander's pad. It may be moved; null if there is none. */
+  readonly goalPaint: Object3D | null;
   /** How much it is in doubt, 0 to 1. */
   readonly doubt: Doubt;
   update(pose: Pose): void;
@@ -56,6 +61,7 @@ function skinnedBody(facts: Bundle, geometry: BufferGeometry, material: Material
   return {
     object: skin.object,
     scenery: null,
+    goalPaint: null,
     doubt,
     update: (pose) => skin.update(pose),
     dispose() {
@@ -68,6 +74,9 @@ function skinnedBody(facts: Bundle, geometry: BufferGeometry, material: Material
 function shapedBody(facts: Bundle, materials: MaterialKeeper, doubt: Doubt, withScenery: boolean): BodyView {
   const object = new Group();
   const scenery = new Group();
+  const goalPaint = new Group();
+  goalPaint.name = "goal";
+  const goal = onlyPlace(facts);
   const bones = facts.skeleton.map((bone, number) => {
     const isMoving = isMoved(facts.skeleton, number);
     const group = new Group();
@@ -79,7 +88,9 @@ function shapedBody(facts: Bundle, materials: MaterialKeeper, doubt: Doubt, with
           continue;
         }
         const material = materials.of(shapeColour(shape), shape.colour[3], isMoving);
-        group.add(shapeMesh(shape, material));
+        const mesh = shapeMesh(shape, material);
+        const isPaint = bone.parent < 0 && !isMoving && goal !== null && isAt(shape, goal);
+        (isPaint ? goalPaint : group).add(mesh);
       }
     }
     (isMoving ? object : scenery).add(group);
@@ -89,6 +100,7 @@ function shapedBody(facts: Bundle, materials: MaterialKeeper, doubt: Doubt, with
   return {
     object,
     scenery: scenery.children.some((group) => group.children.length > 0) ? scenery : null,
+    goalPaint: goalPaint.children.length > 0 ? goalPaint : null,
     doubt,
     update(pose) {
       bones.forEach((group, number) => {
@@ -97,7 +109,7 @@ function shapedBody(facts: Bundle, materials: MaterialKeeper, doubt: Doubt, with
       });
     },
     dispose() {
-      for (const group of bones) {
+      for (const group of [...bones, goalPaint]) {
         group.children.forEach((child) => (child as Mesh).geometry.dispose());
       }
       materials.dispose();
@@ -110,6 +122,17 @@ function isGround(shape: Shape): boolean {
   const [a, b, c] = shape.size;
   const isWide = shape.kind === "box" && Math.min(a!, b!) >= GROUND && c! < 0.1;
   return isWide && Math.abs(shape.position[2] + c!) < 0.05;
+}
+
+/** The place of a system's goal, if it has just one [m]. */
+function onlyPlace(facts: Bundle): Vector3Facts | null {
+  const places = facts.goals.filter((goal) => goal.kind === "state" && goal.movable !== null);
+  return places.length === 1 ? places[0]!.movable!.at : null;
+}
+
+/** Whether a shape of the world lies under a place. */
+function isAt(shape: Shape, place: Vector3Facts): boolean {
+  return [0, 1].every((axis) => Math.abs(shape.position[axis]! - place[axis]!) < SAME_PLACE);
 }
 
 type Maker = (colour: ReturnType<typeof shapeColour>, opacity: number, isMoving: boolean) => Material;

@@ -28,7 +28,7 @@ export interface Bed {
 }
 
 /** Height of the dunes at a place in units of the body, over the body's size; the shader has the same. */
-const DUNES = /* glsl */ `
+export const DUNES = /* glsl */ `
 float dunes(vec2 p) {
   return 0.05 * sin(p.x * 0.9 + 0.6 * sin(p.y * 0.5)) + 0.04 * sin(p.y * 1.3 + 1.7) + 0.03 * sin(p.x * 2.1 - p.y * 1.1);
 }
