@@ -10,7 +10,7 @@ function fall(steps: number): Motion {
   const motion = new Motion(0.1, 2, 1, STRUCTURE, [0, 0]);
   for (let step = 1; step <= steps; step++) {
     const time = 0.1 * step;
-    motion.push([step], [-5 * time * time, -10 * time], step % 2 === 0);
+    motion.append([step], [-5 * time * time, -10 * time], step % 2 === 0);
   }
   return motion;
 }
@@ -47,4 +47,27 @@ test("a motion cut off is the same up to there", () => {
   expect(part.steps).toBe(4);
   expect([...part.states()]).toEqual([...whole.states().subarray(0, 10)]);
   expect([...part.controls()]).toEqual([1, 2, 3, 4]);
+});
+
+test("pushes are kept beside the states they changed, and go along with what is cut off", () => {
+  const motion = fall(3);
+  motion.pushLast([0, 2]);
+  motion.pushLast([0, 1]);
+  expect(motion.state(3)[1]).toBeCloseTo(-3 + 3, 5);
+  motion.append([4], [-1, 0], true);
+  expect(motion.pushes()).toEqual([[3, [0, 3]]]);
+  expect(motion.pushes(2, 4)).toEqual([[1, [0, 3]]]);
+  expect(motion.pushes(0, 3)).toEqual([]);
+  expect(motion.upTo(2).pushes()).toEqual([]);
+  const part = motion.upTo(3);
+  part.append([4], [-1, 0], true);
+  expect(part.pushes()).toEqual([[3, [0, 3]]]);
+});
+
+test("a push at the start is another start", () => {
+  const motion = fall(0);
+  motion.pushLast([1, 0]);
+  motion.append([1], [1, 0], true);
+  expect(motion.state(0)[0]).toBe(1);
+  expect(motion.pushes()).toEqual([]);
 });

@@ -165,6 +165,25 @@ def test_a_body_is_pushed_with_the_mouse(browser: Any, address: str, tmp_path: P
         assert complaints == []
 
 
+def test_physics_beside_it_is_pushed_with_it(browser: Any, address: str) -> None:
+    with open_page(browser, address.replace("#", "?show=pendulum-50#")) as (page, complaints):
+        shows(page, "pendulum")
+        page.keyboard.press("g")
+        box = page.locator("canvas").first.bounding_box()
+        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.move(*middle)
+        page.mouse.down()
+        page.mouse.move(middle[0] + 120, middle[1] - 40, steps=3)
+        wait_until(page, "document.querySelector('.hud').textContent.includes('live')")
+        wait_until(page, "parseFloat(document.querySelector('.clock').textContent) > 2")
+        wait_until(page, "!document.querySelector('.chip.ghost').hidden")
+        # Held to the side it hangs still, and physics too, which unpushed would swing a metre away.
+        gap = "parseFloat(document.querySelector('.chip.ghost').textContent.split('gap')[1])"
+        wait_until(page, f"{gap} < 15")
+        page.mouse.up()
+        assert complaints == []
+
+
 def test_a_file_that_is_no_emulator_is_refused_in_words(browser: Any, address: str) -> None:
     drop = """() => {
         const data = new DataTransfer();

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from neuroanimator.errors import ArgumentError
 from neuroanimator.export.programs.wasm_file import Module
 from neuroanimator.studio.catalogue import PHYSICS_BUNDLES, shipped_folder
+from neuroanimator.studio.drive import checked_drive
 from neuroanimator.studio.exports import write_motion
 from neuroanimator.studio.judge import replay_physics
 from neuroanimator.studio.library import Library
 from neuroanimator.studio.limits import USUAL
 from neuroanimator.studio.physics import physics_facts
-from neuroanimator.studio.requests import Export
+from neuroanimator.studio.requests import Export, Replay
 from neuroanimator.systems import SYSTEMS, load_system
 from neuroanimator.zoo import SHIPPED
 
@@ -92,10 +95,52 @@ def test_the_server_replays_and_exports_it(tmp_path):
     shown = Library(tmp_path).load("cube")
     motion = facts()["default_motion"]
     short = {"start": motion["start"], "controls": motion["controls"][:10]}
-    replayed = replay_physics(shown, motion["start"], motion["controls"][:10], USUAL)
+    wanted = Replay(id=1, do="replay", bundle="cube", **short)
+    replayed = replay_physics(shown, checked_drive(shown.spec, wanted, USUAL), USUAL)
     states = rollout(np.array(motion["start"]), np.array(motion["controls"][:10]))
     np.testing.assert_allclose(replayed.states, states, atol=1e-4)
     for kind in ("glb", "csv", "usda"):
         wanted = Export(bundle="cube", format=kind, rate=50, ghost=True, **short)
         write_motion(shown, wanted, USUAL, tmp_path / f"cube.{kind}")
         assert (tmp_path / f"cube.{kind}").stat().st_size > 100
+
+
+def test_the_server_pushes_as_the_page_does():
+    system = load_system("cube")
+    shown = Library(Path()).load("cube")
+    start = np.array(facts()["rest"])
+    change = np.zeros(system.state.size)
+    change[24::3] = 1.5
+    held = [[0.0, 0.0, 0.0]] * 12
+    pushes = [(5, change.tolist()), (8, (-change).tolist()), (5, change.tolist())]
+    wanted = Replay(
+        id=1, do="replay", bundle="cube", start=start.tolist(), controls=held, pushes=pushes
+    )
+    replayed = replay_physics(shown, checked_drive(shown.spec, wanted, USUAL), USUAL)
+    before = rollout(start, np.zeros((5, 3)))
+    after = rollout(before[-1] + 2 * change, np.zeros((3, 3)))
+    last = rollout(after[-1] - change, np.zeros((4, 3)))
+    states = np.concatenate([before, after[1:], last[1:]])
+    np.testing.assert_allclose(replayed.states, states, atol=1e-4)
+    assert np.ptp(states[:, 0]) > 0.15
+
+
+@pytest.mark.parametrize(
+    ("pushes", "line"),
+    [
+        ([(12, [0.0] * 48)], "wanted super steps below 12, came 12"),
+        ([(1, [0.0] * 47)], "pushes"),
+    ],
+)
+def test_a_push_out_of_place_is_refused(pushes: list[tuple[int, list[float]]], line: str):
+    shown = Library(Path()).load("cube")
+    wanted = Replay(
+        id=1,
+        do="replay",
+        bundle="cube",
+        start=facts()["rest"],
+        controls=[[0.0, 0.0, 0.0]] * 12,
+        pushes=pushes,
+    )
+    with pytest.raises(ArgumentError, match=line):
+        checked_drive(shown.spec, wanted, USUAL)

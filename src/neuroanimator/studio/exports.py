@@ -20,7 +20,8 @@ from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.export.usd.scene import write_usd
 from neuroanimator.storage.files import write_whole
 from neuroanimator.storage.unfinished import remove_at_exit
-from neuroanimator.studio.judge import checked_controls, replay_physics
+from neuroanimator.studio.drive import checked_drive
+from neuroanimator.studio.judge import replay_physics
 from neuroanimator.studio.library import Shown
 from neuroanimator.studio.limits import Limits
 from neuroanimator.studio.requests import Export
@@ -105,11 +106,15 @@ def write_motion(shown: Shown, wanted: Export, limits: Limits, path: Path) -> No
         write_video(drawn, path, ghost=ghost)
 
 
-def checked_drive(shown: Shown, wanted: Export, limits: Limits) -> dict[str, Any]:
-    """Return start and controls as the page reads them, checked; errors are those of `checked_controls`."""
-    start = shown.spec.state.check(wanted.start, "start")
-    controls = checked_controls(shown.spec, wanted.controls, limits)
-    return {"start": start.tolist(), "controls": controls.tolist()}
+def described_drive(shown: Shown, wanted: Export, limits: Limits) -> dict[str, Any]:
+    """Return a motion as the page reads it, checked; errors are those of `checked_drive`."""
+    drive = checked_drive(shown.spec, wanted, limits)
+    pushes = [[push.step, push.change.tolist()] for push in drive.pushes]
+    return {
+        "start": drive.start.tolist(),
+        "controls": drive.controls.tolist(),
+        "pushes": pushes,
+    }
 
 
 def _shown_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:
@@ -117,9 +122,10 @@ def _shown_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:
     emulator = shown.emulator
     if emulator is None:
         return _physics_clip(shown, wanted, limits)
-    start = emulator.state.check(wanted.start, "start")
-    controls = checked_controls(emulator.spec, wanted.controls, limits)
-    states = np.asarray(emulator.rollout(start, controls, may_diverge=True), float)
+    drive = checked_drive(shown.spec, wanted, limits)
+    states = drive.played(
+        lambda start, held: np.asarray(emulator.rollout(start, held, may_diverge=True), float)
+    )
     if not np.isfinite(states).all():
         raise DivergedError(
             "The emulator's motion ends in numbers that are not finite. Shorten it."
@@ -128,7 +134,8 @@ def _shown_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:
 
 
 def _physics_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:
-    replayed = replay_physics(shown, wanted.start, wanted.controls, limits)
+    drive = checked_drive(shown.spec, wanted, limits)
+    replayed = replay_physics(shown, drive, limits)
     orientations = shown.system.structure.orientations
     return clip_of(shown.spec, orientations, replayed.states, rate=wanted.rate, source="physics")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,16 +10,16 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.control.objective.goals import errors_over_tolerances, find_goal, judged_parts
-from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, DivergedError
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
 from neuroanimator.studio.descents import Verdict
 from neuroanimator.studio.description import TARGET, place_within
+from neuroanimator.studio.drive import PushedDrive
 from neuroanimator.studio.library import Shown
 from neuroanimator.studio.limits import Limits
 from neuroanimator.systems.goal import Goal
-from neuroanimator.systems.system import System
+from neuroanimator.systems.system import Scheme, System
 from neuroanimator.text import short_number
 
 
@@ -37,53 +36,46 @@ class Replayed(NamedTuple):
     """How many steps the usual physics makes in that time."""
 
 
-def replay_physics(
-    shown: Shown, start: Sequence[float], controls: Sequence[Sequence[float]], limits: Limits
-) -> Replayed:
-    """Return what `controls` (T, C) do from `start` (S,) on the true physics.
+def replay_physics(shown: Shown, drive: PushedDrive, limits: Limits) -> Replayed:
+    """Return what `drive` does on the true physics.
 
-    Raises ArgumentError for a wrong shape, controls out of bounds and too long a motion, DivergedError where the physics
-    blows up.
+    Raises ArgumentError for too long a motion, DivergedError where the physics blows up.
     """
-    spec = shown.spec
+    dt = shown.spec.dt
     system = shown.system
     if not system.can_simulate:
         raise ArgumentError(
             f"{system.name} is known from recordings alone: there is no physics to replay on."
         )
-    state = spec.state.check(start, "start")
-    held = checked_controls(spec, controls, limits)
-    steps = len(held) * system.truth.steps(spec.dt)
+    count = len(drive.controls)
+    steps = count * system.truth.steps(dt)
     if steps > limits.physics_steps:
         raise ArgumentError(
             f"controls: wanted a motion of at most {limits.physics_steps:,} physics steps, came {steps:,}. Shorten it."
         )
     began = time.perf_counter()
-    runs = system.simulate_fastest(state[None], held[None], spec.dt)
+    states = drive.played(lambda start, held: _simulated(system, start, held, dt))
     wall_s = time.perf_counter() - began
-    if runs.has_diverged[0]:
+    began = time.perf_counter()
+    drive.played(lambda start, held: _simulated(system, start, held, dt, system.scheme))
+    usual_wall_s = time.perf_counter() - began
+    return Replayed(states, wall_s, usual_wall_s, count * system.scheme.steps(dt))
+
+
+def _simulated(
+    system: System,
+    start: Float[np.ndarray, " S"],
+    controls: Float[np.ndarray, "T C"],
+    dt: float,
+    scheme: Scheme | None = None,
+) -> Float[np.ndarray, "K S"]:
+    runs = system.simulate_fastest(start[None], controls[None], dt, scheme=scheme)
+    # The usual scheme is run for its time alone.
+    if runs.has_diverged[0] and scheme is None:
         raise DivergedError(
             "The physics diverged under these controls. Shorten the motion, or make it milder."
         )
-    began = time.perf_counter()
-    system.simulate_fastest(state[None], held[None], spec.dt, scheme=system.scheme)
-    usual_wall_s = time.perf_counter() - began
-    usual_steps = len(held) * system.scheme.steps(spec.dt)
-    return Replayed(runs.states[0], wall_s, usual_wall_s, usual_steps)
-
-
-def checked_controls(
-    spec: EmulatorSpec, controls: Sequence[Sequence[float]], limits: Limits
-) -> Float[np.ndarray, "T C"]:
-    """Return `controls` as an array; ArgumentError unless they are finite, within bounds and not too many."""
-    if not 1 <= len(controls) <= limits.steps:
-        raise ArgumentError(
-            f"controls: wanted 1 to {limits.steps:,} super steps, came {len(controls):,}."
-        )
-    rows = spec.control.check(controls, "controls")
-    spec.bounds.check(rows, spec.control.names)
-    # What the page brings to a bound in float32 may be one rounding beyond it.
-    return spec.bounds.clip(rows)
+    return runs.states[0]
 
 
 def judge(

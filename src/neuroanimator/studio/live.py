@@ -20,6 +20,7 @@ import neuroanimator
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.studio.descents import judge_motion
 from neuroanimator.studio.description import packed
+from neuroanimator.studio.drive import checked_drive
 from neuroanimator.studio.job_plan import check_packaged, checked_plan
 from neuroanimator.studio.judge import judge, replay_physics
 from neuroanimator.studio.library import Shown
@@ -168,7 +169,8 @@ async def _carried_out(studio: Studio, request: Asked) -> Answer:
 def replayed(studio: Studio, request: Replay) -> Answer:
     """Return the answer to `replay`."""
     shown = studio.library.load(request.bundle)
-    result = replay_physics(shown, request.start, request.controls, studio.limits)
+    drive = checked_drive(shown.spec, request, studio.limits)
+    result = replay_physics(shown, drive, studio.limits)
     return {
         "states": packed(result.states, "<f4"),
         "wall_s": result.wall_s,

@@ -28,6 +28,8 @@ Number = Annotated[int, Field(ge=0, le=2**53)]
 Vector = Annotated[list[Finite], Field(min_length=1, max_length=MAX_STATE)]
 Rows = Annotated[list[Vector], Field(min_length=1, max_length=MAX_ROWS)]
 Point = tuple[Finite, Finite, Finite]
+Pushes = Annotated[list[tuple[Number, Vector]], Field(max_length=MAX_ROWS)]
+"""What somebody's mouse did to the state: before super step [0], so much was added to it [1]."""
 
 
 class Hello(Table):
@@ -44,6 +46,7 @@ class Replay(Table):
     bundle: Name
     start: Vector
     controls: Rows
+    pushes: Pushes = Field(default_factory=list)
 
 
 class Judge(Table):
@@ -112,6 +115,7 @@ class Export(Table):
     rate: Annotated[float, Field(gt=0, le=1000)] | None = None
     start: Vector
     controls: Rows
+    pushes: Pushes = Field(default_factory=list)
     ghost: bool = False
     """Whether the physics goes along as a ghost."""
 

@@ -24,7 +24,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError, ResourceError
 from neuroanimator.studio.catalogue import catalogue
-from neuroanimator.studio.exports import checked_drive
+from neuroanimator.studio.exports import described_drive
 from neuroanimator.studio.guard import Guard, refused
 from neuroanimator.studio.live import serve_page
 from neuroanimator.studio.requests import read_export
@@ -185,7 +185,7 @@ async def _export(request: Request) -> Response:
         shown = studio.library.load(wanted.bundle)
         folder = studio.library.folder_of(wanted.bundle)
         if wanted.format == "html" and folder is not None:
-            drive = checked_drive(shown, wanted, studio.limits)
+            drive = described_drive(shown, wanted, studio.limits)
             return studio.downloads.keep(single_page(studio.page_files, folder, drive), wanted)
         with watched_progress(say):
             return studio.downloads.write(shown, wanted, studio.limits)

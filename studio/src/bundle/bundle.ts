@@ -71,7 +71,11 @@ export interface PolicyFacts {
 export interface DefaultMotion {
   readonly start: readonly number[];
   readonly controls: readonly (readonly number[])[];
+  readonly pushes?: readonly Push[];
 }
+
+/** Somebody's hand: before super step `step`, `change` (S) is added to the state. */
+export type Push = readonly [step: number, change: readonly number[]];
 
 /** A place of a goal that may be moved: the first of three entries it stands in, if any, and where it is [m]. */
 export interface MovablePlace {

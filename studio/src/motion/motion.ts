@@ -1,5 +1,6 @@
 // A motion: states a super step apart, the controls between them, and whether training covered each step.
 
+import type { Push } from "../bundle/bundle";
 import { interpolateHermite, type StateStructure } from "./interpolate";
 
 /** Room for so many super steps is made at first, and doubled when it is full. */
@@ -10,6 +11,7 @@ export class Motion {
   #controls: Float32Array;
   #covered: Uint8Array;
   #steps = 0;
+  readonly #pushes = new Map<number, Float32Array>();
 
   constructor(
     readonly dt: number,
@@ -49,8 +51,26 @@ export class Motion {
     return this.#covered[step] === 1;
   }
 
+  /** Add `change` (S) to the last state, from which the motion goes on; at its start it is simply another start. */
+  pushLast(change: ArrayLike<number>): void {
+    const state = this.state(this.#steps);
+    for (let i = 0; i < state.length; i++) {
+      state[i]! += change[i]!;
+    }
+    if (this.#steps > 0) {
+      const known = this.#pushes.get(this.#steps);
+      this.#pushes.set(this.#steps, Float32Array.from(change, (number, i) => number + (known?.[i] ?? 0)));
+    }
+  }
+
+  /** What was added to states from super step `from` up to `to`, by how many super steps after `from`. */
+  pushes(from = 0, to = this.#steps): Push[] {
+    const within = [...this.#pushes].filter(([step]) => step >= from && step < to);
+    return within.map(([step, change]) => [step - from, Array.from(change)]);
+  }
+
   /** Append a super step: the control (C) that was held and the state (S) it led to. */
-  push(control: ArrayLike<number>, next: ArrayLike<number>, isCovered: boolean): void {
+  append(control: ArrayLike<number>, next: ArrayLike<number>, isCovered: boolean): void {
     this.#makeRoom(this.#steps + 1);
     this.#controls.set(control, this.#steps * this.controlSize);
     this.#covered[this.#steps] = isCovered ? 1 : 0;
@@ -62,8 +82,13 @@ export class Motion {
   upTo(steps: number): Motion {
     const motion = new Motion(this.dt, this.stateSize, this.controlSize, this.structure, this.state(0));
     for (let step = 0; step < Math.min(steps, this.#steps); step++) {
-      motion.push(this.control(step), this.state(step + 1), this.isCovered(step));
+      motion.append(this.control(step), this.state(step + 1), this.isCovered(step));
     }
+    this.#pushes.forEach((change, step) => {
+      if (step <= motion.steps) {
+        motion.#pushes.set(step, change);
+      }
+    });
     return motion;
   }
 

@@ -1,6 +1,6 @@
 // Plays a motion and, where it ends, lets the emulator go on live: one clock for all that moves.
 
-import type { Bundle } from "../bundle/bundle";
+import type { Bundle, Push } from "../bundle/bundle";
 import type { Emulator } from "../emulator/emulator";
 import type { StateStructure } from "./interpolate";
 import { Motion } from "./motion";
@@ -35,8 +35,8 @@ export class Player {
   isHeld = false;
   /** What steers while the emulator runs live. */
   pilot: Pilot | null = null;
-  /** Changes a state in place before the emulator leaps on from it: a pull at the body. */
-  force: ((state: Float32Array) => void) | null = null;
+  /** Returns what is added to a state (S) before the emulator leaps on from it: a pull at the body. */
+  force: ((state: Float32Array) => Float32Array) | null = null;
   /** The emulator's work, averaged over the last images [ms an image]. */
   workPerImage = 0;
   /** Called with what happened. */
@@ -52,20 +52,26 @@ export class Player {
   ) {
     this.#structure = { rates: facts.rates, orientations: facts.orientations };
     this.#state = new Float32Array(facts.rest.length);
-    this.motion = this.motionFrom(facts.default_motion.start, facts.default_motion.controls.flat());
+    this.motion = this.#defaultMotion();
   }
 
-  /** Return the motion from a state (S) under controls (T * C), by the emulator. */
-  motionFrom(start: ArrayLike<number>, controls: ArrayLike<number>): Motion {
+  /** Return the motion from a state (S) under controls (T * C), by the emulator; pushed in between, if it was. */
+  motionFrom(start: ArrayLike<number>, controls: ArrayLike<number>, pushes: readonly Push[] = []): Motion {
     const controlSize = this.emulator.sizes.control;
     const stateSize = this.emulator.sizes.state;
     const motion = new Motion(this.facts.dt, stateSize, controlSize, this.#structure, start);
     const flat = Float32Array.from(controls);
-    const states = this.emulator.rollout(start, flat);
+    const changes = new Map(pushes);
+    const states = pushes.length === 0 ? this.emulator.rollout(start, flat) : null;
     for (let step = 0; step < flat.length / controlSize; step++) {
       const control = flat.subarray(step * controlSize, (step + 1) * controlSize);
+      const change = changes.get(step);
+      if (change) {
+        motion.pushLast(change);
+      }
       const isCovered = this.emulator.covers(motion.state(step), control);
-      motion.push(control, states.subarray((step + 1) * stateSize, (step + 2) * stateSize), isCovered);
+      const next = states?.subarray((step + 1) * stateSize, (step + 2) * stateSize) ?? this.emulator.step(motion.state(step), control);
+      motion.append(control, next, isCovered);
     }
     return motion;
   }
@@ -81,8 +87,12 @@ export class Player {
 
   /** Show the system's default motion. */
   showDefault(): void {
-    const { start, controls } = this.facts.default_motion;
-    this.show(this.motionFrom(start, controls.flat()));
+    this.show(this.#defaultMotion());
+  }
+
+  #defaultMotion(): Motion {
+    const { start, controls, pushes } = this.facts.default_motion;
+    return this.motionFrom(start, controls.flat(), pushes);
   }
 
   /** Bring back the motion shown before. */
@@ -171,7 +181,9 @@ export class Player {
   #superStep(): void {
     const { motion } = this;
     const state = motion.state(motion.steps);
-    this.force?.(state);
+    if (this.force) {
+      motion.pushLast(this.force(state));
+    }
     const control = this.pilot ? this.pilot.control(state, motion.steps) : this.#middle();
     const next = this.emulator.step(state, control);
     if (!next.every(Number.isFinite)) {
@@ -180,7 +192,7 @@ export class Player {
       this.onEvent("lost");
       return;
     }
-    motion.push(control, next, this.emulator.covers(state, control));
+    motion.append(control, next, this.emulator.covers(state, control));
     if (motion.duration > MAX_SECONDS) {
       this.rebase();
     }

@@ -139,6 +139,7 @@ export function takePanel(session: Session, live: Live | null, banners: Banners)
     made.disabled = live === null;
     return made;
   });
+  const pushed = element("p", "", ["What the mouse pushed is not in these lines: motion.csv has every state."]);
   const code = element("pre", "code", [equivalentLines(session)]);
   code.tabIndex = 0;
   const copy = button({
@@ -156,12 +157,14 @@ export function takePanel(session: Session, live: Live | null, banners: Banners)
     element("p", "", ["The same from a shell or Python:"]),
     code,
     element("div", "row", [copy]),
+    pushed,
   );
   let shown = session.player.motion;
   details.addEventListener("toggle", () => (code.textContent = equivalentLines(session)));
   return {
     element: details,
     update() {
+      pushed.hidden = session.player.motion.pushes().length === 0;
       if (shown !== session.player.motion) {
         shown = session.player.motion;
         code.textContent = equivalentLines(session);
@@ -182,7 +185,14 @@ async function exportBy(
   banners.say("export", `Writing ${format} …`);
   try {
     const controls = Array.from({ length: motion.steps }, (_, step) => Array.from(motion.control(step)));
-    const wanted = { bundle: session.facts.id, format, rate: RATE, start: Array.from(motion.state(0)), controls };
+    const wanted = {
+      bundle: session.facts.id,
+      format,
+      rate: RATE,
+      start: Array.from(motion.state(0)),
+      controls,
+      pushes: motion.pushes(),
+    };
     const answer = await live.post("api/exports", JSON.stringify(wanted), "application/json");
     const link = element("a");
     link.href = new URL(`api/downloads/${encodeURIComponent(String(answer["download"]))}`, document.baseURI).href;

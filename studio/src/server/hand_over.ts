@@ -54,12 +54,15 @@ export class HandOver {
         await new Promise((resolve) => setTimeout(resolve, PAUSE));
         continue;
       }
+      if (player.force) {
+        motion.pushLast(player.force(motion.state(motion.steps)));
+      }
       const state = motion.state(motion.steps);
       const control = Array.from(player.pilot!.control(state, motion.steps));
       const answer = await this.live.ask("replay", { bundle: facts.id, start: Array.from(state), controls: [control] });
       const states = floatsOf(String(answer["states"]));
       // Physics is true everywhere: nothing to doubt.
-      motion.push(control, states.subarray(motion.stateSize, 2 * motion.stateSize), true);
+      motion.append(control, states.subarray(motion.stateSize, 2 * motion.stateSize), true);
     }
     player.isHeld = false;
   }

@@ -52,6 +52,7 @@ export class Twin {
         bundle: this.facts.id,
         start: Array.from(start),
         controls,
+        pushes: motion.pushes(done, done + controls.length),
       });
       if (this.#of === motion) {
         this.#append(motion, controls, floatsOf(String(answer["states"])));
@@ -70,7 +71,7 @@ export class Twin {
     const structure = { rates: this.facts.rates, orientations: this.facts.orientations };
     this.motion ??= new MotionRecord(of.dt, size, of.controlSize, structure, states.subarray(0, size));
     controls.forEach((control, i) => {
-      this.motion!.push(control, states.subarray((i + 1) * size, (i + 2) * size), true);
+      this.motion!.append(control, states.subarray((i + 1) * size, (i + 2) * size), true);
     });
   }
 

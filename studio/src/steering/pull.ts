@@ -37,7 +37,8 @@ export class BodyPull implements Grabbable {
       player.force = (state) => this.#pull(state);
     }
     this.#goal = place;
-    if (!player.isLive) {
+    // Physics that goes on by itself is pulled, too.
+    if (!player.isLive && !player.isHeld) {
       this.goLive();
     }
     player.isPlaying = true;
@@ -57,18 +58,16 @@ export class BodyPull implements Grabbable {
       world.remove(this.#line.object);
       this.#line.dispose();
       this.#line = null;
-      // Physics beside it knows of no pull: it begins anew from here.
-      player.rebase();
     }
     this.#grip = null;
     this.#goal = null;
   }
 
-  #pull(state: Float32Array): void {
+  #pull(state: Float32Array): Float32Array {
     const { world, facts } = this.session;
     const { bone } = this.#grip!;
     const point = world.bonePoint(bone);
     const change = this.#goal!.map((value, axis) => STIFFNESS * facts.dt * (value - point[axis]!));
-    push(facts, state, bone, [0, 0, 0], change);
+    return push(facts, state, bone, [0, 0, 0], change);
   }
 }

@@ -10,14 +10,15 @@ const PROBE = 1e-4;
 /** Singular directions are damped by so much of the largest. */
 const DAMPING = 1e-3;
 
-/** Change in place the velocities in `state` (S) so that the point `offset` [m] of bone `bone` gains `change` [m/s]. */
+/** Return the change of `state` (S), of its velocities alone, by which the point `offset` [m] of bone `bone` gains `change` [m/s]. */
 export function push(
   facts: Bundle,
   state: Float32Array,
   bone: number,
   offset: ArrayLike<number>,
   change: ArrayLike<number>,
-): void {
+): Float32Array {
+  const gained = new Float32Array(state.length);
   const { velocities, columns } = jacobian(facts, state, bone, offset);
   // Least squares of the least size: dv = Jᵀ (J Jᵀ)⁻¹ change.
   const gram = [0, 1, 2].map((row) => [0, 1, 2].map((column) => columns.reduce((sum, j) => sum + j[row]! * j[column]!, 0)));
@@ -28,8 +29,9 @@ export function push(
   const weights = solve3(gram, change);
   velocities.forEach((entry, i) => {
     const column = columns[i]!;
-    state[entry]! += column[0]! * weights[0]! + column[1]! * weights[1]! + column[2]! * weights[2]!;
+    gained[entry] = column[0]! * weights[0]! + column[1]! * weights[1]! + column[2]! * weights[2]!;
   });
+  return gained;
 }
 
 interface Jacobian {
