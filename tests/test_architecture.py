@@ -9,9 +9,10 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
 STAGES = [
-    "lazy", "jax_later", "pytrees", "errors", "text", "parsing", "terminal", "machine", "zoo", "storage", "executor", "compiler",
-    "codegen", "backend", "tables", "state", "appearance", "definitions", "emulator", "systems", "data", "training", "evaluation",
-    "animation", "control", "tasks", "export", "gym", "scaffold", "studio", "bench", "demo", "cli",
+    "lazy", "jax_later", "pytrees", "errors", "text", "parsing", "terminal", "machine", "cores",
+    "zoo", "storage", "executor", "compiler", "codegen", "backend", "tables", "state", "appearance",
+    "definitions", "emulator", "systems", "data", "training", "evaluation", "animation", "control", "tasks",
+    "export", "gym", "scaffold", "studio", "bench", "demo", "cli",
 ]  # fmt: skip
 
 

@@ -26,7 +26,7 @@ Workers = Annotated[
 
 def chosen_executor(where: str, workers: int | None, threads: int | None = None) -> Executor:
     """Return the executor these options choose."""
+    from neuroanimator.cores import core_count
     from neuroanimator.executor.choose import open_executor
-    from neuroanimator.systems.cores import core_count
 
     return open_executor(where, workers, threads, core_count())

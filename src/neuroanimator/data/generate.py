@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUNS_PER_SHARD, DatasetConfig
 from neuroanimator.data.diverged_runs import has_diverged, write_diverged
 from neuroanimator.data.recorded_segments import limited_to_recordings
@@ -23,7 +24,6 @@ from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.storage.files import locked, write_tensors
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.rigid.warnings import also_heard
 from neuroanimator.systems.system import System
 from neuroanimator.systems.trusted_files import trusted_so_far

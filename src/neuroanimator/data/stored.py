@@ -42,8 +42,8 @@ class Runs(NamedTuple):
         steps = self.samples[:, :, None] + np.arange(unroll + 1)
         states = self.states[rows, steps]
         controls = self.controls[rows, steps[..., :-1]]
-        count = self.samples.size
-        return states.reshape(count, unroll + 1, -1), controls.reshape(count, unroll, -1)
+        windows = states.reshape(-1, *states.shape[2:])
+        return windows, controls.reshape(-1, *controls.shape[2:])
 
 
 class StoredShard(NamedTuple):

@@ -17,9 +17,10 @@ from jaxtyping import Float
 
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, load_program
-from neuroanimator.codegen.program import Constants
+from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.compiler.compiler import find_compiler
+from neuroanimator.cores import in_parts
 from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, latent_size
@@ -31,6 +32,9 @@ from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 FEWEST_LANES = 4
 """With fewer motions than this, one after the other is faster."""
+
+STEPS_OF_THREAD = 512
+"""With fewer super steps, waking a thread takes longer than they do."""
 
 Program = Callable[[Emulator], CProgram]
 """What writes a program."""
@@ -184,15 +188,20 @@ def _rollouts(
     """Return (the trajectories by the program of sixteen motions side by side, whether all are sound)."""
     count, steps, _ = controls.shape
     motions = np.empty((count, steps + 1, states.shape[1]), np.float32)
-    are_sound = _function(lanes, "rollouts", 6)(
-        address(lanes.constants),
-        address(states),
-        address(controls),
-        count,
-        steps,
-        address(motions),
-    )
-    return motions, bool(are_sound)
+    function = _function(lanes, "rollouts", 6)
+
+    def run(rows: slice) -> int:
+        return function(
+            address(lanes.constants),
+            address(states[rows]),
+            address(controls[rows]),
+            rows.stop - rows.start,
+            steps,
+            address(motions[rows]),
+        )
+
+    smallest = max(WIDTH, STEPS_OF_THREAD // max(1, steps))
+    return motions, all(in_parts(run, count, smallest=smallest))
 
 
 def _function(program: LoadedProgram, name: str, parameters: int) -> Callable[..., int]:

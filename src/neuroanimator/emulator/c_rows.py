@@ -19,6 +19,7 @@ from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.kept import CProgram, LoadedProgram, WrongProgramError, load_program
 from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input
+from neuroanimator.cores import in_parts
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import address
 from neuroanimator.emulator.compiled import call_compiled, is_traced
@@ -28,6 +29,9 @@ from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 SOUND_SHARE = 0.5
 """Share of the inputs a program is tried on of which JAX must make finite numbers: or the trial would say little."""
+
+ROWS_OF_THREAD = 128
+"""With fewer rows, waking a thread takes longer than they do."""
 
 Function = Callable[..., tuple[Array, ...]]
 """Of a module and some vectors; it returns vectors, and of truth values 0 or 1."""
@@ -49,8 +53,13 @@ class CRows:
         """Return what the function does of each row of `inputs`: an array for each of its outputs."""
         count = len(inputs[0])
         outputs = [np.empty((count, width), np.float32) for width in self._widths]
-        addresses = [address(array) for array in (*inputs, *outputs)]
-        self._run(self._constants_at, count, *addresses)
+        arrays = (*inputs, *outputs)
+
+        def run(rows: slice) -> None:
+            addresses = [address(array[rows]) for array in arrays]
+            self._run(self._constants_at, rows.stop - rows.start, *addresses)
+
+        in_parts(run, count, smallest=ROWS_OF_THREAD)
         return outputs
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.cores import core_count
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.system import Runs, Scheme
 
 

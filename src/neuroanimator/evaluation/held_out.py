@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.store import Transitions
@@ -17,7 +18,6 @@ from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems import carried_system
-from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.system import Scheme, System
 
 HELD_OUT_SEED = 2**31

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUN_STEPS, USUAL_COUNT, USUAL_SAMPLES_PER_RUN
 from neuroanimator.errors import ArgumentError
 from neuroanimator.scaffold.defaults import MAX_TEACHER_ERROR
 from neuroanimator.scaffold.trials import EVALUATIONS, Trial, step_cost
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.rigid.model_system import ModelSystem
 from neuroanimator.systems.system import Scheme
 from neuroanimator.terminal import phase, progress_bar

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.cores import core_count
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
 from neuroanimator.state.start import start_state
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
-from neuroanimator.systems.cores import core_count
 from neuroanimator.systems.goal import Goal, goal_in_layout
 from neuroanimator.systems.recorded.recording_file import RecordingFile
 

@@ -1,0 +1,47 @@
+"""How many processor cores this process may use, and work on many rows spread over them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import TypeVar
+
+Made = TypeVar("Made")
+
+CORES = "NEUROANIMATOR_CORES"
+"""The environment variable that says how many cores a process may use: that of a worker among several."""
+
+LANES = 16
+"""Parts begin at multiples of it: programs of sixteen rows side by side then have the same neighbours in any part."""
+
+
+def core_count() -> int:
+    """Return how many processor cores this process may run on: a container or `taskset` may allow fewer than there are."""
+    stated = os.environ.get(CORES, "")
+    if stated.isdecimal() and int(stated) > 0:
+        return int(stated)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def in_parts(work: Callable[[slice], Made], count: int, *, smallest: int) -> list[Made]:
+    """Return what `work` makes of `count` rows in parts, one a core, each of `smallest` rows or more.
+
+    `work` is called in threads, each time for other rows, and should leave the interpreter's lock alone, as C does.
+    """
+    parts = min(core_count(), count // smallest)
+    if parts < 2:
+        return [work(slice(0, count))]
+    length = LANES * -(-count // (LANES * parts))
+    slices = [slice(first, min(first + length, count)) for first in range(0, count, length)]
+    others = [_threads(parts).submit(work, some) for some in slices[1:]]
+    made = [work(slices[0])]  # here, for one thread less to wake
+    return made + [other.result() for other in others]
+
+
+@cache
+def _threads(count: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(count, thread_name_prefix="rows")
