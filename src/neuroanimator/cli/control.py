@@ -78,8 +78,8 @@ def run(
         ),
     ] = None,
     data: Annotated[
-        Path | None,
-        typer.Option(help="Dataset folder to refine with; simulated anew if not given."),
+        str | None,
+        typer.Option(help="Dataset folder or URL to refine with; simulated anew if not given."),
     ] = None,
     log: Annotated[
         Path | None, typer.Option(help="JSON Lines file for J of every iteration.")

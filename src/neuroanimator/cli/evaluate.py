@@ -27,7 +27,8 @@ def run(
         list[str], typer.Argument(help="Emulator files or names; a system with --sweep.")
     ],
     data: Annotated[
-        Path | None, typer.Option(help="Dataset folder, to compare with cheap predictors too.")
+        str | None,
+        typer.Option(help="Dataset folder or URL, to compare with cheap predictors too."),
     ] = None,
     system: Annotated[
         Path | None,
@@ -66,7 +67,7 @@ def run(
 
 
 def _evaluate(
-    emulators: list[str], data: Path | None, system: Path | None, files: Files, json: bool
+    emulators: list[str], data: str | None, system: Path | None, files: Files, json: bool
 ) -> None:
     from json import dumps
 

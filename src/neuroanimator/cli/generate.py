@@ -12,6 +12,7 @@ from neuroanimator.cli.spread import Where, Workers, chosen_executor
 if TYPE_CHECKING:
     from neuroanimator.data.config import DatasetConfig
     from neuroanimator.executor.executor import Executor
+    from neuroanimator.storage.places import Place
 
 EXAMPLE = (
     "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0 --out data/pendulum"
@@ -23,7 +24,7 @@ def run(
         str,
         typer.Argument(help="System to simulate, see 'list'; or your own TOML file, see 'new'."),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the shards.")],
+    out: Annotated[str, typer.Option(help="Folder for the shards, or a URL: s3://bucket/folder.")],
     substeps: Annotated[
         int | None, typer.Option(help="Physics steps n in a super step; the system's own, or 50.")
     ] = None,
@@ -52,11 +53,13 @@ def run(
         from neuroanimator.data.config import DatasetConfig
         from neuroanimator.data.diverged_runs import PATTERN
         from neuroanimator.data.recorded_segments import limited_to_recordings
+        from neuroanimator.storage.places import place_of
         from neuroanimator.systems.loading import resolve, trust_files
 
         if system.endswith(".toml"):
             trust_files(system)
         name, definition, usual_substeps = resolve(system)
+    place = place_of(out)
     if substeps is None:
         substeps = usual_substeps
     settings: dict[str, Any] = {
@@ -70,20 +73,20 @@ def run(
     config = DatasetConfig(**settings)
     config = limited_to_recordings(config)
     with chosen_executor(executor, workers, threads) as spread:
-        diverged = generate_with_bar(config, out, spread, task_seconds)
+        diverged = generate_with_bar(config, place, spread, task_seconds)
     rows: list[tuple[str, object]] = [
         ("transitions", (config.runs - diverged) * config.samples_per_run),
         ("runs diverged and dropped", diverged),
     ]
     if diverged:
-        rows.append(("to be replayed from", out / PATTERN))
-    rows += [("shards", config.shards), ("folder", out)]
+        rows.append(("to be replayed from", place / PATTERN))
+    rows += [("shards", config.shards), ("folder", place)]
     print_rows(rows)
 
 
 def generate_with_bar(
     config: DatasetConfig,
-    out: Path,
+    out: Place,
     executor: Executor | None = None,
     longest: float | None = None,
 ) -> int:
@@ -102,14 +105,17 @@ def generate_with_bar(
         return generate(config, out, executor=executor, longest=longest, on_shard=on_shard)
 
 
-def ensure_data(reference: str, emulator: Path) -> Path:
-    """Return the dataset folder `reference` is, or one made beside `emulator` for the system or TOML file it names."""
+def ensure_data(reference: str, emulator: Path) -> Place:
+    """Return the dataset folder or URL `reference` is, or one made beside `emulator` for the system or TOML file it names."""
     from neuroanimator.data.config import DatasetConfig
     from neuroanimator.data.recorded_segments import limited_to_recordings
     from neuroanimator.errors import BadFileError
+    from neuroanimator.storage.places import is_url, place_of
     from neuroanimator.systems import SYSTEMS
     from neuroanimator.systems.loading import resolve, trust_files
 
+    if is_url(reference):
+        return place_of(reference)
     if Path(reference).is_dir():
         return Path(reference)
     if reference not in SYSTEMS and not reference.endswith(".toml"):

@@ -23,7 +23,7 @@ def run(
     file: Annotated[
         str,
         typer.Argument(
-            help="Emulator or policy file, folder made by 'generate', or name of a shipped emulator."
+            help="Emulator or policy file, folder or URL made by 'generate', or name of a shipped emulator."
         ),
     ],
     json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
@@ -32,7 +32,7 @@ def run(
         typer.Option("--errors", help="Of an emulator: measure where it is weak, in some seconds."),
     ] = False,
     data: Annotated[
-        Path | None, typer.Option(help="With --errors, of recordings: the dataset folder.")
+        str | None, typer.Option(help="With --errors, of recordings: the dataset folder or URL.")
     ] = None,
     system: Annotated[
         Path | None,
@@ -43,13 +43,14 @@ def run(
     from json import dumps
 
     from neuroanimator.cli.info_dataset import show_dataset
+    from neuroanimator.storage.places import is_url, place_of
     from neuroanimator.terminal import print_rows
 
     if errors:
         _show_errors(file, data, system, json=json)
         return
-    if Path(file).is_dir():
-        show_dataset(Path(file), json=json)
+    if is_url(file) or Path(file).is_dir():
+        show_dataset(place_of(file), json=json)
         return
     everything, rows = _read(file)
     if json:
@@ -58,7 +59,7 @@ def run(
         print_rows(rows)
 
 
-def _show_errors(file: str, data: Path | None, system: Path | None, *, json: bool) -> None:
+def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool) -> None:
     """Print where an emulator is good and where it is weak."""
     from json import dumps
 

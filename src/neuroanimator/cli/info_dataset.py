@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from neuroanimator.data.coverage import Coverage, Spread
+    from neuroanimator.storage.places import Place
 
 MAX_SPREADS = 40
 """So many numbers of states or controls are shown, a line each; of the others only how many there are."""
@@ -19,7 +19,7 @@ COVERAGE_WORDS = (
 """What the table's columns mean."""
 
 
-def show_dataset(folder: Path, *, json: bool) -> None:
+def show_dataset(folder: Place, *, json: bool) -> None:
     """Print what there is to say of the dataset in `folder`: as a table, or all of it as JSON."""
     from json import dumps
 

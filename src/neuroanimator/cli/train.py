@@ -12,7 +12,8 @@ EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors
 
 def run(
     data: Annotated[
-        str, typer.Argument(help="Folder made by 'generate', a system, or your own TOML file.")
+        str,
+        typer.Argument(help="Folder or URL made by 'generate', a system, or your own TOML file."),
     ],
     out: Annotated[Path, typer.Option(help="File for the emulator.")],
     config: Annotated[

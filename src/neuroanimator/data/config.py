@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from functools import lru_cache
 from importlib.metadata import version
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
@@ -14,6 +13,7 @@ from neuroanimator.definitions.carried import MAX_TEXT, without_goals
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import SystemName
 from neuroanimator.storage.files import canonical_json
+from neuroanimator.storage.places import Place
 from neuroanimator.systems import carried_system
 from neuroanimator.tables import Settings, Table
 
@@ -121,7 +121,7 @@ class DatasetConfig(Settings, DatasetTable):
         values = self.model_dump() | {"definition": _physics_of(self.definition)}
         return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:16]
 
-    def shard_path(self, folder: Path, shard: int) -> Path:
+    def shard_path(self, folder: Place, shard: int) -> Place:
         """Return where shard number `shard` lies."""
         return folder / f"shard-{shard:05d}.safetensors"
 

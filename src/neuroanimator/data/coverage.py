@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from neuroanimator.data.spots import find_spots
 from neuroanimator.data.store import Transitions, read_config, read_shard, windows_of
 from neuroanimator.errors import BadFileError
 from neuroanimator.state.layout import Bounds
+from neuroanimator.storage.places import Place, place_of
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import System
 from neuroanimator.text import short_number
@@ -168,14 +168,14 @@ class Coverage:
         return as_plain(asdict(self))
 
 
-def coverage(data: Transitions | str | Path) -> Coverage:
+def coverage(data: Transitions | str | Place) -> Coverage:
     """Return what the dataset `data` covers: one that was read, or the folder of one, which may be half generated.
 
     Raises BadFileError for a folder that holds no dataset, or no whole shard of one yet.
     """
     if isinstance(data, Transitions):
         return _coverage_in_memory(data)
-    folder = Path(data)
+    folder = place_of(data)
     config = read_config(folder)
     system = carried_system(config.system, config.definition)
     shards, missing = _read_some(folder, config, system)
@@ -255,7 +255,7 @@ def _coverage_in_memory(data: Transitions) -> Coverage:
 
 
 def _read_some(
-    folder: Path, config: DatasetConfig, system: System
+    folder: Place, config: DatasetConfig, system: System
 ) -> tuple[list[_Shard], list[str]]:
     """Return enough of the shards for `MAX_SAMPLES`, evenly taken, and the names of those missing or damaged."""
     missing = []
@@ -307,7 +307,7 @@ def _runs_in(config: DatasetConfig, shard: int) -> int:
     return min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD)
 
 
-def _divergence(folder: Path, system: System, shards: list[_Shard], runs: int) -> Divergence:
+def _divergence(folder: Place, system: System, shards: list[_Shard], runs: int) -> Divergence:
     """Return how many of the `runs` diverged, and which starts and controls make that likelier."""
     starts, controls = read_diverged(folder)
     if not len(starts):

@@ -6,8 +6,6 @@ system.simulate(starts, controls, dt)  # diverges again
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from jaxtyping import Float
 
@@ -16,6 +14,7 @@ from neuroanimator.data.shard_checks import TensorSpec, check_tensors
 from neuroanimator.data.store import read_config
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.storage.places import Place, place_of
 from neuroanimator.systems import load_system
 
 KIND = "diverged"
@@ -29,7 +28,7 @@ NAMES = {"starts", "controls"}
 
 
 def write_diverged(
-    folder: Path,
+    folder: Place,
     config: DatasetConfig,
     shard: int,
     starts: Float[np.ndarray, "B S"],
@@ -56,7 +55,7 @@ def write_diverged(
         write_tensors(path, tensors, {"kind": KIND, "config": config.hash, "shard": shard})
 
 
-def has_diverged(folder: Path, config: DatasetConfig, shard: int, count: int) -> bool:
+def has_diverged(folder: Place, config: DatasetConfig, shard: int, count: int) -> bool:
     """Return whether all `count` runs of a shard that diverged are there to be replayed."""
     if not count:
         return True
@@ -68,13 +67,13 @@ def has_diverged(folder: Path, config: DatasetConfig, shard: int, count: int) ->
 
 
 def read_diverged(
-    folder: str | Path,
+    folder: str | Place,
 ) -> tuple[Float[np.ndarray, "B S"], Float[np.ndarray, "B T C"]]:
     """Return starts (B, S) and controls (B, T, C) of all runs that diverged, each control held for one super step.
 
     Raises BadFileError if a file is damaged or belongs to another dataset.
     """
-    folder = Path(folder)
+    folder = place_of(folder)
     config = read_config(folder)
     system = load_system(config.system, config.definition)
     specs = {
@@ -98,7 +97,7 @@ def read_diverged(
     return np.concatenate(starts), np.concatenate(controls)
 
 
-def _path(folder: Path, shard: int) -> Path:
+def _path(folder: Place, shard: int) -> Place:
     return folder / PATTERN.replace("*", f"{shard:05d}")
 
 

@@ -7,21 +7,27 @@ from pathlib import Path
 
 from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUNS_PER_SHARD, DatasetConfig
-from neuroanimator.data.diverged_runs import has_diverged, write_diverged
 from neuroanimator.data.recorded_segments import limited_to_recordings
 from neuroanimator.data.recorded_windows import write_held_out
-from neuroanimator.data.shard import Shard, make_shard
-from neuroanimator.data.shard_task import SHARD_SECONDS, THIS_PROCESS, ShardTask, run_shard_task
+from neuroanimator.data.shard import make_shard
+from neuroanimator.data.shard_files import diverged_in, store_shard
+from neuroanimator.data.shard_task import (
+    SHARD_SECONDS,
+    THIS_PROCESS,
+    MadeShard,
+    ShardTask,
+    run_shard_task,
+)
 from neuroanimator.data.store import (
     Transitions,
     claim_folder,
     gather_transitions,
-    read_shard,
 )
-from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
+from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.executor.executor import Executor, LostTaskError, raise_first
 from neuroanimator.executor.local import LocalExecutor
-from neuroanimator.storage.files import locked, write_tensors
+from neuroanimator.storage.files import locked
+from neuroanimator.storage.places import Place, UrlPath, place_of
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.rigid.warnings import also_heard
@@ -31,14 +37,14 @@ from neuroanimator.systems.trusted_files import trusted_so_far
 
 def generate(
     config: DatasetConfig,
-    folder: str | Path,
+    folder: str | Place,
     *,
     threads: int | None = None,
     executor: Executor | None = None,
     longest: float | None = None,
     on_shard: Callable[[], None] = lambda: None,
 ) -> int:
-    """Fill `folder` with the dataset `config` describes; return how many runs diverged and were dropped.
+    """Fill `folder`, or a URL of a store, with the dataset `config` describes; return how many runs diverged and were dropped.
 
     Shards already there are kept, damaged ones made again. `on_shard` is called as each is done. The runs that blew
     up can be replayed, see `data.diverged_runs`. Recordings hold only so many transitions: `count` is then lowered,
@@ -48,30 +54,29 @@ def generate(
     executor, or for all cores. A worker that takes more than `longest` [s] for a shard counts as hung; none for
     `SHARD_SECONDS`.
     """
-    folder = Path(folder)
+    folder = place_of(folder)
     if not threads and executor is not None:
         threads = executor.threads
     threads = _checked_threads(threads)
-    if longest is None:
-        longest = SHARD_SECONDS
-    if not longest > 0:
-        raise ArgumentError(f"longest: wanted a time above 0 s for a shard, came {longest:g}.")
+    longest = _checked_time(longest)
     config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)
     with locked(folder):
         claim_folder(folder, config)
-        remove_stale(folder)
+        if isinstance(folder, Path):
+            remove_stale(folder)
         diverged = 0
         tasks = []
         for shard in range(config.shards):
-            dropped = _diverged_in(system, config, folder, shard)
+            dropped = _diverged_here(system, config, folder, shard)
             if dropped is None:
-                tasks.append(ShardTask(config, shard, threads, trusted_so_far()))
+                tasks.append(_task(config, folder, shard, threads))
             else:
                 diverged += dropped
                 on_shard()
         for shard, made in _made(tasks, executor or LocalExecutor(1, threads), longest):
-            _store(made, config, folder, shard)
+            if made.shard is not None:
+                store_shard(made.shard, config, folder, shard)
             diverged += made.diverged
             on_shard()
         if system.recordings is not None:
@@ -97,21 +102,34 @@ def _checked_threads(threads: int | None) -> int:
     return min(threads or core_count(), RUNS_PER_SHARD)
 
 
-def _diverged_in(system: System, config: DatasetConfig, folder: Path, shard: int) -> int | None:
-    """Return how many runs of a shard diverged that is whole; None for one that must be made."""
-    try:
-        _, metadata = read_shard(folder, config, system, shard)
-    except BadFileError:
+def _checked_time(longest: float | None) -> float:
+    """Return how long a shard may take [s]; ArgumentError for no time at all."""
+    if longest is None:
+        return SHARD_SECONDS
+    if not longest > 0:
+        raise ArgumentError(f"longest: wanted a time above 0 s for a shard, came {longest:g}.")
+    return longest
+
+
+def _diverged_here(system: System, config: DatasetConfig, folder: Place, shard: int) -> int | None:
+    """Return how many runs of a shard diverged that is whole; None for one that must be made.
+
+    What lies in a store is read by the worker whose task it is: it need not pass through this process.
+    """
+    if isinstance(folder, UrlPath):
         return None
-    if has_diverged(folder, config, shard, metadata["diverged"]):
-        return metadata["diverged"]
-    return None
+    return diverged_in(system, config, folder, shard)
+
+
+def _task(config: DatasetConfig, folder: Place, shard: int, threads: int) -> ShardTask:
+    store = folder if isinstance(folder, UrlPath) else None
+    return ShardTask(config, shard, threads, trusted_so_far(), store)
 
 
 def _made(
     tasks: list[ShardTask], executor: Executor, longest: float
-) -> Iterator[tuple[int, Shard]]:
-    """Yield (number, shard) as each is made.
+) -> Iterator[tuple[int, MadeShard]]:
+    """Yield (number, what was made) as each is.
 
     What is wrong with one is wrong with all, and is raised at once; those whose workers died are told of at the end.
     """
@@ -123,12 +141,5 @@ def _made(
         made = outcome.value()
         if made.process != THIS_PROCESS:
             also_heard(made.warnings)
-        yield tasks[outcome.index].shard, made.shard
+        yield tasks[outcome.index].shard, made
     raise_first(lost, len(tasks))
-
-
-def _store(made: Shard, config: DatasetConfig, folder: Path, shard: int) -> None:
-    """Write a shard, and the runs of it that diverged."""
-    write_diverged(folder, config, shard, made.starts, made.controls)
-    metadata = {"kind": "shard", "config": config.hash, "shard": shard, "diverged": made.diverged}
-    write_tensors(config.shard_path(folder, shard), made.tensors, metadata)

@@ -6,7 +6,6 @@ that training validates on segments it has not seen; the test's segments it neve
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from neuroanimator.data.recorded_noise import noise_of
 from neuroanimator.data.recorded_segments import Segment, split_recordings
 from neuroanimator.data.store import HELD_OUT_NAME
 from neuroanimator.storage.files import write_tensors
+from neuroanimator.storage.places import Place
 from neuroanimator.systems.recorded.recording_file import RecordingFile
 
 WINDOWS_STREAM = 2
@@ -86,7 +86,7 @@ def super_steps(
     return RecordedRun(states[segment.start : stop + 1 : substeps], held)
 
 
-def write_held_out(recordings: RecordingFile, config: DatasetConfig, folder: Path) -> None:
+def write_held_out(recordings: RecordingFile, config: DatasetConfig, folder: Place) -> None:
     """Store the test's runs beside the shards: as many as fit, equally long, none overlapping another.
 
     With them goes the noise of all recordings, by which the test's errors are judged.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from jaxtyping import Int
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.storage.places import Place
 
 MAX_SHOWN = 40
 """Longer values are cut off in an error [characters]."""
@@ -42,7 +42,7 @@ def largest_size(specs: dict[str, TensorSpec], rows: int) -> int:
     return total
 
 
-def check_tensors(path: Path, tensors: dict[str, np.ndarray], specs: dict[str, TensorSpec]) -> int:
+def check_tensors(path: Place, tensors: dict[str, np.ndarray], specs: dict[str, TensorSpec]) -> int:
     """Return the length that was left open; BadFileError unless names, types and shapes are as `specs` say."""
     if set(tensors) != set(specs):
         refuse(path, f"tensors {_listed(tensors)}; wanted {_listed(specs)}")
@@ -60,7 +60,7 @@ def check_tensors(path: Path, tensors: dict[str, np.ndarray], specs: dict[str, T
 
 
 def check_range(
-    path: Path, name: str, array: Int[np.ndarray, " ..."], minimum: int, maximum: int
+    path: Place, name: str, array: Int[np.ndarray, " ..."], minimum: int, maximum: int
 ) -> None:
     """Refuse whole numbers outside `minimum` to `maximum`: negative ones would count from the end."""
     if array.size and (array.min() < minimum or array.max() > maximum):
@@ -70,7 +70,7 @@ def check_range(
         )
 
 
-def whole_number(path: Path, metadata: dict[str, Any], key: str, maximum: int) -> int:
+def whole_number(path: Place, metadata: dict[str, Any], key: str, maximum: int) -> int:
     """Return what `metadata` says under `key`; BadFileError unless it is a whole number from 0 to `maximum`."""
     value = metadata.get(key)
     if type(value) is not int or not 0 <= value <= maximum:
@@ -79,7 +79,7 @@ def whole_number(path: Path, metadata: dict[str, Any], key: str, maximum: int) -
     return value
 
 
-def refuse(path: Path, fault: str) -> NoReturn:
+def refuse(path: Place, fault: str) -> NoReturn:
     """Raise BadFileError: `path: fault.`, and what to do."""
     raise BadFileError(f"{path}: {fault}. Generate the dataset again.")
 

@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.shard import Shard, make_shard
+from neuroanimator.data.shard_files import diverged_in, store_shard
+from neuroanimator.storage.places import UrlPath
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.rigid.warnings import warnings_heard
 from neuroanimator.systems.system import System
@@ -32,6 +34,8 @@ class ShardTask:
     """The bytes do not depend on it."""
     trusted: tuple[tuple[str, str], ...] = ()
     """The files that the process which gives the task may use, see `trusted_files.trusted_so_far`."""
+    store: UrlPath | None = None
+    """Where the worker puts the shard, unless it is there; none if it is sent back."""
 
     @property
     def label(self) -> str:
@@ -42,7 +46,10 @@ class ShardTask:
 class MadeShard(NamedTuple):
     """A shard, and what MuJoCo warned of on the way."""
 
-    shard: Shard
+    shard: Shard | None
+    """None if the worker has put it into the store."""
+    diverged: int
+    """How many of its runs diverged."""
     warnings: Counter[str]
     process: str
     """Who made it: the `THIS_PROCESS` of the worker."""
@@ -53,8 +60,17 @@ def run_shard_task(task: ShardTask) -> MadeShard:
     trust_as_told(task.trusted)
     before = warnings_heard()
     system = _system_of(task.config.system, task.config.definition)
-    shard = make_shard(system, task.config, task.shard, task.threads)
-    return MadeShard(shard, warnings_heard() - before, THIS_PROCESS)
+    shard = None
+    diverged = None
+    if task.store is not None:
+        diverged = diverged_in(system, task.config, task.store, task.shard)
+    if diverged is None:
+        shard = make_shard(system, task.config, task.shard, task.threads)
+        diverged = shard.diverged
+    if task.store is not None and shard is not None:
+        store_shard(shard, task.config, task.store, task.shard)
+        shard = None
+    return MadeShard(shard, diverged, warnings_heard() - before, THIS_PROCESS)
 
 
 @lru_cache(maxsize=2)

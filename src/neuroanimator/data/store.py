@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,8 +36,10 @@ from neuroanimator.storage.files import (
     one_line,
     read_bounded,
     read_tensors,
+    write_first,
     write_whole,
 )
+from neuroanimator.storage.places import Place, place_of
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import System
 from neuroanimator.tables import first_fault
@@ -63,7 +64,7 @@ HELD_OUT_NAME = "held-out.safetensors"
 """The file with the runs of recordings kept for the test; simulated systems make their tests anew."""
 
 
-def claim_folder(folder: Path, config: DatasetConfig) -> None:
+def claim_folder(folder: Place, config: DatasetConfig) -> None:
     """Mark `folder` as holding `config`; refuse a folder that holds another one.
 
     One that differs in goals alone is the same dataset, and now has the goals of `config`.
@@ -78,7 +79,11 @@ def claim_folder(folder: Path, config: DatasetConfig) -> None:
             "Choose another --out, or the same values."
         )
     text = json.dumps({"format": FORMAT} | config.model_dump(), indent=2)
-    write_whole(path, f"{text}\n".encode())
+    content = f"{text}\n".encode()
+    if present is not None:
+        write_whole(path, content)
+    elif not write_first(path, content):
+        claim_folder(folder, config)
 
 
 def _differences(present: DatasetConfig, wanted: DatasetConfig) -> str:
@@ -93,7 +98,7 @@ def _short(value: object) -> object:
     return "another" if len(str(value)) > MAX_SHOWN else value
 
 
-def read_config(folder: Path) -> DatasetConfig:
+def read_config(folder: Place) -> DatasetConfig:
     """Return the configuration of the dataset in `folder`; BadFileError if it is none, damaged or of another format."""
     path = folder / CONFIG_NAME
     if not path.exists():
@@ -116,7 +121,7 @@ def read_config(folder: Path) -> DatasetConfig:
         ) from error
 
 
-def _check_format(path: Path, format_number: object) -> None:
+def _check_format(path: Place, format_number: object) -> None:
     if type(format_number) is not int or format_number != FORMAT:
         stated = "no format" if format_number is None else f"format {quoted(format_number)}"
         raise BadFileError(
@@ -163,9 +168,9 @@ class Windows(NamedTuple):
     """Which run of the whole dataset each window comes from."""
 
 
-def read_transitions(folder: str | Path) -> Transitions:
+def read_transitions(folder: str | Place) -> Transitions:
     """Return every transition in `folder`; BadFileError if a shard is missing, damaged or not what a dataset holds."""
-    folder = Path(folder)
+    folder = place_of(folder)
     config = read_config(folder)
     system = carried_system(config.system, config.definition)
     shards = (read_shard(folder, config, system, shard) for shard in range(config.shards))
@@ -178,7 +183,7 @@ def read_transitions(folder: str | Path) -> Transitions:
 
 
 def read_held_out(
-    folder: Path, config: DatasetConfig, system: System
+    folder: Place, config: DatasetConfig, system: System
 ) -> tuple[Float[np.ndarray, "B _ S"], Float[np.ndarray, "B T C"], Float[np.ndarray, " S"] | None]:
     """Return (states (B, T+1, S), controls (B, T, C)) of the recorded runs kept for the test, and the recordings' noise.
 
@@ -225,7 +230,7 @@ def gather_transitions(
 
 
 def read_shard(
-    folder: Path, config: DatasetConfig, system: System, shard: int
+    folder: Place, config: DatasetConfig, system: System, shard: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return one shard's (tensors, metadata), checked to belong to `config` and to hold what such a shard does."""
     path = config.shard_path(folder, shard)

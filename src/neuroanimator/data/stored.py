@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from neuroanimator.data.config import MAX_UNROLL, DatasetConfig
 from neuroanimator.data.store import Transitions, read_config, read_shard, read_transitions
+from neuroanimator.storage.places import Place, place_of
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import System
 
@@ -58,7 +58,7 @@ class StoredShard(NamedTuple):
 class StoredTransitions:
     """A dataset of simulated runs in a folder. It takes no memory; shards are read, and checked, as they are asked for."""
 
-    folder: Path
+    folder: Place
     config: DatasetConfig
     system: System
 
@@ -80,14 +80,14 @@ class StoredTransitions:
 
 
 def open_transitions(
-    folder: str | Path, memory: int = DEFAULT_MEMORY
+    folder: str | Place, memory: int = DEFAULT_MEMORY
 ) -> Transitions | StoredTransitions:
     """Return the dataset in `folder`, read into memory if it and its copies fit into `memory` [bytes].
 
     Recordings are always read: they lay in memory when their dataset was made. Raises BadFileError as
     `read_transitions` does, for a dataset that stays on disk when its shards are read.
     """
-    folder = Path(folder)
+    folder = place_of(folder)
     config = read_config(folder)
     system = carried_system(config.system, config.definition)
     if system.recordings is not None or memory_taken(config, system) <= memory:

@@ -19,6 +19,7 @@ import safetensors.numpy
 
 from neuroanimator.errors import BadFileError, ResourceError
 from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.storage.places import Place, UrlPath
 from neuroanimator.storage.unfinished import replace_whole
 
 METADATA_KEY = "na"
@@ -70,11 +71,14 @@ def digest(tensors: dict[str, np.ndarray]) -> str:
     return total.hexdigest()
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Place, content: bytes) -> None:
     """Write `content` so that a reader, or a kill at any moment, finds the old file or the new one.
 
     Raises ResourceError, which says how many bytes were needed where the disk is full.
     """
+    if isinstance(path, UrlPath):
+        path.write(content)
+        return
     try:
         replace_whole(path, content)
     except OSError as error:
@@ -82,6 +86,17 @@ def write_whole(path: Path, content: bytes) -> None:
         if error.errno in FULL:
             need = f" ({len(content):,} bytes needed)"
         raise ResourceError(f"Could not write {path}: {error.strerror}{need}.") from error
+
+
+def write_first(path: Place, content: bytes) -> bool:
+    """Write a file as `write_whole` does, unless somebody came before; return whether nobody did.
+
+    On a disk the folder's lock keeps others away; in an object store there is none, and the store decides.
+    """
+    if isinstance(path, UrlPath):
+        return path.create(content)
+    write_whole(path, content)
+    return True
 
 
 def append_line(path: Path, line: str) -> None:
@@ -94,8 +109,14 @@ def append_line(path: Path, line: str) -> None:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold `folder` for this process alone; refuse with the other's process id if it is taken."""
+def locked(folder: Place) -> Iterator[None]:
+    """Hold `folder` for this process alone; refuse with the other's process id if it is taken.
+
+    An object store knows no locks: there nothing is held, and whoever writes there too must write the same bytes.
+    """
+    if isinstance(folder, UrlPath):
+        yield
+        return
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(
@@ -134,7 +155,7 @@ def _seal(tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> str:
     return hashlib.sha256(sealed.encode()).hexdigest()
 
 
-def write_tensors(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> None:
+def write_tensors(path: Place, tensors: dict[str, np.ndarray], metadata: dict[str, Any]) -> None:
     """Write a safetensors file whose metadata also holds the sha256 of everything in it. Same input, same bytes."""
     ordered = {name: np.asarray(tensors[name], order="C") for name in sorted(tensors)}
     text = canonical_json({**metadata, "sha256": _seal(ordered, metadata)})
@@ -142,7 +163,7 @@ def write_tensors(path: Path, tensors: dict[str, np.ndarray], metadata: dict[str
 
 
 def read_tensors(
-    path: Path, kind: str, largest: int = SIZE_LIMIT
+    path: Place, kind: str, largest: int = SIZE_LIMIT
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return (tensors, metadata) of a file written by `write_tensors` whose metadata says it is a `kind`.
 
@@ -162,8 +183,10 @@ def read_tensors(
     return tensors, metadata
 
 
-def read_bounded(path: Path, largest: int) -> bytes:
+def read_bounded(path: Place, largest: int) -> bytes:
     """Return the bytes of a file; BadFileError if it cannot be read or is larger than `largest` [bytes]."""
+    if isinstance(path, UrlPath):
+        return path.read(largest)
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):

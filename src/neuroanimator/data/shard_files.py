@@ -1,0 +1,30 @@
+"""A shard where it is stored: whether it is there, and putting it there."""
+
+from __future__ import annotations
+
+from neuroanimator.data.config import DatasetConfig
+from neuroanimator.data.diverged_runs import has_diverged, write_diverged
+from neuroanimator.data.shard import Shard
+from neuroanimator.data.store import read_shard
+from neuroanimator.errors import BadFileError
+from neuroanimator.storage.files import write_tensors
+from neuroanimator.storage.places import Place
+from neuroanimator.systems.system import System
+
+
+def diverged_in(system: System, config: DatasetConfig, folder: Place, shard: int) -> int | None:
+    """Return how many runs of a shard diverged that is whole; None for one that must be made."""
+    try:
+        _, metadata = read_shard(folder, config, system, shard)
+    except BadFileError:
+        return None
+    if has_diverged(folder, config, shard, metadata["diverged"]):
+        return metadata["diverged"]
+    return None
+
+
+def store_shard(made: Shard, config: DatasetConfig, folder: Place, shard: int) -> None:
+    """Write a shard, and the runs of it that diverged."""
+    write_diverged(folder, config, shard, made.starts, made.controls)
+    metadata = {"kind": "shard", "config": config.hash, "shard": shard, "diverged": made.diverged}
+    write_tensors(config.shard_path(folder, shard), made.tensors, metadata)
