@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
 from neuroanimator.appearance.skeleton import Shape, Skeleton
@@ -25,13 +26,23 @@ def colour_names(skeleton: Skeleton) -> dict[tuple[float, ...], str]:
 
 
 def unique(name: str, taken: Iterable[str], separator: str = " ") -> str:
-    """Return `name`, numbered after the `separator` if it is among those `taken`."""
-    known = set(taken)
+    """Return `name`, numbered after the `separator` if it is among those `taken`, in whatever letters: engines mind no case."""
+    known = {other.casefold() for other in taken}
     number = 1
     own = name
-    while own in known:
+    while own.casefold() in known:
         number += 1
         own = f"{name}{separator}{number}"
+    return own
+
+
+def identifier(name: str, taken: set[str]) -> str:
+    """Return `name` as an identifier that none of `taken` is, and add it to them: other signs become underscores."""
+    plain = re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"
+    if plain[0].isdigit():
+        plain = f"_{plain}"
+    own = unique(plain, taken, "_")
+    taken.add(own)
     return own
 
 

@@ -34,7 +34,7 @@ def test_a_school_is_written_and_what_it_cannot_be_is_refused(cli: Cli, tmp_path
     done = cli("animate", "fish", "--school", "3", "--seconds", "0.2", "--out", out)
     assert done.returncode == 0, done.stderr
     content = out.read_bytes()
-    assert b'"fish 3 root"' in content
+    assert b'"fish_3_root"' in content
     for arguments, message in (
         (
             ["lander", "--school", "3"],

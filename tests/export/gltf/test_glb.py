@@ -126,7 +126,8 @@ def test_several_bodies_keep_their_places_and_motions_and_share_scenery_and_shap
     channels = document["animations"][0]["channels"]
     for number, clip in enumerate(clips):
         moving = next(i for i, bone in enumerate(clip.skeleton.bones) if bone.is_moving)
-        node = names.index(f"{name} {number + 1} {clip.skeleton.bones[moving].name}")
+        title = f"{name} {number + 1} {clip.skeleton.bones[moving].name}"
+        node = names.index(title.replace(" ", "_") if clip.skeleton.skin else title)
         (channel,) = [c for c in channels if c["target"] == {"node": node, "path": "translation"}]
         track = accessor(
             document, binary, document["animations"][0]["samplers"][channel["sampler"]]["output"]

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from neuroanimator import Clip, load_system, write_usd
+from neuroanimator.appearance.part_names import identifier
 from neuroanimator.appearance.skeleton import MAX_BONES, Skeleton
 from neuroanimator.appearance.skin_mesh import skin_mesh
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.ghost import GHOST_OPACITY
-from neuroanimator.export.usd.prims import identifier, string
+from neuroanimator.export.usd.prims import string
 from neuroanimator.state.rotation import rotation_matrices
 
 pxr = pytest.importorskip("pxr")
@@ -78,11 +79,13 @@ def test_a_skin_follows_its_bones_as_the_skeleton_has_them(name: str, tmp_path: 
     query = UsdSkel.Cache().GetSkelQuery(UsdSkel.Skeleton(rig))
     positions, orientations = clip.skeleton.world_poses(clip.states)
     joints = query.ComputeJointSkelTransforms(Usd.TimeCode(FRAMES - 1))
-    for number, matrix in enumerate(np.array(joints)):
+    # The first joint is the root, which stays where it is.
+    np.testing.assert_array_equal(joints[0], np.eye(4))
+    for number, matrix in enumerate(np.array(joints)[1:]):
         np.testing.assert_allclose(matrix[3, :3], positions[-1, number], atol=1e-5)
         turn = rotation_matrices(orientations[-1, number])
         np.testing.assert_allclose(matrix[:3, :3].T, turn, atol=1e-5)
-    skinning = np.array(query.ComputeSkinningTransforms(Usd.TimeCode(0)))
+    skinning = np.array(query.ComputeSkinningTransforms(Usd.TimeCode(0)))[1:]
     for number, bone in enumerate(
         clip.skeleton.bones
     ):  # what takes a point of the skin at rest along

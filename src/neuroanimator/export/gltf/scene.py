@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip, together
 from neuroanimator.animation.interpolate import continuous
-from neuroanimator.appearance.part_names import colour_names, unique
+from neuroanimator.appearance.part_names import colour_names, identifier, unique
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Bone, Skeleton
 from neuroanimator.export.gltf.buffers import (
@@ -100,10 +100,11 @@ class _Scene:
         positions, orientations = clip.skeleton.local_poses(clip.states)
         self.document["scenes"][0]["nodes"].append(root)
         title = f"{prefix}root" if prefix and not is_ghost else f"{prefix}{clip.name} root"
-        nodes.append({"name": self._own(title), "rotation": Y_UP, "extras": _extras(clip)})
+        names = self._names_of(clip.skeleton, title, prefix)
+        nodes.append({"name": names[0], "rotation": Y_UP, "extras": _extras(clip)})
         for number, bone in enumerate(bones):
             node: dict[str, Any] = {
-                "name": self._own(prefix + bone.name),
+                "name": names[1 + number],
                 "translation": positions[0, number].tolist(),
                 "rotation": orientations[0, number][XYZW].tolist(),
             }
@@ -121,6 +122,13 @@ class _Scene:
         # The format knows no empty lists.
         filled = {key: value for key, value in self.document.items() if value != []}
         return glb_bytes(filled, bytes(self.buffer.content))
+
+    def _names_of(self, skeleton: Skeleton, title: str, prefix: str) -> list[str]:
+        """Return the names of the root and the bones; those of joints are identifiers, as engines want them."""
+        names = [title, *(prefix + bone.name for bone in skeleton.bones)]
+        if skeleton.skin is None:
+            return [self._own(name) for name in names]
+        return [identifier(name, self._names) for name in names]
 
     def _own(self, name: str) -> str:
         """Return `name`, numbered if another node has it."""
@@ -155,7 +163,9 @@ class _Scene:
             name = GHOST_PREFIX + "skin" if is_ghost else "skin"
             self._meshes[key] = self._append("meshes", {"name": name, "primitives": primitives})
         title = self._own(f"{prefix}skin")
-        skin = self._append("skins", skin_object(skeleton, title, root, self.buffer))
+        # Blender calls the armature by the name of the glTF skin.
+        bones = f"{prefix}bones"
+        skin = self._append("skins", skin_object(skeleton, bones, root, self.buffer))
         node = self._append("nodes", {"name": title, "mesh": self._meshes[key], "skin": skin})
         self.document["scenes"][0]["nodes"].append(node)
 

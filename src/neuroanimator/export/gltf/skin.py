@@ -49,16 +49,17 @@ def skin_primitives(skeleton: Skeleton, buffer: Buffer) -> dict[str, dict[str, A
 def skin_object(skeleton: Skeleton, name: str, root: int, buffer: Buffer) -> dict[str, Any]:
     """Return the glTF object of a skin: bones as joints, and what takes points at rest into their frames.
 
-    The joints are the nodes after the node `root`.
+    The joints are the node `root`, which no point follows, and those after it: Unreal wants one bone above all others.
     """
-    matrices = np.zeros((len(skeleton.bones), 4, 4))
-    for matrix, bone in zip(matrices, skeleton.bones, strict=True):
+    matrices = np.zeros((1 + len(skeleton.bones), 4, 4))
+    matrices[0] = np.eye(4)
+    for matrix, bone in zip(matrices[1:], skeleton.bones, strict=True):
         to_bone = rotation_matrices(np.array(bone.orientation)).T
         matrix[:3, :3] = to_bone
         matrix[:3, 3] = -to_bone @ np.array(bone.offset)
         matrix[3, 3] = 1
     columns = as_float32(matrices.transpose(0, 2, 1))
-    joints = list(range(root + 1, root + 1 + len(skeleton.bones)))
+    joints = list(range(root, root + 1 + len(skeleton.bones)))
     return {
         "name": name,
         "joints": joints,
@@ -75,5 +76,5 @@ def skin_material(part: str) -> dict[str, Any]:
 def _joints(
     bones: Int[np.ndarray, "N 4"], weights: Float[np.ndarray, "N 4"]
 ) -> UInt16[np.ndarray, "N 4"]:
-    """Return the bones' numbers, 0 where they do not count, as the format wants."""
-    return np.where(weights > 0, bones, 0).astype(np.uint16)
+    """Return the numbers of the bones' joints after the root's, 0 where they do not count, as the format wants."""
+    return np.where(weights > 0, bones + 1, 0).astype(np.uint16)

@@ -7,15 +7,12 @@ strings are quoted with everything escaped that could end them.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import SupportsFloat
 
 import numpy as np
 from jaxtyping import Num
-
-from neuroanimator.appearance.part_names import unique
 
 DIGITS = 7
 """Significant digits of numbers: single precision."""
@@ -59,16 +56,6 @@ class Prim:
             return [named, f"{indent}{{"]
         metadata = [indent + INDENT + line for line in self.metadata]
         return [f"{named} (", *metadata, f"{indent})", f"{indent}{{"]
-
-
-def identifier(name: str, taken: set[str]) -> str:
-    """Return `name` as an identifier that none of `taken` is, and add it to them: other signs become underscores."""
-    plain = re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"
-    if plain[0].isdigit():
-        plain = f"_{plain}"
-    own = unique(plain, taken, "_")
-    taken.add(own)
-    return own
 
 
 def string(text: str) -> str:

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from neuroanimator.animation.clip import Clip, together
 from neuroanimator.animation.interpolate import continuous
 from neuroanimator.appearance.colour import linear_of
-from neuroanimator.appearance.part_names import colour_names
+from neuroanimator.appearance.part_names import colour_names, identifier
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.appearance.skin_mesh import (
@@ -36,7 +36,6 @@ from neuroanimator.export.usd.prims import (
     Prim,
     animated,
     array,
-    identifier,
     number,
     string,
     tokens,
@@ -174,12 +173,19 @@ class _Body:
         """Return a skeleton whose joints are the bones, its animation, and the mesh that follows it."""
         skeleton = self._clip.skeleton
         taken: set[str] = set()
-        joints = [identifier(bone.name, taken) for bone in skeleton.bones]
+        root = identifier("root", taken)
+        # Unreal wants one bone above all others; no point follows it.
+        joints = [root, *(f"{root}/{identifier(bone.name, taken)}" for bone in skeleton.bones)]
+        with_root = np.zeros((len(positions), len(joints), 3))
+        with_root[:, 1:] = positions
+        turns = np.zeros((len(positions), len(joints), 4))
+        turns[:, 0, 0] = 1
+        turns[:, 1:] = orientations
         animation = Prim("SkelAnimation", "motion")
         animation.properties = [
             f"uniform token[] joints = {tokens(joints)}",
-            *animated("float3[] translations", map(array, positions)),
-            *animated("quatf[] rotations", map(array, orientations)),
+            *animated("float3[] translations", map(array, with_root)),
+            *animated("quatf[] rotations", map(array, turns)),
             f"half3[] scales = {array(np.ones((len(joints), 3)))}",
         ]
         rest = _matrices(skeleton.bones)
@@ -200,7 +206,8 @@ class _Body:
         apis = ["SkelBindingAPI", "MaterialBindingAPI"]
         prim.metadata = [f"prepend apiSchemas = {tokens(apis)}"]
         weights = skin.weights.ravel()
-        bones = np.where(skin.weights > 0, skin.bones, 0).ravel()
+        # The root is the first joint.
+        bones = np.where(skin.weights > 0, skin.bones + 1, 0).ravel()
         of_points = f'elementSize = {INFLUENCES}; interpolation = "vertex"'
         prim.properties += [
             f'color3f[] primvars:displayColor = {array(colours)} (interpolation = "vertex")',
@@ -330,8 +337,8 @@ def _mesh_prim(name: str, points: np.ndarray, normals: np.ndarray, triangles: np
 
 
 def _matrices(bones: Sequence[Bone]) -> str:
-    """Return the bones' transforms at rest, as the format has them: of rows, which vectors are multiplied by from the left."""
-    written = []
+    """Return the transforms at rest of the root and the bones, of rows, which vectors are multiplied by from the left."""
+    written = ["((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))"]
     for bone in bones:
         matrix = np.eye(4)
         matrix[:3, :3] = rotation_matrices(np.array(bone.orientation)).T
