@@ -184,6 +184,27 @@ def test_physics_beside_it_is_pushed_with_it(browser: Any, address: str) -> None
         assert complaints == []
 
 
+def test_where_the_emulator_is_lost_physics_goes_on(browser: Any, address: str) -> None:
+    press = "[...document.querySelectorAll('.banner button')].find((one) => one.textContent.startsWith('Let physics')).click()"
+    with open_page(browser, address.replace("#", "?show=lander-50#")) as (page, complaints):
+        shows(page, "lander")
+        page.keyboard.press("h")
+        box = page.locator("canvas").first.bounding_box()
+        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.move(*middle)
+        page.mouse.down()
+        page.mouse.move(middle[0] + 300, middle[1] - 150, steps=3)
+        wait_until(page, "document.querySelector('.banner.warning') !== null")
+        page.evaluate(press)
+        page.mouse.up()
+        wait_until(page, "document.querySelector('.hud').textContent.startsWith('physics')")
+        wait_until(page, "parseFloat(document.querySelector('.clock').textContent) > 0.5")
+        page.locator("canvas").first.focus()
+        page.keyboard.press("r")
+        wait_until(page, "document.querySelector('.hud').textContent.startsWith('live')")
+        assert complaints == []
+
+
 def test_a_file_that_is_no_emulator_is_refused_in_words(browser: Any, address: str) -> None:
     drop = """() => {
         const data = new DataTransfer();

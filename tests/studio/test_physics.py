@@ -105,6 +105,24 @@ def test_the_server_replays_and_exports_it(tmp_path):
         assert (tmp_path / f"cube.{kind}").stat().st_size > 100
 
 
+def test_a_motion_that_physics_made_is_exported_as_physics_made_it(tmp_path: Path):
+    shown = Library(tmp_path).load("pendulum-passive-50")
+    start = [1.0, 0.5, 0.0, 0.0, 0.0, 0.0]
+    held = [[0.0, 0.0, 0.0]] * 40
+    wanted = Export(
+        bundle="pendulum-passive-50",
+        format="csv",
+        rate=20,
+        start=start,
+        controls=held,
+        source="physics",
+    )
+    write_motion(shown, wanted, USUAL, tmp_path / "swing.csv")
+    written = np.loadtxt(tmp_path / "swing.csv", delimiter=",", skiprows=1)[:, 1:]
+    replayed = replay_physics(shown, checked_drive(shown.spec, wanted, USUAL), USUAL)
+    np.testing.assert_allclose(written, replayed.states, atol=1e-6)
+
+
 def test_the_server_pushes_as_the_page_does():
     system = load_system("cube")
     shown = Library(Path()).load("cube")

@@ -96,7 +96,7 @@ def write_motion(shown: Shown, wanted: Export, limits: Limits, path: Path) -> No
         return
     drawn = _drawable(shown, clip)
     ghost = None
-    if wanted.ghost and shown.emulator is not None:
+    if wanted.ghost and clip.source == "emulator":
         ghost = _drawable(shown, _physics_clip(shown, wanted, limits))
     if wanted.format == "glb":
         write_glb(drawn, path, ghost=ghost)
@@ -118,9 +118,9 @@ def described_drive(shown: Shown, wanted: Export, limits: Limits) -> dict[str, A
 
 
 def _shown_clip(shown: Shown, wanted: Export, limits: Limits) -> Clip:
-    """Return the motion as the page shows it: by the emulator, or by the physics where there is none."""
+    """Return the motion as the page shows it: by the emulator, or by the physics."""
     emulator = shown.emulator
-    if emulator is None:
+    if emulator is None or wanted.source == "physics":
         return _physics_clip(shown, wanted, limits)
     drive = checked_drive(shown.spec, wanted, limits)
     states = drive.played(

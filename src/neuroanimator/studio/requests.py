@@ -116,6 +116,8 @@ class Export(Table):
     start: Vector
     controls: Rows
     pushes: Pushes = Field(default_factory=list)
+    source: Literal["emulator", "physics"] = "emulator"
+    """What makes the motion that is shown."""
     ghost: bool = False
     """Whether the physics goes along as a ghost."""
 

@@ -19,6 +19,8 @@ export class Motion {
     readonly controlSize: number,
     private readonly structure: StateStructure,
     start: ArrayLike<number>,
+    /** What made it. */
+    readonly source: "emulator" | "physics" = "emulator",
   ) {
     this.#states = new Float32Array((FIRST_ROOM + 1) * stateSize);
     this.#controls = new Float32Array(FIRST_ROOM * controlSize);

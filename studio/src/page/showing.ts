@@ -121,7 +121,7 @@ export class Showing {
   /** Begin the motion that is shown again, live. */
   restart(): void {
     const { player } = this.session;
-    player.restart(player.motion.state(0));
+    player.restart(this.#handOver?.origin ?? player.motion.state(0));
     player.isPlaying = true;
   }
 
@@ -220,11 +220,10 @@ export class Showing {
     this.#handOver?.stop();
     this.banners.clear("trust");
     this.banners.clear("lost");
-    const state = player.motion.state(player.step).slice();
-    this.#handOver = HandOver.begin(live, facts, player, state, (line) => {
+    this.#handOver = HandOver.begin(live, facts, player, (line) => {
       this.banners.say("physics", `Physics does not go on: ${line}`, "warning");
     });
-    this.banners.tell("Physics goes on from here, steered as before.");
+    this.banners.tell("Physics goes on from here, steered as before; L gives it back to the emulator.");
   }
 
   #controlShares(): number[] {

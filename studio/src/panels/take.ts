@@ -192,6 +192,7 @@ async function exportBy(
       start: Array.from(motion.state(0)),
       controls,
       pushes: motion.pushes(),
+      source: motion.source,
     };
     const answer = await live.post("api/exports", JSON.stringify(wanted), "application/json");
     const link = element("a");

@@ -20,25 +20,35 @@ export class HandOver {
     private readonly live: Live,
     private readonly facts: Bundle,
     private readonly player: Player,
+    /** What was shown before, and the super step at which physics took over. */
+    private readonly before: Motion,
+    private readonly step: number,
+    /** Whether that was recorded: then its controls are known beyond there. */
+    private readonly wasRecorded: boolean,
     private readonly motion: Motion,
   ) {}
 
-  /** Let physics go on from `state` (S); `onError` is told one clear line if it cannot. */
-  static begin(
-    live: Live,
-    facts: Bundle,
-    player: Player,
-    state: ArrayLike<number>,
-    onError: (line: string) => void,
-  ): HandOver {
+  /** Let physics go on from where the playhead stands; `onError` is told one clear line if it cannot. */
+  static begin(live: Live, facts: Bundle, player: Player, onError: (line: string) => void): HandOver {
     const structure = { rates: facts.rates, orientations: facts.orientations };
-    const motion = new Motion(facts.dt, facts.rest.length, facts.control_low.length, structure, state);
+    const before = player.motion;
+    const { step } = player;
+    const wasRecorded = !player.isLive;
+    const motion = new Motion(facts.dt, facts.rest.length, facts.control_low.length, structure, before.state(step), "physics");
     player.show(motion);
     player.isHeld = true;
     player.isPlaying = true;
-    const handOver = new HandOver(live, facts, player, motion);
-    handOver.#run().catch((error: unknown) => onError(lineOf(error)));
+    const handOver = new HandOver(live, facts, player, before, step, wasRecorded, motion);
+    handOver.#run().catch((error: unknown) => {
+      handOver.#giveUp();
+      onError(lineOf(error));
+    });
     return handOver;
+  }
+
+  /** The state (S) in which it all began, if physics is what is shown; else null. */
+  get origin(): Float32Array | null {
+    return this.player.motion === this.motion ? this.before.state(0) : null;
   }
 
   stop(): void {
@@ -58,12 +68,28 @@ export class HandOver {
         motion.pushLast(player.force(motion.state(motion.steps)));
       }
       const state = motion.state(motion.steps);
-      const control = Array.from(player.pilot!.control(state, motion.steps));
+      const control = this.#control(state);
       const answer = await this.live.ask("replay", { bundle: facts.id, start: Array.from(state), controls: [control] });
       const states = floatsOf(String(answer["states"]));
       // Physics is true everywhere: nothing to doubt.
       motion.append(control, states.subarray(motion.stateSize, 2 * motion.stateSize), true);
     }
     player.isHeld = false;
+  }
+
+  // Recorded controls as far as they go, then whoever steers.
+  #control(state: Float32Array): number[] {
+    const step = this.step + this.motion.steps;
+    const isRecorded = this.wasRecorded && step < this.before.steps;
+    return Array.from(isRecorded ? this.before.control(step) : this.player.pilot!.control(state, this.motion.steps));
+  }
+
+  // Without a single step of physics what was there before is better.
+  #giveUp(): void {
+    this.stop();
+    if (this.motion.steps === 0 && this.player.motion === this.motion) {
+      this.player.undo();
+      this.player.isPlaying = false;
+    }
   }
 }

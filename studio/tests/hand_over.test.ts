@@ -1,0 +1,68 @@
+// Physics goes on where the emulator is lost, and gives way again. The "server" here answers by the pendulum's own emulator.
+
+import { expect, test } from "vitest";
+import type { Bundle } from "../src/bundle/bundle";
+import { sizeOf } from "../src/bundle/layout";
+import { Emulator } from "../src/emulator/emulator";
+import { Player } from "../src/motion/player";
+import { HandOver } from "../src/server/hand_over";
+import type { Live } from "../src/server/live";
+import { SliderPilot } from "../src/steering/pilots";
+import { shippedFile } from "./shipped";
+
+async function pendulum(): Promise<{ player: Player; facts: Bundle; emulator: Emulator }> {
+  const text = new TextDecoder().decode(await shippedFile("pendulum-50/bundle.json"));
+  const facts = JSON.parse(text) as Bundle;
+  const module = await WebAssembly.compile(await shippedFile("pendulum-50/emulator.wasm"));
+  const sizes = { state: sizeOf(facts.state), control: sizeOf(facts.control), latent: facts.latent };
+  const emulator = await Emulator.start(module, sizes);
+  const player = new Player(emulator, facts);
+  player.pilot = new SliderPilot(facts);
+  return { player, facts, emulator };
+}
+
+function serverBy(emulator: Emulator): { live: Live; asked: number[][] } {
+  const asked: number[][] = [];
+  const ask = async (_: string, wanted: { start: number[]; controls: number[][] }): Promise<{ states: string }> => {
+    asked.push(wanted.controls[0]!);
+    const states = emulator.rollout(wanted.start, wanted.controls.flat());
+    return { states: Buffer.from(states.buffer).toString("base64") };
+  };
+  return { live: { ask } as unknown as Live, asked };
+}
+
+async function until(isTrue: () => boolean): Promise<void> {
+  while (!isTrue()) {
+    await new Promise((resolve) => setTimeout(resolve, 5));
+  }
+}
+
+test("physics goes on from the playhead with the controls that were recorded", async () => {
+  const { player, facts, emulator } = await pendulum();
+  const recorded = player.motion;
+  player.seek(10.5 * facts.dt);
+  const { live, asked } = serverBy(emulator);
+  const handOver = HandOver.begin(live, facts, player, () => undefined);
+  await until(() => player.motion.steps > 5);
+  expect(player.isHeld).toBe(true);
+  expect(player.motion.source).toBe("physics");
+  expect([...player.motion.state(0)]).toEqual([...recorded.state(10)]);
+  expect(asked[3]).toEqual([...recorded.control(13)]);
+  expect([...player.motion.state(4)]).toEqual([...emulator.rollout(recorded.state(10), asked.slice(0, 4).flat())].slice(-6));
+  expect([...handOver.origin!]).toEqual([...recorded.state(0)]);
+  player.undo();
+  await until(() => !player.isHeld);
+  expect(handOver.origin).toBeNull();
+});
+
+test("physics that does not come leaves what was there", async () => {
+  const { player, facts } = await pendulum();
+  const recorded = player.motion;
+  const lines: string[] = [];
+  const live = { ask: () => Promise.reject(new Error("the server does not answer")) } as unknown as Live;
+  HandOver.begin(live, facts, player, (line) => lines.push(line));
+  await until(() => lines.length > 0);
+  expect(lines).toEqual(["the server does not answer"]);
+  expect(player.motion).toBe(recorded);
+  expect(player.isHeld).toBe(false);
+});
