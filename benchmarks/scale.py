@@ -2,6 +2,7 @@
 
 python benchmarks/scale.py stream           50 million windows in 1 GB, against windows in memory, killed on the way
 python benchmarks/scale.py stream --quick   the same with 2 million and few updates: whether it works, no figures
+python benchmarks/scale.py crowd            1 to 10,000 fish and trucks on this machine, on one core and on all
 
 Ratios are measured in one run, their two sides in turn.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scale_cases import stream
+from scale_cases import crowd, stream
 
 from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.machine import describe_machine
@@ -19,7 +20,7 @@ from neuroanimator.terminal import print_table
 
 RESULTS = Path(__file__).parent / "results"
 
-PARTS = {"stream": stream.measure}
+PARTS = {"stream": stream.measure, "crowd": crowd.measure}
 """What is measured, by its name: a function of (folder for what is made on the way, whether it is quick)."""
 
 

@@ -83,6 +83,15 @@ def school_motion(
     policy: Policy, count: int, seconds: float, seed: int = 0
 ) -> Float[np.ndarray, "{count} K S"]:
     """Return the trajectories (K = T+1 states) of a school of `count` bodies; see `school_clips`."""
+    starts, behaviour = school_start(policy, count, seed)
+    steps = int(np.ceil(seconds / policy.dt - 1e-9))
+    return np.asarray(rollout_on_emulator(policy, behaviour, starts, steps, seed=seed), float)
+
+
+def school_start(
+    policy: Policy, count: int, seed: int
+) -> tuple[Float[np.ndarray, "{count} S"], Behaviour]:
+    """Return (where a school of `count` bodies begins, where each of them goes from there)."""
     emulator = policy.emulator
     cloud = emulator.state_structure.cloud
     assert cloud is not None
@@ -98,9 +107,7 @@ def school_motion(
     starts = np.repeat(middle[None], count, axis=0)
     starts[:, : 3 * cloud.count] += np.tile(offsets, cloud.count)
     speed = PACE * float(policy.ranges.high[0])
-    behaviour = cruise(points.mean(axis=0) + offsets, length=length, speed=speed)
-    steps = int(np.ceil(seconds / policy.dt - 1e-9))
-    return np.asarray(rollout_on_emulator(policy, behaviour, starts, steps, seed=seed), float)
+    return starts, cruise(points.mean(axis=0) + offsets, length=length, speed=speed)
 
 
 def cruise(places: Float[np.ndarray, "B 3"], *, length: float, speed: float) -> Behaviour:
