@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+import neuroanimator.gym  # noqa: F401 - registers the environments
 from neuroanimator import set_backend
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.emulator import c_rows
