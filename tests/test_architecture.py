@@ -12,7 +12,7 @@ STAGES = [
     "lazy", "jax_later", "pytrees", "errors", "text", "parsing", "terminal", "machine", "cores",
     "zoo", "storage", "executor", "compiler", "codegen", "backend", "tables", "state", "appearance",
     "definitions", "emulator", "systems", "data", "training", "evaluation", "animation", "control", "tasks",
-    "export", "gym", "scaffold", "studio", "bench", "demo", "cli",
+    "export", "gym", "scaffold", "studio", "bench", "fleets", "demo", "cli",
 ]  # fmt: skip
 
 

@@ -105,7 +105,7 @@ def generate_with_bar(
         return generate(config, out, executor=executor, longest=longest, on_shard=on_shard)
 
 
-def ensure_data(reference: str, emulator: Path) -> Place:
+def ensure_data(reference: str, emulator: Path, executor: Executor | None = None) -> Place:
     """Return the dataset folder or URL `reference` is, or one made beside `emulator` for the system or TOML file it names."""
     from neuroanimator.data.config import DatasetConfig
     from neuroanimator.data.recorded_segments import limited_to_recordings
@@ -129,5 +129,5 @@ def ensure_data(reference: str, emulator: Path) -> Place:
     stem = emulator.name.removesuffix(".safetensors").removesuffix(".emulator")
     folder = emulator.with_name(stem + ".data")
     config = DatasetConfig.usual(name, definition, usual_substeps)
-    generate_with_bar(limited_to_recordings(config), folder)
+    generate_with_bar(limited_to_recordings(config), folder, executor)
     return folder

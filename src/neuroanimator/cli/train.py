@@ -7,15 +7,22 @@ from typing import Annotated, Any
 
 import typer
 
+from neuroanimator.cli.spread import Where, Workers, chosen_executor
+
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
+
+SHOWN_DIGITS = 12
+"""So many digits of a sha256 are printed; the table's file has all."""
 
 
 def run(
     data: Annotated[
         str,
-        typer.Argument(help="Folder or URL made by 'generate', a system, or your own TOML file."),
+        typer.Argument(
+            help="Folder or URL made by 'generate', a system, your own TOML file, or a fleet's."
+        ),
     ],
-    out: Annotated[Path, typer.Option(help="File for the emulator.")],
+    out: Annotated[Path, typer.Option(help="File for the emulator; folder of a fleet.")],
     config: Annotated[
         Path | None, typer.Option(help="TOML file with any of the settings below.")
     ] = None,
@@ -44,8 +51,10 @@ def run(
         str | None,
         typer.Option(help="What data may take (default 8GB); what needs more is read from disk."),
     ] = None,
+    workers: Workers = None,
+    executor: Where = "local",
 ) -> None:
-    """Train an emulator; of a system or a TOML file the data is generated first.
+    """Train an emulator; of a system or a TOML file the data is generated first. Or a fleet of them, see docs/scale.md.
 
     Killed and started again it goes on and ends with the same bytes.
     """
@@ -56,6 +65,7 @@ def run(
         from neuroanimator.cli.numbers import whole_numbers
         from neuroanimator.data.stored import open_transitions
         from neuroanimator.evaluation.evaluate import judge_training
+        from neuroanimator.fleets.fleet_file import is_fleet
         from neuroanimator.tables import read_toml
         from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
         from neuroanimator.training.train import Report, run_folder, train
@@ -80,9 +90,14 @@ def run(
     for key, value in options.items():
         if value is not None:
             settings[key] = value
+    if is_fleet(Path(data)):
+        train_fleet_file(Path(data), out, settings, executor, workers)
+        return
     memory_limit = TrainingConfig(**settings).memory  # what is wrong is said before data are made
     last: list[Report] = []
-    transitions = open_transitions(ensure_data(data, out), memory_limit)
+    with chosen_executor(executor, workers) as spread:
+        place = ensure_data(data, out, spread)
+    transitions = open_transitions(place, memory_limit)
     checked = TrainingConfig.usual(transitions.system.structure, **settings)
     with progress_bar("updates", checked.chunks * UPDATES_PER_CHUNK) as bar:
 
@@ -103,3 +118,44 @@ def run(
         ]
     rows += [("verdict", judge_training(emulator, transitions, checked))]
     print_rows(rows)
+
+
+def train_fleet_file(
+    file: Path, out: Path, settings: dict[str, Any], executor: str, workers: int | None
+) -> None:
+    """Train the fleet that `file` describes, and print its table; `settings` of one emulator are refused."""
+    from dataclasses import asdict
+
+    from neuroanimator.errors import ArgumentError
+    from neuroanimator.fleets.fleet_file import read_fleet
+    from neuroanimator.fleets.train_fleet import TABLE, train_fleet
+    from neuroanimator.terminal import print_rows, print_table, progress_bar
+
+    if settings:
+        names = ", ".join(sorted(settings))
+        raise ArgumentError(f"{file} is a fleet: write {names} into its sizes, not beside it.")
+    fleet = read_fleet(file)
+    done = 0
+    with (
+        chosen_executor(executor, workers) as spread,
+        progress_bar("emulators", len(fleet.members)) as bar,
+    ):
+
+        def on_start(count: int) -> None:
+            nonlocal done
+            done = len(fleet.members) - count
+            bar.advance_to(done)
+
+        def on_member() -> None:
+            nonlocal done
+            done += 1
+            bar.advance_to(done)
+
+        rows = train_fleet(fleet, out, spread, on_start=on_start, on_member=on_member)
+    table: list[dict[str, object]] = []
+    for row in rows:
+        figures = asdict(row)
+        figures["sha256"] = row.sha256[:SHOWN_DIGITS]
+        table.append(figures)
+    print_table(table)
+    print_rows([("emulators", out), ("table", out / TABLE)])

@@ -1,0 +1,113 @@
+"""Train one emulator of a fleet and measure it: a task for an executor."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from neuroanimator.data.generate import generate
+from neuroanimator.data.store import Transitions, read_config
+from neuroanimator.data.stored import StoredTransitions, open_transitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.tensors import emulator_tensors
+from neuroanimator.errors import BadFileError
+from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
+from neuroanimator.evaluation.held_out import held_out_runs, recorded_runs
+from neuroanimator.fleets.fleet_file import Member
+from neuroanimator.storage.places import place_of
+from neuroanimator.systems.trusted_files import trust_as_told
+from neuroanimator.training.train import train
+
+TEST_RUNS = 24
+"""Each emulator is tested on so many unseen runs."""
+
+
+@dataclass(frozen=True)
+class MemberTask:
+    """One training."""
+
+    member: Member
+    data: str
+    """Folder or URL of its dataset."""
+    workplace: str
+    """Folder for what is unfinished, so that a training that is killed goes on where it was; empty where the worker may not see
+    this disk: it then begins anew."""
+    trusted: tuple[tuple[str, str], ...] = ()
+    """The files that the process which gives the task may use."""
+
+    @property
+    def label(self) -> str:
+        """What errors call it."""
+        return self.member.name
+
+
+class TrainedMember(NamedTuple):
+    """What came of a training."""
+
+    content: bytes
+    """The emulator's file."""
+    numbers: int
+    """So many weights and other numbers are in it."""
+    one_step_error: float
+    """On unseen runs, over the standard deviation of the change."""
+    error: float
+    """Of a rollout after the fleet's time, over how far a run gets; infinite if one diverged."""
+
+
+def run_member_task(task: MemberTask) -> TrainedMember:
+    """Return a trained emulator and its errors: a function of the member alone."""
+    trust_as_told(task.trusted)
+    with _workplace(task) as folder:
+        data = _dataset(task, folder)
+        path = folder / task.member.file_name
+        emulator = train(data, task.member.training, path)
+        one_step, error = _errors(emulator, data, task.member.seconds)
+        tensors = emulator_tensors(emulator)
+        numbers = sum(np.asarray(tensor).size for tensor in tensors.values())
+        return TrainedMember(path.read_bytes(), numbers, one_step, error)
+
+
+@contextmanager
+def _workplace(task: MemberTask) -> Iterator[Path]:
+    if task.workplace:
+        yield Path(task.workplace)
+        return
+    with tempfile.TemporaryDirectory(prefix="neuroanimator-") as folder:
+        yield Path(folder)
+
+
+def _dataset(task: MemberTask, folder: Path) -> Transitions | StoredTransitions:
+    """Return the member's dataset; where this machine cannot see it, it is made anew and is the same."""
+    member = task.member
+    place = place_of(task.data)
+    try:
+        is_there = read_config(place).hash == member.data.hash
+    except BadFileError:
+        is_there = False
+    if not is_there:
+        place = folder / member.dataset
+        generate(member.data, place)
+    return open_transitions(place, member.training.memory)
+
+
+def _errors(
+    emulator: Emulator, data: Transitions | StoredTransitions, seconds: float
+) -> tuple[float, float]:
+    """Return (one-step error, error after `seconds`) on unseen runs."""
+    if isinstance(data, Transitions) and data.held_out is not None:
+        test = recorded_runs(emulator, data)
+    else:
+        test = held_out_runs(emulator, count=TEST_RUNS, seconds=max(seconds, emulator.dt))
+    emulated = emulator.rollout(test.states[:, 0], test.controls, may_diverge=True)
+    errors = rollout_error(test.frame, np.asarray(emulated, float), test.states)
+    after = min(round(seconds / emulator.dt), len(errors)) - 1
+    error = float(errors[max(after, 0)])
+    if not np.isfinite(error):
+        error = float("inf")
+    return float(root_mean_square(one_step_error(emulator, test))), error
