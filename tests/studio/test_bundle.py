@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 import pytest
 
@@ -14,10 +15,11 @@ from neuroanimator import load_emulator
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
 from neuroanimator.control.objective.goals import is_reached
+from neuroanimator.emulator.artifact import digest
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.rotation import rotate
-from neuroanimator.studio.bundle import bundle_facts, policy_beside
+from neuroanimator.studio.bundle import bundle_facts, make_bundle, policy_beside
 from neuroanimator.studio.catalogue import (
     PHYSICS_BUNDLES,
     SHIPPED_BUNDLES,
@@ -26,7 +28,7 @@ from neuroanimator.studio.catalogue import (
     shipped_folder,
 )
 from neuroanimator.studio.description import unpacked
-from neuroanimator.zoo import find_emulator
+from neuroanimator.zoo import find_emulator, shipped_policy
 
 MAX_FILE = 1 << 20
 """No file of a bundle that ships is larger [bytes]."""
@@ -191,6 +193,31 @@ def test_a_shipped_program_makes_the_steps_of_its_emulator():
     following = np.zeros(6, np.float32)
     Module(wasmtime, content, "emulator").call("step", state, control, following)
     np.testing.assert_allclose(following, emulator.step(state, control), atol=1e-4)
+
+
+def test_a_policys_bundle_takes_the_programs_of_the_emulator_it_was_trained_through(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def refuse(*_: object) -> None:
+        raise AssertionError("compiled what was there")
+
+    monkeypatch.setattr("neuroanimator.studio.bundle._compile", refuse)
+    folder = make_bundle(str(shipped_policy("fish")), tmp_path / "own", known=shipped_bundles())
+    fish = shipped_folder() / "fish-50"
+    for name in ("emulator.wasm", "descent-1.wasm"):
+        assert (folder / name).read_bytes() == (fish / name).read_bytes()
+    assert (folder / "policy.wasm").read_bytes()[:4] == b"\0asm"
+    made = json.loads((folder / "bundle.json").read_text())
+    assert made["digest"] == shipped("fish-50")["digest"]
+    assert made["descents"] == json.loads(json.dumps(shipped("fish-50")["descents"]))
+    assert made["policy"] is not None
+
+
+def test_an_emulator_with_one_other_weight_has_another_digest():
+    emulator = load_emulator("pendulum-50")
+    assert digest(emulator) == shipped("pendulum-50")["digest"]
+    moved = eqx.tree_at(lambda one: one.domain.low, emulator, emulator.domain.low - 1e-3)
+    assert digest(moved) != digest(emulator)
 
 
 def test_the_catalogue_names_every_shipped_bundle_once(tmp_path: Path):

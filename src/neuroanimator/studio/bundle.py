@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import neuroanimator
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.emulator.artifact import digest
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import system_of
@@ -36,10 +39,12 @@ def make_bundle(
     folder: Path,
     bundle_id: str = "",
     progress: Callable[[str], None] = lambda phase: None,
+    known: Sequence[Path] = (),
 ) -> Path:
     """Write the bundle of the emulator `reference`, a name or a file, into `folder`; return it.
 
-    `progress` is told what is going on.
+    `progress` is told what is going on. What takes long is copied if one of the bundles `known` is of the same emulator,
+    as where a policy's file is dropped that was trained through one that ships.
 
     Raises ResourceError without Zig and wasmtime, BadFileError for a file that is no emulator, and whatever else
     `write_wasm` raises. What says it is a bundle is written last.
@@ -49,20 +54,54 @@ def make_bundle(
     licence = licence_of(source)
     folder.mkdir(parents=True, exist_ok=True)
     progress("compiling")
-    emulator_wasm, _ = checked_wasm(emulator, definition_of(emulator, licence), "emulator")
-    write_whole(folder / EMULATOR_WASM, emulator_wasm)
+    drive = None
+    twin = _bundle_of(digest(emulator), known)
+    if twin is None:
+        _compile(emulator, folder, licence)
+    else:
+        drive = _copied(twin, folder)
     if policy is not None:
         progress("compiling its policy")
         policy_wasm, _ = checked_wasm(policy, definition_of(policy, licence), "policy")
         write_whole(folder / "policy.wasm", policy_wasm)
+    progress("looking for a motion worth a look")
+    name = bundle_id or source.name.split(".")[0]
+    write_facts(bundle_facts(source, emulator, policy, name, drive), folder)
+    return folder
+
+
+def _bundle_of(wanted: str, known: Sequence[Path]) -> Path | None:
+    """Return the folder of a bundle by this version of the emulator with the digest `wanted`; None if there is none."""
+    for folder in known:
+        facts = json.loads((folder / BUNDLE).read_text(encoding="ascii"))
+        is_current = facts.get("version") == neuroanimator.__version__
+        if is_current and facts.get("digest") == wanted:
+            return folder
+    return None
+
+
+def _copied(twin: Path, folder: Path) -> dict[str, Any]:
+    """Copy the programs of an emulator's bundle into `folder`, and return the motion it is shown with."""
+    for name in (EMULATOR_WASM, DESCENT_FILE):
+        if (twin / name).is_file():
+            write_whole(folder / name, (twin / name).read_bytes())
+    facts = json.loads((twin / BUNDLE).read_text(encoding="ascii"))
+    return facts["default_motion"]
+
+
+def _compile(emulator: Emulator, folder: Path, licence: str) -> None:
+    """Write the programs of an emulator into `folder`: that of super steps and that of a descent, at the same time."""
+    with ThreadPoolExecutor() as pool:
+        descent = pool.submit(_compile_descent, emulator, folder)
+        emulator_wasm, _ = checked_wasm(emulator, definition_of(emulator, licence), "emulator")
+        write_whole(folder / EMULATOR_WASM, emulator_wasm)
+        descent.result()
+
+
+def _compile_descent(emulator: Emulator, folder: Path) -> None:
     descent = descent_of(emulator, system_of(emulator))
     if descent is not None:
-        progress("compiling its descent")
         write_whole(folder / DESCENT_FILE, descent_module(descent))
-    progress("looking for a motion worth a look")
-    facts = bundle_facts(source, emulator, policy, bundle_id or source.name.split(".")[0])
-    write_facts(facts, folder)
-    return folder
 
 
 def write_facts(facts: dict[str, Any], folder: Path) -> None:
@@ -116,6 +155,7 @@ def bundle_facts(
     facts: dict[str, Any] = {"id": bundle_id}
     facts |= describe_emulator(emulator, system)
     facts["sha256"] = hashlib.sha256(source.read_bytes()).hexdigest()
+    facts["digest"] = digest(emulator)
     facts["licence"] = licence_of(source)
     facts["policy"] = None if policy is None else describe_policy(policy)
     if drive is None:

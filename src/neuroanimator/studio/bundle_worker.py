@@ -19,12 +19,14 @@ def main(source: str, folder: str, bundle_id: str) -> int:
     """Make the bundle; return the exit code."""
     from neuroanimator.errors import NeuroAnimatorError
     from neuroanimator.studio.bundle import make_bundle
+    from neuroanimator.studio.catalogue import BUNDLE, shipped_bundles
 
     def say(words: str) -> None:
         print(PHASE, words, flush=True)
 
+    kept = [path.parent for path in Path(folder).parent.glob(f"*/{BUNDLE}")]
     try:
-        make_bundle(source, Path(folder), bundle_id, progress=say)
+        make_bundle(source, Path(folder), bundle_id, say, known=[*shipped_bundles(), *kept])
     except NeuroAnimatorError as error:
         print(FAULT, " ".join(str(error).split()), flush=True)
         return error.exit_code
