@@ -13,6 +13,7 @@ import pytest
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.bench.run_table import chosen_rows
 from neuroanimator.evaluation.sweep import SweepRow, largest_within, sweep
+from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.training.batches import draw_batches
 from neuroanimator.training.recipes import RECIPES
 from neuroanimator.zoo import SHIPPED, shipped_path
@@ -62,7 +63,10 @@ def test_every_row_has_a_recipe_and_ships_small():
 
 
 def test_a_sweep_names_the_largest_n_that_keeps_the_tolerance(tmp_path: Path):
-    rows = sweep("pendulum", (25, 50), tmp_path, seconds=0.1, transitions=1500, updates=500)
+    with LocalExecutor(2) as two:
+        rows = sweep(
+            "pendulum", (25, 50), tmp_path, seconds=0.1, transitions=1500, updates=500, executor=two
+        )
     assert [row.substeps for row in rows] == [25, 50]
     assert all(row.path.exists() and 0 < row.error < 1 for row in rows)
     made = [

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from neuroanimator.cli.spread import Where, Workers, chosen_executor
+
 EXAMPLE = "neuroanimator bench --table1 --quick"
 
 TABLE_COLUMNS = (
@@ -74,6 +76,8 @@ def run(
     out: Annotated[Path, typer.Option(help="Folder for table, plot and trainings.")] = Path(
         "out/bench"
     ),
+    workers: Workers = None,
+    executor: Where = "local",
 ) -> None:
     """Measure accuracy and speed of every system, print the table, write CSV and a work-precision plot."""
     from json import dumps
@@ -91,7 +95,8 @@ def run(
         substeps = substeps or QUICK_SUBSTEPS
         seeds = 1
     chosen = chosen_rows(systems, substeps or None)
-    figures, files = run_table(chosen, out, is_quick=quick, seeds=seeds)
+    with chosen_executor(executor, workers) as spread:
+        figures, files = run_table(chosen, out, is_quick=quick, seeds=seeds, executor=spread)
     if json:
         print(dumps(figures, indent=2))
         return

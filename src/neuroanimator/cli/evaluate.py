@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from neuroanimator.cli.spread import Where, Workers, chosen_executor
+
 if TYPE_CHECKING:
     from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.evaluation.evaluate import Evaluation
+    from neuroanimator.executor.executor import Executor
 
 EXAMPLE = "neuroanimator evaluate pendulum-25 pendulum-50 pendulum-100 --report report.html"
 
@@ -20,6 +23,15 @@ class Files(NamedTuple):
     report: Path | None
     worst: Path | None
     card: Path | None
+
+
+class SweepBudget(NamedTuple):
+    """What a sweep asks for, and what each n gets."""
+
+    tolerance: float
+    seconds: float
+    transitions: int
+    updates: int
 
 
 def run(
@@ -58,10 +70,14 @@ def run(
     out: Annotated[Path, typer.Option(help="Sweep: folder for data and emulators.")] = Path(
         "out/sweep"
     ),
+    workers: Workers = None,
+    executor: Where = "local",
 ) -> None:
     """Measure emulators on unseen runs against fine physics, and their speed against it; or choose n by --sweep."""
     if sweep:
-        _sweep(emulators, substeps, tolerance, seconds, count, updates, out, json)
+        budget = SweepBudget(tolerance, seconds, count, updates)
+        with chosen_executor(executor, workers) as spread:
+            _sweep(emulators, substeps, budget, out, json, spread)
     else:
         _evaluate(emulators, data, system, Files(report, worst, card), json)
 
@@ -157,12 +173,10 @@ def _everything(evaluation: Evaluation) -> dict[str, Any]:
 def _sweep(
     systems: list[str],
     substeps: str,
-    tolerance: float,
-    seconds: float,
-    count: int,
-    updates: int,
+    budget: SweepBudget,
     out: Path,
     json: bool,
+    executor: Executor,
 ) -> None:
     from dataclasses import asdict
     from json import dumps
@@ -192,12 +206,13 @@ def _sweep(
             systems[0],
             counts,
             out,
-            seconds=seconds,
-            transitions=count,
-            updates=updates,
+            seconds=budget.seconds,
+            transitions=budget.transitions,
+            updates=budget.updates,
+            executor=executor,
             on_row=on_row,
         )
-    best = largest_within(rows, tolerance)
+    best = largest_within(rows, budget.tolerance)
     table = []
     for row in rows:
         figures = asdict(row)
@@ -210,4 +225,6 @@ def _sweep(
     verdict = "none of them; train longer, or take smaller n"
     if best:
         verdict = f"n = {best.substeps}"
-    print(f"Largest n whose error after {seconds:g} s is at most {tolerance:g}: {verdict}.")
+    print(
+        f"Largest n whose error after {budget.seconds:g} s is at most {budget.tolerance:g}: {verdict}."
+    )

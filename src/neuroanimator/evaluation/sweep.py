@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from neuroanimator.cores import core_count
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.store import read_transitions
@@ -16,12 +19,50 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
 from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.evaluation.speed import measure_emulator
+from neuroanimator.executor.executor import Executor
+from neuroanimator.executor.local import LocalExecutor
+from neuroanimator.storage.files import write_whole
 from neuroanimator.systems.loading import resolve
+from neuroanimator.systems.trusted_files import trust_as_told, trusted_so_far
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import train
 
 TEST_RUNS = 24
 """Each n is tested on so many unseen runs."""
+
+
+TRAINING_SECONDS = 24 * 3600.0
+"""A worker that takes longer for one n counts as hung [s]."""
+
+
+@dataclass(frozen=True)
+class SweepTask:
+    """One n of a sweep."""
+
+    data: DatasetConfig
+    training: TrainingConfig
+    seconds: float
+    """The error is measured after so long [s]."""
+    dataset: str
+    """Folder of its dataset, if the worker sees this disk; empty if it makes its own."""
+    path: str
+    """The emulator's file, likewise."""
+    trusted: tuple[tuple[str, str], ...]
+    """The files that the process which gives the task may use."""
+
+    @property
+    def label(self) -> str:
+        """What errors call it."""
+        return f"n = {self.data.substeps}"
+
+
+class Swept(NamedTuple):
+    """What came of one n."""
+
+    content: bytes
+    """The emulator's file."""
+    one_step_error: float
+    error: float
 
 
 @dataclass(frozen=True)
@@ -46,35 +87,75 @@ def sweep(
     seconds: float,
     transitions: int,
     updates: int,
+    executor: Executor | None = None,
     on_row: Callable[[], None] = lambda: None,
 ) -> list[SweepRow]:
     """Return one row per n in `counts` for the system `reference` names; data and emulators are kept in `out`.
 
-    Every n gets the same number of transitions and of updates. Errors are compared after `seconds` [s].
+    Every n gets the same number of transitions and of updates. Errors are compared after `seconds` [s]. The `executor`
+    trains them; times are measured here, one after the other, when nothing else is computed.
     """
     name, definition, _ = resolve(reference)
-    rows = []
+    executor = executor or LocalExecutor(1, core_count())
+    tasks = []
     for substeps in sorted(set(counts)):
         config = DatasetConfig(
             system=name, definition=definition, substeps=substeps, count=transitions
         )
-        folder = out / f"{name}-{substeps}"
-        path = out / f"{name}-{substeps}.emulator.safetensors"
-        generate(config, folder)
-        emulator = train(read_transitions(folder), TrainingConfig(updates=updates), path)
-        rows.append(_measured(emulator, seconds, path))
-        on_row()
+        dataset = out / f"{name}-{substeps}"
+        generate(config, dataset, executor=executor)
+        path = _path(out, config)
+        seen = executor.shares_disk
+        task = SweepTask(
+            data=config,
+            training=TrainingConfig(updates=updates),
+            seconds=seconds,
+            dataset=str(dataset.resolve()) if seen else "",
+            path=str(path.resolve()) if seen else "",
+            trusted=trusted_so_far(),
+        )
+        tasks.append(task)
+    found = executor.map(
+        run_sweep_task, tasks, longest=TRAINING_SECONDS, on_done=lambda outcome: on_row()
+    )
+    rows = []
+    for task, swept in zip(tasks, found, strict=True):
+        path = _path(out, task.data)
+        write_whole(path, swept.content)
+        rows.append(_timed(Emulator.load(path), swept, path))
     return rows
 
 
-def _measured(emulator: Emulator, seconds: float, path: Path) -> SweepRow:
+def _path(out: Path, config: DatasetConfig) -> Path:
+    return out / f"{config.system}-{config.substeps}.emulator.safetensors"
+
+
+def run_sweep_task(task: SweepTask) -> Swept:
+    """Return the emulator of one n and its errors: a function of the task alone."""
+    trust_as_told(task.trusted)
+    with tempfile.TemporaryDirectory(prefix="neuroanimator-") as folder:
+        dataset = Path(task.dataset or f"{folder}/data")
+        path = Path(task.path or f"{folder}/e.emulator.safetensors")
+        if not task.dataset:
+            generate(task.data, dataset)
+        emulator = train(read_transitions(dataset), task.training, path)
+        one_step, error = _errors(emulator, task.seconds)
+        return Swept(path.read_bytes(), one_step, error)
+
+
+def _errors(emulator: Emulator, seconds: float) -> tuple[float, float]:
+    """Return (one-step error, error after `seconds`) on unseen runs."""
     test = held_out_runs(emulator, count=TEST_RUNS, seconds=max(seconds, emulator.dt))
     emulated = emulator.rollout(test.states[:, 0], test.controls, may_diverge=True)
     errors = rollout_error(test.frame, np.asarray(emulated, float), test.states)
+    return float(root_mean_square(one_step_error(emulator, test))), float(errors[-1])
+
+
+def _timed(emulator: Emulator, swept: Swept, path: Path) -> SweepRow:
     return SweepRow(
         substeps=emulator.substeps,
-        one_step_error=float(root_mean_square(one_step_error(emulator, test))),
-        error=float(errors[-1]),
+        one_step_error=swept.one_step_error,
+        error=swept.error,
         us_per_second=measure_emulator(emulator) * 1e6 / emulator.dt,
         path=path,
     )

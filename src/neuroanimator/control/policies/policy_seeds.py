@@ -1,0 +1,116 @@
+"""Train a policy from several seeds, side by side, and tell the best: what a seed is worth shows in validation alone."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from neuroanimator.control.policies.policy_training import PolicyTraining, train_policy
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.executor.executor import Executor
+from neuroanimator.parsing.json_text import parse_json_object
+from neuroanimator.storage.files import SIZE_LIMIT, read_bounded, write_whole
+from neuroanimator.systems import carried_system
+from neuroanimator.systems.trusted_files import trust_as_told, trusted_so_far
+from neuroanimator.zoo import find_emulator
+
+TRAINING_SECONDS = 24 * 3600.0
+"""A worker that takes longer for a training counts as hung [s]."""
+
+MAX_LINE = 10_000
+"""Longest line of `metrics.jsonl` that is read [characters]; ours have a hundred."""
+
+
+@dataclass(frozen=True)
+class PolicyTask:
+    """One training of a policy."""
+
+    emulator: bytes
+    """The emulator's file."""
+    training: PolicyTraining
+    path: str
+    """The policy's file, if the worker sees this disk; empty if not."""
+    trusted: tuple[tuple[str, str], ...] = ()
+    """The files that the process which gives the task may use."""
+
+    @property
+    def label(self) -> str:
+        """What errors call it."""
+        return f"policy, seed {self.training.seed}"
+
+
+class TrainedPolicy(NamedTuple):
+    """What came of a training."""
+
+    content: bytes
+    """The policy's file."""
+    validation: float
+    """The least loss from starts and to targets unseen in training."""
+
+
+class PolicyRow(NamedTuple):
+    """One policy of several."""
+
+    seed: int
+    validation: float
+    path: Path
+    best: bool
+
+
+def run_policy_task(task: PolicyTask) -> TrainedPolicy:
+    """Return a trained policy: a function of the task alone."""
+    trust_as_told(task.trusted)
+    with tempfile.TemporaryDirectory(prefix="neuroanimator-") as folder:
+        source = Path(folder) / "trained.emulator.safetensors"
+        source.write_bytes(task.emulator)
+        emulator = Emulator.load(source)
+        system = carried_system(emulator.spec.system, emulator.spec.definition)
+        path = Path(task.path or f"{folder}/trained.policy.safetensors")
+        train_policy(emulator, system, path, task.training)
+        return TrainedPolicy(path.read_bytes(), _least_validation(path))
+
+
+def train_policies(
+    emulator: str | Path,
+    out: str | Path,
+    seeds: Sequence[int],
+    executor: Executor,
+    training: PolicyTraining | None = None,
+    *,
+    on_policy: Callable[[], None] = lambda: None,
+) -> list[PolicyRow]:
+    """Train a policy through `emulator`, a name or a file, from each of `seeds`; return them in that order.
+
+    Their files go to the folder `out`, as `seed-3.policy.safetensors`; those that are there are not trained again,
+    where the executor's workers see this disk. The best is the one with the least validation loss.
+    """
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise ArgumentError(f"seeds: wanted some, each once; came {list(seeds)}.")
+    content = read_bounded(find_emulator(str(emulator)), SIZE_LIMIT)
+    paths = [Path(out) / f"seed-{seed}.policy.safetensors" for seed in seeds]
+    training = training or PolicyTraining()
+    tasks = []
+    for seed, path in zip(seeds, paths, strict=True):
+        seen = str(path.resolve()) if executor.shares_disk else ""
+        task = PolicyTask(content, replace(training, seed=seed), seen, trusted_so_far())
+        tasks.append(task)
+    found = executor.map(
+        run_policy_task, tasks, longest=TRAINING_SECONDS, on_done=lambda outcome: on_policy()
+    )
+    least = min(trained.validation for trained in found)
+    rows = []
+    for seed, path, trained in zip(seeds, paths, found, strict=True):
+        write_whole(path, trained.content)
+        rows.append(PolicyRow(seed, trained.validation, path, trained.validation == least))
+    return rows
+
+
+def _least_validation(path: Path) -> float:
+    """Return the least validation loss that the training of the policy at `path` has logged."""
+    folder = path.with_name(path.name.removesuffix(".safetensors") + ".run")
+    lines = (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+    return min(float(parse_json_object(line, MAX_LINE)["validation"]) for line in lines)
