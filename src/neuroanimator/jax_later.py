@@ -166,3 +166,23 @@ _finder = _Finder()
 def _listen() -> None:
     if _finder not in sys.meta_path and not is_imported():
         sys.meta_path.insert(0, _finder)
+
+
+GPU_PLUGINS = "jax_plugins"
+"""The package in which JAX finds what drives GPUs; there is none where it was installed for processors alone."""
+
+
+def _keep_float32() -> None:
+    """Let products of matrices on a GPU be those of float32, unless the user has said something else.
+
+    JAX rounds their factors to ten bits there (TF32): emulators would be off by a thousandth in every super step.
+    """
+    from importlib.util import find_spec
+
+    if find_spec(GPU_PLUGINS) is None:
+        return  # and so programs that are kept on disk stay what they are
+    if jax.config.jax_default_matmul_precision is None:
+        jax.config.update("jax_default_matmul_precision", "highest")
+
+
+when_imported(_keep_float32)
