@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -58,6 +59,36 @@ def test_one_file_shows_a_motion_without_any_server(browser: Browser, tmp_path: 
         assert is_something_drawn(look.page)
         assert look.complaints == []
         assert all(url == file.as_uri() or url.startswith(("blob:", "data:")) for url in look.asked)
+
+
+def take(page: Page, label: str) -> bytes:
+    """Press a button of "Take with you" and return the file that comes."""
+    with page.expect_download(timeout=PATIENCE) as download:
+        page.locator("button", has_text=re.compile(f"^{label}$")).click()
+    return download.value.path().read_bytes()
+
+
+def test_a_person_leaves_with_a_file_of_every_kind(browser: Browser, tmp_path: Path):
+    with serving(tmp_path, page=page_folder()) as studio, looking(browser) as look:
+        page = look.page
+        page.set_viewport_size({"width": 1000, "height": 320})
+        page.goto(with_pendulum_alone(studio).gate.url)
+        expect(page.locator('nav button[aria-current="true"]')).to_be_visible(timeout=PATIENCE)
+        # A few super steps are enough, for each image of the film is drawn.
+        for key in (".", ".", ".", ".", "l", "Space"):
+            page.keyboard.press(key)
+        page.locator("summary", has_text="Take with you").click()
+        assert take(page, "CSV").startswith(b"time s,angle[0] rad,")
+        assert take(page, "Controls").startswith(b"time s,torque[0] ")
+        assert take(page, "GLB").startswith(b"glTF")
+        assert take(page, "USDA").startswith(b"#usda 1.0")
+        assert b"<!doctype html>" in take(page, "HTML")[:100].lower()
+        film = take(page, "MP4")
+        assert film[4:8] == b"ftyp"
+        assert len(film) > 5_000
+        expect(page.get_by_text("mp4 is written")).to_be_visible()
+        assert page.locator(".banner.error").count() == 0
+        assert look.complaints == []
 
 
 def test_s08_a_name_that_is_markup_is_shown_as_text(browser: Browser, tmp_path: Path):

@@ -150,7 +150,7 @@ async def _take_emulator(request: Request) -> Response:
         file = Path(folder) / "dropped.emulator.safetensors"
         with open(file, "wb") as target:
             await _receive(request, studio.limits.upload_bytes, target)
-        bundle_id = await studio.in_drawing(lambda: studio.library.add(file, say))
+        bundle_id = await studio.in_making(lambda: studio.library.add(file, say))
     studio.tell_pages({"event": "catalogue"})
     return JSONResponse({"id": bundle_id})
 
@@ -161,7 +161,7 @@ async def _take_model(request: Request) -> Response:
     _check_type(request, BYTES)
     content = await _body(request)
     name = unquote(request.headers.get("x-name", ""))
-    return JSONResponse(await studio.in_drawing(lambda: studio.models.add(content, name)))
+    return JSONResponse(await studio.in_making(lambda: studio.models.add(content, name)))
 
 
 async def _export(request: Request) -> Response:

@@ -44,6 +44,7 @@ class Studio:
         # One of each: the machine has few cores, and simulators are not made to be shared.
         self._physics = ThreadPoolExecutor(1, "physics")
         self._drawing = ThreadPoolExecutor(1, "drawing")
+        self._making = ThreadPoolExecutor(1, "making")
         self._files = ThreadPoolExecutor(1, "files")
 
     async def in_physics(self, work: Callable[[], Result]) -> Result:
@@ -53,6 +54,13 @@ class Studio:
     async def in_drawing(self, work: Callable[[], Result]) -> Result:
         """Return what `work` does, as `in_physics`; what takes long waits for its like only."""
         return await asyncio.get_running_loop().run_in_executor(self._drawing, work)
+
+    async def in_making(self, work: Callable[[], Result]) -> Result:
+        """Return what `work` does, as `in_physics`; for what waits for a process that works on somebody's file.
+
+        Nobody who drops a file waits for a film.
+        """
+        return await asyncio.get_running_loop().run_in_executor(self._making, work)
 
     async def in_files(self, work: Callable[[], Result]) -> Result:
         """Return what `work` does, as `in_physics`; for what only looks at files and processes."""
@@ -83,6 +91,7 @@ class Studio:
         """Wait for nothing that still runs."""
         self._physics.shutdown(wait=False, cancel_futures=True)
         self._drawing.shutdown(wait=False, cancel_futures=True)
+        self._making.shutdown(wait=False, cancel_futures=True)
         self._files.shutdown(wait=False, cancel_futures=True)
 
 
