@@ -19,10 +19,10 @@ QUIET = "#8a94a0"
 """The colour of what is drawn for comparison."""
 
 WIDTH = 8.0
-"""Width of a plot [inch]; a page makes it as wide as there is room."""
+"""Width of several plots side by side [inch]."""
 
-HEIGHT = 3.6
-"""Height of a plot [inch]."""
+ALONE = (5.4, 3.0)
+"""Width and height of a plot that stands alone [inch]: its words can be read on a phone, too."""
 
 SALT = "neuroanimator"
 """What ids in SVG are made with, beside what they stand for; else they would be drawn at random."""
@@ -33,7 +33,7 @@ BAR_HEIGHT = 16
 
 def plot(draw: Callable[[Axes], None]) -> str:
     """Return what `draw` draws, as inline SVG."""
-    figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
+    figure = Figure(figsize=ALONE, layout="constrained")
     draw(figure.add_subplot())
     return inline_svg(figure)
 

@@ -69,7 +69,8 @@ h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}h3{margin-top:1.8rem;f
 td,th{padding:.3rem .8rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
 th{white-space:normal;vertical-align:bottom}td:first-child,th:first-child{text-align:left}
 .made{font-size:.85rem;opacity:.75}svg,video{max-width:100%;height:auto}p{max-width:46rem}
-.wide svg.plot{min-width:36rem;max-width:none}dt{font-weight:600}dd{margin:0 0 .4rem 1rem}
+svg.plot{width:100%;max-width:42rem}.wide svg.plot{min-width:36rem;max-width:none}
+dt{font-weight:600}dd{margin:0 0 .4rem 1rem}
 svg.bars{width:9rem;height:1.6rem;fill:var(--bar);vertical-align:middle}
 @media (max-width:40rem){td,th{padding:.3rem .4rem;font-size:.85rem}}
 @media (prefers-color-scheme:dark){:root{--line:#3a4653}body{color:#dbe3ec;background:#14191f}
@@ -111,11 +112,11 @@ def _made() -> str:
 
 def _table(evaluations: list[Evaluation]) -> str:
     rows = [evaluation.row() for evaluation in evaluations]
-    head = "".join(f"<th>{html.escape(key.replace('_', ' '))}</th>" for key in rows[0])
-    lines = [f"<tr>{head}</tr>"]
-    for row in rows:
-        cells = "".join(f"<td>{_format(value)}</td>" for value in row.values())
-        lines.append(f"<tr>{cells}</tr>")
+    lines = []
+    # An emulator a column: a phone has room for one or two, and for all the figures below each other.
+    for key in rows[0]:
+        cells = "".join(f"<td>{_format(row[key])}</td>" for row in rows)
+        lines.append(f"<tr><th>{html.escape(key.replace('_', ' '))}</th>{cells}</tr>")
     return f"<div class=wide><table>{''.join(lines)}</table></div>"
 
 

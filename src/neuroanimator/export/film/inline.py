@@ -9,19 +9,15 @@ from pathlib import Path
 
 from neuroanimator.animation.clip import make_clip
 from neuroanimator.animation.gauges import drawable
-from neuroanimator.animation.motion import random_motion
+from neuroanimator.animation.motion import default_motion
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.film.video import write_video
-from neuroanimator.state.slowness import slowness
 
 SIZE = (640, 360)
 """Width and height of a film in a page [pixels]: a few hundred kilobytes, drawn in seconds."""
 
-SECONDS = 3.0
-"""Length of a motion in a page [s]; of a slow system longer."""
-
-MOTION_WORDS = "The emulator's own motion, from where 'animate' begins."
+MOTION_WORDS = "What 'animate' shows: the emulator's own motion."
 """What stands below it."""
 
 
@@ -35,9 +31,8 @@ def film_html(path: Path, words: str) -> str:
 
 
 def motion_html(emulator: Emulator) -> str:
-    """Return a few seconds of what the emulator does, as part of a page; where nothing can be drawn, a line that says so."""
-    seconds = SECONDS * slowness(emulator.dt)
-    states = random_motion(emulator, max(seconds, emulator.dt), 0)
+    """Return what the emulator does, as part of a page; where nothing can be drawn, a line that says so."""
+    states = default_motion(emulator)
     clip = drawable(make_clip(emulator, states, source="emulator"), emulator)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "motion.mp4"
