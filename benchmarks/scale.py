@@ -2,6 +2,9 @@
 
 python benchmarks/scale.py stream           50 million windows in 1 GB, against windows in memory, killed on the way
 python benchmarks/scale.py stream --quick   the same with 2 million and few updates: whether it works, no figures
+python benchmarks/scale.py bytes            one dataset by processes and by Ray, on one node and on four, with kills: one hash
+python benchmarks/scale.py fleet            24 small trainings on four nodes, one of which is killed
+python benchmarks/scale.py overhead         Ray beside processes: tasks of 10 ms to 10 s, and shards of the usual size
 python benchmarks/scale.py crowd            1 to 10,000 fish and trucks on this machine, on one core and on all
 
 Ratios are measured in one run, their two sides in turn.
@@ -12,7 +15,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scale_cases import crowd, stream
+from scale_cases import crowd, one_hash, overhead, small_fleet, stream
 
 from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.machine import describe_machine
@@ -20,7 +23,13 @@ from neuroanimator.terminal import print_table
 
 RESULTS = Path(__file__).parent / "results"
 
-PARTS = {"stream": stream.measure, "crowd": crowd.measure}
+PARTS = {
+    "stream": stream.measure,
+    "bytes": one_hash.measure,
+    "fleet": small_fleet.measure,
+    "overhead": overhead.measure,
+    "crowd": crowd.measure,
+}
 """What is measured, by its name: a function of (folder for what is made on the way, whether it is quick)."""
 
 

@@ -78,6 +78,23 @@ def test_f20_a_dataset_in_a_bucket_is_the_same_bytes(s3: str, workers: int, data
     assert len(read_diverged(url)[0]) == 0
 
 
+def test_the_command_line_takes_urls(s3: str, cli, tmp_path: Path):
+    url = "s3://bucket/by-hand"
+    made = cli("generate", "pendulum", "--count", 1200, "--samples-per-run", 12, "--out", url)
+    assert made.returncode == 0, made.stderr
+    assert made.stdout.split()[-2:] == ["folder", url]
+    told = cli("info", url)
+    assert "1 of 1 made" in told.stdout
+    trained = cli(
+        "train", url, "--updates", 250, "--widths", 4, "--out", tmp_path / "p.emulator.safetensors"
+    )
+    assert trained.returncode == 0, trained.stderr
+    refused = cli("train", "s3://me:secret@bucket/set", "--out", tmp_path / "q")
+    assert refused.returncode == 2
+    assert "stood in the URL" in refused.stderr
+    assert "secret" not in refused.stderr
+
+
 def test_a_dataset_in_memory_goes_on_where_it_was_and_mends_what_is_damaged(dataset: Path):
     pytest.importorskip("fsspec", reason=DRIVER)
     place = UrlPath("memory://bucket/set")

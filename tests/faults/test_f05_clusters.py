@@ -1,0 +1,119 @@
+"""Real clusters of Ray on this machine: a node is killed and another joins, the head is lost, a client comes from outside."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from executor_tasks import Square, square
+from scale_cases.nodes import cluster_of, node_killed
+from tally import Tally
+
+from neuroanimator import DatasetConfig, generate
+from neuroanimator.errors import ResourceError
+from neuroanimator.executor.ray_cluster import RayExecutor
+
+pytest.importorskip("ray", reason="Ray is not installed: pip install 'neuroanimator[ray]'")
+
+pytestmark = [pytest.mark.endurance, pytest.mark.filterwarnings("default")]
+
+LONGEST = 100.0
+"""[s] No task of these tests takes so long."""
+
+SIX_THOUSAND = DatasetConfig(system="pendulum", count=6000)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def importable() -> Iterator[None]:
+    """Let the workers find the tests' tasks."""
+    with pytest.MonkeyPatch.context() as changed:
+        changed.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+        yield
+
+
+def test_f05_a_node_is_killed_and_another_joins(tally: Tally):
+    tasks = [Square(number, seconds=1.0) for number in range(40)]
+    with cluster_of(4) as (cluster, executor), node_killed(cluster) as done:
+        assert executor.map(square, tasks, longest=LONGEST) == [task.number**2 for task in tasks]
+    assert done[0] == "a node killed"
+
+
+def test_f05_the_head_is_lost_and_it_goes_on_without(dataset: Path, tmp_path: Path, tally: Tally):
+    with RayExecutor(None, 2) as executor:
+
+        def kill() -> None:
+            for process in heads():
+                os.kill(process, signal.SIGKILL)
+
+        generate(DatasetConfig(system="pendulum", count=12), tmp_path / "first", executor=executor)
+        timer = threading.Timer(1.0, kill)
+        timer.start()
+        with pytest.raises(ResourceError, match="^The head of the Ray cluster is lost. Started"):
+            generate(
+                DatasetConfig(system="pendulum", count=600_000),
+                tmp_path / "many",
+                executor=executor,
+            )
+        timer.join()
+    for whole in (tmp_path / "many").glob("shard-*"):
+        assert whole.stat().st_size > 100_000
+    generate(SIX_THOUSAND, tmp_path / "data")
+    for path in sorted(dataset.glob("*.*s*")):
+        tally.expect(tmp_path / "data" / path.name, path.read_bytes())
+
+
+def heads() -> list[int]:
+    """Return the heads of clusters that this process has started."""
+    words = ["pgrep", "-P", str(os.getpid()), "-f", "gcs_server"]
+    found = subprocess.run(words, capture_output=True, text=True)
+    return [int(word) for word in found.stdout.split()]
+
+
+def test_a_client_from_outside_gets_the_same_bytes(dataset: Path, tmp_path: Path, tally: Tally):
+    port, client = free_port(), free_port()
+    words = [
+        "start", "--head", "--block", "--num-cpus", "2", "--port", port, "--ray-client-server-port", client,
+        "--include-dashboard", "false",
+    ]  # fmt: skip
+    head = subprocess.Popen(
+        [sys.executable, "-m", "ray.scripts.scripts", *map(str, words)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        wait_for(client)
+        with RayExecutor(f"ray://127.0.0.1:{client}") as executor:
+            assert executor.workers == 2
+            generate(SIX_THOUSAND, tmp_path, executor=executor)
+    finally:
+        os.killpg(head.pid, signal.SIGKILL)
+        head.wait()
+    for path in sorted(dataset.glob("*.*s*")):
+        tally.expect(tmp_path / path.name, path.read_bytes())
+
+
+def free_port() -> int:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
+
+
+def wait_for(port: int) -> None:
+    """Return when somebody answers on the port."""
+    given_up = time.monotonic() + 60
+    while time.monotonic() < given_up:
+        try:
+            socket.create_connection(("127.0.0.1", port), 1).close()
+            return
+        except OSError:
+            time.sleep(0.2)
+    raise TimeoutError(f"nobody answers on port {port}")
