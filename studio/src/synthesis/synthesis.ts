@@ -21,8 +21,11 @@ import type { Wanted } from "./serve";
 import { Siblings } from "./siblings";
 import { Synthesiser } from "./synthesiser";
 
-/** An iteration is looked at for so long [ms]: the descent itself is quicker than the eye. */
-const PACE = 70;
+/**
+ * An iteration is looked at for so long [ms]: the descent itself is quicker than the eye, and twenty take less than a second.
+ * Where an image takes longer than that it shows the latest there is; the curve has all of them.
+ */
+const PACE = 40;
 
 /** The gap to physics is closed within so many rounds, or it is not. */
 const ROUNDS = 3;
@@ -79,6 +82,14 @@ function sayNoGoal({ system, ...facts }: Bundle): string {
     return `Goals are reached through an emulator, and none of the ${system} ships: 'neuroanimator train ${system}' makes one; drop its file here.`;
   }
   return "There is no goal for this system in the page; 'neuroanimator control' takes any.";
+}
+
+/** Wait until a time [ms], if it is still to come. */
+async function until(time: number): Promise<void> {
+  const wait = time - performance.now();
+  if (wait > 0) {
+    await new Promise((resume) => setTimeout(resume, wait));
+  }
 }
 
 class GoalPanel implements Synthesis {
@@ -228,12 +239,14 @@ class GoalPanel implements Synthesis {
     this.#ghost = null;
     this.#costs = [];
     const before = player.motion;
+    let began = 0;
     let last: Iteration | null = null;
     let isFirst = true;
     try {
       const synthesiser = await this.#opened();
       for await (const iteration of synthesiser.descend(wanted, running.signal)) {
         last = iteration;
+        began ||= performance.now();
         this.#costs.push(iteration.cost);
         this.#isDrawn = false;
         this.#tell(iteration);
@@ -247,7 +260,7 @@ class GoalPanel implements Synthesis {
           player.motion = motion;
         }
         player.isPlaying = true;
-        await new Promise((resume) => setTimeout(resume, PACE));
+        await until(began + PACE * (iteration.iteration + 1));
       }
     } catch (error) {
       this.#synthesiser = null;
