@@ -14,6 +14,7 @@ import socket
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -77,6 +78,9 @@ class RayExecutor(Executor):
         self.threads = threads
         self.shares_disk = address is None
         os.environ.update({name: os.environ.get(name, value) for name, value in QUIET.items()})
+        if address is not None and address.startswith(CLIENT) and _has_token():
+            # Nodes find out by themselves that there is a token; clients do not, and wait in vain.
+            os.environ.setdefault("RAY_AUTH_MODE", "token")
         self._ray = _imported_ray()
         self._address = address
         self._head: tuple[str, int] | None = None
@@ -142,7 +146,8 @@ class RayExecutor(Executor):
                 f"No Ray cluster answers at {printable(address)}. Start one with 'ray start --head', or check the address."
             )
         self._check_unused()
-        with _one_line(f"The Ray cluster at {printable(address)} does not let this process in"):
+        refused = f"The Ray cluster at {printable(address)} does not let this process in; its RAY_AUTH_TOKEN may be wanted"
+        with _one_line(refused):
             self._ray.init(address=address, **_quietly())
         if address.startswith(CLIENT):
             self._head = (host, port)
@@ -248,6 +253,12 @@ def _imported_ray() -> ModuleType:
     except ImportError as error:
         raise ResourceError(HOW_TO_GET_RAY) from error
     return ray
+
+
+def _has_token() -> bool:
+    """Return whether there is a token that clusters may want, where Ray looks for it."""
+    stated = os.environ.get("RAY_AUTH_TOKEN") or os.environ.get("RAY_AUTH_TOKEN_PATH")
+    return bool(stated) or (Path.home() / ".ray" / "auth_token").is_file()
 
 
 def _silence(ray: ModuleType) -> None:
