@@ -6,6 +6,8 @@ python benchmarks/scale.py bytes            one dataset by processes and by Ray,
 python benchmarks/scale.py fleet            24 small trainings on four nodes, one of which is killed
 python benchmarks/scale.py overhead         Ray beside processes: tasks of 10 ms to 10 s, and shards of the usual size
 python benchmarks/scale.py crowd            1 to 10,000 fish and trucks on this machine, on one core and on all
+python benchmarks/scale.py costs            what a transition costs in each stage
+python benchmarks/scale.py model            the same, and what it comes to for up to 1e12 transitions on 1,000 nodes
 
 Ratios are measured in one run, their two sides in turn.
 """
@@ -15,7 +17,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scale_cases import crowd, one_hash, overhead, small_fleet, stream
+from scale_cases import costs, crowd, one_hash, overhead, small_fleet, stream
 
 from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.machine import describe_machine
@@ -29,6 +31,8 @@ PARTS = {
     "fleet": small_fleet.measure,
     "overhead": overhead.measure,
     "crowd": crowd.measure,
+    "costs": costs.measure,
+    "model": costs.project,
 }
 """What is measured, by its name: a function of (folder for what is made on the way, whether it is quick)."""
 

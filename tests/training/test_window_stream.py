@@ -113,7 +113,7 @@ def test_blocks_are_the_stream_in_batches(stored: StoredTransitions, rare_share:
     feed = lesson_of(stored, config, None).feed
     assert isinstance(feed, StreamFeed)
     stream = feed.stream
-    demands = list(feed._demands_of(0))
+    demands = list(feed.demands_of(0))
     assert sum(demand.updates for demand in demands) == UPDATES_PER_CHUNK
     blocks = list(stream.blocks(iter(demands), 0))
     new = stream.new_per_batch(config.batch)

@@ -80,10 +80,10 @@ class StreamFeed(Feed):
     ) -> tuple[Network, Any, float]:
         if self._blocks is None or self._next_chunk != chunk:
             self.close()
-            blocks = self.stream.blocks(self._demands(chunk), self._position(chunk))
+            blocks = self.stream.blocks(self.demands(chunk), self._position(chunk))
             self._blocks = Prefetched(blocks, BLOCKS_AHEAD)
         losses = []
-        for demand in self._demands_of(chunk):
+        for demand in self.demands_of(chunk):
             network, optimizer_state, loss = train_batches(
                 self.problem,
                 self._on_device(next(self._blocks)),
@@ -110,12 +110,13 @@ class StreamFeed(Feed):
             position += UPDATES_PER_CHUNK * self.stream.new_per_batch(size)
         return position
 
-    def _demands(self, chunk: int) -> Iterator[Demand]:
+    def demands(self, chunk: int) -> Iterator[Demand]:
         """Yield what blocks are wanted from chunk number `chunk` to the end of the run."""
         for number in range(chunk, self.problem.config.chunks):
-            yield from self._demands_of(number)
+            yield from self.demands_of(number)
 
-    def _demands_of(self, chunk: int) -> Iterator[Demand]:
+    def demands_of(self, chunk: int) -> Iterator[Demand]:
+        """Yield what blocks a chunk is made of."""
         unroll = self.problem.config.unroll_at(chunk)
         size = self.problem.config.batch_at(unroll)
         updates = self.stream.updates_per_block(UPDATES_PER_CHUNK, size, unroll)
