@@ -12,10 +12,10 @@ from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.executor.ray_cluster import RayExecutor
 from scale_cases.nodes import cluster_of, node_killed, workers_killed
 
-TRANSITIONS = 240_000
-"""Twenty-six shards of the pendulum."""
+TRANSITIONS = 120_000
+"""Fourteen shards of the pendulum."""
 
-QUICK_TRANSITIONS = 60_000
+QUICK_TRANSITIONS = 40_000
 
 KILLS = 3
 """So many worker processes are killed."""

@@ -26,6 +26,8 @@ QUICK_COUNTS = {0.01: 100, 0.1: 20}
 SHARDS = 16
 """So many shards of the pendulum, 256 runs each as always."""
 
+QUICK_SHARDS = 2
+
 ROUNDS = 5
 """Both sides take so many turns, one after the other; medians count."""
 
@@ -65,7 +67,8 @@ def measure(work: Path, is_quick: bool) -> list[dict[str, Any]]:
                 executor.map(spin, tasks, longest=LONGEST)
 
             rows.append(_row(f"{seconds:g} s", count, sides, spread, rounds))
-        config = DatasetConfig(system="pendulum", count=36 * 256 * SHARDS, samples_per_run=36)
+        shards = QUICK_SHARDS if is_quick else SHARDS
+        config = DatasetConfig(system="pendulum", count=36 * 256 * shards, samples_per_run=36)
         folder = work / "overhead"
 
         def make(executor: Executor) -> None:

@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from neuroanimator.evaluation.evaluate import EvaluationBudget, evaluate
     from neuroanimator.evaluation.inspection import inspect
     from neuroanimator.evaluation.report import write_report
+    from neuroanimator.executor.local import LocalExecutor
+    from neuroanimator.executor.ray_cluster import RayExecutor
     from neuroanimator.export.comparison import write_comparison
     from neuroanimator.export.csv_file import read_clip, write_clip
     from neuroanimator.export.film.video import write_video
@@ -83,6 +85,8 @@ _HOMES = {
     "Emulator": "emulator.emulator",
     "load_emulator": "emulator.emulator",
     "set_backend": "backend",
+    "LocalExecutor": "executor.local",
+    "RayExecutor": "executor.ray_cluster",
     "EvaluationBudget": "evaluation.evaluate",
     "evaluate": "evaluation.evaluate",
     "inspect": "evaluation.inspection",
@@ -152,6 +156,8 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "Emulator",
     "load_emulator",
     "set_backend",
+    "LocalExecutor",
+    "RayExecutor",
     "EvaluationBudget",
     "evaluate",
     "inspect",

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from neuroanimator.control.policies.pilot import Pilot, PilotFrame
     from neuroanimator.control.policies.policy import Policy
     from neuroanimator.control.policies.policy_file import load_policy
+    from neuroanimator.control.policies.policy_seeds import train_policies
     from neuroanimator.control.policies.policy_training import PolicyTraining, train_policy
     from neuroanimator.control.policies.steering import (
         SteeringTarget,
@@ -37,6 +38,7 @@ _HOMES = {
     "load_policy": "policy_file",
     "PolicyTraining": "policy_training",
     "train_policy": "policy_training",
+    "train_policies": "policy_seeds",
     "Pilot": "pilot",
     "PilotFrame": "pilot",
     "SteeringTarget": "steering",
@@ -64,6 +66,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "load_policy",
     "PolicyTraining",
     "train_policy",
+    "train_policies",
     "Pilot",
     "PilotFrame",
     # Steering.
