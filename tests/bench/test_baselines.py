@@ -40,10 +40,23 @@ def run(name: str, **options) -> BaselineRun:
     return run_baseline(name, PENDULUM, UPRIGHT, PARAMETERS, DT, PENDULUM.rest, **settings)
 
 
+PATIENCE = 60.0
+"""Longer than any of these runs takes to its target [s], on however busy a machine."""
+
+
+@pytest.fixture(scope="module")
+def first_cost() -> float:
+    """J of what every baseline begins with: no control at all."""
+    return run("nelder-mead", seconds=0.0).cost
+
+
 @pytest.mark.parametrize("name", sorted(BASELINES))
-def test_every_baseline_lowers_j_on_the_true_pendulum(name: str, shipped: Emulator):
-    found = run(name)
-    assert found.cost < 0.9 * found.curve[0].cost
+def test_every_baseline_lowers_j_on_the_true_pendulum(
+    name: str, shipped: Emulator, first_cost: float
+):
+    found = run(name, target=0.9 * first_cost, seconds=PATIENCE)
+    assert found.is_reached
+    assert found.cost <= 0.9 * first_cost
     PENDULUM.check_controls(found.controls)
     states = PENDULUM.simulate_fastest(
         PENDULUM.rest[None], found.controls[None], DT, found.scheme
@@ -54,13 +67,16 @@ def test_every_baseline_lowers_j_on_the_true_pendulum(name: str, shipped: Emulat
 
 
 @pytest.mark.parametrize("name", sorted(BASELINES))
-def test_the_same_seed_gives_the_same_run(name: str):
+def test_the_same_seed_gives_the_same_run(name: str, first_cost: float):
     first, again = (
-        [(row.physics_steps, row.cost) for row in run(name, seconds=0.7).curve] for _ in range(2)
+        [
+            (row.physics_steps, row.cost)
+            for row in run(name, target=0.9 * first_cost, seconds=PATIENCE).curve
+        ]
+        for _ in range(2)
     )
-    shared = min(len(first), len(again))
-    assert shared > 2
-    assert first[:shared] == again[:shared]
+    assert len(first) > 1
+    assert first == again
 
 
 @pytest.mark.parametrize("name", sorted(BASELINES))

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import Cli
 
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.bench.run_table import chosen_rows
@@ -19,12 +20,10 @@ from neuroanimator.training.recipes import RECIPES
 from neuroanimator.zoo import SHIPPED, shipped_path
 
 
-def test_a_row_of_the_table_is_complete(
-    cli_process, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_row_of_the_table_is_complete(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("NEUROANIMATOR_BACKEND", "auto")
     out = tmp_path / "bench"
-    result = cli_process(
+    result = cli(
         "bench",
         "--table1",
         "--quick",

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Cli
 
 from neuroanimator import NeuroAnimatorError, TrainingConfig
 from neuroanimator.data.store import Transitions
@@ -20,24 +21,28 @@ from neuroanimator.training.train import Report, run_folder, train
 SMALL = ["--widths", "8", "--updates", "3000", "--batch", "16"]
 
 
-def command(dataset: Path, out: Path) -> list[str]:
-    start = [sys.executable, "-c", "from neuroanimator.cli.main import main; main()"]
-    return [*start, "train", str(dataset), "--out", str(out), *SMALL]
+def arguments(dataset: Path, out: Path) -> list[str]:
+    return ["train", str(dataset), "--out", str(out), *SMALL]
 
 
-def test_f02_killed_and_started_again_it_ends_with_the_same_bytes(dataset: Path, tmp_path: Path):
+def test_f02_killed_and_started_again_it_ends_with_the_same_bytes(
+    dataset: Path, tmp_path: Path, cli: Cli
+):
     whole, broken = tmp_path / "whole.safetensors", tmp_path / "broken.safetensors"
-    assert subprocess.run(command(dataset, whole), stdout=subprocess.DEVNULL).returncode == 0
+    assert cli(*arguments(dataset, whole)).returncode == 0
     metrics = run_folder(broken) / "metrics.jsonl"
+    program = [sys.executable, "-c", "from neuroanimator.cli.main import main; main()"]
     for lines in (1, 2):
-        process = subprocess.Popen(command(dataset, broken), stdout=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            [*program, *arguments(dataset, broken)], stdout=subprocess.DEVNULL
+        )
         while process.poll() is None and (
             not metrics.exists() or len(metrics.read_text().splitlines()) < lines
         ):
             time.sleep(0.005)
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
-    assert subprocess.run(command(dataset, broken), stdout=subprocess.DEVNULL).returncode == 0
+    assert cli(*arguments(dataset, broken)).returncode == 0
     assert broken.read_bytes() == whole.read_bytes()
     checkpoints = [
         (run_folder(out) / "checkpoint.safetensors").read_bytes() for out in (whole, broken)
@@ -64,7 +69,7 @@ def test_each_network_and_optimiser_learns(
     settings, least_error, transitions: Transitions, tmp_path: Path
 ):
     reports: list[Report] = []
-    config = TrainingConfig(updates=4000, batch=128, **settings)
+    config = TrainingConfig(updates=2000, batch=128, **settings)
     train(transitions, config, tmp_path / "e.safetensors", on_report=reports.append)
     assert reports[-1].error < least_error
     assert reports[-1].error < reports[0].error
