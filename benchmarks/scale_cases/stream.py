@@ -30,7 +30,7 @@ QUICK_WINDOWS = 2_000_000
 WINDOWS_IN_MEMORY = 1_000_000
 """The in-memory side learns from these: as many as would not fit need forty gigabytes."""
 
-MEMORY = "400MB"
+MEMORY = "300MB"
 """For windows; the program itself takes the rest of a gigabyte."""
 
 QUICK_MEMORY = "60MB"

@@ -175,7 +175,7 @@ GPU_PLUGINS = "jax_plugins"
 def _keep_float32() -> None:
     """Let products of matrices on a GPU be those of float32, unless the user has said something else.
 
-    JAX rounds their factors to ten bits there (TF32): emulators would be off by a thousandth in every super step.
+    JAX rounds their factors to ten bits there by default (TF32), by up to a two-thousandth; no processor does.
     """
     from importlib.util import find_spec
 
