@@ -78,26 +78,37 @@ class LocalExecutor(Executor):
         retries: Counter[int] = Counter()
         try:
             while waiting or self._busy:
-                while waiting and len(self._busy) < self.workers:
-                    index = waiting.popleft()
-                    self._idle_process().give(index, pack(function, tasks[index]))
+                self._hand_out(function, tasks, waiting)
+                outcomes = []
                 for process in self._ended(longest):
                     index = process.take_index()
-                    answer = process.answer
+                    answer = process.take_answer()
                     if answer is not None:
-                        process.answer = None
-                        yield outcome_of(index, tasks[index].label, answer)
+                        outcomes.append(outcome_of(index, tasks[index].label, answer))
                         continue
                     self._processes.remove(process)
                     retries[index] += 1
                     if retries[index] <= MAX_RETRIES:
                         waiting.appendleft(index)
                     else:
-                        yield Outcome(index, error=lost(tasks[index].label, process.fate))
+                        outcomes.append(
+                            Outcome(index, error=lost(tasks[index].label, process.fate))
+                        )
+                # Before these are looked at, which takes time, too: a shard is written then.
+                self._hand_out(function, tasks, waiting)
+                yield from outcomes
         finally:
             for process in self._busy:
                 self._processes.remove(process)
                 process.end(is_busy=True)
+
+    def _hand_out(
+        self, function: Callable[[Any], Result], tasks: Sequence[Any], waiting: deque[int]
+    ) -> None:
+        """Give tasks that are waiting to workers that have nothing to do."""
+        while waiting and len(self._busy) < self.workers:
+            index = waiting.popleft()
+            self._idle_process().give(index, pack(function, tasks[index]))
 
     @property
     def _busy(self) -> list[_Process]:
@@ -187,6 +198,12 @@ class _Process:
         assert index is not None
         self.index = None
         return index
+
+    def take_answer(self) -> Answer | None:
+        """Return what it said, once; None if it died or hung."""
+        answer = self.answer
+        self.answer = None
+        return answer
 
     def hear(self) -> bool:
         """Take what it says; return whether it is done with its task, or dead."""
