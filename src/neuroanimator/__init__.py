@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from neuroanimator.systems.loading import trust_files
     from neuroanimator.training.config import TrainingConfig
     from neuroanimator.training.train import train
+    from neuroanimator.training.trust_fitting import fit_trust
 
 __version__: str
 """Version of the installed package."""
@@ -82,6 +83,7 @@ _HOMES = {
     "coverage": "data.coverage",
     "TrainingConfig": "training.config",
     "train": "training.train",
+    "fit_trust": "training.trust_fitting",
     "Emulator": "emulator.emulator",
     "load_emulator": "emulator.emulator",
     "set_backend": "backend",
@@ -153,6 +155,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "coverage",
     "TrainingConfig",
     "train",
+    "fit_trust",
     "Emulator",
     "load_emulator",
     "set_backend",

@@ -11,6 +11,7 @@ import weakref
 from collections.abc import Callable
 from functools import partial
 from importlib import resources
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +25,7 @@ from neuroanimator.cores import in_parts
 from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, latent_size
-from neuroanimator.emulator.probes import Probes, latent_is_covered, probes_of
+from neuroanimator.emulator.probes import Probes, probes_of
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.jax_later import Array
 from neuroanimator.storage.files import canonical_json, digest
@@ -53,8 +54,16 @@ def encode(emulator: Emulator, state: Float[Array, " S"]) -> Float[Array, " I"]:
     return emulator.encode(state)
 
 
+def super_step_trusted(
+    emulator: Emulator, latent: Float[Array, " I"], control: Float[Array, " C"]
+) -> tuple[Float[Array, " I"], Float[Array, " S"], Float[Array, ""]]:
+    """Return what `super_step` does, and how far its input lies from what training showed."""
+    following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
+    return following, emulator.decode(following), score
+
+
 def c_program(emulator: Emulator) -> CProgram:
-    """Return the program of single motions: `step`, `rollout` and `covers` of `rollout.c`.
+    """Return the program of single motions: `step`, `rollout`, `rollout_trusted` and `trust` of `rollout.c`.
 
     Only numbers and names of our own are written: none of the text an emulator carries reaches a compiler.
     """
@@ -64,7 +73,7 @@ def c_program(emulator: Emulator) -> CProgram:
     functions = [
         write("encode", encode, emulator, [state]),
         write("super_step", super_step, emulator, [latent, control]),
-        write("latent_is_covered", latent_is_covered, emulator, [latent]),
+        write("super_step_trusted", super_step_trusted, emulator, [latent, control]),
     ]
     texts = [function.text for function in functions]
     return CProgram(_library(emulator, texts, "rollout.c"), constants.data(), {})
@@ -124,7 +133,8 @@ class CEmulator:
         self._control_size = control_size
         self._step = _function(program, "step", 4)
         self._rollout = _function(program, "rollout", 5)
-        self._covers = _function(program, "covers", 2)
+        self._rollout_trusted = _function(program, "rollout_trusted", 6)
+        self._trust = _function(program, "trust", 3, ctypes.c_float)
 
     def takes_step(self, state: np.ndarray, control: np.ndarray) -> bool:
         """Return whether these are of the shapes `step` takes."""
@@ -163,6 +173,23 @@ class CEmulator:
         )
         return states, bool(is_sound)
 
+    def rollout_trusted(
+        self, state: Float[np.ndarray, " S"], controls: Float[np.ndarray, "T C"]
+    ) -> tuple[Float[np.ndarray, "T+1 S"], Float[np.ndarray, " T"], bool]:
+        """Return (the trajectory from `state`, the score of each super step, whether the trajectory is sound)."""
+        steps = len(controls)
+        states = np.empty((steps + 1, self._state_size), np.float32)
+        scores = np.empty(steps, np.float32)
+        is_sound = self._rollout_trusted(
+            self._constants_at,
+            address(state),
+            address(controls),
+            steps,
+            address(states),
+            address(scores),
+        )
+        return states, scores, bool(is_sound)
+
     def rollouts(
         self, states: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
     ) -> tuple[Float[np.ndarray, "B T+1 S"], bool]:
@@ -175,9 +202,9 @@ class CEmulator:
             return np.stack([motion for motion, _ in motions]), are_sound
         return _rollouts(lanes, states, controls)
 
-    def covers(self, state: Float[np.ndarray, " S"]) -> bool:
-        """Return whether `state` lies in the range of the training."""
-        return bool(self._covers(self._constants_at, address(state)))
+    def trust(self, state: Float[np.ndarray, " S"], control: Float[np.ndarray, " C"]) -> float:
+        """Return how far `state` and `control` lie from what training showed."""
+        return self._trust(self._constants_at, address(state), address(control))
 
 
 def _rollouts(
@@ -204,9 +231,12 @@ def _rollouts(
     return motions, all(in_parts(run, count, smallest=smallest))
 
 
-def _function(program: LoadedProgram, name: str, parameters: int) -> Callable[..., int]:
+def _function(
+    program: LoadedProgram, name: str, parameters: int, returned: Any = ctypes.c_int
+) -> Callable[..., Any]:
     """Return a program's function of so many addresses and counts."""
     function = program.library[name]
+    function.restype = returned
     function.argtypes = [ctypes.c_void_p] * parameters  # counts are as long as addresses
     return function
 
@@ -285,11 +315,12 @@ def load_checked(
 
 
 def _check(probes: Probes, program: LoadedProgram) -> None:
-    """Compare a super step from each probe, and whether it is covered."""
+    """Compare a super step from each probe, and how far it lies from what training showed."""
     in_c = CEmulator(program, lambda: None, probes.states.shape[1], probes.controls.shape[1])
-    pairs = zip(probes.states, probes.controls, strict=True)
+    pairs = list(zip(probes.states, probes.controls, strict=True))
     probes.compare(np.stack([in_c.step(state, control)[0] for state, control in pairs]))
-    probes.compare_covered(np.array([in_c.covers(state) for state in probes.states]))
+    scores = [in_c.trust(state, control) for state, control in pairs]
+    probes.compare_trust(np.array(scores, np.float32))
 
 
 def _check_lanes(probes: Probes, program: LoadedProgram) -> None:

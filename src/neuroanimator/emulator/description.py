@@ -19,6 +19,7 @@ from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.shape_modes import ShapeModes
 from neuroanimator.emulator.spec import EmulatorSpec
+from neuroanimator.emulator.trust import TrustMeter
 from neuroanimator.parsing.names import check_system_name
 from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.body_frame import Frame
@@ -67,7 +68,13 @@ def describe(emulator: Emulator) -> dict[str, Any]:
         "features": _describe_features(emulator.features),
         "network": _describe_network(emulator.network),
         **_describe_strides(emulator.strides),
+        **_describe_meter(emulator.meter),
     }
+
+
+def _describe_meter(meter: TrustMeter | None) -> dict[str, list[int]]:
+    """Return the meter's directions if there is one: files from before there were any stay what they are."""
+    return {} if meter is None else {"trust": [meter.odd.shape[1], meter.even.shape[1]]}
 
 
 def _describe_strides(strides: int) -> dict[str, int]:
@@ -151,15 +158,29 @@ def blank(metadata: dict[str, Any]) -> Emulator:
         change_scale=zeros(changes),
         unit=zeros(changes),
     )
+    network = _network(metadata["network"], features.sizes(others), changes)
+    meter = None
+    if "trust" in metadata:
+        meter = _meter(metadata["trust"], network)
     return Emulator(
         frame=frame,
         features=features,
         normaliser=normaliser,
-        network=_network(metadata["network"], features.sizes(others), changes),
+        network=network,
         domain=Domain(zeros(feature_count), zeros(feature_count)),
         spec=spec,
         encoding=encoding,
+        meter=meter,
     )
+
+
+def _meter(described: Any, network: Network) -> TrustMeter:
+    """Return a meter of the units of `network` with so many directions."""
+    odd, even = listed(described, "trust", _layer_width, 2)
+    if odd + even == 0:
+        raise ValueError("trust: wanted a direction or more")
+    odd_units, even_units = network.unit_counts
+    return TrustMeter(zeros(odd_units, odd), zeros(even_units, even), zeros(even_units))
 
 
 def _encoding(described: Any, spec: EmulatorSpec) -> Encoding:

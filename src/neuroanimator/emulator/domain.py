@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from neuroanimator.jax_later import Array, jnp
 from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
-COVERED_MARGIN = 0.02
-"""Share of its range by which a number may leave it and still count as covered: samples seldom
-touch the ends of their range."""
+MARGIN = 0.02
+"""Share of its range by which a number may leave it where nothing but ranges is known: samples seldom touch their ends."""
+
+LEAST_MARGIN = 1e-6
+"""Least of these margins: what never varied has no range."""
 
 
 class Domain(Module):
@@ -18,13 +20,6 @@ class Domain(Module):
 
     low: Float[AnyArray, " K"]
     high: Float[AnyArray, " K"]
-
-    def covers(self, features: Float[AnyArray, "*B P"]) -> Bool[AnyArray, "*B"]:
-        """Return whether every entry of `features` (..., P), the first P ones, lies in the range or near it."""
-        xp = features.__array_namespace__()
-        low, high = self.widened(COVERED_MARGIN, slice(features.shape[-1]))
-        is_inside = (features >= xp.asarray(low)) & (features <= xp.asarray(high))
-        return xp.all(is_inside, axis=-1)
 
     def widened(
         self, margin: float, entries: slice
@@ -38,3 +33,8 @@ class Domain(Module):
     def clip(self, features: Float[Array, " K"]) -> Float[Array, " K"]:
         """Return `features` with every entry brought into the range: what the network never saw, it is not shown."""
         return jnp.clip(features, self.low, self.high)
+
+    @property
+    def margin(self) -> Float[Array, " K"]:
+        """How far each feature may leave its range where nothing but ranges is known."""
+        return jnp.maximum(MARGIN * (self.high - self.low), LEAST_MARGIN)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.appearance.skeleton import Skeleton
@@ -17,9 +17,10 @@ from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled, is_tr
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.features import Features
-from neuroanimator.emulator.networks.network import Network
+from neuroanimator.emulator.networks.network import Network, Units
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.spec import EmulatorSpec
+from neuroanimator.emulator.trust import EDGE, TrustMeter
 from neuroanimator.errors import ArgumentError, DivergedError, ResourceError
 from neuroanimator.jax_later import Array, filter_jit, is_jax_array, jax, jnp
 from neuroanimator.pytrees import Module
@@ -52,6 +53,8 @@ class Emulator(Module):
     spec: EmulatorSpec
     encoding: Encoding
     """What the latent state is in which super steps are made."""
+    meter: TrustMeter | None = None
+    """Tells how far an input lies from what training showed; None in files from before there was one."""
 
     @property
     def system(self) -> str:
@@ -150,11 +153,52 @@ class Emulator(Module):
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
     ) -> Float[Array, " I"]:
         """Return the latent state one stride later: the network is asked once."""
-        raw = self.domain.clip(self.raw_features(latent, control))
-        plain = self.normaliser.forward(raw)
-        odd, even = self.features.streams(latent, plain)
-        change = self.normaliser.inverse(self.network(odd, even))
-        return self.frame.apply(latent, change, control)
+        return self.stride_and_units(latent, control)[0]
+
+    def _trusted_stride(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> tuple[Float[Array, " I"], Float[Array, ""]]:
+        """Return (the latent state one stride later, the score of `latent` and `control`)."""
+        following, units, beyond = self.stride_and_units(latent, control)
+        return following, self._score(units, beyond)
+
+    def stride_and_units(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> tuple[Float[Array, " I"], Units, Float[Array, " K"]]:
+        """Return (the latent state one stride later, the network's units, how far features lie beyond their ranges)."""
+        raw = self.raw_features(latent, control)
+        shown = self.domain.clip(raw)
+        odd, even = self.features.streams(latent, self.normaliser.forward(shown))
+        units = self.network.units(odd, even)
+        change = self.normaliser.inverse(self.network.answers(units, odd, even))
+        return self.frame.apply(latent, change, control), units, raw - shown
+
+    def _score(self, units: Units, beyond: Float[Array, " K"]) -> Float[Array, ""]:
+        """Return the score of what the network makes of an input, whose features lie `beyond` their ranges.
+
+        The network is not shown that, so that it is counted here: in standard deviations of the features, or
+        in margins of their ranges where there is no meter.
+        """
+        if self.meter is None:
+            return jnp.sqrt(jnp.sum((beyond / self.domain.margin) ** 2))
+        outside = jnp.sum((beyond / self.normaliser.plain_scale) ** 2)
+        return jnp.sqrt(self.meter.squared(units) + outside)
+
+    def step_latent_trusted(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> tuple[Float[Array, " I"], Float[Array, ""]]:
+        """Return (`step_latent`, the score of its input: see `trust`); of several strides the highest."""
+        following, score = self._trusted_stride(latent, control)
+        for _ in range(self.strides - 1):
+            following, further = self._trusted_stride(following, control)
+            score = jnp.maximum(score, further)
+        return self.encoding.bounded(following, self.features, self.domain), score
+
+    def trust_latent(
+        self, latent: Float[Array, " I"], control: Float[Array, " C"]
+    ) -> Float[Array, ""]:
+        """Return `trust` of a latent state under a latent control; inside jit, grad and vmap too."""
+        return self.step_latent_trusted(latent, control)[1]
 
     def in_strides(self, count: int) -> Emulator:
         """Return the emulator whose super step is `count` of this one's in a row, under one control: its strides.
@@ -252,25 +296,36 @@ class Emulator(Module):
             _check_finite(self, np.asarray(trajectory))
         return trajectory
 
+    def trust(self, state: ArrayLike, control: ArrayLike) -> Float[np.ndarray, " *B"]:
+        """Return how far `state` (..., S) with `control` (..., C) lies from what this emulator was trained on.
+
+        1 is the edge: 99 of a hundred super steps of training lie within it. The more above it, the less is known. It is
+        the disagreement that last layers as likely as the one it has would come to (`TrustMeter`), and how far
+        features leave their ranges. Infinite for what is not finite. Files from before there was a
+        meter know the ranges alone: inside them the score is 0.
+
+        Raises ArgumentError for wrong shapes.
+        """
+        states = self.state.check_shape(state, "state")
+        controls = self.control.check_shape(control, "control")
+        if states.shape[:-1] != controls.shape[:-1]:
+            raise ArgumentError(
+                f"state and control: wanted as many of one as of the other, came {states.shape} with {controls.shape}."
+            )
+        scores = _scores(self, as_float32(states), as_float32(controls))
+        is_number = (np.abs(states) <= MAX_MAGNITUDE).all(axis=-1)
+        is_number &= np.isfinite(controls).all(axis=-1) & np.isfinite(scores)
+        return np.where(is_number, scores, np.inf)
+
     def covers(self, state: ArrayLike, control: ArrayLike) -> bool:
-        """Return whether `state` (S,) with `control` (C,) lies in the range this emulator was trained on.
+        """Return whether `state` (S,) with `control` (C,) is what this emulator was trained on: `trust` says at most 1.
 
         Controls are covered between their bounds. What is not finite is covered nowhere.
 
         Raises ArgumentError for wrong shapes.
         """
-        state = self.state.check_shape(state, "state")
-        control = self.control.check_shape(control, "control")
-        if not (np.abs(state) <= MAX_MAGNITUDE).all() or not np.isfinite(control).all():
-            return False
-        if not self.bounds.contain(control):
-            return False
-        with np.errstate(all="ignore"):  # huge numbers overflow on their way, and are not covered
-            return bool(self.covers_encoded(self.encode(state)))
-
-    def covers_encoded(self, latent: Float[AnyArray, "*B I"]) -> Bool[AnyArray, "*B"]:
-        """Return (...) the same of latent states (..., I), whatever the control; inside jit too."""
-        return self.domain.covers(self.features.plain_of(latent, self.frame.local(latent)))
+        is_known = bool(np.all(self.trust(state, control) <= EDGE))
+        return is_known and self.bounds.contain(np.asarray(control, float))
 
     def save(self, path: str | Path) -> None:
         """Write the emulator as one `.safetensors` file."""
@@ -332,6 +387,28 @@ def _rollout(
     run = program.rollouts if state.ndim == 2 else program.rollout
     trajectory, _ = run(state, controls)
     return trajectory
+
+
+def _scores(
+    emulator: Emulator, states: Float[np.ndarray, "*B S"], controls: Float[np.ndarray, "*B C"]
+) -> Float[np.ndarray, " *B"]:
+    """Return the scores of states under controls, by the `backend`; where rows are not finite, anything."""
+    rows = states.reshape(-1, states.shape[-1])
+    held = controls.reshape(-1, controls.shape[-1])
+    program = program_of(emulator)
+    if program is None:
+        scores = as_numpy(call_compiled(_trust_of_rows, emulator, rows, held))
+    else:
+        pairs = zip(rows, held, strict=True)
+        scores = np.array([program.trust(row, control) for row, control in pairs], np.float32)
+    return np.asarray(scores).reshape(states.shape[:-1])
+
+
+def _trust_of_rows(
+    emulator: Emulator, states: Float[Array, "N S"], controls: Float[Array, "N C"]
+) -> Float[Array, " N"]:
+    """Return the score of each state under its control."""
+    return jax.vmap(lambda state, control: trust(emulator, state, control))(states, controls)
 
 
 def _check_finite(emulator: Emulator, trajectory: Float[np.ndarray, "*B F S"]) -> None:
@@ -397,6 +474,13 @@ def step(
     latent = emulator.encode(state)
     following = emulator.step_latent(latent, emulator.encode_control(control))
     return emulator.decode(following)
+
+
+def trust(
+    emulator: Emulator, state: Float[Array, " S"], control: Float[Array, " C"]
+) -> Float[Array, ""]:
+    """Return the score of `state` under `control`: see `Emulator.trust`. For use inside jit, grad and vmap."""
+    return emulator.trust_latent(emulator.encode(state), emulator.encode_control(control))
 
 
 def rollout(

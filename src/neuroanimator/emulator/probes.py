@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from neuroanimator.codegen.kept import WrongProgramError
-from neuroanimator.emulator.emulator import Emulator, rollout, step
-from neuroanimator.jax_later import Array, jax, jnp
+from neuroanimator.emulator.emulator import Emulator, rollout, step, trust
+from neuroanimator.jax_later import jax
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 MOTIONS = 40
@@ -39,8 +40,7 @@ DOUBTS = 10
 """So many times what rounding does in JAX alone is no error: where a state hangs by a hair, it does much."""
 
 BORDERLINE = 0.01
-"""Share of states that may be covered in one and not in the other: a number at its border is rounded to either side."""
-
+"""Share of answers yes or no that may differ: a number at its border is rounded to either side."""
 
 UNOPTIMISED = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 """Options of XLA, with which it compiles in a fifth of the time: what runs once is not worth optimising."""
@@ -89,7 +89,7 @@ class Probes:
     """Within the bounds and at them."""
     expected: Expected
     """One super step later."""
-    is_covered: Bool[np.ndarray, " N"]
+    trust: Expected
 
     @classmethod
     def of(cls, emulator: Emulator) -> Probes:
@@ -110,14 +110,14 @@ class Probes:
         otherwise = np.asarray(steps(emulator, rounded(states), controls))
         is_sound = np.isfinite(expected).all(axis=1) & np.isfinite(otherwise).all(axis=1)
         is_sound &= (np.abs(states) < LARGEST).all(axis=1)
-        covered = compiled_quickly(jax.vmap(state_is_covered, (None, 0)))(
-            emulator, states[is_sound]
-        )
+        scores = compiled_quickly(jax.vmap(trust, (None, 0, 0)))
+        expected_scores = np.asarray(scores(emulator, states, controls))[is_sound, None]
+        other_scores = np.asarray(scores(emulator, rounded(states), controls))[is_sound, None]
         return cls(
             states=states[is_sound],
             controls=controls[is_sound],
             expected=Expected.of(expected[is_sound], otherwise[is_sound]),
-            is_covered=np.asarray(covered) > 0,
+            trust=Expected.of(expected_scores, other_scores),
         )
 
     def compare(self, computed: Float[np.ndarray, "N S"]) -> None:
@@ -125,29 +125,24 @@ class Probes:
         if not self.expected.agrees(computed):
             raise WrongProgramError("Generated C does not do what the emulator does in JAX.")
 
-    def compare_covered(self, computed: Bool[np.ndarray, " N"]) -> None:
-        """Raise WrongProgramError unless the same states are covered."""
-        if np.mean(computed != self.is_covered) > BORDERLINE:
-            raise WrongProgramError("Generated C covers other states than the emulator in JAX.")
+    def compare_trust(self, computed: Float[np.ndarray, " N"]) -> None:
+        """Raise WrongProgramError unless the scores are the expected ones."""
+        if not self.trust.agrees(computed[:, None]):
+            raise WrongProgramError("Generated C trusts other states than the emulator in JAX.")
 
 
 _known: Remembered[Probes] = Remembered()
 """The probes of each emulator: several programs are held against them."""
 
 
+_one_at_a_time = threading.Lock()
+"""JAX on a CPU was seen to wait for ever where two threads computed probes: besides, one computes them for both."""
+
+
 def probes_of(emulator: Emulator) -> Probes:
     """Return the probes of `emulator`, remembered as long as it lives."""
-    known = _known.of(emulator)
-    if known is not UNKNOWN:
-        return known
-    return _known.keep(Probes.of(emulator), emulator)
-
-
-def latent_is_covered(emulator: Emulator, latent: Float[Array, " I"]) -> Float[Array, ""]:
-    """Return 1 for a latent state in the range of the training, 0 for others."""
-    return jnp.asarray(emulator.covers_encoded(latent), jnp.float32)
-
-
-def state_is_covered(emulator: Emulator, state: Float[Array, " S"]) -> Float[Array, ""]:
-    """Return the same of a state."""
-    return latent_is_covered(emulator, emulator.encode(state))
+    with _one_at_a_time:
+        known = _known.of(emulator)
+        if known is not UNKNOWN:
+            return known
+        return _known.keep(Probes.of(emulator), emulator)

@@ -19,11 +19,24 @@ int rollout(const float *k, const float *state, const float *controls, long step
     return is_given_sound & all_finite(states, (steps + 1) * STATE);
 }
 
-/* Whether `state` (S,) lies in the range of the training. */
-int covers(const float *k, const float *state) {
+/* `rollout`, and `scores` (T,): how far each step's state and control lie from what training showed. */
+int rollout_trusted(
+    const float *k, const float *state, const float *controls, long steps, float *states, float *scores
+) {
     NA_ALIGNED float latent[LATENT];
-    float is_covered;
+    memcpy(states, state, STATE * sizeof(float));
     encode(k, state, latent);
-    latent_is_covered(k, latent, &is_covered);
-    return is_covered != 0;
+    for (long t = 0; t < steps; t++)
+        super_step_trusted(k, latent, controls + t * CONTROL, latent, states + (t + 1) * STATE, scores + t);
+    const int is_given_sound = all_below(state, STATE, MAX_MAGNITUDE) & all_finite(controls, steps * CONTROL);
+    return is_given_sound & all_finite(states, (steps + 1) * STATE);
+}
+
+/* How far `state` (S,) under `control` (C,) lies from what training showed: 1 is the edge. */
+float trust(const float *k, const float *state, const float *control) {
+    NA_ALIGNED float latent[LATENT], next[STATE];
+    float score;
+    encode(k, state, latent);
+    super_step_trusted(k, latent, control, latent, next, &score);
+    return score;
 }

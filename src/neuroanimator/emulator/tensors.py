@@ -29,7 +29,15 @@ def emulator_leaves(emulator: Emulator) -> dict[str, Any]:
         "domain.high": emulator.domain.high,
         **prefixed("modes", emulator.encoding.leaves()),
         **prefixed("network", emulator.network.leaves()),
+        **_meter_leaves(emulator),
     }
+
+
+def _meter_leaves(emulator: Emulator) -> dict[str, Any]:
+    meter = emulator.meter
+    if meter is None:
+        return {}
+    return {"trust.odd": meter.odd, "trust.even": meter.even, "trust.even_mean": meter.even_mean}
 
 
 def emulator_tensors(emulator: Emulator) -> dict[str, np.ndarray]:

@@ -11,6 +11,7 @@ from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.coverage import Coverage, as_plain, coverage, coverage_of_states
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE
 from neuroanimator.evaluation.component_errors import (
     ComponentError,
     ErrorSpread,
@@ -124,7 +125,7 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Transitions | None) -> I
     errors = test.frame.difference(steps.next_states, np.asarray(emulated, float))
     relative = test.relative(errors)
     runs = np.arange(len(steps.states)) // (len(steps.states) // len(test.states))
-    is_covered = np.asarray(emulator.covers_encoded(emulator.encode(steps.states)))
+    is_covered = emulator.trust(steps.states, steps.controls) <= EDGE
     known = SuperSteps(*(rows[is_covered] for rows in steps))
     return Inspection(
         system=emulator.system,

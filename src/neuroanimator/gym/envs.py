@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.rows import step_rows
 from neuroanimator.gym.single_env import SingleEnv
@@ -156,7 +157,8 @@ class EmulatorVectorEnv(EmulatedVectorEnv):
         terminated = is_far & ~is_new
         truncated = self._steps >= self.steps
         self._has_ended = terminated | truncated
-        info = {"covered": made.is_covered & ~is_new, "_covered": ~is_new}
+        info = {"covered": (made.trust <= EDGE) & ~is_new, "trust": made.trust}
+        info |= {f"_{name}": ~is_new for name in list(info)}
         return self._states.copy(), np.where(is_new, 0.0, rewards), terminated, truncated, info
 
     def shown_states(self) -> Float[np.ndarray, "B S"]:
@@ -189,7 +191,8 @@ class EmulatorEnv(SingleEnv):
 
     An episode starts near rest, or where `reset(options={"state": ...})` says. It is truncated after
     `seconds`, and terminated where the state is no number or far (`rows.FAR`) outside what the emulator was
-    trained on. `info["covered"]` says whether training covered the step. Actions are clipped to the bounds.
+    trained on. `info["trust"]` says how far the step lies from that, `info["covered"]` whether
+    within its edge, 1. Actions are clipped to the bounds.
     Observations have no bounds, since a free body may go anywhere: `emulator.state` names each
     number and its unit. The tasks of `task_envs` see the body from its own frame, within bounds.
     """

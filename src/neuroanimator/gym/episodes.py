@@ -46,8 +46,8 @@ def step_episodes(
     episodes: Episodes,
     numbers: Int[np.ndarray, " B"],
     controls: Float[np.ndarray, "B C"],
-) -> tuple[Episodes, Float[np.ndarray, " B"], Bool[np.ndarray, " B"], Bool[np.ndarray, " B"]]:
-    """Return the episodes one super step on, the rewards, whether training covered the step, and whether it is far away.
+) -> tuple[Episodes, Float[np.ndarray, " B"], Float[np.ndarray, " B"], Bool[np.ndarray, " B"]]:
+    """Return the episodes one super step on, the rewards, how far to trust the step, and whether it is far away.
 
     `numbers` says how many super steps each row has made so far; one that has made them all changes nothing of its motion.
     """
@@ -60,7 +60,7 @@ def step_episodes(
     with np.errstate(all="ignore"):  # a row that diverged costs no number
         rewards = (episodes.cost - cost) / episodes.first_cost
     following = Episodes(made.latent, held, states, cost, episodes.first_cost)
-    return following, rewards, made.is_covered, made.ends_far
+    return following, rewards, made.trust, made.ends_far
 
 
 def _costs(

@@ -33,8 +33,8 @@ class Steps(NamedTuple):
 
     states: Float[np.ndarray, "B S"]
     latent: Float[np.ndarray, "B I"]
-    is_covered: Bool[np.ndarray, " B"]
-    """Whether training covered where the step begins."""
+    trust: Float[np.ndarray, " B"]
+    """How far where the step begins lies from what training showed: see `Emulator.trust`."""
     begins_far: Bool[np.ndarray, " B"]
     """Whether the step begins where the emulator only guesses."""
     ends_far: Bool[np.ndarray, " B"]
@@ -45,7 +45,7 @@ def step_rows(
     emulator: Emulator, latent: Float[np.ndarray, "B I"], controls: Float[np.ndarray, "B C"]
 ) -> Steps:
     """Return what a super step under `controls` does to rows in the states `latent`."""
-    states, following, *flags = call_rows(
+    states, following, scores, *flags = call_rows(
         step_row,
         emulator,
         lambda: facts_of_emulator(emulator),
@@ -53,7 +53,7 @@ def step_rows(
         latent,
         controls,
     )
-    return Steps(states, following, *[flag[:, 0] > 0 for flag in flags])
+    return Steps(states, following, scores[:, 0], *[flag[:, 0] > 0 for flag in flags])
 
 
 def step_row(
@@ -61,12 +61,12 @@ def step_row(
 ) -> tuple[Array, ...]:
     """Return the same of one row, in the order of `Steps`."""
     held = emulator.encode_control(control)
-    following = emulator.step_latent(latent, held)
+    following, score = emulator.step_latent_trusted(latent, held)
     state = emulator.decode(following)
     begins_near = is_near_training(emulator, emulator.raw_features(latent, held))
     ends_near = is_near_training(emulator, emulator.raw_features(following, held))
     ends_near &= jnp.all(jnp.isfinite(state))
-    return state, following, emulator.covers_encoded(latent), ~begins_near, ~ends_near
+    return state, following, score, ~begins_near, ~ends_near
 
 
 def is_near_training(emulator: Emulator, features: Float[Array, " K"]) -> Bool[Array, ""]:

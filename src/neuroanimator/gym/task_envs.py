@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.episodes import start_episodes, step_episodes
 from neuroanimator.gym.rows import MAX_OBSERVATION, Aims, Observer, observe_rows
@@ -89,7 +90,7 @@ class TaskVectorEnv(EmulatedVectorEnv):
     ]:
         """Return (observations, rewards, terminated, truncated, info) after `actions` (B, C) were held for a super step."""
         is_new = self._has_ended
-        episodes, rewards, is_covered, is_far = step_episodes(
+        episodes, rewards, trust, is_far = step_episodes(
             self.emulator,
             self._objectives,
             self._episodes,
@@ -105,7 +106,8 @@ class TaskVectorEnv(EmulatedVectorEnv):
         truncated = (self._steps >= self.steps) & ~terminated
         self._has_ended = terminated | truncated
         info = {
-            "covered": is_covered & ~is_new,
+            "covered": (trust <= EDGE) & ~is_new,
+            "trust": trust,
             "success": has_succeeded,
             "trial": np.array(self._numbers),
         }

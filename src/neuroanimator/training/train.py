@@ -32,6 +32,7 @@ from neuroanimator.training.lesson import lesson_of
 from neuroanimator.training.loss import squared_error
 from neuroanimator.training.optimizer import make_optimizer
 from neuroanimator.training.survey import MAX_VALIDATION
+from neuroanimator.training.trust_fitting import with_meter
 
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""
@@ -76,7 +77,7 @@ def train(
         with closing(run.feed):
             while not run.is_over:
                 on_report(run.advance())
-        emulator = run.best
+        emulator = run.known_best
         save(emulator, out, provenance)
     return emulator
 
@@ -141,6 +142,11 @@ class _Run:
     def best(self) -> Emulator:
         """The emulator with the lowest validation error so far."""
         return completed(self.problem.base, self.progress.best, self.problem.rest)
+
+    @property
+    def known_best(self) -> Emulator:
+        """`best`, with the meter of what it knows."""
+        return with_meter(self.best, self.validation_states, self.validation_controls)
 
     def advance(self) -> Report:
         """Train until the next report, then validate, log and checkpoint."""

@@ -7,7 +7,7 @@ from typing import Any
 from jaxtyping import Float
 
 from neuroanimator.emulator.arrays import zeros
-from neuroanimator.emulator.networks.network import Network, random_weights, split_key
+from neuroanimator.emulator.networks.network import Network, Units, random_weights, split_key
 from neuroanimator.errors import ArgumentError
 from neuroanimator.jax_later import Array, PRNGKeyArray, jax
 from neuroanimator.state.arrays import AnyArray
@@ -53,9 +53,19 @@ class Classic(Network):
     def widths(self) -> tuple[int, ...]:
         return (self.bias.shape[0],)
 
-    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+    @property
+    def unit_counts(self) -> tuple[int, int]:
+        count = self.bias.shape[0]
+        return (count, 0) if self.even_in.shape[0] else (0, count)
+
+    def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
         pushed = odd @ self.odd_in
         if not even.shape[0]:  # no mirror: the network of 1998 itself
-            return jax.nn.sigmoid(pushed + self.bias) @ self.out
+            return Units(even, jax.nn.sigmoid(pushed + self.bias))
         level = even @ self.even_in + self.bias
-        return (jax.nn.sigmoid(level + pushed) - jax.nn.sigmoid(level - pushed)) @ self.out
+        return Units(jax.nn.sigmoid(level + pushed) - jax.nn.sigmoid(level - pushed), even[:0])
+
+    def answers(
+        self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
+    ) -> Float[Array, " S"]:
+        return (units.odd if even.shape[0] else units.even) @ self.out

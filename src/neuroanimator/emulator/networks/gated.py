@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from neuroanimator.emulator.networks.network import (
     Network,
+    Units,
     check_halves,
     prefixed,
     random_weights,
@@ -80,10 +81,19 @@ class Gated(Network):
     def widths(self) -> tuple[int, ...]:
         return tuple(layer.bias.shape[0] for layer in self.layers)
 
-    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+    @property
+    def unit_counts(self) -> tuple[int, int]:
+        return self.widths[-1] // 2, 0
+
+    def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
         for layer in self.layers:
             odd, even = layer(odd, even)
-        return odd @ self.out
+        return Units(odd, even[:0])  # every answer is odd
+
+    def answers(
+        self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
+    ) -> Float[Array, " S"]:
+        return units.odd @ self.out
 
 
 def layer_leaves(layers: tuple[GatedLayer, ...]) -> dict[str, Any]:

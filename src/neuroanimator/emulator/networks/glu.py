@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.arrays import zeros
-from neuroanimator.emulator.networks.network import Network, random_weights, split_key
+from neuroanimator.emulator.networks.network import Network, Units, random_weights, split_key
 from neuroanimator.jax_later import Array, PRNGKeyArray, jnp
 from neuroanimator.state.arrays import AnyArray
 
@@ -46,12 +46,21 @@ class Glu(Network):
     def widths(self) -> tuple[int, ...]:
         return tuple(bias.shape[0] // 2 for bias in self.biases)
 
-    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+    @property
+    def unit_counts(self) -> tuple[int, int]:
+        return 0, self.widths[-1]
+
+    def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
         units = jnp.concatenate([odd, even]) if even.shape[0] else odd
         for layer, bias in zip(self.layers, self.biases, strict=True):
             saturating, linear = jnp.split(units @ layer + bias, 2)
             units = jnp.tanh(saturating) * linear
-        return units @ self.out
+        return Units(odd[:0], units)
+
+    def answers(
+        self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
+    ) -> Float[Array, " S"]:
+        return units.even @ self.out
 
 
 class LinearGlu(Network):
@@ -74,6 +83,15 @@ class LinearGlu(Network):
     def widths(self) -> tuple[int, ...]:
         return self.glu.widths
 
-    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+    @property
+    def unit_counts(self) -> tuple[int, int]:
+        return self.glu.unit_counts
+
+    def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
+        return self.glu.units(odd, even)
+
+    def answers(
+        self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
+    ) -> Float[Array, " S"]:
         features = jnp.concatenate([odd, even]) if even.shape[0] else odd
-        return self.glu(odd, even) + features @ self.linear
+        return self.glu.answers(units, odd, even) + features @ self.linear

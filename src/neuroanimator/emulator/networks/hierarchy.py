@@ -17,7 +17,7 @@ from jaxtyping import Float
 from neuroanimator.emulator.features import reordered
 from neuroanimator.emulator.networks.glu import LinearGlu
 from neuroanimator.emulator.networks.mirrored import Mirrored
-from neuroanimator.emulator.networks.network import Network, prefixed, split_key
+from neuroanimator.emulator.networks.network import Network, Units, prefixed, split_key
 from neuroanimator.errors import ArgumentError
 from neuroanimator.jax_later import Array, PRNGKeyArray, eqx, jnp
 from neuroanimator.parsing.names import check_label
@@ -153,10 +153,21 @@ class Hierarchy(Network):
         child = map_leaves(lambda leaf: leaf[0], self.children)
         return (*self.upper.widths, 0, *child.widths)
 
-    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
+    @property
+    def unit_counts(self) -> tuple[int, int]:
+        return self.upper.unit_counts
+
+    def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
+        above = self.parts[0]
+        return self.upper.units(odd[np.array(above.odd, int)], even[np.array(above.even, int)])
+
+    def answers(
+        self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
+    ) -> Float[Array, " S"]:
         above = self.parts[0]
         family = self._family
-        told = self.upper(odd[np.array(above.odd, int)], even[np.array(above.even, int)])
+        odd_above = odd[np.array(above.odd, int)]
+        told = self.upper.answers(units, odd_above, even[np.array(above.even, int)])
         split = len(family.answers(above)[0])
         inputs = [family.inputs(part) for part in self.parts[1:]]
         odd_seen = _padded(odd, told[:split], [rows for rows, _ in inputs])

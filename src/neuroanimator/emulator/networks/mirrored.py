@@ -9,7 +9,13 @@ from jaxtyping import Float
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.features import reordered
 from neuroanimator.emulator.networks.gated import GatedLayer, layer_leaves
-from neuroanimator.emulator.networks.network import Network, check_halves, random_weights, split_key
+from neuroanimator.emulator.networks.network import (
+    Network,
+    Units,
+    check_halves,
+    random_weights,
+    split_key,
+)
 from neuroanimator.jax_later import Array, PRNGKeyArray, jnp
 from neuroanimator.pytrees import static
 from neuroanimator.state.arrays import AnyArray
@@ -75,13 +81,20 @@ class Mirrored(Network):
     def widths(self) -> tuple[int, ...]:
         return tuple(layer.bias.shape[0] for layer in self.layers)
 
-    def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
-        odd_answers = odd @ self.odd_linear
-        even_answers = even @ self.even_linear
+    @property
+    def unit_counts(self) -> tuple[int, int]:
+        return self.widths[-1] // 2, self.widths[-1] // 2
+
+    def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
         for layer in self.layers:
             odd, even = layer(odd, even)
-        odd_answers = odd_answers + odd @ self.odd_out
-        even_answers = even_answers + even @ self.even_out
+        return Units(odd, even)
+
+    def answers(
+        self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
+    ) -> Float[Array, " S"]:
+        odd_answers = odd @ self.odd_linear + units.odd @ self.odd_out
+        even_answers = even @ self.even_linear + units.even @ self.even_out
         answers = jnp.concatenate([odd_answers, even_answers])
         return reordered(answers, self._order())
 

@@ -8,7 +8,7 @@ and at no cost: a mirrored motion is emulated by the mirrored numbers. `Mirrored
 from __future__ import annotations
 
 import abc
-from typing import Any
+from typing import Any, NamedTuple
 
 from jaxtyping import Float
 
@@ -19,6 +19,14 @@ from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 
+class Units(NamedTuple):
+    """Units of the last hidden layer."""
+
+    odd: Float[Array, " H"]
+    """They change sign in the mirror; none without one."""
+    even: Float[Array, " G"]
+
+
 class Network(Module):
     """A map (odd, even) → normalised change of state."""
 
@@ -27,9 +35,24 @@ class Network(Module):
     def widths(self) -> tuple[int, ...]:
         """Units in each hidden layer."""
 
+    @property
     @abc.abstractmethod
+    def unit_counts(self) -> tuple[int, int]:
+        """How many odd and how many even `units` there are."""
+
     def __call__(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Float[Array, " S"]:
         """Return the normalised change of state."""
+        return self.answers(self.units(odd, even), odd, even)
+
+    @abc.abstractmethod
+    def units(self, odd: Float[Array, " O"], even: Float[Array, " E"]) -> Units:
+        """Return what the last hidden layer makes of the streams, as far as any answer needs it."""
+
+    @abc.abstractmethod
+    def answers(
+        self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
+    ) -> Float[Array, " S"]:
+        """Return the normalised change of state by the `units` of both streams: it is linear in them."""
 
     @abc.abstractmethod
     def leaves(self) -> dict[str, Any]:

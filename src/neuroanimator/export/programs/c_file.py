@@ -11,8 +11,10 @@ import numpy as np
 
 from neuroanimator.compiler.compiler import HOW_TO_GET_ONE, compiled_library, find_compiler
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.emulator import Emulator, trust
 from neuroanimator.emulator.probes import BORDERLINE
+from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError, ResourceError
 from neuroanimator.export.programs.c_header import c_header, identifier
 from neuroanimator.export.programs.definition import Definition, definition_of
@@ -25,10 +27,17 @@ from neuroanimator.export.programs.vectors import (
     vectors_text,
 )
 from neuroanimator.export.programs.written import Written
+from neuroanimator.jax_later import jax
 from neuroanimator.storage.files import write_whole
 
 FLAGS = (("-O1", "-Wall", "-Wextra", "-Werror"),)
 """Flags a header is compiled with to be checked."""
+
+SCORES = ("trust", "step_trusted")
+"""Functions that return a number; others return nothing or a count."""
+
+SCORE_TOLERANCE = 1e-3
+"""Scores may differ by so much, and by this share: they are sums of squares of differences."""
 
 Call = Callable[..., int | float | None]
 """A function of C that takes arrays and whole numbers, called by its name without the header's own."""
@@ -76,7 +85,7 @@ def check_functions(
     if isinstance(model, Policy):
         return {definition.name: values}, _check_policy(call, values)
     gradients = make_gradient_vectors(definition, model, values)
-    check_covers(call, model, values)
+    check_trust(call, model, values)
     difference = max(check_steps(call, values), check_gradients(call, gradients))
     return {definition.name: values, "vjp": gradients}, difference
 
@@ -106,15 +115,18 @@ def check_gradients(call: Call, vectors: Vectors) -> float:
     return vectors.check(computed, "vjp in C")
 
 
-def check_covers(call: Call, emulator: Emulator, vectors: Vectors) -> None:
-    """Hold what is covered against JAX; a number at its border may be rounded to either side."""
-    states = vectors.inputs["state"]
-    controls = vectors.inputs["control"]
-    expected = np.asarray(emulator.covers_encoded(emulator.encode(states)))
-    computed = [call("covers", *row) == 1 for row in zip(states, controls, strict=True)]
-    if np.mean(expected != computed) > BORDERLINE:
+def check_trust(call: Call, emulator: Emulator, vectors: Vectors) -> None:
+    """Hold what is trusted against JAX; a score at the edge may be rounded to either side."""
+    rows = list(zip(vectors.inputs["state"], vectors.inputs["control"], strict=True))
+    inputs = [as_jax(vectors.inputs[name]) for name in ("state", "control")]
+    scores = np.asarray(jax.vmap(trust, (None, 0, 0))(emulator, *inputs))
+    next_state = _room(emulator.state.size)
+    trusted = np.array([call("step_trusted", *row, next_state) for row in rows])
+    is_covered = np.array([call("covers", *row) == 1 for row in rows])
+    are_close = np.isclose(trusted, scores, rtol=SCORE_TOLERANCE, atol=SCORE_TOLERANCE)
+    if not are_close.all() or np.mean(is_covered != (scores <= EDGE)) > BORDERLINE:
         raise NeuroAnimatorError(
-            "covers in C does not do what JAX does, so nothing was written. Please report it."
+            "trust in C does not do what JAX does, so nothing was written. Please report it."
         )
 
 
@@ -148,9 +160,11 @@ def compiled_header(text: str, name: str) -> Call:
     if library is None:
         raise NeuroAnimatorError(f"{compiler} does not compile {name}.h. Please report it.")
 
-    def call(function: str, *arguments: np.ndarray | float) -> int | None:
+    def call(function: str, *arguments: np.ndarray | float) -> int | float | None:
         converted = [_converted(argument) for argument in arguments]
-        return getattr(library, f"{name}_{function}")(*converted)
+        called = library[f"{name}_{function}"]
+        called.restype = ctypes.c_float if function in SCORES else ctypes.c_int
+        return called(*converted)
 
     return call
 

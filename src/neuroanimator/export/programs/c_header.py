@@ -20,9 +20,8 @@ from neuroanimator.codegen.c_text import c_number
 from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.emulator.c_emulator import encode, super_step
+from neuroanimator.emulator.c_emulator import encode, super_step, super_step_trusted
 from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, latent_size, step
-from neuroanimator.emulator.probes import latent_is_covered
 from neuroanimator.export.programs.definition import Definition
 from neuroanimator.jax_later import Array, jax
 from neuroanimator.state.layout import Layout
@@ -156,7 +155,7 @@ def _emulator_parts(
     functions = [
         write("encoded", encode, Input(state)),
         write("super_step", super_step, Input(latent), Input(control)),
-        write("is_covered", latent_is_covered, Input(latent)),
+        write("super_step_trusted", super_step_trusted, Input(latent), Input(control)),
         write(
             "super_step_lanes",
             super_step,

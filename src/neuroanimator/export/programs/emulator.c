@@ -66,18 +66,28 @@ static void @name@_advance_lanes(float *latents, const float *controls, int coun
 }
 #endif
 
-@NAME@_API int @name@_covers(const float *state, const float *control) {
+@NAME@_API float @name@_step_trusted(const float *state, const float *control, float *next) {
     NA_ALIGNED float latent[@NAME@_LATENT];
-    float is_covered;
-    for (int i = 0; i < @NAME@_STATE; i++)
-        if (!(fabsf(state[i]) <= @NAME@_MAX_MAGNITUDE)) return 0;
+    float score;
+    int is_number = 1;
+    for (int i = 0; i < @NAME@_STATE; i++) is_number &= fabsf(state[i]) <= @NAME@_MAX_MAGNITUDE;
+    for (int i = 0; i < @NAME@_CONTROL; i++) is_number &= fabsf(control[i]) <= @NAME@_MAX_MAGNITUDE;
+    @name@_encoded(@name@_k, state, latent);
+    @name@_super_step_trusted(@name@_k, latent, control, latent, next, &score);
+    return is_number && score - score == 0.0f ? score : INFINITY;
+}
+
+@NAME@_API float @name@_trust(const float *state, const float *control) {
+    float next[@NAME@_STATE];
+    return @name@_step_trusted(state, control, next);
+}
+
+@NAME@_API int @name@_covers(const float *state, const float *control) {
     for (int i = 0; i < @NAME@_CONTROL; i++) {
         const float low = @name@_control_low[i];
         const float high = @name@_control_high[i];
         const float slack = 1e-6f * (fabsf(low) > fabsf(high) ? fabsf(low) : fabsf(high));
         if (!(control[i] >= low - slack && control[i] <= high + slack)) return 0;
     }
-    @name@_encoded(@name@_k, state, latent);
-    @name@_is_covered(@name@_k, latent, &is_covered);
-    return is_covered > 0.0f;
+    return @name@_trust(state, control) <= 1.0f;
 }

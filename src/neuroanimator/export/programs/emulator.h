@@ -23,5 +23,13 @@
 @NAME@_API void @name@_vjp(const float *state, const float *control, const float *cotangent, float *by_state, float *by_control);
 #endif
 
-/* 1 if `state` and `control` lie where the emulator was trained, else 0: then do not believe what it says. */
+/* How far `state` and `control` lie from what the emulator was trained on: 1 is the edge, the more above it the less it
+   knows. Infinite for what is not finite. */
+@NAME@_API float @name@_trust(const float *state, const float *control);
+
+/* Both `step` and, returned, `trust`, for little more than the cost of `step`. `next` may be `state`. */
+@NAME@_API float @name@_step_trusted(const float *state, const float *control, float *next);
+
+/* 1 if `state` and `control` lie where the emulator was trained, trust at most 1 and the control within its bounds, else
+   0: then do not believe what it says. */
 @NAME@_API int @name@_covers(const float *state, const float *control);

@@ -55,6 +55,17 @@ class Emulator {
     return { byState, byControl };
   }
 
+  trust(state, control) {
+    check(state, STATE, "state");
+    check(control, CONTROL, "control");
+    const before = this.#top;
+    try {
+      return this.#exports.@name@_trust(this.#placed(state), this.#placed(control));
+    } finally {
+      this.#top = before;
+    }
+  }
+
   covers(state, control) {
     check(state, STATE, "state");
     check(control, CONTROL, "control");

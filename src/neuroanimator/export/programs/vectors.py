@@ -17,6 +17,7 @@ from jaxtyping import Float
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.definition import Definition
 from neuroanimator.jax_later import Array, jax
@@ -273,10 +274,11 @@ def _way_to_border(emulator: Emulator, states: Float[np.ndarray, "N S"]) -> Floa
     """Return how often the way from rest to each of `states` leads to the border of what training showed."""
     near = np.zeros(len(states))
     far = np.full(len(states), FURTHEST)
+    idle = np.broadcast_to(emulator.bounds.idle, (len(states), emulator.control.size))
     for _ in range(HALVINGS):
         middle = (near + far) / 2
         moved = _stretched(emulator, states, middle)
-        is_covered = np.asarray(emulator.covers_encoded(emulator.encode(moved)))
+        is_covered = emulator.trust(moved, idle) <= EDGE
         near = np.where(is_covered, middle, near)
         far = np.where(is_covered, far, middle)
     return near

@@ -27,7 +27,17 @@ if TYPE_CHECKING:
     import wasmtime
 
 FUNCTIONS = {
-    "emulator": ("step", "step_batch", "rollout", "encode", "advance_batch", "vjp", "covers"),
+    "emulator": (
+        "step",
+        "step_batch",
+        "rollout",
+        "encode",
+        "advance_batch",
+        "vjp",
+        "covers",
+        "trust",
+        "step_trusted",
+    ),
     "policy": ("control",),
 }
 """What a module exports, by the kind of what it does."""

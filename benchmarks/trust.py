@@ -1,0 +1,273 @@
+"""How well scores tell where an emulator errs, what they are worth beside others, and what they cost; results/trust.csv.
+
+python benchmarks/trust.py                 every emulator of 50 substeps that ships, some minutes on two cores
+python benchmarks/trust.py fish-50         some of them; writes no file
+
+Super steps are of two kinds, half of each: as in training, and shifted: controls at their bounds that jump at every super
+step, controls held at their bounds for twenty, and starts that move 1.2 to 2 times as fast. An error is large if it is above the
+95th percentile of errors on the first kind. AUROC is how often a large error has the higher score: 0.5 is guessing.
+
+The rivals are fitted to the same unseen super steps as the score, and judged on others:
+
+ranges    how far the farthest feature lies outside of what training showed (all that `covers` knew before)
+features  Mahalanobis distance of all that the network sees
+units     Mahalanobis distance of all units of the last layer
+heads     disagreement of eight last layers, each fitted to as many super steps drawn with replacement
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from neuroanimator import Emulator, load_emulator
+from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.cores import core_count
+from neuroanimator.data.sampling import sample_control_runs, sample_starts
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.c_emulator import c_emulator
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.machine import describe_machine
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.systems.system import System
+from neuroanimator.terminal import print_table, progress_bar
+
+TABLE = Path(__file__).parent / "results" / "trust.csv"
+
+NAMES = ("pendulum-50", "pendulum-passive-50", "truck-50", "lander-50", "fish-50", "dolphin-50")
+
+RUNS = 400
+"""So many runs of each kind."""
+
+STEPS = 8
+"""Super steps of each."""
+
+HELD = 20
+"""Super steps for which a control at its bounds is held."""
+
+FASTER = (1.2, 2.0)
+"""Shifted starts move so many times as fast."""
+
+HEADS = 8
+RIDGE = 1e-3
+
+TIMED = 400
+"""Super steps a turn of the clock."""
+
+TURNS = 60
+"""Turns of each kind, one after the other in turn."""
+
+
+class SuperSteps(NamedTuple):
+    """Super steps by the true physics."""
+
+    states: np.ndarray
+    controls: np.ndarray
+    ends: np.ndarray
+
+    @classmethod
+    def of(cls, system: System, starts: np.ndarray, controls: np.ndarray, dt: float) -> SuperSteps:
+        """Return the super steps of runs that did not diverge."""
+        runs = system.simulate(starts, controls, dt, threads=core_count())
+        whole = ~runs.has_diverged
+        parts = (runs.states[whole, :-1], controls[whole], runs.states[whole, 1:])
+        return cls(*(part.reshape(-1, part.shape[-1]) for part in parts))
+
+    def joined(self, *others: SuperSteps) -> SuperSteps:
+        """Return all of them."""
+        return SuperSteps(*(np.concatenate(parts) for parts in zip(self, *others, strict=True)))
+
+
+def as_in_training(system: System, dt: float, seed: int) -> SuperSteps:
+    """Return super steps as training has them, of another seed."""
+    rng = np.random.default_rng([seed, 0])
+    starts = sample_starts(system, rng, RUNS, core_count())
+    controls = sample_control_runs(rng, RUNS, STEPS, dt, system)
+    return SuperSteps.of(system, starts, controls, dt)
+
+
+def shifted(system: System, dt: float, seed: int) -> SuperSteps:
+    """Return super steps under controls and from starts that training did not have."""
+    rng = np.random.default_rng([seed, 1])
+    bounds = system.bounds
+    count = RUNS // 3
+    size = len(bounds.half)
+    starts = [sample_starts(system, rng, count, core_count()) for _ in range(3)]
+    jumping = bounds.middle + rng.choice([-1, 1], (count, STEPS, size)) * bounds.half
+    signs = np.repeat(rng.choice([-1, 1], (count, 1, size)), HELD, axis=1)
+    held = SuperSteps.of(system, starts[1], bounds.middle + signs * bounds.half, dt)
+    rows = rng.permutation(len(held.states))[: count * STEPS]
+    fast = starts[2]
+    rates = rate_entries(system)
+    fast[:, rates] *= rng.uniform(*FASTER, (count, 1))
+    usual = sample_control_runs(rng, count, STEPS, dt, system)
+    return SuperSteps.of(system, starts[0], jumping, dt).joined(
+        SuperSteps(*(part[rows] for part in held)), SuperSteps.of(system, fast, usual, dt)
+    )
+
+
+def rate_entries(system: System) -> list[int]:
+    """Return the state entries that say how fast something moves."""
+    return [
+        entry
+        for part in system.state.slices
+        if part.unit.endswith("/s")
+        for entry in range(system.state.size)[system.state.index(part.name)]
+    ]
+
+
+def errors_of(emulator: Emulator, steps: SuperSteps, unit: np.ndarray) -> np.ndarray:
+    """Return the rms error of each super step, in standard deviations of the usual change."""
+    emulated = emulator.rollout(steps.states, steps.controls[:, None], may_diverge=True)[:, 1]
+    frame = Frame.of(system_of(emulator).structure, emulator.dt)
+    moves = unit > 0
+    differences = frame.difference(steps.ends, np.asarray(emulated, float))
+    return np.sqrt(np.mean((differences[:, moves] / unit[moves]) ** 2, axis=1))
+
+
+class Seen(NamedTuple):
+    """What an emulator makes of super steps."""
+
+    features: np.ndarray
+    units: np.ndarray
+    outside: np.ndarray
+
+
+def seen_by(emulator: Emulator, steps: SuperSteps) -> Seen:
+    """Return what the network sees, its last units, and how far the farthest feature leaves its range, as a share of it."""
+
+    def one(state: jax.Array, control: jax.Array) -> tuple[jax.Array, ...]:
+        latent, held = emulator.encode(state), emulator.encode_control(control)
+        raw = emulator.raw_features(latent, held)
+        streams = emulator.features.streams(latent, emulator.normaliser.forward(raw))
+        _, units, beyond = emulator.stride_and_units(latent, held)
+        width = emulator.domain.high - emulator.domain.low
+        share = jax.numpy.max(jax.numpy.abs(beyond) / jax.numpy.maximum(width, 1e-6))
+        return jax.numpy.concatenate(streams), jax.numpy.concatenate(units), share
+
+    inputs = (as_jax(steps.states), as_jax(steps.controls))
+    return Seen(*(np.asarray(part, float) for part in jax.jit(jax.vmap(one))(*inputs)))
+
+
+def mahalanobis(known: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the distance from `known` rows by their covariance."""
+    mean = known.mean(axis=0)
+    covariance = np.cov(known.T)
+    ridge = RIDGE * np.trace(covariance) / len(mean)
+    root = np.linalg.cholesky(np.linalg.inv(covariance + ridge * np.eye(len(mean))))
+    return lambda rows: np.linalg.norm((rows - mean) @ root, axis=1)
+
+
+def heads(known: np.ndarray, errors: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the disagreement of linear heads on `known` units, each fitted to `errors` (N, V) of a sample drawn anew."""
+    rng = np.random.default_rng(0)
+    known = np.c_[np.ones(len(known)), known]
+    fitted = []
+    for _ in range(HEADS):
+        chosen = rng.integers(0, len(known), len(known))
+        rows = known[chosen]
+        gram = rows.T @ rows / len(rows)
+        ridge = RIDGE * np.trace(gram) / len(gram)
+        moment = rows.T @ errors[chosen] / len(rows)
+        fitted.append(np.linalg.solve(gram + ridge * np.eye(len(gram)), moment))
+
+    def disagreement(units: np.ndarray) -> np.ndarray:
+        rows = np.c_[np.ones(len(units)), units]
+        return np.stack([rows @ head for head in fitted]).std(axis=0).mean(axis=1)
+
+    return disagreement
+
+
+def auroc(scores: np.ndarray, is_large: np.ndarray) -> float:
+    """Return how often a large error has a higher score than another (Mann and Whitney, 1947); ties count half."""
+    _, ranks, counts = np.unique(scores, return_inverse=True, return_counts=True)
+    middle = np.cumsum(counts) - (counts - 1) / 2
+    large = int(is_large.sum())
+    above = middle[ranks][is_large].sum() - large * (large + 1) / 2
+    return float(above / (large * (len(scores) - large)))
+
+
+def rows_of(name: str) -> dict[str, Any]:
+    """Return an emulator's line of the table."""
+    emulator = load_emulator(name)
+    system = system_of(emulator)
+    known = as_in_training(system, emulator.dt, seed=1)
+    test = as_in_training(system, emulator.dt, seed=2)
+    away = shifted(system, emulator.dt, seed=3)
+    frame = Frame.of(system.structure, emulator.dt)
+    unit = frame.difference(known.states, known.ends).std(axis=0)
+    unit = np.where(unit > 1e-6, unit, 0)
+    large_from = np.quantile(errors_of(emulator, test, unit), 0.95)
+    both = test.joined(away)
+    errors = errors_of(emulator, both, unit)
+    is_large = errors > large_from
+    scores = emulator.trust(both.states, both.controls)
+    seen, new = seen_by(emulator, known), seen_by(emulator, both)
+    emulated = emulator.rollout(known.states, known.controls[:, None])[:, 1]
+    moves = unit > 0
+    residuals = frame.difference(known.ends, np.asarray(emulated, float))[:, moves] / unit[moves]
+    usual = slice(len(test.states))
+    beyond = slice(len(test.states), None)
+    return {
+        "emulator": name,
+        "super_steps": len(both.states),
+        "error_usual": float(np.sqrt(np.mean(errors[usual] ** 2))),
+        "error_shifted": float(np.sqrt(np.mean(errors[beyond] ** 2))),
+        "large_shifted": float(is_large[beyond].mean()),
+        "auroc": auroc(scores, is_large),
+        "auroc_usual": auroc(scores[usual], is_large[usual]),
+        "auroc_shifted": auroc(scores[beyond], is_large[beyond]),
+        "auroc_ranges": auroc(new.outside, is_large),
+        "auroc_features": auroc(mahalanobis(seen.features)(new.features), is_large),
+        "auroc_units": auroc(mahalanobis(seen.units)(new.units), is_large),
+        "auroc_heads": auroc(heads(seen.units, residuals)(new.units), is_large),
+        "within_edge_usual": float(np.mean(scores[usual] <= 1)),
+        "within_edge_shifted": float(np.mean(scores[beyond] <= 1)),
+        "large_within_edge": float(is_large[scores <= 1].mean()),
+        "large_beyond_edge": float(is_large[scores > 1].mean()),
+        **cost_of(emulator),
+    }
+
+
+def cost_of(emulator: Emulator) -> dict[str, float]:
+    """Return what a super step costs in C on one core, and how much longer it takes with its score, medians of turns."""
+    program = c_emulator(emulator)
+    if program is None:
+        return {"step_us": float("nan"), "score_share": float("nan")}
+    rng = np.random.default_rng(0)
+    dt = emulator.dt
+    controls = np.float32(sample_control_runs(rng, 1, TIMED, dt, system_of(emulator))[0])
+    ways = (program.rollout, program.rollout_trusted)
+    seconds: list[list[float]] = [[], []]
+    for turn in range(2 * TURNS):
+        began = time.perf_counter()
+        ways[turn % 2](np.float32(emulator.rest), controls)
+        seconds[turn % 2].append((time.perf_counter() - began) / TIMED)
+    plain, trusted = (np.array(turns) for turns in seconds)
+    return {
+        "step_us": float(np.median(plain)) * 1e6,
+        "score_share": float(np.median(trusted / plain)) - 1,
+    }
+
+
+def main() -> None:
+    names = sys.argv[1:] or NAMES
+    rows = []
+    with progress_bar("emulators", len(names)) as bar:
+        for name in names:
+            rows.append(rows_of(name))
+            bar.advance_to(len(rows), name)
+    print(describe_machine())
+    print_table(rows)
+    if not sys.argv[1:]:
+        write_csv(TABLE, rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,124 @@
+"""What a trained emulator knows: the meter of `emulator.trust`, from what its last layer makes of unseen runs.
+
+Units of the last layer are whitened, so that distance in them is what an ensemble of last layers would disagree by. Of
+the whitened directions those are kept in which errors are largest, and 99 of a hundred inputs score at most 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE, TrustMeter
+from neuroanimator.jax_later import Array, filter_jit, jax, jnp
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.training.lesson import base_windows
+
+DIRECTIONS = 16
+"""Directions that are measured: half as many tell a little less, all of them take as long as the network."""
+
+MAX_INPUTS = 16_384
+"""Super steps a meter is fitted to, at most."""
+
+COVERED_SHARE = 0.99
+"""Share of the inputs that score at most 1."""
+
+RIDGE = 1e-3
+"""Share of the units' mean variance that is added to each: what hardly varies is not divided by nothing."""
+
+WEIGHT_SHARE = 0.999
+"""Errors above this quantile count as much as it: one crash shall not choose all directions."""
+
+SMALLEST = 1e-12
+"""Variances and scores below this are nothing."""
+
+
+def fit_trust(emulator: Emulator, data: Transitions) -> Emulator:
+    """Return the emulator with a meter fitted to `data`: for files from before there was one, or for other uses.
+
+    Data it was not trained on tell more of what it knows than those it was.
+    """
+    windows = base_windows(emulator, data)
+    return with_meter(emulator, windows.states, windows.controls)
+
+
+def with_meter(
+    emulator: Emulator, states: Float[AnyArray, "N T I"], controls: Float[AnyArray, "N H C"]
+) -> Emulator:
+    """Return the emulator with a meter fitted to windows of T = H + 1 latent states and the latent controls between."""
+    states = np.asarray(states)
+    rows = (states[:, :-1], np.asarray(controls), states[:, 1:])
+    starts, held, ends = (as_jax(row.reshape(-1, row.shape[-1])[:MAX_INPUTS]) for row in rows)
+    odd, even, errors = _units_and_errors(emulator, starts, held, ends)
+    meter = fit_meter(*(np.asarray(rows, float) for rows in (odd, even, errors)))
+    return replace(emulator, meter=meter)
+
+
+@filter_jit
+def _units_and_errors(
+    emulator: Emulator,
+    starts: Float[Array, "M I"],
+    controls: Float[Array, "M C"],
+    ends: Float[Array, "M I"],
+) -> tuple[Float[Array, "M H"], Float[Array, "M G"], Float[Array, " M"]]:
+    """Return (odd units, even units, rms errors in units of the usual change) of super steps."""
+    unit = emulator.normaliser.unit
+
+    def one(
+        start: Float[Array, " I"], control: Float[Array, " C"], end: Float[Array, " I"]
+    ) -> tuple[Array, Array, Array]:
+        _, units, _ = emulator.stride_and_units(start, control)
+        following = emulator.step_latent_unbounded(start, control)
+        difference = emulator.frame.difference(end, following)
+        error = difference / jnp.where(unit > 0, unit, jnp.inf)
+        return units.odd, units.even, jnp.sqrt(jnp.mean(error**2))
+
+    return jax.vmap(one)(starts, controls, ends)
+
+
+class _Directions(NamedTuple):
+    """Directions of some units, the most telling last."""
+
+    vectors: Float[np.ndarray, "H D"]
+    telling: Float[np.ndarray, " D"]
+    """How large errors are along each, over their mean."""
+
+
+def fit_meter(
+    odd: Float[np.ndarray, "M H"], even: Float[np.ndarray, "M G"], errors: Float[np.ndarray, " M"]
+) -> TrustMeter:
+    """Return the meter of these units, made by inputs with these `errors`."""
+    mean = even.mean(axis=0)
+    weights = np.minimum(errors, np.quantile(errors, WEIGHT_SHARE))
+    weights = weights / max(weights.mean(), SMALLEST)
+    # Apart, as if every input came with its mirror image: then nothing of one goes along with the other.
+    found = [_directions(rows, weights) for rows in (odd, even - mean)]
+    least = np.sort(np.concatenate([one.telling for one in found]))[-DIRECTIONS:][0]
+    odd_kept, even_kept = (one.vectors[:, one.telling >= least] for one in found)
+    scores = np.sqrt(((odd @ odd_kept) ** 2).sum(1) + (((even - mean) @ even_kept) ** 2).sum(1))
+    edge = max(float(np.quantile(scores, COVERED_SHARE)), SMALLEST) / EDGE
+    return TrustMeter(
+        odd=(odd_kept / edge).astype(np.float32),
+        even=(even_kept / edge).astype(np.float32),
+        even_mean=mean.astype(np.float32),
+    )
+
+
+def _directions(units: Float[np.ndarray, "M H"], weights: Float[np.ndarray, " M"]) -> _Directions:
+    """Return the directions of whitened `units`, by how much inputs of large errors go along them."""
+    size = units.shape[1]
+    if not size:
+        return _Directions(np.zeros((0, 0)), np.zeros(0))
+    covariance = units.T @ units / len(units)
+    ridge = RIDGE * np.trace(covariance) / size + SMALLEST
+    variances, axes = np.linalg.eigh(covariance + ridge * np.eye(size))
+    whitening = axes / np.sqrt(variances)
+    white = units @ whitening
+    telling, turned = np.linalg.eigh((white * weights[:, None]).T @ white / len(units))
+    return _Directions(whitening @ turned, telling)
