@@ -72,7 +72,8 @@ def test_a_goal_written_after_training_is_reached_on_the_emulator_and_nothing_is
     np.testing.assert_array_equal(found.outcome.physics_states, found.outcome.emulator_states)
     rows = dict(outcome_rows(found))
     assert rows["in words"] == UNPROVED
-    assert rows["super steps within what was recorded"] == "15 of 15"
+    scores = emulator.trust(found.outcome.emulator_states[:-1], found.controls)
+    assert rows["super steps within what was recorded"] == f"{(scores <= 1).sum()} of 15"
     assert "J on physics" not in rows
 
 
