@@ -198,10 +198,11 @@ export class Showing {
     world.doubt = Math.min(Math.max(1.4 * (1 - trust), 0), 1);
     this.hud.showMode(player);
     this.hud.showTrust(player.isHeld || isPhysics(facts) ? null : trust);
-    if (trust < LOST && !isPhysics(facts)) {
+    // A recorded motion is looked at, not steered: there the glow and the lamp say enough.
+    if (trust < LOST && player.isLive && !isPhysics(facts)) {
       const line = "Training has not covered this: do not believe the emulator here. Press R to begin again, or Ctrl+Z to go back.";
       this.banners.say("trust", line, "warning", this.#handOverAction());
-    } else if (trust > FOUND) {
+    } else if (trust > FOUND || !player.isLive) {
       this.banners.clear("trust");
     }
   }
