@@ -15,11 +15,10 @@ from neuroanimator import load_emulator
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import colours_of, skin_mesh
 from neuroanimator.control.objective.goals import is_reached
-from neuroanimator.emulator.artifact import digest
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.rotation import rotate
-from neuroanimator.studio.bundle import bundle_facts, make_bundle, policy_beside
+from neuroanimator.studio.bundle import bundle_facts, digest, make_bundle, policy_beside
 from neuroanimator.studio.catalogue import (
     PHYSICS_BUNDLES,
     SHIPPED_BUNDLES,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
@@ -33,16 +31,6 @@ def save(emulator: Emulator, path: Path, provenance: dict[str, Any] | None = Non
     metadata = describe(emulator)
     metadata["provenance"] = provenance or {}
     write_tensors(path, emulator_tensors(emulator), metadata)
-
-
-def digest(emulator: Emulator) -> str:
-    """Return the SHA-256 of all that `emulator` does: its facts and weights, whatever file they are in."""
-    sha256 = hashlib.sha256(json.dumps(describe(emulator), sort_keys=True).encode())
-    for name, tensor in sorted(emulator_tensors(emulator).items()):
-        array = np.asarray(tensor)
-        sha256.update(f"{name} {array.dtype} {array.shape}".encode())
-        sha256.update(array.tobytes())
-    return sha256.hexdigest()
 
 
 def check_readable(emulator: Emulator, folder: Path, provenance: dict[str, Any]) -> None:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import neuroanimator
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.policy_file import load_policy
-from neuroanimator.emulator.artifact import digest
+from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import system_of
@@ -68,6 +68,11 @@ def make_bundle(
     name = bundle_id or source.name.split(".")[0]
     write_facts(bundle_facts(source, emulator, policy, name, drive), folder)
     return folder
+
+
+def digest(emulator: Emulator) -> str:
+    """Return the SHA-256 of all that `emulator` does: its facts and weights, whatever file they are in."""
+    return hashlib.sha256("\n".join(facts_of_emulator(emulator)).encode()).hexdigest()
 
 
 def _bundle_of(wanted: str, known: Sequence[Path]) -> Path | None:

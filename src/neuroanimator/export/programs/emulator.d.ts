@@ -35,7 +35,6 @@ export interface Emulator {
   ): { byState: Float32Array; byControl: Float32Array };
   /** How far `state` and `control` lie from what was trained: 1 is the edge, and above it the emulator knows less and less. */
   trust(state: ArrayLike<number>, control: ArrayLike<number>): number;
-
   /** Whether training covered `state` and `control`; elsewhere do not believe what the emulator says. */
   covers(state: ArrayLike<number>, control: ArrayLike<number>): boolean;
   /** `count` bodies at rest, which the module keeps for good. */

@@ -56,25 +56,11 @@ class Emulator {
   }
 
   trust(state, control) {
-    check(state, STATE, "state");
-    check(control, CONTROL, "control");
-    const before = this.#top;
-    try {
-      return this.#exports.@name@_trust(this.#placed(state), this.#placed(control));
-    } finally {
-      this.#top = before;
-    }
+    return this.#judge("trust", state, control);
   }
 
   covers(state, control) {
-    check(state, STATE, "state");
-    check(control, CONTROL, "control");
-    const before = this.#top;
-    try {
-      return this.#exports.@name@_covers(this.#placed(state), this.#placed(control)) === 1;
-    } finally {
-      this.#top = before;
-    }
+    return this.#judge("covers", state, control) === 1;
   }
 
   batch(count) {
@@ -107,6 +93,18 @@ class Emulator {
         exports.@name@_advance_batch(latents, controls, count, states);
       },
     };
+  }
+
+  // Calls a function of (state, control) that returns a number.
+  #judge(name, state, control) {
+    check(state, STATE, "state");
+    check(control, CONTROL, "control");
+    const before = this.#top;
+    try {
+      return this.#exports[`@name@_${name}`](this.#placed(state), this.#placed(control));
+    } finally {
+      this.#top = before;
+    }
   }
 
   // Calls a function of (inputs, counts, outputs) and returns copies of the outputs.
