@@ -19,7 +19,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
 from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.evaluation.speed import measure_emulator
-from neuroanimator.executor.executor import Executor
+from neuroanimator.executor.executor import TRAINING_SECONDS, Executor
 from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.storage.files import write_whole
 from neuroanimator.systems.loading import resolve
@@ -29,10 +29,6 @@ from neuroanimator.training.train import train
 
 TEST_RUNS = 24
 """Each n is tested on so many unseen runs."""
-
-
-TRAINING_SECONDS = 24 * 3600.0
-"""A worker that takes longer for one n counts as hung [s]."""
 
 
 @dataclass(frozen=True)

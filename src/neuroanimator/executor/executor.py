@@ -10,6 +10,9 @@ from typing import Any, Generic, TypeVar
 
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 
+TRAINING_SECONDS = 24 * 3600.0
+"""A worker that takes longer for a training counts as hung [s]."""
+
 MAX_RETRIES = 3
 """A task whose worker died or hung is computed again so many times."""
 

@@ -13,7 +13,7 @@ from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.errors import BadFileError, NeuroAnimatorError
-from neuroanimator.executor.executor import Executor, Outcome, raise_first
+from neuroanimator.executor.executor import TRAINING_SECONDS, Executor, Outcome, raise_first
 from neuroanimator.fleets.fleet_file import Fleet, Member
 from neuroanimator.fleets.member import MemberTask, TrainedMember, run_member_task
 from neuroanimator.parsing.json_text import parse_json_object
@@ -30,9 +30,6 @@ ROWS = "rows"
 
 DATA = "data"
 """The folder of the datasets, unless the fleet's file names another place."""
-
-TRAINING_SECONDS = 24 * 3600.0
-"""A worker that takes longer for a training counts as hung [s]."""
 
 MAX_ROW = 10_000
 """The largest file of a row that is read [bytes]."""

@@ -90,7 +90,7 @@ def _settings(data: Transitions | StoredTransitions, config: TrainingConfig) -> 
 
 
 def run_folder(out: Path) -> Path:
-    """Return the folder that holds checkpoints and metrics of the emulator at `out`."""
+    """Return the folder that holds checkpoints and metrics of the emulator, or the policy, at `out`."""
     return out.with_name(out.name.removesuffix(".safetensors") + ".run")
 
 

@@ -11,18 +11,13 @@ from typing import NamedTuple
 from neuroanimator.control.policies.policy_training import PolicyTraining, train_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.executor.executor import Executor
+from neuroanimator.executor.executor import TRAINING_SECONDS, Executor
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.storage.files import SIZE_LIMIT, read_bounded, write_whole
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.trusted_files import trust_as_told, trusted_so_far
+from neuroanimator.training.train import MAX_LINE, run_folder
 from neuroanimator.zoo import find_emulator
-
-TRAINING_SECONDS = 24 * 3600.0
-"""A worker that takes longer for a training counts as hung [s]."""
-
-MAX_LINE = 10_000
-"""Longest line of `metrics.jsonl` that is read [characters]; ours have a hundred."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +106,5 @@ def train_policies(
 
 def _least_validation(path: Path) -> float:
     """Return the least validation loss that the training of the policy at `path` has logged."""
-    folder = path.with_name(path.name.removesuffix(".safetensors") + ".run")
-    lines = (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+    lines = (run_folder(path) / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
     return min(float(parse_json_object(line, MAX_LINE)["validation"]) for line in lines)

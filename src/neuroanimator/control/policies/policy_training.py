@@ -41,6 +41,7 @@ from neuroanimator.storage.files import append_line, canonical_json, digest, loc
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems.system import System
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
+from neuroanimator.training.train import run_folder
 
 MAX_TURN = 1.5
 """Commands to turn, climb or roll further count as this [rad]: a quarter of a circle is turned as fast as the body can
@@ -130,7 +131,7 @@ def train_policy(
     Checkpoints and `metrics.jsonl` lie beside `out` in a folder that ends in `.run`; a run found there is continued.
     """
     out = Path(out)
-    folder = out.with_name(out.name.removesuffix(".safetensors") + ".run")
+    folder = run_folder(out)
     with locked(folder):
         run = _Run.prepare(emulator, system, training, folder)
         remove_stale(folder)
