@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -32,9 +33,14 @@ def browser() -> Iterator[Browser]:
 
 
 def is_something_drawn(page: Page) -> bool:
-    """Whether the stage shows more than one colour."""
-    picture = page.locator("canvas").first.screenshot(timeout=PATIENCE)
-    return len(picture) > 4_000  # of one colour it is a few hundred bytes
+    """Whether the stage shows more than one colour before our patience is over: a name is there before its picture."""
+    deadline = time.monotonic() + PATIENCE / 1_000
+    page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE)
+    while time.monotonic() < deadline:
+        picture = page.locator("canvas").first.screenshot(timeout=PATIENCE)
+        if len(picture) > 4_000:  # of one colour it is a few hundred bytes
+            return True
+    return False
 
 
 def with_pendulum_alone(studio: Serving) -> Serving:

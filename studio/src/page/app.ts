@@ -227,9 +227,9 @@ export class App implements Workplace {
     const seconds = Math.min((now - this.#last) / 1000, MAX_IMAGE);
     this.#last = now;
     if (this.showing) {
-      document.documentElement.dataset["frames"] = String(++this.#images);
       this.showing.update(seconds, this.#keys);
       this.timeline?.update(seconds);
+      document.documentElement.dataset["frames"] = String(++this.#images);
     }
   }
 }
