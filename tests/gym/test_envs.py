@@ -19,7 +19,7 @@ from swing_up import stand_upright
 import neuroanimator.gym
 from neuroanimator import Emulator, NeuroAnimatorError, load_emulator
 from neuroanimator.gym import EmulatorEnv, EmulatorVectorEnv, RunningCost, mjcf_of
-from neuroanimator.gym.envs import start_near_rest
+from neuroanimator.gym.state_env import start_near_rest
 
 ADVICE = "(A Box observation space m..imum value is|For Box action spaces, we recommend)"
 """check_env's advice for learners, which SI units and a body that may go anywhere cannot follow."""

@@ -19,9 +19,19 @@ except ImportError:
 
 from neuroanimator.gym.envs import EmulatorEnv, EmulatorVectorEnv, RunningCost
 from neuroanimator.gym.models import mjcf_of
+from neuroanimator.gym.physics_env import PhysicsVectorEnv
+from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.zoo import SHIPPED
 
-__all__ = ["EmulatorEnv", "EmulatorVectorEnv", "RunningCost", "mjcf_of", "register"]
+__all__ = [
+    "EmulatorEnv",
+    "EmulatorVectorEnv",
+    "EpisodeRules",
+    "PhysicsVectorEnv",
+    "RunningCost",
+    "mjcf_of",
+    "register",
+]
 
 TASK_NAMES = (
     "pendulum-swing-up", "truck-park", "lander-land",

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from gymnasium.spaces import Box
 from jaxtyping import Bool, Float
-from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
@@ -18,19 +15,17 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.rows import step_rows
+from neuroanimator.gym.rules import EpisodeRules, RowReward
+from neuroanimator.gym.rules_table import find_rules
 from neuroanimator.gym.single_env import SingleEnv
-from neuroanimator.gym.vector_env import EmulatedVectorEnv, check_reset_options
+from neuroanimator.gym.state_env import NOISE, Leap, StateVectorEnv
 from neuroanimator.jax_later import Array, eqx, filter_jit, jnp
 from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.state.slowness import slowness
 from neuroanimator.zoo import find_emulator
 
-SECONDS = 10.0
-"""Length of an episode if nothing else is said [s]; of a slow system longer."""
-
-NOISE = 0.1
-"""How far starts lie from rest, in standard deviations of the change in one super step: visible, but hardly."""
+MAX_PENALISED = 10.0
+"""Scores above it lose no more: the error has long been larger than what is to be learnt."""
 
 Reward = Callable[[Array, Array, Array], Any]
 """A function of the state (S,), the control (C,) and the state (S,) one super step later that returns a number.
@@ -75,6 +70,38 @@ def effort_reward(
     return -dt * ((control / scale) ** 2).sum(axis=-1) / 2
 
 
+def rules_by(
+    emulator: Emulator,
+    objective: Objective | None,
+    reward: Reward | None,
+    rules: EpisodeRules | str | Path | None,
+) -> EpisodeRules:
+    """Return the rules by which episodes go: those given, or what an objective or a reward alone makes."""
+    given = {"objective": objective, "reward": reward, "rules": rules}
+    names = [name for name, value in given.items() if value is not None]
+    if len(names) > 1:
+        raise ArgumentError(f"{names[0]} and {names[1]}: both came. Give one of them.")
+    if rules is not None:
+        return find_rules(rules, emulator)
+    return EpisodeRules(_of_rows(reward or RunningCost.of(emulator, objective)))
+
+
+def _of_rows(reward: Reward) -> RowReward:
+    """Return a reward of one row as one of many."""
+
+    def reward_rows(
+        states: Float[np.ndarray, "B S"],
+        controls: Float[np.ndarray, "B C"],
+        following: Float[np.ndarray, "B S"],
+        dt: float,
+    ) -> Float[np.ndarray, " B"]:
+        if isinstance(reward, RunningCost) and reward.objective is None:
+            return effort_reward(controls, np.asarray(reward.control_scale), reward.dt)
+        return np.asarray(_rewards(reward, states, controls, following))
+
+    return reward_rows
+
+
 @filter_jit
 def _rewards(
     reward: Reward,
@@ -86,7 +113,7 @@ def _rewards(
 
 
 @final
-class EmulatorVectorEnv(EmulatedVectorEnv):
+class EmulatorVectorEnv(StateVectorEnv):
     """`num_envs` emulated systems in one compiled call; row i is an `EmulatorEnv` reset with seed + i.
 
     A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero.
@@ -101,88 +128,50 @@ class EmulatorVectorEnv(EmulatedVectorEnv):
         seconds: float | None = None,
         noise: float = NOISE,
         render_mode: str | None = None,
+        *,
+        rules: EpisodeRules | str | Path | None = None,
+        trust_limit: float = np.inf,
+        trust_penalty: float = 0.0,
     ):
         """Make it from what an `EmulatorEnv` is made from."""
         if not isinstance(emulator, Emulator):
             emulator = Emulator.load(find_emulator(str(emulator)))
-        super().__init__(emulator, num_envs, render_mode)
-        if objective is not None and reward is not None:
-            raise ArgumentError("objective and reward: both came. Give one of them.")
-        if seconds is None:
-            seconds = SECONDS * slowness(emulator.dt)
-        if not emulator.dt <= seconds < np.inf:
+        super().__init__(
+            emulator,
+            num_envs,
+            rules_by(emulator, objective, reward, rules),
+            seconds,
+            noise,
+            render_mode,
+        )
+        if not trust_limit > 0 or not 0 <= trust_penalty < np.inf:
             raise ArgumentError(
-                f"seconds: wanted at least one super step of {emulator.dt:g} s, came {seconds:g}."
+                "trust_limit and trust_penalty: wanted a score above 0 and a penalty of 0 or more, "
+                f"came {trust_limit:g} and {trust_penalty:g}."
             )
-        self.noise = noise
-        self.reward = reward or RunningCost.of(emulator, objective)
-        self.steps = round(seconds / emulator.dt)
-        self.set_observation_space(Box(-np.inf, np.inf, (emulator.state.size,), np.float32))
-        self._begin(emulator.rest)
+        self.trust_limit = trust_limit
+        self.trust_penalty = trust_penalty
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Float[np.ndarray, "B S"], dict[str, Any]]:
-        """Return (states, {}), near rest or as `options["state"]` (S,) or (B, S) says."""
-        self._seed_rows(seed)
-        check_reset_options(options, "state")
-        if options:
-            self._begin(self.emulator.state.check(options["state"], "state"))
+    def begin_rows(
+        self, states: Float[np.ndarray, "B S"], rows: Bool[np.ndarray, " B"]
+    ) -> Float[np.ndarray, "B S"]:
+        states = states.astype(np.float32)
+        if rows.all():
+            # Kept from step to step: a latent state, decoded and encoded again, is no longer quite the same.
+            self._latent = np.array(self.emulator.encode(states), np.float32)
         else:
-            self._begin(starts_near_rest(self.emulator, self.noise, self._random))
-        return self._states.copy(), {}
+            self._latent[rows] = self.emulator.encode(states[rows])
+        return states
 
-    def step(
-        self, actions: ArrayLike
-    ) -> tuple[
-        Float[np.ndarray, "B S"],
-        Float[np.ndarray, " B"],
-        Bool[np.ndarray, " B"],
-        Bool[np.ndarray, " B"],
-        dict[str, Any],
-    ]:
-        """Return (states, rewards, terminated, truncated, info) after `actions` (B, C) were held for a super step."""
-        controls = self._checked_actions(actions).astype(np.float32)
+    def leap(self, states: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B C"]) -> Leap:
         made = step_rows(self.emulator, self._latent, controls)
-        rewards = self._rewards(controls, made.states)
-        is_far = made.begins_far | made.ends_far
-        is_new = self._has_ended
-        self._states = made.states
         self._latent = made.latent
-        if is_new.any():
-            random = [self._random[row] for row in np.flatnonzero(is_new)]
-            self._states[is_new] = starts_near_rest(self.emulator, self.noise, random)
-            self._latent[is_new] = self.emulator.encode(self._states[is_new])
-        self._steps = np.where(is_new, 0, self._steps + 1)
-        terminated = is_far & ~is_new
-        truncated = self._steps >= self.steps
-        self._has_ended = terminated | truncated
-        info = {"covered": (made.trust <= EDGE) & ~is_new, "trust": made.trust}
-        info |= {f"_{name}": ~is_new for name in list(info)}
-        return self._states.copy(), np.where(is_new, 0.0, rewards), terminated, truncated, info
-
-    def shown_states(self) -> Float[np.ndarray, "B S"]:
-        return self._states
-
-    def _rewards(
-        self, controls: Float[np.ndarray, "B C"], following: Float[np.ndarray, "B S"]
-    ) -> Float[np.ndarray, " B"]:
-        """Return the rewards of going from the present states to the `following` ones."""
-        reward = self.reward
-        if isinstance(reward, RunningCost) and reward.objective is None:
-            return effort_reward(controls, np.asarray(reward.control_scale), reward.dt)
-        return np.asarray(_rewards(reward, self._states, controls, following))
-
-    def _begin(self, states: Float[np.ndarray, "*B S"]) -> None:
-        """Begin an episode in each row at `states` (S,) or (B, S)."""
-        shape = self.observation_space.shape or ()
-        if states.shape not in (shape, shape[1:]):
-            raise ArgumentError(f"state: wanted shape {shape[1:]} or {shape}, came {states.shape}.")
-        self._states = np.broadcast_to(states, shape).astype(np.float32)
-        # Kept from step to step: a latent state, decoded and encoded again, is no longer quite the same.
-        self._latent = np.array(self.emulator.encode(self._states), np.float32)
-        self._steps = np.zeros(self.num_envs, int)
-        self._has_ended = np.zeros(self.num_envs, bool)
+        # What is no number is beyond every limit.
+        trust = np.nan_to_num(made.trust, nan=np.inf)
+        beyond = np.clip(trust, EDGE, MAX_PENALISED) - EDGE
+        is_lost = made.begins_far | made.ends_far | (trust > self.trust_limit)
+        info = {"covered": trust <= EDGE, "trust": made.trust}
+        return Leap(made.states, is_lost, self.trust_penalty * beyond, info)
 
 
 @final
@@ -205,40 +194,31 @@ class EmulatorEnv(SingleEnv):
         seconds: float | None = None,
         noise: float = NOISE,
         render_mode: str | None = None,
+        *,
+        rules: EpisodeRules | str | Path | None = None,
+        trust_limit: float = np.inf,
+        trust_penalty: float = 0.0,
     ):
         """Make it from an emulator, its file, or a shipped one's name.
 
-        The reward is the `RunningCost` of `objective`, or what `reward` returns.
+        The reward is the `RunningCost` of `objective`, or what `reward` returns. `rules` say more than a reward: what is
+        observed, where episodes begin and end; they come as a TOML file, by the name of an environment of Gymnasium
+        such as `Swimmer-v5`, or as `EpisodeRules`. An episode is also terminated by a step whose score is above
+        `trust_limit`, and each step loses `trust_penalty` times how far its score is beyond the edge of training, 1.
         """
-        self._row = EmulatorVectorEnv(emulator, 1, objective, reward, seconds, noise, render_mode)
+        self._row = EmulatorVectorEnv(
+            emulator,
+            1,
+            objective,
+            reward,
+            seconds,
+            noise,
+            render_mode,
+            rules=rules,
+            trust_limit=trust_limit,
+            trust_penalty=trust_penalty,
+        )
         super().__init__(self._row)
 
     def draw_start(self) -> dict[str, Any]:
-        return {"state": start_near_rest(self._row.emulator, self._row.noise, self.np_random)}
-
-
-def start_near_rest(
-    emulator: Emulator, noise: float, rng: np.random.Generator
-) -> Float[np.ndarray, " S"]:
-    """Return rest with noise along what a state can change by, so that quaternions stay of length one.
-
-    `noise` is in standard deviations of the change in one super step. A deformable body is moved by what noise does
-    to its latent state, which cannot show rest itself exactly.
-    """
-    return starts_near_rest(emulator, noise, [rng])[0]
-
-
-def starts_near_rest(
-    emulator: Emulator, noise: float, random: Sequence[np.random.Generator]
-) -> Float[np.ndarray, "B S"]:
-    """Return `start_near_rest` by each of `random`: at once, as thousands one after another take minutes."""
-    # Noise is drawn around rest as it is, not as it would coast.
-    frame = replace(emulator.frame, dt=0.0)
-    rest = emulator.rest
-    unit = np.asarray(emulator.normaliser.unit, float)
-    still = np.zeros((1, len(unit)))
-    drawn = [noise * unit * rng.normal(size=unit.shape) for rng in random]
-    changes = np.concatenate([still, drawn])
-    latent = np.tile(emulator.encode(rest), (len(changes), 1))
-    states = emulator.decode(frame.apply(latent, changes))
-    return rest + (states[1:] - states[0])
+        return {"state": self._row.draw_starts([self.np_random])[0]}
