@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from neuroanimator.data.stored import open_transitions
     from neuroanimator.emulator.emulator import Emulator, load_emulator
     from neuroanimator.errors import NeuroAnimatorError
+    from neuroanimator.evaluation.drift import measure_drift
     from neuroanimator.evaluation.evaluate import EvaluationBudget, evaluate
     from neuroanimator.evaluation.inspection import inspect
     from neuroanimator.evaluation.report import write_report
@@ -90,6 +91,7 @@ _HOMES = {
     "LocalExecutor": "executor.local",
     "RayExecutor": "executor.ray_cluster",
     "EvaluationBudget": "evaluation.evaluate",
+    "measure_drift": "evaluation.drift",
     "evaluate": "evaluation.evaluate",
     "inspect": "evaluation.inspection",
     "write_report": "evaluation.report",
@@ -164,6 +166,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "EvaluationBudget",
     "evaluate",
     "inspect",
+    "measure_drift",
     "write_report",
     # Control: what a motion should achieve.
     "Objective",

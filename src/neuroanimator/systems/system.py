@@ -233,6 +233,10 @@ class System(abc.ABC):
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return `count` random states (count, S) covering what occurs in use."""
 
+    def kinetic_energies(self, states: np.ndarray) -> np.ndarray | None:
+        """Return the kinetic energy [J] in each of `states` (N, S): (N,); None where masses are not known."""
+        return None
+
     def contact_counts(self, states: np.ndarray) -> np.ndarray | None:
         """Return in how many points something touches something in each of `states` (N, S): (N,).
 

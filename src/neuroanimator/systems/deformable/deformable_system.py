@@ -150,6 +150,10 @@ class DeformableSystem(System):
             largest = np.abs(strains(self.body, positions)).max(axis=(0, 2))
         return ~np.isfinite(states).all(axis=(1, 2)) | (largest > MAX_STRAIN)
 
+    def kinetic_energies(self, states: np.ndarray) -> np.ndarray:
+        _, velocities, _ = self.unpack(states)
+        return np.einsum("n,...nk,...nk->...", self.body.masses, velocities, velocities) / 2
+
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         sampling = self.sampling
         cloud = self.structure.cloud

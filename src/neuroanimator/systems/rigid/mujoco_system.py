@@ -81,6 +81,17 @@ class MujocoSystem(System):
         is_slow = (velocities < DIVERGED_VELOCITY).all(axis=(1, 2))
         return np.asarray(~(is_finite & is_slow))
 
+    def kinetic_energies(self, states: np.ndarray) -> np.ndarray:
+        data = mujoco.MjData(self.model)
+        energies = np.empty(len(states))
+        with warnings_counted:
+            for row, state in enumerate(states):
+                self.put(data, state)
+                mujoco.mj_fwdPosition(self.model, data)
+                mujoco.mj_energyVel(self.model, data)
+                energies[row] = data.energy[1]
+        return energies
+
     def contact_counts(self, states: np.ndarray) -> np.ndarray:
         data = mujoco.MjData(self.model)
         counts = np.empty(len(states), int)
