@@ -10,7 +10,7 @@ function fall(steps: number): Motion {
   const motion = new Motion(0.1, 2, 1, STRUCTURE, [0, 0]);
   for (let step = 1; step <= steps; step++) {
     const time = 0.1 * step;
-    motion.append([step], [-5 * time * time, -10 * time], step % 2 === 0);
+    motion.append([step], [-5 * time * time, -10 * time], (step + 1) % 2);
   }
   return motion;
 }
@@ -37,8 +37,8 @@ test("a motion grows beyond its first room and keeps all of it", () => {
   expect(motion.steps).toBe(1000);
   expect(motion.control(0)[0]).toBe(1);
   expect(motion.control(999)[0]).toBe(1000);
-  expect(motion.isCovered(998)).toBe(false);
-  expect(motion.isCovered(999)).toBe(true);
+  expect(motion.score(998)).toBe(0);
+  expect(motion.score(999)).toBe(1);
 });
 
 test("a motion cut off is the same up to there", () => {
@@ -54,20 +54,20 @@ test("pushes are kept beside the states they changed, and go along with what is 
   motion.pushLast([0, 2]);
   motion.pushLast([0, 1]);
   expect(motion.state(3)[1]).toBeCloseTo(-3 + 3, 5);
-  motion.append([4], [-1, 0], true);
+  motion.append([4], [-1, 0], 0.5);
   expect(motion.pushes()).toEqual([[3, [0, 3]]]);
   expect(motion.pushes(2, 4)).toEqual([[1, [0, 3]]]);
   expect(motion.pushes(0, 3)).toEqual([]);
   expect(motion.upTo(2).pushes()).toEqual([]);
   const part = motion.upTo(3);
-  part.append([4], [-1, 0], true);
+  part.append([4], [-1, 0], 0.5);
   expect(part.pushes()).toEqual([[3, [0, 3]]]);
 });
 
 test("a push at the start is another start", () => {
   const motion = fall(0);
   motion.pushLast([1, 0]);
-  motion.append([1], [1, 0], true);
+  motion.append([1], [1, 0], 0.5);
   expect(motion.state(0)[0]).toBe(1);
   expect(motion.pushes()).toEqual([]);
 });

@@ -1,4 +1,4 @@
-// An emulator in WebAssembly: one super step, rollouts, gradients, coverage and batches of bodies.
+// An emulator in WebAssembly: one super step, rollouts, gradients, trust and batches of bodies.
 
 import { checkLength, exportedAddress, exportedFunction, Heap, startModule, type ModuleExports } from "./instance";
 
@@ -11,6 +11,14 @@ export interface EmulatorSizes {
   readonly control: number;
   /** Numbers of a latent state, which goes from super step to super step. */
   readonly latent: number;
+}
+
+/** A super step and how far to trust it. */
+export interface TrustedStep {
+  /** The state (S) after it. */
+  readonly next: Float32Array;
+  /** How far its start and its control lie from what training showed: 1 is the edge. */
+  readonly score: number;
 }
 
 /** Gradients of a number by a state and a control. */
@@ -80,15 +88,20 @@ export class Emulator {
     return { byState: byState!, byControl: byControl! };
   }
 
-  /** Return whether training covered `state` and `control`; elsewhere do not believe what the emulator says. */
-  covers(state: ArrayLike<number>, control: ArrayLike<number>): boolean {
+  /** Return `step` and its score. A module of true physics has none: 0. */
+  stepTrusted(state: ArrayLike<number>, control: ArrayLike<number>): TrustedStep {
+    if (!(`${PREFIX}_step_trusted` in this.exports)) {
+      return { next: this.step(state, control), score: 0 };
+    }
     checkLength(state, this.sizes.state, "state");
     checkLength(control, this.sizes.control, "control");
     const before = this.#heap.top;
-    const covers = exportedFunction(this.exports, `${PREFIX}_covers`);
-    const isCovered = covers(this.#heap.placed(state), this.#heap.placed(control));
+    const stepTrusted = exportedFunction(this.exports, `${PREFIX}_step_trusted`);
+    const address = this.#heap.room(this.sizes.state);
+    const score = stepTrusted(this.#heap.placed(state), this.#heap.placed(control), address);
+    const next = this.#heap.view(address, this.sizes.state).slice();
     this.#heap.top = before;
-    return isCovered === 1;
+    return { next, score };
   }
 
   /** Return `count` bodies at rest, which the module keeps for good. */

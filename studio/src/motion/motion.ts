@@ -1,4 +1,4 @@
-// A motion: states a super step apart, the controls between them, and whether training covered each step.
+// A motion: states a super step apart, the controls between them, and how far to trust each step.
 
 import type { Push } from "../bundle/bundle";
 import { interpolateHermite, type StateStructure } from "./interpolate";
@@ -6,10 +6,13 @@ import { interpolateHermite, type StateStructure } from "./interpolate";
 /** Room for so many super steps is made at first, and doubled when it is full. */
 const FIRST_ROOM = 256;
 
+/** Scores up to this are those of training. */
+export const EDGE = 1;
+
 export class Motion {
   #states: Float32Array;
   #controls: Float32Array;
-  #covered: Uint8Array;
+  #scores: Float32Array;
   #steps = 0;
   readonly #pushes = new Map<number, Float32Array>();
 
@@ -24,7 +27,7 @@ export class Motion {
   ) {
     this.#states = new Float32Array((FIRST_ROOM + 1) * stateSize);
     this.#controls = new Float32Array(FIRST_ROOM * controlSize);
-    this.#covered = new Uint8Array(FIRST_ROOM);
+    this.#scores = new Float32Array(FIRST_ROOM);
     this.#states.set(start, 0);
   }
 
@@ -48,9 +51,9 @@ export class Motion {
     return this.#controls.subarray(step * this.controlSize, (step + 1) * this.controlSize);
   }
 
-  /** Whether training covered the state and control of super step `step`. */
-  isCovered(step: number): boolean {
-    return this.#covered[step] === 1;
+  /** How far super step `step` lies from what training showed: 1 is the edge. */
+  score(step: number): number {
+    return this.#scores[step]!;
   }
 
   /** Add `change` (S) to the last state, from which the motion goes on; at its start it is simply another start. */
@@ -71,11 +74,11 @@ export class Motion {
     return within.map(([step, change]) => [step - from, Array.from(change)]);
   }
 
-  /** Append a super step: the control (C) that was held and the state (S) it led to. */
-  append(control: ArrayLike<number>, next: ArrayLike<number>, isCovered: boolean): void {
+  /** Append a super step: the control (C) that was held and the state (S) it led to, with its score. */
+  append(control: ArrayLike<number>, next: ArrayLike<number>, score: number): void {
     this.#makeRoom(this.#steps + 1);
     this.#controls.set(control, this.#steps * this.controlSize);
-    this.#covered[this.#steps] = isCovered ? 1 : 0;
+    this.#scores[this.#steps] = score;
     this.#steps += 1;
     this.#states.set(next, this.#steps * this.stateSize);
   }
@@ -84,7 +87,7 @@ export class Motion {
   upTo(steps: number): Motion {
     const motion = new Motion(this.dt, this.stateSize, this.controlSize, this.structure, this.state(0));
     for (let step = 0; step < Math.min(steps, this.#steps); step++) {
-      motion.append(this.control(step), this.state(step + 1), this.isCovered(step));
+      motion.append(this.control(step), this.state(step + 1), this.score(step));
     }
     this.#pushes.forEach((change, step) => {
       if (step <= motion.steps) {
@@ -117,18 +120,18 @@ export class Motion {
   }
 
   #makeRoom(steps: number): void {
-    if (steps <= this.#covered.length) {
+    if (steps <= this.#scores.length) {
       return;
     }
-    const room = 2 * this.#covered.length;
+    const room = 2 * this.#scores.length;
     const states = new Float32Array((room + 1) * this.stateSize);
     const controls = new Float32Array(room * this.controlSize);
-    const covered = new Uint8Array(room);
+    const scores = new Float32Array(room);
     states.set(this.#states);
     controls.set(this.#controls);
-    covered.set(this.#covered);
+    scores.set(this.#scores);
     this.#states = states;
     this.#controls = controls;
-    this.#covered = covered;
+    this.#scores = scores;
   }
 }

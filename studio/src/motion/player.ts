@@ -69,9 +69,8 @@ export class Player {
       if (change) {
         motion.pushLast(change);
       }
-      const isCovered = this.emulator.covers(motion.state(step), control);
-      const next = states?.subarray((step + 1) * stateSize, (step + 2) * stateSize) ?? this.emulator.step(motion.state(step), control);
-      motion.append(control, next, isCovered);
+      const { next, score } = this.emulator.stepTrusted(motion.state(step), control);
+      motion.append(control, states?.subarray((step + 1) * stateSize, (step + 2) * stateSize) ?? next, score);
     }
     return motion;
   }
@@ -185,14 +184,14 @@ export class Player {
       motion.pushLast(this.force(state));
     }
     const control = this.pilot ? this.pilot.control(state, motion.steps) : this.#middle();
-    const next = this.emulator.step(state, control);
+    const { next, score } = this.emulator.stepTrusted(state, control);
     if (!next.every(Number.isFinite)) {
       this.isPlaying = false;
       this.time = motion.duration;
       this.onEvent("lost");
       return;
     }
-    motion.append(control, next, this.emulator.covers(state, control));
+    motion.append(control, next, score);
     if (motion.duration > MAX_SECONDS) {
       this.rebase();
     }

@@ -1,7 +1,11 @@
 // What stands on the picture: whether it is live or recorded, how far to believe it, how far from physics it is.
 
+import { EDGE } from "../motion/motion";
 import type { Player } from "../motion/player";
 import { element, shortNumber } from "./dom";
+
+/** Scores from here on are all alike: nothing is known there. */
+const FAR = 10;
 
 export class Hud {
   readonly element: HTMLElement;
@@ -19,14 +23,14 @@ export class Hud {
     setText(this.#mode, player.isHeld ? "physics" : player.isLive ? "live" : "recorded");
   }
 
-  /** Say how much of the motion training covered, 0 to 1; null is the true physics. */
-  showTrust(trust: number | null): void {
-    const isSure = trust === null || trust === 1;
+  /** Say how far the motion lies from what training showed, 1 is the edge; null is the true physics. */
+  showTrust(score: number | null): void {
+    const isSure = score === null || score <= EDGE;
     this.#trust.classList.toggle("doubt", !isSure);
-    if (trust === null) {
+    if (score === null) {
       setText(this.#trust, "the true physics");
     } else {
-      setText(this.#trust, isSure ? "covered by training" : `${Math.round(100 * trust)} % covered by training`);
+      setText(this.#trust, isSure ? "covered by training" : score < FAR ? `${shortNumber(score)} × the edge of training` : "far beyond training");
     }
   }
 

@@ -1,6 +1,7 @@
 // A system on show: its session, physics beside it, its panels, and what of it may be taken hold of.
 
 import { isPhysics } from "../bundle/bundle";
+import { EDGE } from "../motion/motion";
 import { controlPanel, steerPanel, type Panel } from "../panels/controls";
 import { MeasurePanel } from "../panels/measure";
 import { takePanel } from "../panels/take";
@@ -19,9 +20,9 @@ import type { Grabbable } from "./pointer";
 import type { Session } from "./session";
 import { isMotionReduced } from "./theme";
 
-/** Trust below which a banner says that the emulator is lost, and above which it goes. */
-const LOST = 0.35;
-const FOUND = 0.8;
+/** Mean score beyond which a banner says that the emulator is lost, and below which it goes. */
+const LOST = 3;
+const FOUND = 1.5;
 
 /** The scenery moves at this speed while the motion stands still. */
 const IDLE_SPEED = 0.4;
@@ -194,15 +195,15 @@ export class Showing {
 
   #showTrust(): void {
     const { player, world, facts } = this.session;
-    const trust = this.#measure.trust;
-    world.doubt = Math.min(Math.max(1.4 * (1 - trust), 0), 1);
+    const { score } = this.#measure;
+    world.doubt = Math.min(Math.max((score - EDGE) / (LOST - EDGE), 0), 1);
     this.hud.showMode(player);
-    this.hud.showTrust(player.isHeld || isPhysics(facts) ? null : trust);
+    this.hud.showTrust(player.isHeld || isPhysics(facts) ? null : score);
     // A recorded motion is looked at, not steered: there the glow and the lamp say enough.
-    if (trust < LOST && player.isLive && !isPhysics(facts)) {
+    if (score > LOST && player.isLive && !isPhysics(facts)) {
       const line = "Training has not covered this: do not believe the emulator here. Press R to begin again, or Ctrl+Z to go back.";
       this.banners.say("trust", line, "warning", this.#handOverAction());
-    } else if (trust > FOUND || !player.isLive) {
+    } else if (score < FOUND || !player.isLive) {
       this.banners.clear("trust");
     }
   }

@@ -2,15 +2,18 @@
 
 import { emptyPose, poseBones } from "../body/pose";
 import { isPhysics } from "../bundle/bundle";
-import type { Motion } from "../motion/motion";
+import { EDGE, type Motion } from "../motion/motion";
 import { button, element, fact, panel, shortNumber, type Fact } from "../page/dom";
 import type { Session } from "../page/session";
 import type { Twin } from "../server/twin";
 import type { Panel } from "./controls";
 import { Curve } from "./curve";
 
-/** Trust is the share of so many super steps that training covered. */
+/** Scores are averaged over so many super steps: a body that flickers is looked away from. */
 const TRUST_WINDOW = 10;
+
+/** Scores beyond this are drawn at the top of their curve. */
+const TOP_SCORE = 3;
 
 /** Numbers and curves are written anew so often at most [ms]. */
 const INTERVAL = 250;
@@ -35,15 +38,15 @@ export function gapsBetween(session: Session, one: Motion, other: Motion, from: 
   return gaps;
 }
 
-/** Return the share of the last super steps before `step` that training covered. */
-function trustAt(motion: Motion, step: number): number {
-  let covered = 0;
+/** Return the mean score of the last super steps up to `step`. */
+function scoreAt(motion: Motion, step: number): number {
+  let sum = 0;
   let count = 0;
   for (let i = Math.max(0, step - TRUST_WINDOW + 1); i <= step && i < motion.steps; i++) {
-    covered += motion.isCovered(i) ? 1 : 0;
+    sum += motion.score(i);
     count += 1;
   }
-  return count === 0 ? 1 : covered / count;
+  return count === 0 ? 0 : sum / count;
 }
 
 export class MeasurePanel implements Panel {
@@ -54,12 +57,12 @@ export class MeasurePanel implements Panel {
   readonly #work: Fact;
   readonly #speedUp = fact("times faster than physics here");
   readonly #gap = new Curve("gap to physics");
-  readonly #trust = new Curve("trust: covered by training");
+  readonly #trust = new Curve("trust: 1 is the edge of training");
   readonly #ghost: HTMLButtonElement;
   #gaps: number[] = [];
   #of: Motion | null = null;
-  #trusts: number[] = [];
-  #trustOf: Motion | null = null;
+  #scores: number[] = [];
+  #scoresOf: Motion | null = null;
   #waited = Infinity;
   #last = performance.now();
 
@@ -89,10 +92,10 @@ export class MeasurePanel implements Panel {
     }
   }
 
-  /** The share of the last super steps before the playhead that training covered. */
-  get trust(): number {
+  /** How far the last super steps before the playhead lie from what training showed: 1 is the edge. */
+  get score(): number {
     const { player } = this.session;
-    return trustAt(player.motion, player.step);
+    return scoreAt(player.motion, player.step);
   }
 
   update(): void {
@@ -113,8 +116,10 @@ export class MeasurePanel implements Panel {
     const largest = this.#gaps.reduce((most, gap) => Math.max(most, gap), 0.05 * this.session.world.size);
     this.#gap.draw([{ values: this.#gaps, colour: "--ghost" }], length, 0, largest, at);
     this.#gap.note = this.gap === null ? "–" : `${shortNumber(100 * this.gap)} cm of ${shortNumber(100 * this.session.world.size)}`;
-    this.#trust.draw([{ values: this.#trusts, colour: "--accent" }], length, 0, 1.05, at);
-    this.#trust.note = `${Math.round(100 * this.trust)} %`;
+    const edge = { values: new Float32Array(length).fill(EDGE), colour: "--doubt" };
+    const top = this.#scores.reduce((most, score) => Math.max(most, score), 1.5 * EDGE);
+    this.#trust.draw([edge, { values: this.#scores, colour: "--accent" }], length, 0, Math.min(top, TOP_SCORE), at);
+    this.#trust.note = this.score.toFixed(2);
     const { school } = this.session;
     const work = player.workPerImage + (school?.workPerImage ?? 0);
     this.#work.value.textContent = player.isLive || school ? `${work.toFixed(2)} ms` : "–";
@@ -145,12 +150,12 @@ export class MeasurePanel implements Panel {
 
   #followTrust(): void {
     const { motion } = this.session.player;
-    if (this.#trustOf !== motion) {
-      this.#trusts = [];
-      this.#trustOf = motion;
+    if (this.#scoresOf !== motion) {
+      this.#scores = [];
+      this.#scoresOf = motion;
     }
-    while (this.#trusts.length < motion.steps) {
-      this.#trusts.push(trustAt(motion, this.#trusts.length));
+    while (this.#scores.length < motion.steps) {
+      this.#scores.push(motion.score(this.#scores.length));
     }
   }
 }

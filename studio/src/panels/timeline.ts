@@ -1,6 +1,7 @@
 // The timeline: play, scrub, slow motion, one super step at a time; where the emulator is not to be believed is marked.
 
 import { button, element } from "../page/dom";
+import { EDGE } from "../motion/motion";
 import type { Player } from "../motion/player";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2] as const;
@@ -94,7 +95,7 @@ export class Timeline {
     }
   }
 
-  // Where training did not cover the motion, the bar has the colour of doubt.
+  // Beyond the edge of training the bar has the colour of doubt.
   #drawStrip(): void {
     const { motion } = this.player;
     const width = this.#strip.clientWidth;
@@ -109,7 +110,7 @@ export class Timeline {
     const doubtful = style.getPropertyValue("--doubt");
     for (let x = 0; x < width; x++) {
       const step = Math.min(Math.floor((x / width) * motion.steps), motion.steps - 1);
-      context.fillStyle = step >= 0 && !motion.isCovered(step) ? doubtful : trusted;
+      context.fillStyle = step >= 0 && motion.score(step) > EDGE ? doubtful : trusted;
       context.fillRect(x, 0, 1, 1);
     }
   }

@@ -72,7 +72,7 @@ export class HandOver {
       const answer = await this.live.ask("replay", { bundle: facts.id, start: Array.from(state), controls: [control] });
       const states = floatsOf(String(answer["states"]));
       // Physics is true everywhere: nothing to doubt.
-      motion.append(control, states.subarray(motion.stateSize, 2 * motion.stateSize), true);
+      motion.append(control, states.subarray(motion.stateSize, 2 * motion.stateSize), 0);
     }
     player.isHeld = false;
   }

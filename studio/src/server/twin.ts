@@ -71,7 +71,7 @@ export class Twin {
     const structure = { rates: this.facts.rates, orientations: this.facts.orientations };
     this.motion ??= new MotionRecord(of.dt, size, of.controlSize, structure, states.subarray(0, size));
     controls.forEach((control, i) => {
-      this.motion!.append(control, states.subarray((i + 1) * size, (i + 2) * size), true);
+      this.motion!.append(control, states.subarray((i + 1) * size, (i + 2) * size), 0);
     });
   }
 

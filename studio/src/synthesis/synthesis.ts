@@ -393,7 +393,7 @@ class GoalPanel implements Synthesis {
     const size = motion.stateSize;
     this.#ghost = new Motion(motion.dt, size, motion.controlSize, structure, proof.states.subarray(0, size));
     for (let step = 0; step < motion.steps; step++) {
-      this.#ghost.append(motion.control(step), proof.states.subarray((step + 1) * size, (step + 2) * size), true);
+      this.#ghost.append(motion.control(step), proof.states.subarray((step + 1) * size, (step + 2) * size), 0);
     }
     this.#verdict.classList.add(proof.isSuccess ? "success" : "failure");
     this.#verdict.textContent = `${proof.isSuccess ? "Success" : "Not yet"}: the physics ${proof.words}.`;
