@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -28,6 +28,9 @@ MAX_CLIPS = 1000
 FRAME_ROUNDING = 1e-6
 """Share of a frame that a motion may be too short for its last frame: products of numbers round."""
 
+STEP_ROUNDING = 1e-6
+"""Share of a super step before its start that counts to it: quotients round."""
+
 TIME_ROUNDING = 1e-9
 """Time by which the last frame may lie beyond the motion's end [s]."""
 
@@ -47,6 +50,8 @@ class Clip:
     """The definition of a user's own system; see `System.definition_text`."""
     source: str = ""
     """What made the motion, as exports say it: 'emulator' or 'physics'; empty if not known."""
+    trust: Float[np.ndarray, " F"] | None = None
+    """In each frame, the score of the super step it lies in (`Emulator.trust`), where films shall show it; else None."""
 
     def __repr__(self) -> str:
         return f'Clip("{self.name}", {len(self.times)} frames, {self.times[-1]:.2f} s)'
@@ -87,19 +92,30 @@ def make_clip(
     rate: float | None = None,
     interpolation: str = "hermite",
     source: str = "",
+    trust: ArrayLike | None = None,
 ) -> Clip:
     """Return the clip of a trajectory `states` (T+1, S) at `rate` frames a second; `source` says what made it.
 
-    The rate is 30 if not given, and of a slow system as many in the time that stands for a second there.
+    The rate is 30 if not given, and of a slow system as many in the time that stands for a second there. With `trust`
+    (T,), the scores of its super steps, films show them.
 
-    Raises ArgumentError for an interpolation or a rate there is not, and for states of another shape.
+    Raises ArgumentError for an interpolation or a rate there is not, and for states or scores of another shape.
     """
     if interpolation not in INTERPOLATIONS:
         raise ArgumentError(
             f"No interpolation called '{interpolation}'. Interpolations: {', '.join(sorted(INTERPOLATIONS))}."
         )
     orientations = emulator.state_structure.orientations
-    return clip_of(emulator.spec, orientations, states, rate, interpolation, source)
+    clip = clip_of(emulator.spec, orientations, states, rate, interpolation, source)
+    if trust is None:
+        return clip
+    scores = np.asarray(trust, float)
+    if scores.shape != (len(np.asarray(states)) - 1,):
+        raise ArgumentError(
+            f"trust: wanted a score for each of {len(np.asarray(states)) - 1} super steps, came {scores.shape}."
+        )
+    steps = np.minimum(clip.times / emulator.dt + STEP_ROUNDING, len(scores) - 1).astype(int)
+    return replace(clip, trust=scores[steps])
 
 
 def clip_of(

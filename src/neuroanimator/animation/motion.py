@@ -40,14 +40,22 @@ class Drive(NamedTuple):
     start: Float[np.ndarray, " S"]
     controls: Float[np.ndarray, "T C"]
 
+    def motion(self, emulator: Emulator) -> Float[np.ndarray, "K S"]:
+        """Return the trajectory (K = T+1 states) that the emulator makes of it."""
+        return np.asarray(emulator.rollout(self.start, self.controls), float)
+
 
 def default_motion(emulator: Emulator) -> Float[np.ndarray, "K S"]:
     """Return the trajectory (K = T+1 states) to show when nobody asks for anything: a truck parks, a dolphin leaps.
 
     Of a system that ships it is the one the studio opens with, of another `random_motion` with the seed 0.
     """
-    drive = shown_drive(emulator) or random_drive(emulator, None, 0)
-    return np.asarray(emulator.rollout(drive.start, drive.controls), float)
+    return default_drive(emulator).motion(emulator)
+
+
+def default_drive(emulator: Emulator) -> Drive:
+    """Return what `default_motion` follows from."""
+    return shown_drive(emulator) or random_drive(emulator, None, 0)
 
 
 def shown_drive(emulator: Emulator) -> Drive | None:
@@ -74,8 +82,7 @@ def random_motion(
     emulator: Emulator, seconds: float | None, seed: int, start: ArrayLike | None = None
 ) -> Float[np.ndarray, "K S"]:
     """Return the trajectory (K = T+1 states) that follows from `random_drive`."""
-    drive = random_drive(emulator, seconds, seed, start)
-    return np.asarray(emulator.rollout(drive.start, drive.controls), float)
+    return random_drive(emulator, seconds, seed, start).motion(emulator)
 
 
 def random_drive(
@@ -147,14 +154,13 @@ def named_start(
     )
 
 
-def controlled_motion(
+def controlled_drive(
     emulator: Emulator, controls: ArrayLike, start: ArrayLike | None = None
-) -> Float[np.ndarray, "K S"]:
-    """Return the trajectory (K = T+1 states) from `start` (S,), or from rest, under `controls` (T, C).
+) -> Drive:
+    """Return `start` (S,), or rest, with the `controls` (T, C).
 
     Raises ArgumentError for controls out of bounds.
     """
     checked = emulator.control.check(controls, "control")
     held = emulator.bounds.check(checked, emulator.control.names)
-    state = emulator.rest if start is None else start
-    return np.asarray(emulator.rollout(state, held), float)
+    return Drive(np.asarray(emulator.rest if start is None else start, float), held)

@@ -11,6 +11,7 @@ from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE
 
 if TYPE_CHECKING:
     from neuroanimator.animation.clip import Clip
+    from neuroanimator.emulator.trust_summary import TrustSummary
 
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
@@ -22,6 +23,9 @@ SIZE_HELP = "Width x height of a film [pixels]."
 
 CAMERA_HELP = "Of a film: " + "; ".join(f"{name} ({does})" for name, does in CAMERAS.items()) + "."
 """The help of `--camera`, here and in `export`."""
+
+TRUST_HELP = "Show in films how far to believe the emulator: a curve, and a glow where it leaves its training."
+"""The help of `--trust`."""
 
 START_HELP = (
     "Part of the state to start with, such as root.position=3,-2,8; may be given several times."
@@ -57,6 +61,7 @@ def run(
     size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
+    trust: Annotated[bool, typer.Option("--trust", help=TRUST_HELP)] = False,
 ) -> None:
     """Animate the motion a system is best seen by, one found by 'control', or a random one, without running the physics."""
 
@@ -67,18 +72,19 @@ def run(
     with phase("loading"):
         from neuroanimator.animation.clip import make_clip
         from neuroanimator.animation.motion import (
-            controlled_motion,
-            default_motion,
+            controlled_drive,
+            default_drive,
             named_start,
-            random_motion,
+            random_drive,
         )
+        from neuroanimator.emulator.trust_summary import scores_along, summary_of
         from neuroanimator.export.csv_file import read_table
         from neuroanimator.export.formats import emulator_for, export_clip, export_school
         from neuroanimator.state.start import read_starts
 
         model = emulator_for(out, emulator)
     if school is not None:
-        _refuse_in_a_school(controls=controls, start=start, interpolation=interpolation)
+        _refuse_in_a_school(controls, start, interpolation, trust)
         with phase("emulating"):
             from neuroanimator.control.policies.school import school_clips
 
@@ -92,28 +98,51 @@ def run(
             start_state = named_start(model, read_starts(start))
         if controls:
             _, control_rows = read_table(controls, model.control)
-            states = controlled_motion(model, control_rows, start_state)
+            drive = controlled_drive(model, control_rows, start_state)
         elif seconds is None and seed is None and start_state is None:
-            states = default_motion(model)
+            drive = default_drive(model)
         else:
-            states = random_motion(model, seconds, seed or 0, start_state)
-    clip = make_clip(model, states, rate=rate, interpolation=interpolation, source="emulator")
+            drive = random_drive(model, seconds, seed or 0, start_state)
+        states = drive.motion(model)
+        scores = scores_along(model, states, drive.controls)
+    clip = make_clip(
+        model,
+        states,
+        rate=rate,
+        interpolation=interpolation,
+        source="emulator",
+        trust=scores if trust else None,
+    )
     with phase("drawing"):
         export_clip(clip, model, out, film)
-    return print_rows(_rows(clip, out))
+    return print_rows(_rows(clip, out, summary_of(scores, model.dt)))
 
 
-def _rows(clip: Clip, out: list[Path]) -> list[tuple[str, object]]:
+def _rows(
+    clip: Clip, out: list[Path], trust: TrustSummary | None = None
+) -> list[tuple[str, object]]:
     """Return what the verb prints."""
-    length = [("frames", len(clip.times)), ("seconds", f"{clip.times[-1]:.2f}")]
-    return [*length, *(("file", path) for path in out)]
+    rows: list[tuple[str, object]] = [
+        ("frames", len(clip.times)),
+        ("seconds", f"{clip.times[-1]:.2f}"),
+    ]
+    if trust is not None:
+        rows.append(("trust", trust))
+    return [*rows, *(("file", path) for path in out)]
 
 
-def _refuse_in_a_school(controls: Path | None, start: list[str] | None, interpolation: str) -> None:
+def _refuse_in_a_school(
+    controls: Path | None, start: list[str] | None, interpolation: str, trust: bool
+) -> None:
     """Refuse the options that a school has no use for."""
     from neuroanimator.errors import ArgumentError
 
-    given = {"controls": controls, "start": start, "interpolation": interpolation != "hermite"}
+    given = {
+        "controls": controls,
+        "start": start,
+        "interpolation": interpolation != "hermite",
+        "trust": trust,
+    }
     for name, value in given.items():
         if value:
             raise ArgumentError(

@@ -73,7 +73,9 @@ def test_a_goal_written_after_training_is_reached_on_the_emulator_and_nothing_is
     rows = dict(outcome_rows(found))
     assert rows["in words"] == UNPROVED
     scores = emulator.trust(found.outcome.emulator_states[:-1], found.controls)
-    assert rows["super steps within what was recorded"] == f"{(scores <= 1).sum()} of 15"
+    within = np.mean(scores <= 1)
+    told = str(rows["trust in the emulator's motion"])
+    assert told.startswith("all of it" if within == 1 else f"{within:.0%} of it")
     assert "J on physics" not in rows
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import Cli
 
-from neuroanimator import Clip, Emulator, load_emulator, load_system, write_video
+from neuroanimator import Clip, Emulator, load_emulator, load_system, make_clip, write_video
 from neuroanimator.animation.motion import default_motion, random_motion
 from neuroanimator.control.objective.goals import is_reached
 from neuroanimator.errors import ArgumentError
@@ -18,6 +18,7 @@ from neuroanimator.export.film.bounding_boxes import bounding_boxes
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, VIEWS, shots_of
 from neuroanimator.export.film.edges import smooth_edges
 from neuroanimator.export.film.options import CAMERAS, Film, read_film
+from neuroanimator.export.film.trust_shown import STRIP_SHARE
 from neuroanimator.export.film.video import graphics_backend
 from neuroanimator.systems.system import System
 
@@ -149,16 +150,21 @@ def test_clips_that_cannot_be_seen_together_are_refused(tmp_path: Path):
     assert not list(tmp_path.iterdir())
 
 
+def first_picture(film: Path, size: tuple[int, int]) -> np.ndarray:
+    """Return the first picture (H, W, 3) of a film of that width and height."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(film), "-frames:v", "1"]
+    raw = subprocess.run(
+        [*command, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True, check=True
+    ).stdout
+    return np.frombuffer(raw, np.uint8).reshape(size[1], size[0], 3).astype(float)
+
+
 def test_the_surface_of_the_sea_casts_no_shadow_on_its_bed(tmp_path: Path):
     if graphics_backend() is None:
         pytest.skip("no OpenGL here")
     film = tmp_path / "a.mp4"
     write_video(held("dolphin", np.full(2, -1.6), 0.0), film, size=(160, 90))
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(film), "-frames:v", "1"]
-    raw = subprocess.run(
-        [*command, "-f", "rawvideo", "-pix_fmt", "gray", "-"], capture_output=True, check=True
-    ).stdout
-    image = np.frombuffer(raw, np.uint8).reshape(90, 160).astype(float)
+    image = first_picture(film, (160, 90)).mean(axis=2)
     corners = np.array(
         [image[:12, :12], image[:12, -12:], image[-12:, :12], image[-12:, -12:]]
     ).mean(axis=(1, 2))
@@ -230,3 +236,34 @@ def test_what_is_smooth_or_straight_stays_as_it_is():
     for image in (ramp, box):
         coloured = np.repeat(image[..., None], 3, axis=2)
         np.testing.assert_array_equal(smooth_edges(coloured), coloured)
+
+
+def test_a_body_glows_where_it_is_not_to_be_believed_and_a_curve_says_so(tmp_path: Path):
+    if graphics_backend() is None:
+        pytest.skip("no OpenGL to draw with")
+    emulator = load_emulator("lander-50")
+    states = np.repeat(emulator.rest[None], 2, axis=0)
+    pictures = []
+    for score in (0.2, 9.0):
+        clip = make_clip(emulator, states, trust=[score])
+        path = tmp_path / "lander.mp4"
+        write_video(clip, path, size=(160, 90))
+        pictures.append(first_picture(path, (160, 90)))
+    sure, lost = pictures
+    strip = round(STRIP_SHARE * 90)
+    difference = lost - sure
+    body = difference[: -strip - 8]
+    assert body[..., 0].max() > 40  # redder
+    assert body[..., 2].min() < -10
+    assert np.abs(body).max(axis=2).mean() < 20  # and nothing else
+    assert np.abs(difference[-strip:]).mean() > 5
+
+
+def test_trust_shown_is_a_score_a_super_step():
+    emulator = load_emulator("lander-50")
+    states = np.repeat(emulator.rest[None], 5, axis=0)
+    clip = make_clip(emulator, states, rate=3 / emulator.dt, trust=[0.0, 1.0, 2.0, 3.0])
+    assert clip.trust is not None
+    assert clip.trust.tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 3]
+    with pytest.raises(ArgumentError, match="wanted a score for each of 4 super steps"):
+        make_clip(emulator, states, trust=[1.0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from neuroanimator.control.synthesis.attempt import is_gap_large
 from neuroanimator.control.synthesis.synthesise import Synthesis
+from neuroanimator.emulator.trust_summary import TrustSummary, scores_along, summary_of
 
 SMALL_GAP = 0.05
 """Share of J by which two values of it may differ and still be called the same."""
@@ -35,6 +36,7 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
         ("J on physics", f"{outcome.cost_physics:.3f}"),
         ("gap", f"{outcome.gap:+.3f}"),
         ("in words", gap_in_words(outcome.cost_emulator, outcome.cost_physics)),
+        ("trust in the emulator's motion", trust_along(synthesis)),
     ]
     if synthesis.is_reached is not None:
         answer = "yes" if synthesis.is_reached else "no"
@@ -44,20 +46,22 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
 
 def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
     """Return names and values of what was achieved on the emulator alone, the goal last."""
-    states = synthesis.outcome.emulator_states[:-1]
-    are_covered = [
-        synthesis.emulator.covers(state, control)
-        for state, control in zip(states, synthesis.controls, strict=True)
-    ]
     rows: list[tuple[str, object]] = [
         ("J on emulator", f"{synthesis.outcome.cost_emulator:.3f}"),
-        ("super steps within what was recorded", f"{sum(are_covered)} of {len(are_covered)}"),
+        ("trust in the emulator's motion", trust_along(synthesis)),
         ("in words", UNPROVED),
     ]
     if synthesis.is_reached is not None:
         answer = "yes" if synthesis.is_reached else "no"
         rows.append(("goal reached on the emulator, which proves nothing", answer))
     return rows
+
+
+def trust_along(synthesis: Synthesis) -> TrustSummary:
+    """Return how far to believe the emulator's motion under the controls that were found."""
+    emulator = synthesis.emulator
+    states = synthesis.outcome.emulator_states
+    return summary_of(scores_along(emulator, states, synthesis.controls), emulator.dt)
 
 
 def gap_in_words(cost_emulator: float, cost_physics: float) -> str:

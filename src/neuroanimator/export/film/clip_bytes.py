@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,8 @@ def pack_takes(takes: Sequence[Take], film: Film) -> bytes:
             )
             arrays[f"times {number} {place}"] = clip.times
             arrays[f"states {number} {place}"] = clip.states
+            if clip.trust is not None:
+                arrays[f"trust {number} {place}"] = clip.trust
         has_ghost = take.ghost is not None
         rows.append(
             {"clips": clips, "has_ghost": has_ghost, "caption": take.caption, "held": take.held}
@@ -58,7 +61,10 @@ def unpack_takes(content: bytes) -> tuple[list[Take], Film]:
             skeleton = Skeleton.from_json(described["skeleton"])
             times = arrays[f"times {number} {place}"]
             states = arrays[f"states {number} {place}"]
-            clips.append(Clip(described["name"], skeleton, times, states, described["definition"]))
+            clip = Clip(described["name"], skeleton, times, states, described["definition"])
+            if f"trust {number} {place}" in arrays:
+                clip = replace(clip, trust=arrays[f"trust {number} {place}"])
+            clips.append(clip)
         ghost = clips.pop() if row["has_ghost"] else None
         takes.append(Take(tuple(clips), ghost, row["caption"], row["held"]))
     width, height = description["size"]

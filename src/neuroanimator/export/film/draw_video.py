@@ -19,6 +19,7 @@ from neuroanimator.export.film.rigid_scene import RigidScene
 from neuroanimator.export.film.scene import Scene
 from neuroanimator.export.film.skeleton_scene import Setting, SkeletonScene
 from neuroanimator.export.film.takes import Take
+from neuroanimator.export.film.trust_shown import TrustStrip
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 
@@ -77,6 +78,7 @@ def _images(take: Take, film: Film) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
     quality = _quality(film)
     width, height = (quality.scale * side for side in film.size)
     caption = caption_image(take.caption, film.size)
+    strip = TrustStrip(take.clips[0], film.size)
     scene = scene_of(take, film)
     visual = scene.model.vis
     visual.global_.offwidth = width
@@ -93,8 +95,8 @@ def _images(take: Take, film: Film) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
             scene.fill(renderer.scene)
             drawn = renderer.render()
             image = averaged(drawn, quality.scale) if quality.scale > 1 else smooth_edges(drawn)
-            if len(caption):
-                image[-len(caption) :] = caption
+            below = np.concatenate([strip.at(frame), caption])
+            image[len(image) - len(below) :] = below
             yield image
             if frame == take.frames - 1:
                 yield from [image] * take.held

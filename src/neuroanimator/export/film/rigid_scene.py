@@ -10,6 +10,7 @@ import numpy as np
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, take_shots
 from neuroanimator.export.film.options import Film
 from neuroanimator.export.film.takes import Take
+from neuroanimator.export.film.trust_shown import doubts, glow
 from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.rigid.warnings import warnings_counted
@@ -34,6 +35,10 @@ class RigidScene:
         self.model = copy.deepcopy(system.model)
         self.shots = take_shots(take, film)
         self._has_ghost = take.ghost is not None
+        self._doubts = np.stack([doubts(clip, take.frames) for clip in take.clips])
+        moves = self.model.body_weldid[self.model.geom_bodyid] != 0
+        self._owners = {int(mujoco.mjtObj.mjOBJ_GEOM): np.where(moves, 0, -1)}
+        self._frame = 0
         clips = take.everything
         self._states = [clip.states[:, : self.model.nq] for clip in clips]
         self._datas = [mujoco.MjData(self.model) for _ in clips]
@@ -55,6 +60,7 @@ class RigidScene:
 
     def pose(self, frame: int) -> None:
         """Put the joints, and lights as far away as the sun, where they are in `frame`."""
+        self._frame = frame
         for light in self._lights:
             direction = self.model.light_dir[light]
             offset = direction * LIGHT_DISTANCE * self.shots.distance
@@ -66,6 +72,7 @@ class RigidScene:
 
     def fill(self, scene: mujoco.MjvScene) -> None:
         """Add the bodies of the other clips, without their scenery."""
+        glow(scene, self._owners, self._doubts[:1, self._frame])
         option = mujoco.MjvOption()
         perturbation = mujoco.MjvPerturb()
         moving = mujoco.mjtCatBit.mjCAT_DYNAMIC

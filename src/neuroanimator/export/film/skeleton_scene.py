@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.skeleton import Skeleton
@@ -17,6 +17,7 @@ from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots, take_shots
 from neuroanimator.export.film.options import Film
 from neuroanimator.export.film.skeleton_model import add_bone, add_skin
 from neuroanimator.export.film.takes import Take
+from neuroanimator.export.film.trust_shown import doubts, glow
 from neuroanimator.export.ghost import GHOST_RGBA
 
 SEABED_DEPTH = 0.45
@@ -137,6 +138,9 @@ class SkeletonScene:
             _add_stones(spec, self.shots, floor)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
+        self._doubts = np.stack([doubts(clip, take.frames) for clip in take.clips])
+        self._owners = _owners(self.model, len(take.clips))
+        self._frame = 0
 
     def prepare(self, scene: mujoco.MjvScene) -> None:
         """Let what is far away fade into water or air."""
@@ -145,6 +149,7 @@ class SkeletonScene:
 
     def pose(self, frame: int) -> None:
         """Put the bones, and the light, where they are in `frame`."""
+        self._frame = frame
         self.data.mocap_pos[:] = self.positions[frame]
         self.data.mocap_quat[:] = self.orientations[frame]
         offset = self.model.light_dir[0] * LIGHT_DISTANCE * self.shots.size
@@ -157,6 +162,22 @@ class SkeletonScene:
             geom = scene.geoms[number]
             if geom.category == mujoco.mjtCatBit.mjCAT_STATIC:
                 geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+        glow(scene, self._owners, self._doubts[:, self._frame])
+
+
+def _owners(model: mujoco.MjModel, clips: int) -> dict[int, Int[np.ndarray, " N"]]:
+    """Return, by kind of object and number, of which clip it is: -1 for what is scenery or a ghost's."""
+    prefixes = {f"{number} ": number for number in range(clips)}
+
+    def owner(name: str) -> int:
+        return next((number for start, number in prefixes.items() if name.startswith(start)), -1)
+
+    bodies = np.array([owner(model.body(number).name) for number in range(model.nbody)])
+    skins = np.array([owner(model.skin(number).name) for number in range(model.nskin)], int)
+    return {
+        int(mujoco.mjtObj.mjOBJ_GEOM): bodies[model.geom_bodyid],
+        int(mujoco.mjtObj.mjOBJ_SKIN): skins,
+    }
 
 
 def _add_skeleton(spec: mujoco.MjSpec, prefix: str, skeleton: Skeleton) -> None:

@@ -1,0 +1,42 @@
+"""How far to believe a whole motion of an emulator, in a line."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE
+
+
+class TrustSummary(NamedTuple):
+    """What is to be said of the scores of a motion's super steps."""
+
+    share_within: float
+    """Share of them that score at most 1: those lie within what training showed."""
+    highest: float
+    highest_at: float
+    """When the one with the highest score begins [s]."""
+
+    def __str__(self) -> str:
+        if self.share_within == 1:
+            return f"all of it within training (highest score {self.highest:.2f}, edge {EDGE:g})"
+        return (
+            f"{self.share_within:.0%} of it within training, highest score {self.highest:.2f} "
+            f"at {self.highest_at:.2f} s (edge {EDGE:g})"
+        )
+
+
+def scores_along(
+    emulator: Emulator, states: Float[np.ndarray, "K S"], controls: Float[np.ndarray, "T C"]
+) -> Float[np.ndarray, " T"]:
+    """Return the score of each super step of a trajectory (K = T+1 states) under its controls: see `Emulator.trust`."""
+    return emulator.trust(states[:-1], controls)
+
+
+def summary_of(scores: Float[np.ndarray, " T"], dt: float) -> TrustSummary:
+    """Return the summary of the scores of at least one super step, each of `dt` [s]."""
+    highest = int(np.argmax(scores))
+    return TrustSummary(float(np.mean(scores <= EDGE)), float(scores[highest]), highest * dt)
