@@ -96,7 +96,7 @@ def measure_drift(
         if on_progress:
             on_progress(min(done + BLOCK, steps), steps)
     return [
-        _drift(name, *(_joined(seen[side], name) for side in ("physics", "emulator")), runs)
+        _drift(name, _joined(seen["physics"], name), _joined(seen["emulator"], name), runs)
         for name in seen["physics"][0]
     ]
 
@@ -154,7 +154,7 @@ def _wrapped(angles: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
 def _looked_at(system: System, states: Float[np.ndarray, "B T S"]) -> dict[str, Quantity]:
     """Return the quantities of every run, row after row; what is lost is no number."""
     rows = states.reshape(-1, states.shape[-1])
-    is_known = np.isfinite(rows).all(axis=1)
+    is_known = np.asarray(np.isfinite(rows).all(axis=1))
     found = quantities(system, np.where(is_known[:, None], rows, system.rest))
     return {
         name: Quantity(np.where(is_known, values, np.nan), is_angle)
@@ -191,8 +191,8 @@ def _edges(values: Float[np.ndarray, "B T"], is_angle: bool) -> Float[np.ndarray
     """Return where one bin ends and the next begins, open at both ends."""
     if is_angle:
         return np.linspace(-np.pi, np.pi, BINS + 1)[1:-1]
-    finite = values[np.isfinite(values)]
-    return np.unique(np.quantile(finite, np.linspace(0, 1, BINS + 1)[1:-1]))
+    shares = np.linspace(0, 1, BINS + 1)[1:-1]
+    return np.unique(np.nanquantile(values, shares))
 
 
 def _counts(
