@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from neuroanimator.export.programs.wasm_file import write_wasm
     from neuroanimator.export.usd.scene import write_usd
     from neuroanimator.export.worst_cases import write_worst
+    from neuroanimator.hybrid import HybridMotion, hybrid_rollout
     from neuroanimator.state.layout import Bounds
     from neuroanimator.state.pose import read_heights, read_pose
     from neuroanimator.systems import load_system
@@ -88,6 +89,8 @@ _HOMES = {
     "Emulator": "emulator.emulator",
     "load_emulator": "emulator.emulator",
     "set_backend": "backend",
+    "hybrid_rollout": "hybrid",
+    "HybridMotion": "hybrid",
     "LocalExecutor": "executor.local",
     "RayExecutor": "executor.ray_cluster",
     "EvaluationBudget": "evaluation.evaluate",
@@ -161,6 +164,8 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "Emulator",
     "load_emulator",
     "set_backend",
+    "hybrid_rollout",
+    "HybridMotion",
     "LocalExecutor",
     "RayExecutor",
     "EvaluationBudget",

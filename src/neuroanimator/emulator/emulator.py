@@ -296,6 +296,21 @@ class Emulator(Module):
             _check_finite(self, np.asarray(trajectory))
         return trajectory
 
+    def rollout_trusted(
+        self, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool = False
+    ) -> tuple[Float[np.ndarray, "*B F S"], Float[np.ndarray, "*B T"]]:
+        """Return (`rollout`, the score (T,) of each super step: see `trust`), for little more than the cost of the rollout.
+
+        Scores are infinite where numbers are not finite. Always arrays of NumPy; not for use inside jit, grad and vmap.
+
+        Raises what `rollout` does.
+        """
+        start, held = (np.ascontiguousarray(part) for part in _checked(self, state, controls))
+        trajectory, scores = _rollout_trusted(self, start, held)
+        if not may_diverge:
+            _check_finite(self, trajectory)
+        return trajectory, np.where(np.isfinite(scores), scores, np.inf)
+
     def trust(self, state: ArrayLike, control: ArrayLike) -> Float[np.ndarray, " *B"]:
         """Return how far `state` (..., S) with `control` (..., C) lies from what this emulator was trained on.
 
@@ -387,6 +402,22 @@ def _rollout(
     run = program.rollouts if state.ndim == 2 else program.rollout
     trajectory, _ = run(state, controls)
     return trajectory
+
+
+def _rollout_trusted(
+    emulator: Emulator, state: Float[np.ndarray, "*B S"], controls: Float[np.ndarray, "*B T C"]
+) -> tuple[Float[np.ndarray, "*B F S"], Float[np.ndarray, "*B T"]]:
+    """Return `rollout_trusted` of what has been checked, by the `backend`."""
+    starts = state.reshape(-1, state.shape[-1])
+    held = controls.reshape(len(starts), *controls.shape[-2:])
+    program = program_of(emulator)
+    if program is None:
+        parts = call_compiled(_quick_rollouts_trusted, emulator, starts, held)
+        motions, scores = (as_numpy(part) for part in parts)
+    else:
+        motions, scores = program.rollouts_trusted(starts, held)
+    shape = state.shape[:-1]
+    return motions.reshape(*shape, *motions.shape[1:]), scores.reshape(*shape, held.shape[1])
 
 
 def _scores(
@@ -529,6 +560,23 @@ def _quick_rollouts(
 ) -> Float[Array, "B T+1 S"]:
     """Return `_quick_rollout` from each of `states` (B, S) under `controls` (B, T, C)."""
     return jax.vmap(lambda state, held: _quick_rollout(emulator, state, held))(states, controls)
+
+
+def _quick_rollouts_trusted(
+    emulator: Emulator, states: Float[Array, "B S"], controls: Float[Array, "B T C"]
+) -> tuple[Float[Array, "B T+1 S"], Float[Array, "B T"]]:
+    """Return `_quick_rollouts`, and the score of each super step."""
+
+    def super_step(latent: Array, control: Array) -> tuple[Array, tuple[Array, Array]]:
+        following, score = emulator.step_latent_trusted(latent, control)
+        return following, (following, score)
+
+    def one(state: Float[Array, " S"], held: Float[Array, "T C"]) -> tuple[Array, Array]:
+        start = emulator.encode(state)
+        _, (latent, scores) = jax.lax.scan(super_step, start, emulator.encode_control(held))
+        return jnp.concatenate([state[None], emulator.decode(latent)]), scores
+
+    return jax.vmap(one)(states, controls)
 
 
 @filter_jit
