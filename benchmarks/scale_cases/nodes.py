@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,10 @@ from neuroanimator.executor.ray_cluster import RayExecutor
 
 KILL_AFTER = 3.0
 """A kill comes so long after the work has begun [s], and the next ones after as long again."""
+
+
+SLOWED_PERIOD = 0.5
+"""A slow node is stopped and goes on again once in so long [s]."""
 
 
 @contextmanager
@@ -63,6 +67,33 @@ def node_killed(cluster: Any) -> Iterator[list[str]]:
         for node in joined:
             os.killpg(node.pid, signal.SIGKILL)
             node.wait()
+
+
+@contextmanager
+def node_slowed(cluster: Any) -> Iterator[None]:
+    """Stop what computes on a node for nine tenths of the time while the block runs."""
+    raylet = next(iter(cluster.worker_nodes)).all_processes["raylet"][0].process.pid
+    ended = threading.Event()
+
+    def signal_workers(number: int) -> None:
+        for process in _tree(raylet)[1:]:
+            with suppress(ProcessLookupError):  # it has just ended
+                os.kill(process, number)
+
+    def slow_down() -> None:
+        while not ended.is_set():
+            signal_workers(signal.SIGSTOP)
+            ended.wait(0.9 * SLOWED_PERIOD)
+            signal_workers(signal.SIGCONT)
+            ended.wait(0.1 * SLOWED_PERIOD)
+
+    thread = threading.Thread(target=slow_down)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def _join(address: str) -> subprocess.Popen[bytes]:

@@ -165,6 +165,7 @@ def an_inspection(text: str) -> Inspection:
         components=(ComponentError(text, text, 0.1, 0.2, 0.3, 0.4),),
         weak_spots=(WeakSpot(text, 3.0, 0.1, 0.05, 0.2, text),),
         outside=Outside(1, 0.2, 3.0),
+        trust=(),
         worst=(segment,),
         coverage=covered,
         has_data=True,

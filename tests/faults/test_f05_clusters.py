@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 from executor_tasks import Square, square
-from scale_cases.nodes import cluster_of, node_killed
+from processes import GENERATE, run, start
+from scale_cases.nodes import cluster_of, node_killed, node_slowed
 from tally import Tally
 
 from neuroanimator import DatasetConfig, generate
@@ -44,6 +45,45 @@ def test_f05_a_node_is_killed_and_another_joins(tally: Tally):
     with cluster_of(4) as (cluster, executor), node_killed(cluster) as done:
         assert executor.map(square, tasks, longest=LONGEST) == [task.number**2 for task in tasks]
     assert done[0] == "a node killed"
+
+
+def test_f05_a_slow_node_gets_less_to_do_and_holds_nobody_up(tally: Tally):
+    tasks = [Square(number, seconds=0.2) for number in range(60)]
+    with cluster_of(3) as (cluster, executor), node_slowed(cluster):
+        began = time.monotonic()
+        found = executor.map(square, tasks, longest=LONGEST)
+        seconds = time.monotonic() - began
+    assert found == [task.number**2 for task in tasks]
+    # A third of them on the slow node would take ten times 20 x 0.2 s; the two others need 6 s for all.
+    assert seconds < 20
+
+
+def test_f05_the_driver_is_killed_and_goes_on_where_it_was(tmp_path: Path, tally: Tally):
+    words = (
+        *GENERATE[:2],
+        "--count",
+        "30000",
+        *GENERATE[4:6],
+        "--executor",
+        "ray",
+        "--workers",
+        "2",
+    )
+    many = DatasetConfig(system="pendulum", count=30_000)
+    generate(many, tmp_path / "whole")
+    folder = tmp_path / "data"
+    driver = start(tmp_path, *words, "--out", folder)
+    given_up = time.monotonic() + 300
+    while not list(folder.glob("shard-*.safetensors")) and time.monotonic() < given_up:
+        time.sleep(0.02)
+    driver.kill()
+    driver.wait()
+    shards = {path: path.stat().st_mtime_ns for path in folder.glob("shard-*.safetensors")}
+    assert shards
+    assert run(*words, "--out", folder).returncode == 0
+    for path in sorted((tmp_path / "whole").glob("*.*s*")):
+        tally.expect(folder / path.name, path.read_bytes())
+    assert all(path.stat().st_mtime_ns == made for path, made in shards.items())
 
 
 def test_f05_the_head_is_lost_and_it_goes_on_without(dataset: Path, tmp_path: Path, tally: Tally):

@@ -26,6 +26,7 @@ from neuroanimator.evaluation.held_out import (
     recorded_runs,
     system_of,
 )
+from neuroanimator.evaluation.trust_bands import TrustBand, trust_bands
 from neuroanimator.evaluation.weak_spots import (
     Outside,
     WeakSpot,
@@ -61,6 +62,8 @@ class Inspection:
     """Conditions under which it is weak within what training showed; empty if none was found that holds."""
     outside: Outside
     """The super steps that begin where training showed nothing."""
+    trust: tuple[TrustBand, ...]
+    """How errors grow with the score of `Emulator.trust`; empty for files from before there was one."""
     worst: tuple[Segment, ...]
     """The segments on which it goes furthest astray, worst first."""
     coverage: Coverage
@@ -124,8 +127,10 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Transitions | None) -> I
     emulated = emulator.rollout(steps.states, steps.controls[:, None], may_diverge=True)[:, 1]
     errors = test.frame.difference(steps.next_states, np.asarray(emulated, float))
     relative = test.relative(errors)
+    sizes = step_errors(relative)
     runs = np.arange(len(steps.states)) // (len(steps.states) // len(test.states))
-    is_covered = emulator.trust(steps.states, steps.controls) <= EDGE
+    scores = emulator.trust(steps.states, steps.controls)
+    is_covered = scores <= EDGE
     known = SuperSteps(*(rows[is_covered] for rows in steps))
     return Inspection(
         system=emulator.system,
@@ -133,10 +138,11 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Transitions | None) -> I
         dt=emulator.dt,
         runs=len(test.states),
         samples=len(steps.states),
-        errors=error_spread(step_errors(relative)),
+        errors=error_spread(sizes),
         components=component_errors(test, errors),
         weak_spots=find_weak_spots(test, known, relative[is_covered], runs[is_covered]),
         outside=outside_of_training(is_covered, relative),
+        trust=trust_bands(scores, sizes) if emulator.meter is not None else (),
         worst=worst_segments(emulator, test),
         coverage=_coverage(test, data),
         has_data=data is not None,

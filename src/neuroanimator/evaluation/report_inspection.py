@@ -10,9 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from neuroanimator.data.coverage import Coverage, Spread
+from neuroanimator.emulator.trust import EDGE
 from neuroanimator.evaluation.component_errors import ErrorSpread, by_relative_error
 from neuroanimator.evaluation.inspection import Inspection
-from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, inline_svg, plot, small_bars
+from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, QUIET, inline_svg, plot, small_bars
+from neuroanimator.evaluation.trust_bands import TrustBand
 from neuroanimator.evaluation.weak_spots import WeakSpot
 from neuroanimator.evaluation.worst_curves import draw_segments
 from neuroanimator.text import short_number
@@ -33,6 +35,12 @@ WEAK_CAPTION = (
     "Mean errors where a condition holds, over those elsewhere, within what training showed. Conditions are chosen on half "
     "of the runs and measured on the other half; one that does not hold there is not told. They may overlap. What helps: "
     "more data there (the [sampling] and [control] tables), a shorter super step, a wider network, or longer training."
+)
+
+TRUST_CAPTION = (
+    "One-step errors of unseen super steps, in bands of like scores (<code>emulator.trust</code>, "
+    "<code>animate --trust</code>): where the lines rise, the score tells. 99 of a hundred super steps as in training "
+    "score at most 1. Within the edge an error may be large all the same: the score says where to look, and is no bound."
 )
 
 COMPONENTS_CAPTION = (
@@ -63,6 +71,7 @@ def inspection_html(inspection: Inspection) -> str:
         "<h3>Where it is weak</h3>",
         _weak_table(inspection.weak_spots),
         f"<p>Of {inspection.samples:,} samples: {html.escape(str(inspection.outside))}.</p>",
+        *_trust_parts(inspection),
         "<h3>Error of each number</h3>",
         _component_table(inspection),
         "<h3>Its worst cases</h3>",
@@ -90,6 +99,29 @@ def _draw_errors(axes: Axes, spread: ErrorSpread) -> None:
     )
     if axes.get_legend_handles_labels()[0]:
         axes.legend(frameon=False)
+
+
+def _trust_parts(inspection: Inspection) -> list[str]:
+    """Return the section that says how errors grow with the score; nothing where there are no scores."""
+    if not inspection.trust:
+        return []
+    picture = plot(partial(_draw_trust, bands=inspection.trust))
+    return ["<h3>Whether its trust may be gone by</h3>", picture, f"<p>{TRUST_CAPTION}</p>"]
+
+
+def _draw_trust(axes: Axes, bands: Sequence[TrustBand]) -> None:
+    middles = [band.middle for band in bands]
+    axes.plot(middles, [band.median for band in bands], "o-", color=EMULATOR, label="median")
+    large = [band.large for band in bands]
+    axes.plot(middles, large, "o--", color=QUIET, label="95 % are below")
+    axes.axvline(EDGE, color=PHYSICS, ls=":", lw=1.2, label="edge of training")
+    axes.set(
+        xlabel="trust: score of a super step",
+        ylabel="one-step error [standard deviations]",
+        xscale="log",
+        yscale="log",
+    )
+    axes.legend(frameon=False)
 
 
 def _spread_sentence(inspection: Inspection) -> str:
