@@ -150,3 +150,19 @@ def test_scores_do_not_depend_on_what_units_are_measured_in():
         scores(meter, odd, even), scores(turned, 3 * odd @ turn, 3 * even), rtol=1e-3
     )
     assert np.mean(scores(meter, odd, even) <= EDGE) == pytest.approx(0.99, abs=0.002)
+
+
+def test_scores_have_gradients_everywhere_that_are_those_of_finite_differences(shipped: Emulator):
+    def score(emulator: Emulator, state: jax.Array) -> jax.Array:
+        return trust(emulator, state, jax.numpy.zeros(3))
+
+    state = jax.numpy.asarray(shipped.rest + 0.3, np.float32)
+    slope = np.asarray(jax.grad(score, argnums=1)(shipped, state))
+    for entry in range(6):
+        step = np.zeros(6, np.float32)
+        step[entry] = 1e-2
+        rise = score(shipped, state + step) - score(shipped, state - step)
+        assert rise / 2e-2 == pytest.approx(slope[entry], rel=0.03, abs=0.01)
+    inside = replace(shipped, meter=None)  # by ranges alone the score is 0 there
+    assert float(score(inside, state)) == 0
+    np.testing.assert_array_equal(jax.grad(score, argnums=1)(inside, state), 0)

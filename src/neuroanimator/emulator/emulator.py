@@ -146,14 +146,8 @@ class Emulator(Module):
     ) -> Float[Array, " I"]:
         """Return what the network makes of `latent`: `step_latent` before anything is kept within bounds."""
         for _ in range(self.strides):
-            latent = self._stride(latent, control)
+            latent, _, _ = self.stride_and_units(latent, control)
         return latent
-
-    def _stride(
-        self, latent: Float[Array, " I"], control: Float[Array, " C"]
-    ) -> Float[Array, " I"]:
-        """Return the latent state one stride later: the network is asked once."""
-        return self.stride_and_units(latent, control)[0]
 
     def _trusted_stride(
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
@@ -180,9 +174,9 @@ class Emulator(Module):
         in margins of their ranges where there is no meter.
         """
         if self.meter is None:
-            return jnp.sqrt(jnp.sum((beyond / self.domain.margin) ** 2))
+            return _root(jnp.sum((beyond / self.domain.margin) ** 2))
         outside = jnp.sum((beyond / self.normaliser.plain_scale) ** 2)
-        return jnp.sqrt(self.meter.squared(units) + outside)
+        return _root(self.meter.squared(units) + outside)
 
     def step_latent_trusted(
         self, latent: Float[Array, " I"], control: Float[Array, " C"]
@@ -433,6 +427,12 @@ def _scores(
         pairs = zip(rows, held, strict=True)
         scores = np.array([program.trust(row, control) for row, control in pairs], np.float32)
     return np.asarray(scores).reshape(states.shape[:-1])
+
+
+def _root(square: Float[Array, ""]) -> Float[Array, ""]:
+    """Return the square root; its gradient at 0 is 0, not without bounds, so that scores may be penalised."""
+    is_positive = square > 0
+    return jnp.where(is_positive, jnp.sqrt(jnp.where(is_positive, square, 1.0)), 0.0)
 
 
 def _trust_of_rows(
