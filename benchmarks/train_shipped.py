@@ -4,6 +4,7 @@ python benchmarks/train_shipped.py                    every one, about two hours
 python benchmarks/train_shipped.py pendulum 50        one of them
 python benchmarks/train_shipped.py pendulum 50 large  the same in its large size
 python benchmarks/train_shipped.py trust              what those that ship know, measured again by runs they never saw
+python benchmarks/train_shipped.py bounds [NAME...]   how far their rollouts go astray, likewise; after `trust`, half an hour
 """
 
 from __future__ import annotations
@@ -11,17 +12,45 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from trust_cases.task_motions import task_motions
+
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.emulator.artifact import load, read_metadata, save
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.systems.loading import USUAL_SUBSTEPS
+from neuroanimator.training.error_fitting import fit_error_bounds
 from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES, cook
 from neuroanimator.training.trust_fitting import fit_trust
-from neuroanimator.zoo import LARGE, SHIPPED, shipped_path
+from neuroanimator.zoo import LARGE, SHIPPED, emulator_name, shipped_path
 
 WORKPLACE = Path("out/shipped")
 
 UNSEEN = {"count": 14_400, "samples_per_run": 36, "seed": 1}
 """What meters are fitted to: a small dataset as they were trained on, of another seed."""
+
+BOUNDS_RUNS = {"random_runs": 2048, "optimised_runs": 1024}
+"""Runs by which errors of the emulators that are used if nothing else is said are bounded."""
+
+FEWER_RUNS = {"random_runs": 1024, "optimised_runs": 512}
+"""Of other sizes and super steps."""
+
+TRIALS = 48
+"""Of each task of a system, besides; a quarter of them of other sizes and super steps."""
+
+
+def bound_shipped(system: str, substeps: int, size: str) -> None:
+    """Give the emulator that ships the bounds of its errors; nothing else of its file changes."""
+    path = shipped_path(system, substeps, size)
+    emulator = load(path)
+    is_usual = substeps == USUAL_SUBSTEPS and not size
+    trials = range(TRIALS if is_usual else TRIALS // 4)
+    counts = BOUNDS_RUNS if is_usual else FEWER_RUNS
+    motions = task_motions(emulator, system_of(emulator), trials)
+    more = () if motions is None else (motions,)
+    fitted = fit_error_bounds(emulator, more_optimised=more, **counts)
+    save(fitted, path, read_metadata(path)["provenance"])
+    print(path.name, f"{path.stat().st_size:,} bytes", flush=True)
 
 
 def fit_shipped(system: str, substeps: int, size: str) -> None:
@@ -44,7 +73,14 @@ if __name__ == "__main__":
     usual = [(system, substeps, "") for system, substeps in SHIPPED]
     large = [(system, substeps, "large") for system, substeps in LARGE]
     chosen = usual + large
-    if len(sys.argv) > 2:
+    names = sys.argv[2:]
+    if names and sys.argv[1] != "bounds":
         chosen = [(sys.argv[1], int(sys.argv[2]), "".join(sys.argv[3:]))]
+    do = make_shipped
+    if sys.argv[1:] == ["trust"]:
+        do = fit_shipped
+    if sys.argv[1:2] == ["bounds"]:
+        do = bound_shipped
+        chosen = [one for one in usual + large if not names or emulator_name(*one) in names]
     for one in chosen:
-        fit_shipped(*one) if sys.argv[1:] == ["trust"] else make_shipped(*one)
+        do(*one)

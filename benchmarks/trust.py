@@ -2,6 +2,8 @@
 
 python benchmarks/trust.py                 every emulator of 50 substeps that ships, some minutes on two cores
 python benchmarks/trust.py fish-50         some of them; writes no file
+python benchmarks/trust.py bounds [NAME…]  whether bounds of errors keep what they promise; results/trust_bounds.csv, ten minutes
+python benchmarks/trust.py hybrid [NAME…]  what a tenth of the time by the physics is worth; results/trust_hybrid.csv, ten minutes
 
 Super steps are of two kinds, half of each: as in training, and shifted: controls at their bounds that jump at every super
 step, controls held at their bounds for twenty, and starts that move 1.2 to 2 times as fast. An error is large if it is above the
@@ -25,6 +27,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from trust_cases import bounds, hybrid
 
 from neuroanimator import Emulator, load_emulator
 from neuroanimator.bench.csv_table import write_csv
@@ -256,17 +259,33 @@ def cost_of(emulator: Emulator) -> dict[str, float]:
     }
 
 
+PARTS = {"bounds": bounds.measure, "hybrid": hybrid.measure}
+"""What else is measured, by its name: functions from an emulator's name to rows of a table."""
+
+
 def main() -> None:
-    names = sys.argv[1:] or NAMES
-    rows = []
+    words = sys.argv[1:]
+    measure = rows_alone
+    table = TABLE
+    if words and words[0] in PARTS:
+        measure = PARTS[words[0]]
+        table = TABLE.with_name(f"trust_{words[0]}.csv")
+        words = words[1:]
+    names = words or NAMES
+    rows: list[dict[str, Any]] = []
     with progress_bar("emulators", len(names)) as bar:
-        for name in names:
-            rows.append(rows_of(name))
-            bar.advance_to(len(rows), name)
+        for number, name in enumerate(names):
+            rows.extend(measure(name))
+            bar.advance_to(number + 1, name)
     print(describe_machine())
     print_table(rows)
-    if not sys.argv[1:]:
-        write_csv(TABLE, rows)
+    if not words:
+        write_csv(table, rows)
+
+
+def rows_alone(name: str) -> list[dict[str, Any]]:
+    """Return the only line of an emulator in the table of scores."""
+    return [rows_of(name)]
 
 
 if __name__ == "__main__":

@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from neuroanimator.systems import load_system
     from neuroanimator.systems.loading import trust_files
     from neuroanimator.training.config import TrainingConfig
+    from neuroanimator.training.error_fitting import UnseenRuns, fit_error_bounds
     from neuroanimator.training.train import train
     from neuroanimator.training.trust_fitting import fit_trust
 
@@ -86,6 +87,8 @@ _HOMES = {
     "TrainingConfig": "training.config",
     "train": "training.train",
     "fit_trust": "training.trust_fitting",
+    "fit_error_bounds": "training.error_fitting",
+    "UnseenRuns": "training.error_fitting",
     "Emulator": "emulator.emulator",
     "load_emulator": "emulator.emulator",
     "set_backend": "backend",
@@ -161,6 +164,8 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "TrainingConfig",
     "train",
     "fit_trust",
+    "fit_error_bounds",
+    "UnseenRuns",
     "Emulator",
     "load_emulator",
     "set_backend",

@@ -64,6 +64,8 @@ def expected_names(emulator: Emulator) -> set[str]:
         expected |= documented()["deformable bodies"]
     if emulator.meter is not None:
         expected |= documented()["trust"]
+    if emulator.calibration is not None:
+        expected |= documented()["error bounds"]
     return expected
 
 
@@ -85,7 +87,7 @@ def test_the_tensors_of_an_emulator_are_those_of_the_table(name: str):
 
 
 def test_the_table_is_of_every_network_and_of_nothing_else():
-    assert {*documented()} == {*NETWORKS, "all", "deformable bodies", "trust"}
+    assert {*documented()} == {*NETWORKS, "all", "deformable bodies", "trust", "error bounds"}
 
 
 def test_the_tensors_of_a_policy_are_those_of_its_emulator_and_of_its_network():

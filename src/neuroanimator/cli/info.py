@@ -120,11 +120,23 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("control bounds", bounds_of(*metadata["bounds"])),
         ("network", f"{network['kind']} {widths}{_strides(metadata.get('strides', 1))}"),
         ("numbers stored", f"{stored_numbers:,}"),
+        ("goes astray", _error_bounds(tensors, metadata)),
         ("runs in", backend_in_words()),
         ("sha256", metadata["sha256"]),
         ("where it is weak", "--errors measures that, in some seconds"),
     ]
     return metadata, rows
+
+
+def _error_bounds(tensors: dict[str, Any], metadata: dict[str, Any]) -> str:
+    """Return the bounds of the errors of usual motions after a while, if there are any."""
+    from neuroanimator.emulator.description import errors_of_file
+    from neuroanimator.emulator.error_bounds import USUAL_LEVEL, bounds_in_words
+
+    bounds = errors_of_file(tensors, metadata)
+    if bounds is None:
+        return "nobody measured how far: na.fit_error_bounds(emulator) does"
+    return bounds_in_words(bounds, metadata["dt"], USUAL_LEVEL)
 
 
 def _check_emulator(path: Path) -> None:

@@ -72,6 +72,8 @@ def check_arrays(emulator: Emulator) -> None:
     if (np.asarray(emulator.normaliser.plain_scale) <= 0).any():
         raise ValueError("normaliser or modes: wanted scales above 0")
     emulator.encoding.check()
+    if emulator.calibration is not None:
+        emulator.calibration.check()
     for scale in (emulator.normaliser.change_scale, emulator.normaliser.unit):
         if (np.asarray(scale) >= 0).all():  # zero: what never moves stands still
             continue

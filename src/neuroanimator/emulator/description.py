@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +13,7 @@ from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.emulator import MAX_STRIDES, Emulator
 from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
+from neuroanimator.emulator.error_bounds import KINDS, ErrorBounds, blank_bounds
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.networks import MAX_LAYER, NETWORKS, make_network
 from neuroanimator.emulator.networks.hierarchy import parts_from_json, parts_to_json
@@ -26,7 +28,7 @@ from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.kinematics import Kinematics
-from neuroanimator.state.layout import Bounds, Layout
+from neuroanimator.state.layout import MAX_NUMBERS, Bounds, Layout
 from neuroanimator.state.segments import (
     Points,
     PointVelocities,
@@ -52,6 +54,12 @@ MAX_STEP = 3600.0
 MAX_PROBES = 256
 """Most round parts whose height an emulator is shown: each is a feature."""
 
+MAX_LEVELS = 32
+"""Most levels of error bounds."""
+
+MAX_HORIZON = 4096
+"""Most super steps after which there are error bounds."""
+
 MAX_DISTANCE = 1e6
 """Largest coordinate of a probe [m]."""
 
@@ -69,12 +77,27 @@ def describe(emulator: Emulator) -> dict[str, Any]:
         "network": _describe_network(emulator.network),
         **_describe_strides(emulator.strides),
         **_describe_meter(emulator.meter),
+        **_describe_errors(emulator.calibration),
     }
 
 
 def _describe_meter(meter: TrustMeter | None) -> dict[str, list[int]]:
     """Return the meter's directions if there is one: files from before there were any stay what they are."""
     return {} if meter is None else {"trust": [meter.odd.shape[1], meter.even.shape[1]]}
+
+
+def _describe_errors(bounds: ErrorBounds | None) -> dict[str, Any]:
+    """Return the shape of the error bounds if there are any: files from before there were stay what they are."""
+    if bounds is None:
+        return {}
+    return {
+        "errors": {
+            "kinds": len(bounds.weights),
+            "levels": list(bounds.levels),
+            "steps": bounds.steps,
+            "numbers": len(bounds.unit),
+        }
+    }
 
 
 def _describe_strides(strides: int) -> dict[str, int]:
@@ -171,6 +194,7 @@ def blank(metadata: dict[str, Any]) -> Emulator:
         spec=spec,
         encoding=encoding,
         meter=meter,
+        calibration=_errors(metadata["errors"]) if "errors" in metadata else None,
     )
 
 
@@ -181,6 +205,35 @@ def _meter(described: Any, network: Network) -> TrustMeter:
         raise ValueError("trust: wanted a direction or more")
     odd_units, even_units = network.unit_counts
     return TrustMeter(zeros(odd_units, odd), zeros(even_units, even), zeros(even_units))
+
+
+def errors_of_file(
+    tensors: Mapping[str, np.ndarray], metadata: dict[str, Any]
+) -> ErrorBounds | None:
+    """Return the error bounds that a file's tensors and metadata hold, without the rest of the emulator; None without."""
+    if "errors" not in metadata:
+        return None
+    return replace(
+        _errors(metadata["errors"]),
+        unit=tensors["errors.unit"],
+        weights=tensors["errors.weights"],
+        centre=tensors["errors.centre"],
+    )
+
+
+def _errors(described: dict[str, Any]) -> ErrorBounds:
+    """Return error bounds of the described shape."""
+    levels = numbers(described["levels"], "errors: levels")
+    if not 1 <= len(levels) <= MAX_LEVELS or list(levels) != sorted({*levels}):
+        raise ValueError(f"errors: wanted 1 to {MAX_LEVELS} levels that rise")
+    if not 0 < levels[0] <= levels[-1] < 1:
+        raise ValueError("errors: wanted levels between 0 and 1")
+    return blank_bounds(
+        whole(described["kinds"], "errors: kinds", 1, len(KINDS)),
+        levels,
+        whole(described["steps"], "errors: steps", 1, MAX_HORIZON),
+        whole(described["numbers"], "errors: numbers", 1, MAX_NUMBERS),
+    )
 
 
 def _encoding(described: Any, spec: EmulatorSpec) -> Encoding:

@@ -16,6 +16,7 @@ from neuroanimator.emulator.arrays import as_float32, as_jax, is_plain
 from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled, is_traced
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
+from neuroanimator.emulator.error_bounds import KINDS, USUAL_LEVEL, ErrorBounds
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.networks.network import Network, Units
 from neuroanimator.emulator.normaliser import Normaliser
@@ -55,6 +56,8 @@ class Emulator(Module):
     """What the latent state is in which super steps are made."""
     meter: TrustMeter | None = None
     """Tells how far an input lies from what training showed; None in files from before there was one."""
+    calibration: ErrorBounds | None = None
+    """How far rollouts go astray; None where nobody measured it: see `error_bounds`."""
 
     @property
     def system(self) -> str:
@@ -210,7 +213,8 @@ class Emulator(Module):
         )
         # Neighbouring strides change the state alike, so that their changes add up.
         normaliser = replace(self.normaliser, unit=self.normaliser.unit * count)
-        return replace(self, spec=spec, normaliser=normaliser)
+        # What was measured of single strides says nothing of super steps.
+        return replace(self, spec=spec, normaliser=normaliser, calibration=None)
 
     def rest_streams(self) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
         """Return what the network sees at rest without control; left and right are alike there, to the last bit."""
@@ -325,6 +329,39 @@ class Emulator(Module):
         is_number = (np.abs(states) <= MAX_MAGNITUDE).all(axis=-1)
         is_number &= np.isfinite(controls).all(axis=-1) & np.isfinite(scores)
         return np.where(is_number, scores, np.inf)
+
+    def error_bounds(
+        self,
+        state: ArrayLike,
+        controls: ArrayLike,
+        *,
+        level: float = USUAL_LEVEL,
+        are_optimised: bool = False,
+    ) -> Float[np.ndarray, "*B T"]:
+        """Return what the error of `rollout` stays below after each super step (T,), in a share `level` of motions.
+
+        The error is the root mean square over all numbers of the state that move, in standard deviations of their usual
+        change in a super step (`calibration.unit`). The bound grows with the scores on the way (`trust`). It was measured
+        on runs that training left out, under controls as in training; say `are_optimised` of controls that were found by
+        descending through this emulator, which lead where it errs more. Infinite after more super steps than were measured.
+
+        Raises ArgumentError for a level there is no bound of, for an emulator whose errors nobody measured (see
+        `fit_error_bounds`), and for what `rollout` refuses.
+        """
+        calibration = self.calibration
+        if calibration is None:
+            raise ArgumentError(
+                f"{self.system}: this emulator brings no error bounds. na.fit_error_bounds(emulator) measures them."
+            )
+        if level not in calibration.levels:
+            levels = ", ".join(f"{known:g}" for known in calibration.levels)
+            raise ArgumentError(f"level: wanted one of {levels}, came {level}.")
+        if are_optimised and not calibration.knows_optimised:
+            raise ArgumentError(
+                f"are_optimised: {self.system} was measured under random controls alone, for it cannot be simulated."
+            )
+        _, scores = self.rollout_trusted(state, controls, may_diverge=True)
+        return calibration.along(np.asarray(scores, float), level, KINDS[are_optimised])
 
     def covers(self, state: ArrayLike, control: ArrayLike) -> bool:
         """Return whether `state` (S,) with `control` (C,) is what this emulator was trained on: `trust` says at most 1.

@@ -30,6 +30,7 @@ def emulator_leaves(emulator: Emulator) -> dict[str, Any]:
         **prefixed("modes", emulator.encoding.leaves()),
         **prefixed("network", emulator.network.leaves()),
         **_meter_leaves(emulator),
+        **_calibration_leaves(emulator),
     }
 
 
@@ -38,6 +39,17 @@ def _meter_leaves(emulator: Emulator) -> dict[str, Any]:
     if meter is None:
         return {}
     return {"trust.odd": meter.odd, "trust.even": meter.even, "trust.even_mean": meter.even_mean}
+
+
+def _calibration_leaves(emulator: Emulator) -> dict[str, Any]:
+    bounds = emulator.calibration
+    if bounds is None:
+        return {}
+    return {
+        "errors.unit": bounds.unit,
+        "errors.weights": bounds.weights,
+        "errors.centre": bounds.centre,
+    }
 
 
 def emulator_tensors(emulator: Emulator) -> dict[str, np.ndarray]:

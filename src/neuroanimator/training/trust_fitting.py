@@ -57,7 +57,8 @@ def with_meter(
     starts, held, ends = (as_jax(row.reshape(-1, row.shape[-1])[:MAX_INPUTS]) for row in rows)
     odd, even, errors = _units_and_errors(emulator, starts, held, ends)
     meter = fit_meter(*(np.asarray(rows, float) for rows in (odd, even, errors)))
-    return replace(emulator, meter=meter)
+    # Bounds of errors are by scores of another meter, and mostly of another network.
+    return replace(emulator, meter=meter, calibration=None)
 
 
 @filter_jit

@@ -1,0 +1,137 @@
+"""How far rollouts go astray: bounds that so many motions stay below, measured on runs that training left out.
+
+An error is the root mean square over all numbers of a state that move, each in standard deviations of its usual change in
+a super step. Its bound grows as a power of the scores on the way (`Emulator.trust`), so that it adapts to the motion:
+
+    bound after h super steps = exp(a + b (log r - c)), where r is the root mean square of the first h scores, c the mean of
+    log r over motions as in training, and a and b are by kind of motion, level and h: exp(a) is the bound of a usual motion
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.emulator.arrays import zeros
+from neuroanimator.pytrees import Module, static
+from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.structure import Structure
+
+LEVELS = (0.5, 0.8, 0.9, 0.95)
+"""Shares of motions that stay below a bound: there is one for each."""
+
+USUAL_LEVEL = 0.9
+"""The level of bounds if nothing else is said."""
+
+KINDS = ("random", "optimised")
+"""Kinds of motions that have bounds of their own: under controls as in training, and under controls found by descents."""
+
+LEAST_SCORE = 1e-2
+"""Added to scores before their logarithm is taken: differences below it say nothing."""
+
+MOST_SCORE = 1e3
+"""Scores above this count as it, infinite ones too."""
+
+WORDS_SHARES = (0.25, 0.5, 1.0)
+"""Of the time measured, at which errors are told in words."""
+
+MOST_EXPONENT = 50.0
+"""Logarithms of bounds, and powers, are smaller than this: a million is 14."""
+
+
+class ErrorBounds(Module):
+    """Bounds of the error of rollouts, by kind of motion, level and number of super steps."""
+
+    unit: Float[AnyArray, " V"]
+    """Standard deviation of each number's usual change in a super step, seen from the body; 0 for what never moves."""
+    weights: Float[AnyArray, "K L H 2"]
+    """(a, b) of the formula above, for each of K kinds, L levels and H super steps."""
+    centre: Float[AnyArray, " H"]
+    """c of the formula above."""
+    levels: tuple[float, ...] = static(default=LEVELS)
+
+    @property
+    def steps(self) -> int:
+        """So many super steps after the start there are bounds."""
+        return self.weights.shape[2]
+
+    @property
+    def knows_optimised(self) -> bool:
+        """Whether there are bounds of motions under controls that descents found."""
+        return self.weights.shape[0] > 1
+
+    def along(
+        self, scores: Float[np.ndarray, "*B T"], level: float, kind: str
+    ) -> Float[np.ndarray, "*B T"]:
+        """Return the bound after each super step of motions with these scores; infinite after more than H of them."""
+        bounds = np.full(scores.shape, np.inf)
+        known = min(self.steps, scores.shape[-1])
+        weights = np.asarray(self.weights, float)[KINDS.index(kind), self.levels.index(level)]
+        size = log_scores(scores[..., :known]) - np.asarray(self.centre, float)[:known]
+        bounds[..., :known] = np.exp(weights[:known, 0] + weights[:known, 1] * size)
+        return bounds
+
+    def usual(self, level: float, kind: str) -> Float[np.ndarray, " H"]:
+        """Return the bound after each super step of a motion with the usual scores."""
+        weights = np.asarray(self.weights, float)[KINDS.index(kind), self.levels.index(level)]
+        return np.exp(weights[:, 0])
+
+    def check(self) -> None:
+        """Refuse numbers that no measurement comes to; ValueError says which."""
+        if (np.asarray(self.unit) < 0).any() or not (np.asarray(self.unit) > 0).any():
+            raise ValueError("errors: wanted units of at least 0, and one above")
+        for numbers in (self.weights, self.centre):
+            if (np.abs(np.asarray(numbers)) > MOST_EXPONENT).any():
+                raise ValueError(f"errors: wanted exponents of at most {MOST_EXPONENT:g}")
+
+    def errors(
+        self,
+        structure: Structure,
+        truth: Float[np.ndarray, "*B F S"],
+        emulated: Float[np.ndarray, "*B F S"],
+    ) -> Float[np.ndarray, "*B F"]:
+        """Return the errors that are bounded: of trajectories (..., T+1, S) of this structure against the truth."""
+        return errors_in(np.asarray(self.unit, float), structure, truth, emulated)
+
+
+def errors_in(
+    unit: Float[np.ndarray, " V"],
+    structure: Structure,
+    truth: Float[np.ndarray, "*B F S"],
+    emulated: Float[np.ndarray, "*B F S"],
+) -> Float[np.ndarray, "*B F"]:
+    """Return the rms difference of what moves, in units (V,) of the usual change; 0 of them is what never moves."""
+    moves = unit > 0
+    differences = Frame.of(structure, 0.0).difference(truth, np.asarray(emulated, float))
+    return np.sqrt(np.mean((differences[..., moves] / unit[moves]) ** 2, axis=-1))
+
+
+def log_scores(scores: Float[np.ndarray, "*B T"]) -> Float[np.ndarray, "*B T"]:
+    """Return the logarithm of the root mean square of all scores up to each super step."""
+    squares = np.minimum(scores, MOST_SCORE) ** 2
+    counts = np.arange(1, scores.shape[-1] + 1)
+    return np.log(np.sqrt(np.cumsum(squares, axis=-1) / counts) + LEAST_SCORE)
+
+
+def bounds_in_words(bounds: ErrorBounds, dt: float, level: float = USUAL_LEVEL) -> str:
+    """Return how far motions with the usual scores go astray in a quarter, half and all of the time that was measured."""
+    steps = [max(1, round(share * bounds.steps)) for share in WORDS_SHARES]
+    after = ", ".join(f"{step * dt:.3g}" for step in steps)
+    texts = []
+    for kind in KINDS[: len(bounds.weights)]:
+        usual = bounds.usual(level, kind)
+        figures = ", ".join(f"{usual[step - 1]:.2g}" for step in steps)
+        texts.append(f"{figures} under {kind} controls")
+    unit = f"after {after} s, in standard deviations of a super step's change"
+    return f"{level:.0%} of motions by at most {'; '.join(texts)} ({unit})"
+
+
+def blank_bounds(kinds: int, levels: tuple[float, ...], steps: int, changes: int) -> ErrorBounds:
+    """Return bounds of this shape whose numbers a file brings."""
+    return ErrorBounds(
+        unit=zeros(changes),
+        weights=zeros(kinds, len(levels), steps, 2),
+        centre=zeros(steps),
+        levels=levels,
+    )

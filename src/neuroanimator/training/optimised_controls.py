@@ -1,0 +1,123 @@
+"""Controls as optimisation leaves them: descents through an emulator to random states, many side by side.
+
+They lead where an emulator promises more than the physics keeps, so that its errors under them are measured apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.emulator import Emulator, rollout_latent
+from neuroanimator.jax_later import Array, filter_jit, jax, jnp
+
+SIDE_BY_SIDE = 256
+"""So many descents at a time."""
+
+ITERATIONS = 20
+"""Backward sweeps of each: as many as a controller takes (1998, and `control.descent`)."""
+
+RATES = (0.05, 0.5)
+"""Learning rates of Adam are between these: from descents that are half done to those that are over."""
+
+EFFORTS = (1e-3, 1.0)
+"""Weights of the mean square of controls, as shares of their bounds, are between these."""
+
+TO_STATE_SHARE = 0.6
+"""Share of descents that are to come to a state; the others shall go as far as they can in its direction."""
+
+FIRST_SPREAD = 0.1
+"""Standard deviation of the first guesses, as shares of the bounds."""
+
+DECAYS = (0.9, 0.99)
+"""Of Adam's averages of slopes and of their squares."""
+
+LEAST_WAY = 1e-6
+"""Mean square of the way to a state [usual changes], at least: some are where they shall go."""
+
+
+def optimised_controls(
+    emulator: Emulator,
+    starts: Float[np.ndarray, "B S"],
+    targets: Float[np.ndarray, "B S"],
+    steps: int,
+    seed: int,
+) -> Float[np.ndarray, "B {steps} C"]:
+    """Return the controls of descents from `starts` (B, S) to `targets` (B, S) or beyond, within the bounds."""
+    rng = np.random.default_rng([seed, ITERATIONS])
+    count = len(starts)
+    rates = np.exp(rng.uniform(np.log(RATES[0]), np.log(RATES[1]), count))
+    efforts = np.exp(rng.uniform(np.log(EFFORTS[0]), np.log(EFFORTS[1]), count))
+    goes_beyond = rng.random(count) >= TO_STATE_SHARE
+    guesses = rng.normal(size=(count, steps, emulator.control.size)) * FIRST_SPREAD
+    begin = np.asarray(emulator.encode(np.asarray(starts, float)))
+    aims = np.asarray(emulator.encode(np.asarray(targets, float)))
+    columns = (guesses, begin, aims, rates, efforts, goes_beyond)
+    found = []
+    for first in range(0, count, SIDE_BY_SIDE):
+        # The last ones again where there are fewer: then one program does for all.
+        rows = np.arange(first, first + SIDE_BY_SIDE).clip(max=count - 1)
+        found.append(_descents(emulator, *(as_jax(column[rows]) for column in columns)))
+    shares = np.concatenate([np.asarray(some, float) for some in found])[:count]
+    bounds = emulator.bounds
+    return bounds.clip(bounds.middle + shares * bounds.half)
+
+
+@filter_jit
+def _descents(
+    emulator: Emulator,
+    guesses: Float[Array, "B T C"],
+    starts: Float[Array, "B I"],
+    aims: Float[Array, "B I"],
+    rates: Float[Array, " B"],
+    efforts: Float[Array, " B"],
+    goes_beyond: Float[Array, " B"],
+) -> Float[Array, "B T C"]:
+    """Return what descents by Adam came to, as shares of the control bounds."""
+
+    def one(
+        guess: Array, start: Array, aim: Array, rate: Array, effort: Array, beyond: Array
+    ) -> Array:
+        def slope(numbers: Array) -> Array:
+            found = jax.grad(_cost)(numbers, emulator, start, aim, effort, beyond)
+            return jnp.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+
+        def iterate(carry: tuple[Array, Array, Array], number: Array) -> tuple[tuple, None]:
+            numbers, mean, square = carry
+            gradient = slope(numbers)
+            mean = DECAYS[0] * mean + (1 - DECAYS[0]) * gradient
+            square = DECAYS[1] * square + (1 - DECAYS[1]) * gradient**2
+            mean_now = mean / (1 - DECAYS[0] ** number)
+            square_now = square / (1 - DECAYS[1] ** number)
+            numbers = numbers - rate * mean_now / (jnp.sqrt(square_now) + 1e-9)
+            return (numbers, mean, square), None
+
+        still = jnp.zeros_like(guess)
+        numbers = jnp.arange(1, ITERATIONS + 1, dtype=jnp.float32)
+        (last, _, _), _ = jax.lax.scan(iterate, (guess, still, still), numbers)
+        return jnp.tanh(last)
+
+    return jax.vmap(one)(guesses, starts, aims, rates, efforts, goes_beyond)
+
+
+def _cost(
+    numbers: Float[Array, "T C"],
+    emulator: Emulator,
+    start: Float[Array, " I"],
+    aim: Float[Array, " I"],
+    effort: Float[Array, ""],
+    goes_beyond: Float[Array, ""],
+) -> Float[Array, ""]:
+    """Return how far from `aim` the motion ends, over how far it is there; or how far it does not go in that direction."""
+    shares = jnp.tanh(numbers)
+    bounds = emulator.bounds
+    controls = jnp.asarray(bounds.middle) + shares * jnp.asarray(bounds.half)
+    held = emulator.encode_control(jnp.asarray(controls, jnp.float32))
+    last = rollout_latent(emulator, start, held, unroll=1)[-1]
+    unit = jnp.where(emulator.normaliser.unit > 0, emulator.normaliser.unit, jnp.inf)
+    way = emulator.frame.difference(start, aim) / unit
+    squared_way = jnp.maximum(jnp.mean(way**2), LEAST_WAY)
+    missed = jnp.mean((emulator.frame.difference(aim, last) / unit) ** 2) / squared_way
+    come = jnp.mean(emulator.frame.difference(start, last) / unit * way) / squared_way
+    return jnp.where(goes_beyond > 0, -come, missed) + effort * jnp.mean(shares**2)
