@@ -15,6 +15,7 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import trust
 from neuroanimator.emulator.networks.network import Units
 from neuroanimator.emulator.trust import EDGE, TrustMeter
+from neuroanimator.emulator.trust_summary import summary_of
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.training.trust_fitting import fit_meter, fit_trust
@@ -166,3 +167,14 @@ def test_scores_have_gradients_everywhere_that_are_those_of_finite_differences(s
     inside = replace(shipped, meter=None)  # by ranges alone the score is 0 there
     assert float(score(inside, state)) == 0
     np.testing.assert_array_equal(jax.grad(score, argnums=1)(inside, state), 0)
+
+
+def test_a_motion_is_summed_up_in_a_line(shipped: Emulator):
+    scores = np.array([0.2, 0.4, 2.5, 0.1])
+    told = str(summary_of(shipped, scores))
+    assert told == "75% of it within training, highest score 2.50 at 0.10 s (edge 1)"
+    assert "all of it within training" in str(summary_of(shipped, scores[:2]))
+    old = replace(shipped, meter=None)
+    assert "75% of it within the ranges of training (the file is from" in str(
+        summary_of(old, scores)
+    )

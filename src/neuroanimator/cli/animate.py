@@ -115,7 +115,7 @@ def run(
     )
     with phase("drawing"):
         export_clip(clip, model, out, film)
-    return print_rows(_rows(clip, out, summary_of(scores, model.dt)))
+    return print_rows(_rows(clip, out, summary_of(model, scores)))
 
 
 def _rows(

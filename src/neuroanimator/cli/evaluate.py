@@ -96,6 +96,7 @@ def _evaluate(
         from neuroanimator.evaluation.evaluate import evaluate
         from neuroanimator.export.worst_cases import check_worst_path
         from neuroanimator.systems.loading import trust_files
+        from neuroanimator.training.trust_fitting import fit_trust
         from neuroanimator.zoo import find_emulator
 
         if system:
@@ -106,6 +107,12 @@ def _evaluate(
         if files.card and len(loaded) > 1:
             raise ArgumentError(f"evaluate --card: wanted one emulator, came {len(loaded)}.")
         transitions = read_transitions(data) if data else None
+        if transitions is not None:
+            # Files from before there were scores are given one by the data.
+            loaded = [
+                fit_trust(emulator, transitions) if emulator.meter is None else emulator
+                for emulator in loaded
+            ]
     evaluations = []
     with progress_bar("emulators", len(loaded)) as bar:
         for emulator in loaded:

@@ -10,6 +10,9 @@ from jaxtyping import Float
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 
+NO_METER = "the file is from before there were scores; na.fit_trust(emulator, data) gives it one"
+"""What is said of a file without a meter."""
+
 
 class TrustSummary(NamedTuple):
     """What is to be said of the scores of a motion's super steps."""
@@ -19,8 +22,12 @@ class TrustSummary(NamedTuple):
     highest: float
     highest_at: float
     """When the one with the highest score begins [s]."""
+    has_meter: bool = True
+    """Whether they are scores, and not the ranges that are all that a file from before there were scores knows."""
 
     def __str__(self) -> str:
+        if not self.has_meter:
+            return f"{self.share_within:.0%} of it within the ranges of training ({NO_METER})"
         if self.share_within == 1:
             return f"all of it within training (highest score {self.highest:.2f}, edge {EDGE:g})"
         return (
@@ -36,7 +43,12 @@ def scores_along(
     return emulator.trust(states[:-1], controls)
 
 
-def summary_of(scores: Float[np.ndarray, " T"], dt: float) -> TrustSummary:
-    """Return the summary of the scores of at least one super step, each of `dt` [s]."""
+def summary_of(emulator: Emulator, scores: Float[np.ndarray, " T"]) -> TrustSummary:
+    """Return the summary of the scores of at least one super step of `emulator`."""
     highest = int(np.argmax(scores))
-    return TrustSummary(float(np.mean(scores <= EDGE)), float(scores[highest]), highest * dt)
+    return TrustSummary(
+        share_within=float(np.mean(scores <= EDGE)),
+        highest=float(scores[highest]),
+        highest_at=highest * emulator.dt,
+        has_meter=emulator.meter is not None,
+    )

@@ -61,7 +61,7 @@ def trust_along(synthesis: Synthesis) -> TrustSummary:
     """Return how far to believe the emulator's motion under the controls that were found."""
     emulator = synthesis.emulator
     states = synthesis.outcome.emulator_states
-    return summary_of(scores_along(emulator, states, synthesis.controls), emulator.dt)
+    return summary_of(emulator, scores_along(emulator, states, synthesis.controls))
 
 
 def gap_in_words(cost_emulator: float, cost_physics: float) -> str:
