@@ -7,8 +7,10 @@ import copy
 import mujoco
 import numpy as np
 
+from neuroanimator.export.film.bounding_boxes import bounding_boxes
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, take_shots
 from neuroanimator.export.film.options import Film
+from neuroanimator.export.film.studio_floor import StudioFloor, lacks_ground, lowest_of_fixed
 from neuroanimator.export.film.takes import Take
 from neuroanimator.export.film.trust_shown import doubts, glow
 from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
@@ -51,12 +53,25 @@ class RigidScene:
         self.model.vis.map.zfar = farthest / extent
         self.model.vis.map.shadowclip = SHADOW_REACH * self.shots.size / extent
         self.model.vis.global_.fovy = FIELD_OF_VIEW
+        self._floor = self._floor_under(take)
         is_directional = self.model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
         is_of_the_world = self.model.light_bodyid == 0
         self._lights = np.flatnonzero(is_directional & is_of_the_world)
 
+    def _floor_under(self, take: Take) -> StudioFloor | None:
+        """Return a floor where the model has none: nothing is to hang in an empty sky."""
+        size = self.shots.size
+        if not lacks_ground(self.model, size):
+            return None
+        mujoco.mj_forward(self.model, self.data)
+        lowest = float(bounding_boxes(take.clips).low[:, 2].min())
+        lowest = min(lowest, lowest_of_fixed(self.model, self.data))
+        return StudioFloor(self.model, lowest, size, self.shots.distance)
+
     def prepare(self, scene: mujoco.MjvScene) -> None:
-        """Leave it as it is."""
+        """Let the floor fade, if it is ours."""
+        if self._floor is not None:
+            self._floor.prepare(scene)
 
     def pose(self, frame: int) -> None:
         """Put the joints, and lights as far away as the sun, where they are in `frame`."""
@@ -71,7 +86,7 @@ class RigidScene:
                 mujoco.mj_forward(self.model, data)
 
     def fill(self, scene: mujoco.MjvScene) -> None:
-        """Add the bodies of the other clips, without their scenery."""
+        """Add the bodies of the other clips, without their scenery, and the floor."""
         glow(scene, self._owners, self._doubts[:1, self._frame])
         option = mujoco.MjvOption()
         perturbation = mujoco.MjvPerturb()
@@ -86,3 +101,5 @@ class RigidScene:
                 geom.matid = -1
                 geom.rgba[:] = GHOST_RGBA
                 geom.size[:] *= GHOST_GROWTH
+        if self._floor is not None:
+            self._floor.fill(scene, self.shots.lookat[self._frame])

@@ -16,6 +16,7 @@ from neuroanimator.export.film.bounding_boxes import bounding_boxes
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots, take_shots
 from neuroanimator.export.film.options import Film
 from neuroanimator.export.film.skeleton_model import add_bone, add_skin
+from neuroanimator.export.film.splashes import Splashes
 from neuroanimator.export.film.takes import Take
 from neuroanimator.export.film.trust_shown import doubts, glow
 from neuroanimator.export.ghost import GHOST_RGBA
@@ -141,6 +142,11 @@ class SkeletonScene:
         self._doubts = np.stack([doubts(clip, take.frames) for clip in take.clips])
         self._owners = _owners(self.model, len(take.clips))
         self._frame = 0
+        self._splashes: Splashes | None = None
+        if setting.surface is not None:
+            bodies = np.concatenate([each.positions for each in poses[: len(take.clips)]], axis=1)
+            rate = take.clips[0].rate
+            self._splashes = Splashes(bodies, rate, setting.surface, self.shots.size)
 
     def prepare(self, scene: mujoco.MjvScene) -> None:
         """Let what is far away fade into water or air."""
@@ -157,12 +163,14 @@ class SkeletonScene:
         mujoco.mj_forward(self.model, self.data)
 
     def fill(self, scene: mujoco.MjvScene) -> None:
-        """Take floor and water out of what casts shadows: the sea's surface would darken a polygon of its bed."""
+        """Take floor and water out of what casts shadows: the sea's surface would darken a polygon of its bed. Add splashes."""
         for number in range(scene.ngeom):
             geom = scene.geoms[number]
             if geom.category == mujoco.mjtCatBit.mjCAT_STATIC:
                 geom.category = mujoco.mjtCatBit.mjCAT_DECOR
         glow(scene, self._owners, self._doubts[:, self._frame])
+        if self._splashes is not None:
+            self._splashes.fill(scene, self._frame)
 
 
 def _owners(model: mujoco.MjModel, clips: int) -> dict[int, Int[np.ndarray, " N"]]:
