@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from neuroanimator.executor.local import LocalExecutor
     from neuroanimator.executor.ray_cluster import RayExecutor
     from neuroanimator.export.comparison import write_comparison
+    from neuroanimator.export.control_report import write_control_report
     from neuroanimator.export.csv_file import read_clip, write_clip
     from neuroanimator.export.film.video import write_video
     from neuroanimator.export.gltf.scene import write_glb
@@ -141,6 +142,7 @@ _HOMES = {
     "write_glb": "export.gltf.scene",
     "write_usd": "export.usd.scene",
     "write_comparison": "export.comparison",
+    "write_control_report": "export.control_report",
     "write_video": "export.film.video",
     "write_worst": "export.worst_cases",
     "write_c_header": "export.programs.c_file",
@@ -221,6 +223,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "write_glb",
     "write_usd",
     "write_comparison",
+    "write_control_report",
     "write_video",
     "write_worst",
     # Use elsewhere.

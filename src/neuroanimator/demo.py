@@ -20,6 +20,8 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.evaluate import Evaluation, evaluate
 from neuroanimator.evaluation.report import write_report
+from neuroanimator.evaluation.training_curve import training_html
+from neuroanimator.export.control_report import rows_html, search_html
 from neuroanimator.export.csv_file import write_table
 from neuroanimator.export.film.inline import film_html
 from neuroanimator.export.film.video import write_video
@@ -131,23 +133,18 @@ def _write(out: Path, evaluation: Evaluation, synthesis: Synthesis) -> list[Path
     controls = synthesis.controls
     times = np.arange(len(controls)) * emulator.dt
     write_table(table, times, controls, emulator.control)
-    swing_up = _swing_up_html(synthesis)
-    files = [scene, table, report, out / f"{SYSTEM}.emulator.safetensors"]
+    swing_up = rows_html(outcome_rows(synthesis)) + search_html(synthesis)
+    trained = out / f"{SYSTEM}.emulator.safetensors"
+    files = [scene, table, report, trained]
     try:
         write_video(clip, video)
         files.append(video)
         swing_up = film_html(video, "The swing-up on the true physics.") + swing_up
     except ResourceError as error:
         print(f"neuroanimator: {error}", file=sys.stderr)
-    write_report([evaluation], report, extra=[("Swing-up", swing_up)])
+    sections = [("Swing-up", swing_up), ("How it was trained", training_html(trained))]
+    write_report([evaluation], report, extra=sections)
     return files
-
-
-def _swing_up_html(synthesis: Synthesis) -> str:
-    rows = ""
-    for name, value in outcome_rows(synthesis):
-        rows += f"<tr><td>{name}</td><td>{value}</td></tr>"
-    return f"<table>{rows}</table>"
 
 
 def _print(

@@ -16,7 +16,7 @@ from conftest import Cli
 from neuroanimator import NeuroAnimatorError, TrainingConfig
 from neuroanimator.data.store import Transitions
 from neuroanimator.training.lesson import validation_mask
-from neuroanimator.training.train import Report, run_folder, train
+from neuroanimator.training.train import Report, read_metrics, run_folder, train
 
 SMALL = ["--widths", "8", "--updates", "3000", "--batch", "16"]
 
@@ -71,6 +71,7 @@ def test_each_network_and_optimiser_learns(
     reports: list[Report] = []
     config = TrainingConfig(updates=2000, batch=128, **settings)
     train(transitions, config, tmp_path / "e.safetensors", on_report=reports.append)
+    assert read_metrics(run_folder(tmp_path / "e.safetensors") / "metrics.jsonl") == reports
     assert reports[-1].error < least_error
     assert reports[-1].error < reports[0].error
 

@@ -88,6 +88,10 @@ def run(
         Path | None,
         typer.Option(help="GLB file for the motion on the physics, the emulator's as a ghost."),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="HTML file: a film, J over the iterations, the controls over time."),
+    ] = None,
 ) -> None:
     """Find a controller by gradient descent through the emulator, then replay it on the true physics."""
 
@@ -106,7 +110,9 @@ def run(
         own = load_system(str(system)) if system else None
         model = emulator_for([glb] if glb else [], emulator)
         if closed_loop:
-            _refuse_in_closed_loop(objective=objective, starts=starts, data=data, log=log)
+            _refuse_in_closed_loop(
+                objective=objective, starts=starts, data=data, log=log, report=report
+            )
         elif horizon is not None:
             raise ArgumentError("horizon: goes with --closed-loop only. Leave it out.")
         if objective is None:
@@ -137,7 +143,11 @@ def run(
     for warning in warnings_of(synthesis):
         print_line(f"neuroanimator: {warning}", to_stderr=True)
     _write(synthesis, out, glb)
-    files = [("file", path) for path in (out, glb, log) if path]
+    if report:
+        from neuroanimator.export.control_report import write_control_report
+
+        write_control_report(synthesis, report, asked=[("start", search.start)])
+    files = [("file", path) for path in (out, glb, log, report) if path]
     rows = [("start", search.start), *outcome_rows(synthesis), *time_rows(began), *files]
     return print_rows(rows)
 

@@ -101,7 +101,8 @@ def _evaluate(
 
         if system:
             trust_files(system)
-        loaded = [Emulator.load(find_emulator(name)) for name in emulators]
+        paths = [find_emulator(name) for name in emulators]
+        loaded = [Emulator.load(path) for path in paths]
         if files.worst:
             check_worst_path(files.worst)
         if files.card and len(loaded) > 1:
@@ -118,20 +119,23 @@ def _evaluate(
         for emulator in loaded:
             evaluations.append(evaluate(emulator, data=transitions))
             bar.advance_to(len(evaluations))
-    _write(loaded, evaluations, files)
+    _write(loaded, paths, evaluations, files)
     if files.card:
         from neuroanimator.evaluation.model_card import write_card
 
-        write_card(loaded[0], find_emulator(emulators[0]), evaluations[0], files.card)
+        write_card(loaded[0], paths[0], evaluations[0], files.card)
     if json:
         print(dumps([_everything(evaluation) for evaluation in evaluations], indent=2))
     else:
         _print(evaluations)
 
 
-def _write(emulators: list[Emulator], evaluations: list[Evaluation], files: Files) -> None:
+def _write(
+    emulators: list[Emulator], paths: list[Path], evaluations: list[Evaluation], files: Files
+) -> None:
     """Write the files that are asked for; in the report lie films, too, of each system's motion and of the worst cases."""
     from neuroanimator.evaluation.report import write_report
+    from neuroanimator.evaluation.training_curve import training_html
     from neuroanimator.export.film.inline import film_html, motion_html
     from neuroanimator.export.worst_cases import WORST_TITLE, WORST_WORDS, write_worst
     from neuroanimator.terminal import progress_bar
@@ -149,6 +153,9 @@ def _write(emulators: list[Emulator], evaluations: list[Evaluation], files: File
                 motion = (f"How the {emulator.system} moves", motion_html(emulator))
                 extra.insert(number, motion)
                 bar.advance_to(number + 1)
+        for emulator, path in zip(emulators, paths, strict=True):
+            title = f"How it was trained: {emulator.system}, n = {emulator.substeps}"
+            extra.append((title, training_html(path)))
         write_report(evaluations, files.report, extra=extra)
 
 

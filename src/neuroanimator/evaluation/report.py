@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 import html
-import shlex
-import sys
-from datetime import UTC, datetime
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from neuroanimator.evaluation.evaluate import NO_OPPONENT, Evaluation
+from neuroanimator.evaluation.page import glossary_html, made_html, write_page
 from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, QUIET, plot
 from neuroanimator.evaluation.report_inspection import inspection_html
 from neuroanimator.evaluation.verdict import beyond_noise
 from neuroanimator.evaluation.work_precision import draw_work
-from neuroanimator.machine import describe_machine
-from neuroanimator.storage.files import write_whole
 from neuroanimator.text import printable
 
 MAX_SHOWN = 3
 """So many state entries of a motion are drawn at most."""
-
-VIEWPORT = "<meta name=viewport content='width=device-width,initial-scale=1'>"
-"""Without it a phone shows a page as wide as a desk's, and tiny."""
 
 COLUMNS = {
     "system": "What is emulated.",
@@ -61,31 +53,14 @@ NOISE_CAPTION = (
 )
 """What stands below the table of noise."""
 
-STYLE = """:root{color-scheme:light dark;--line:#dde3ea;--bar:#e8892b}
-body{font:16px/1.55 system-ui,sans-serif;color:#1c2733;background:#fff;max-width:62rem;margin:2rem auto;padding:0 1rem;
-overflow-wrap:break-word}
-h1{font-size:1.6rem}h2{margin-top:2.2rem;font-size:1.2rem}h3{margin-top:1.8rem;font-size:1rem}
-.wide{overflow-x:auto}table{border-collapse:collapse;margin:1rem 0}
-td,th{padding:.3rem .8rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
-th{white-space:normal;vertical-align:bottom}td:first-child,th:first-child{text-align:left}
-.made{font-size:.85rem;opacity:.75}svg,video{max-width:100%;height:auto}p{max-width:46rem}
-svg.plot{width:100%;max-width:42rem}.wide svg.plot{min-width:36rem;max-width:none}
-dt{font-weight:600}dd{margin:0 0 .4rem 1rem}
-svg.bars{width:9rem;height:1.6rem;fill:var(--bar);vertical-align:middle}
-@media (max-width:40rem){td,th{padding:.3rem .4rem;font-size:.85rem}}
-@media (prefers-color-scheme:dark){:root{--line:#3a4653}body{color:#dbe3ec;background:#14191f}
-svg.plot{filter:invert(.92) hue-rotate(180deg)}}"""
-"""How the page looks: on a phone wide tables scroll by themselves; in the dark plots are turned from light to dark."""
-
 
 def write_report(
     evaluations: list[Evaluation], path: str | Path, *, extra: list[tuple[str, str]] | None = None
 ) -> None:
     """Write the report of `evaluations`; `extra` adds (title, HTML) sections before the details."""
-    path = Path(path)
     parts = [
         "<h1>NeuroAnimator: emulator against physics</h1>",
-        _made(),
+        made_html(),
         _table(evaluations),
         _glossary(evaluations),
         _verdict(evaluations),
@@ -94,20 +69,7 @@ def write_report(
         parts.append(f"<h2>{html.escape(title)}</h2>{body}")
     for evaluation in evaluations:
         parts.append(_section(evaluation))
-    head = f"<!doctype html><html lang=en><meta charset=utf-8>{VIEWPORT}<title>NeuroAnimator report</title><style>{STYLE}</style>"
-    page = head + "".join(parts) + "</html>\n"
-    write_whole(path, page.encode())
-
-
-def _made() -> str:
-    """Return when, by what command and on what machine the report was made."""
-    day = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-    program = Path(sys.argv[0]).name
-    command = shlex.join([program, *sys.argv[1:]])
-    return (
-        f"<p class=made>Made {day} by NeuroAnimator {version('neuroanimator')} on {html.escape(describe_machine())}:<br>"
-        f"<code>{html.escape(printable(command))}</code></p>"
-    )
+    write_page(path, "NeuroAnimator report", parts)
 
 
 def _table(evaluations: list[Evaluation]) -> str:
@@ -122,10 +84,10 @@ def _table(evaluations: list[Evaluation]) -> str:
 
 def _glossary(evaluations: list[Evaluation]) -> str:
     """Return what the columns of the table mean, to be unfolded."""
-    lines = ""
+    meanings = {}
     for key in evaluations[0].row():
-        lines += f"<dt>{html.escape(key.replace('_', ' '))}</dt><dd>{COLUMNS.get(key, '')}</dd>"
-    return f"<details><summary>What the columns mean</summary><dl>{lines}</dl></details>"
+        meanings[key.replace("_", " ")] = COLUMNS.get(key, "")
+    return glossary_html("What the columns mean", meanings)
 
 
 def _format(value: str | int | float) -> str:

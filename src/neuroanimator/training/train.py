@@ -21,7 +21,7 @@ from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.parsing.json_text import parse_json_object
-from neuroanimator.storage.files import append_line, locked, write_whole
+from neuroanimator.storage.files import append_line, locked, read_bounded, write_whole
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
@@ -39,6 +39,9 @@ CHUNKS_PER_REPORT = 4
 
 MAX_LINE = 10_000
 """Longest line of `metrics.jsonl` that is read [characters]; ours have a hundred."""
+
+MAX_METRICS = 50_000_000
+"""Longest `metrics.jsonl` that is read [bytes]: of a hundred million updates."""
 
 
 class Report(NamedTuple):
@@ -189,6 +192,31 @@ def _validate(
     emulator: Emulator, states: Float[Array, "N T I"], controls: Float[Array, "N H C"]
 ) -> Float[Array, "H V"]:
     return squared_error(emulator, states, controls)
+
+
+def read_metrics(path: Path) -> list[Report]:
+    """Return what `metrics.jsonl` at `path` tells, in order; nothing where there is none. Torn lines are left out.
+
+    BadFileError if it is longer than any training makes it.
+    """
+    if not path.is_file():
+        return []
+    reports = []
+    lines = read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
+    for line in lines:
+        try:
+            told = parse_json_object(line, MAX_LINE)
+            report = Report(
+                update=int(told["update"]),
+                loss=float(told["loss"]),
+                error=float(told["error"]),
+                unrolled_error=float(told["unrolled_error"]),
+                seconds=float(told["seconds"]),
+            )
+        except (ValueError, KeyError, TypeError):
+            continue
+        reports.append(report)
+    return reports
 
 
 def _trim_metrics(folder: Path, update: int) -> None:

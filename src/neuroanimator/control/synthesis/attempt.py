@@ -57,6 +57,8 @@ class SearchCost:
     """Trainings on the physics around a motion."""
     physics_steps: int = 0
     """Physics steps of replays, and of the data of refinements."""
+    courses: tuple[tuple[float, ...], ...] = ()
+    """J on the emulator at first and after each sweep, descent by descent, in the order they were made in."""
 
     def __add__(self, other: SearchCost) -> SearchCost:
         return SearchCost(
@@ -65,12 +67,13 @@ class SearchCost:
             self.corrections + other.corrections,
             self.refinements + other.refinements,
             self.physics_steps + other.physics_steps,
+            self.courses + other.courses,
         )
 
     @classmethod
     def of_descent(cls, descent: Descent) -> SearchCost:
         """Return what a descent took."""
-        return cls(iterations=descent.iterations, seconds=descent.seconds)
+        return cls(iterations=descent.iterations, seconds=descent.seconds, courses=(descent.costs,))
 
 
 @dataclass(frozen=True)

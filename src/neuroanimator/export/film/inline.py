@@ -7,9 +7,10 @@ import html
 import tempfile
 from pathlib import Path
 
-from neuroanimator.animation.clip import make_clip
+from neuroanimator.animation.clip import Clip, make_clip
 from neuroanimator.animation.gauges import drawable
 from neuroanimator.animation.motion import default_motion
+from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.film.video import write_video
@@ -19,6 +20,14 @@ SIZE = (640, 360)
 
 MOTION_WORDS = "What 'animate' shows: the emulator's own motion."
 """What stands below it."""
+
+REPLAY_WORDS = (
+    "What the controls do on the true physics, and in magenta what the emulator foretold."
+)
+"""What stands below the film of a replay."""
+
+EMULATED_WORDS = "What the controls do on the emulator; there is no physics to replay them on."
+"""What stands below it where there is no physics."""
 
 
 def film_html(path: Path, words: str) -> str:
@@ -30,14 +39,29 @@ def film_html(path: Path, words: str) -> str:
     )
 
 
+def replay_html(emulator: Emulator, replay: Replay) -> str:
+    """Return the motion on the physics, the emulator's as a ghost, as part of a page; else a line that says why not."""
+    emulated = make_clip(emulator, replay.emulator_states, source="emulator")
+    if not replay.is_on_physics:
+        return _drawn_html(drawable(emulated, emulator), EMULATED_WORDS)
+    physics = make_clip(emulator, replay.physics_states, source="physics")
+    ghost = drawable(emulated, emulator, ranges_from=physics)
+    return _drawn_html(drawable(physics, emulator), REPLAY_WORDS, ghost)
+
+
 def motion_html(emulator: Emulator) -> str:
     """Return what the emulator does, as part of a page; where nothing can be drawn, a line that says so."""
     states = default_motion(emulator)
     clip = drawable(make_clip(emulator, states, source="emulator"), emulator)
+    return _drawn_html(clip, MOTION_WORDS)
+
+
+def _drawn_html(clip: Clip, words: str, ghost: Clip | None = None) -> str:
+    """Return the film of `clip`, drawn for a page; where nothing can be drawn, a line that says so."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "motion.mp4"
         try:
-            write_video(clip, path, size=SIZE)
+            write_video(clip, path, ghost=ghost, size=SIZE)
         except ResourceError as error:
             return f"<p>{html.escape(str(error))}</p>"
-        return film_html(path, MOTION_WORDS)
+        return film_html(path, words)
