@@ -11,7 +11,8 @@ SOURCE = ROOT / "src" / "neuroanimator"
 STAGES = [
     "lazy", "jax_later", "pytrees", "errors", "text", "parsing", "terminal", "machine", "cores",
     "zoo", "storage", "executor", "compiler", "codegen", "backend", "tables", "state", "appearance",
-    "definitions", "emulator", "systems", "hybrid", "data", "training", "evaluation", "animation", "control", "tasks",
+    "definitions", "emulator", "systems", "hybrid", "data", "training", "evaluation", "animation", "control",
+    "improvement", "tasks",
     "export", "gym", "scaffold", "studio", "bench", "fleets", "demo", "cli",
 ]  # fmt: skip
 

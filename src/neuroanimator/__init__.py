@@ -64,6 +64,9 @@ if TYPE_CHECKING:
     from neuroanimator.export.usd.scene import write_usd
     from neuroanimator.export.worst_cases import write_worst
     from neuroanimator.hybrid import HybridMotion, hybrid_rollout
+    from neuroanimator.improvement.config import ImprovementConfig
+    from neuroanimator.improvement.fine_tune import fine_tune
+    from neuroanimator.improvement.improve import improve
     from neuroanimator.state.layout import Bounds
     from neuroanimator.state.pose import read_heights, read_pose
     from neuroanimator.systems import load_system
@@ -90,6 +93,9 @@ _HOMES = {
     "fit_trust": "training.trust_fitting",
     "fit_error_bounds": "training.error_fitting",
     "UnseenRuns": "training.error_fitting",
+    "ImprovementConfig": "improvement.config",
+    "improve": "improvement.improve",
+    "fine_tune": "improvement.fine_tune",
     "Emulator": "emulator.emulator",
     "load_emulator": "emulator.emulator",
     "set_backend": "backend",
@@ -168,6 +174,9 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "fit_trust",
     "fit_error_bounds",
     "UnseenRuns",
+    "ImprovementConfig",
+    "improve",
+    "fine_tune",
     "Emulator",
     "load_emulator",
     "set_backend",

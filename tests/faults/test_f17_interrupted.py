@@ -25,6 +25,7 @@ WHOLE = "neuroanimator: Stopped. No file was left half-written."
 VERBS: dict[str, tuple[list[object], str]] = {
     "generate": (["generate", "fish", "--count", "400000", "--out", "data"], GOES_ON),
     "train": (["train", "pendulum", "--out", "e.safetensors"], GOES_ON),
+    "improve": (["improve", "pendulum-50", "--out", "e.safetensors"], GOES_ON),
     "demo": (["demo", "--out", "out"], GOES_ON),
     "control": (["control", "pendulum", "--out", "c.csv", "--starts", "8"], WHOLE),
     "animate": (

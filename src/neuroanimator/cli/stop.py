@@ -32,7 +32,7 @@ SHOW_CURSOR = "\r\n\x1b[?25h"
 PATIENCE = 0.5
 """After this long [s] the process is ended from beside a compiled call that does not come back."""
 
-RESUMABLE = frozenset({"demo", "generate", "train"})
+RESUMABLE = frozenset({"demo", "generate", "improve", "train"})
 """These verbs keep what they have done and go on from there when started again."""
 
 

@@ -15,6 +15,7 @@ from neuroanimator.cli import (
     evaluate,
     export,
     generate,
+    improve,
     info,
     new,
     studio,
@@ -34,7 +35,7 @@ app = typer.Typer(
 )
 VERBS = {
     "demo": demo, "doctor": doctor, "list": list_, "new": new, "generate": generate, "train": train,
-    "evaluate": evaluate, "animate": animate, "control": control, "export": export, "studio": studio,
+    "evaluate": evaluate, "improve": improve, "animate": animate, "control": control, "export": export, "studio": studio,
     "bench": bench, "info": info,
 }  # fmt: skip
 """Each verb is the `run` of its module; `--help` lists them in this order."""

@@ -1,0 +1,200 @@
+"""The verb `improve`: learn where an emulator is weak, or from a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from neuroanimator.cli.animate import START_HELP
+
+if TYPE_CHECKING:
+    from neuroanimator.data.store import Transitions
+    from neuroanimator.emulator.emulator import Emulator
+    from neuroanimator.improvement.config import ImprovementConfig
+    from neuroanimator.improvement.improve import PlaceError
+
+EXAMPLE = (
+    "neuroanimator improve pendulum-50 --controls swing-up.csv --out better.emulator.safetensors"
+)
+
+
+def run(
+    emulator: Annotated[str, typer.Argument(help="Emulator file, or name of a shipped one.")],
+    out: Annotated[Path, typer.Option(help="File for the improved emulator.")],
+    controls: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="CSV of controls, as 'control' writes: look along it, too; may be given several times."
+        ),
+    ] = None,
+    start: Annotated[
+        list[str] | None, typer.Option(help=f"With --controls. {START_HELP} Rest if not given.")
+    ] = None,
+    recording: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Recording, CSV or NPZ: look along it, too, and simulate there; may be given several times."
+        ),
+    ] = None,
+    from_: Annotated[
+        Path | None,
+        typer.Option(
+            "--from", help="Learn from this recording of the real thing itself, CSV or NPZ."
+        ),
+    ] = None,
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Dataset it was trained on; if not given, some is simulated anew."),
+    ] = None,
+    system: Annotated[
+        Path | None,
+        typer.Option(help="Your TOML file, whose step function may then run; see 'new'."),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help="Error wanted in every place: 95th percentile of one-step errors, in standard deviations of the "
+            "usual change. Half of the largest there is, if not given."
+        ),
+    ] = None,
+    rounds: Annotated[int | None, typer.Option(help="Rounds, at most (default 6).")] = None,
+    samples: Annotated[
+        int | None, typer.Option(help="Super steps simulated in a round (default 6000).")
+    ] = None,
+    updates: Annotated[
+        int | None, typer.Option(help="Weight updates of a round (default 6000).")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of what is drawn.")] = None,
+) -> None:
+    """Find where an emulator errs or is not to be trusted, simulate there, and train on; or learn from a recording.
+
+    What it knew is kept: errors on usual motions are printed before and after. Killed and started again it goes on
+    and ends with the same bytes.
+    """
+    from neuroanimator.terminal import phase
+
+    with phase("loading"):
+        from neuroanimator.emulator.emulator import load_emulator
+        from neuroanimator.improvement.config import ImprovementConfig
+        from neuroanimator.improvement.old_data import read_old
+        from neuroanimator.systems.loading import trust_files
+
+        options = {"rounds": rounds, "samples": samples, "updates": updates, "seed": seed}
+        settings: dict[str, Any] = {}
+        for name, value in options.items():
+            if value is not None:
+                settings[name] = value
+        config = ImprovementConfig(**settings)
+        if system:
+            trust_files(system)
+        model = load_emulator(emulator)
+        old = read_old(data, model) if data else None
+    if from_ is not None:
+        looks = {"--controls": controls, "--start": start, "--recording": recording}
+        given = {**looks, "--tolerance": tolerance, "--rounds": rounds, "--samples": samples}
+        _refuse_beside_from([name for name, value in given.items() if value])
+        _from_recording(model, from_, out, config, old)
+    else:
+        _where_weak(model, out, config, old, tolerance, controls or [], start, recording or [])
+
+
+def _where_weak(
+    model: Emulator,
+    out: Path,
+    config: ImprovementConfig,
+    old: Transitions | None,
+    tolerance: float | None,
+    controls: list[Path],
+    start: list[str] | None,
+    recordings: list[Path],
+) -> None:
+    """Look for where it is weak and mend it, under progress bars."""
+    from neuroanimator.animation.motion import named_start
+    from neuroanimator.export.csv_file import read_table
+    from neuroanimator.improvement.improve import RoundReport, improve
+    from neuroanimator.state.start import read_starts
+    from neuroanimator.terminal import print_rows, progress_bar
+    from neuroanimator.text import print_line
+    from neuroanimator.training.train import Report
+
+    controllers = {path.name: read_table(path, model.control)[1] for path in controls}
+    start_state = named_start(model, read_starts(start)) if start else None
+    with (
+        progress_bar("rounds", config.rounds) as round_bar,
+        progress_bar("updates", config.updates) as update_bar,
+    ):
+
+        def on_round(report: RoundReport) -> None:
+            worst = max(report.errors, key=lambda name: report.errors[name])
+            round_bar.advance_to(report.number, f"{worst}: error {report.errors[worst]:.4f}")
+
+        def on_report(report: Report) -> None:
+            update_bar.advance_to(report.update, f"error {report.error:.4f}")
+
+        result = improve(
+            model,
+            out,
+            tolerance=tolerance,
+            config=config,
+            data=old,
+            controllers=controllers,
+            start=start_state,
+            recordings=recordings,
+            on_round=on_round,
+            on_report=on_report,
+        )
+    _print_errors(result.errors)
+    print_rows([("samples simulated", result.samples), ("emulator", out)])
+    print_line(f"{model.system}: {result}.")
+
+
+def _from_recording(
+    model: Emulator,
+    recording: Path,
+    out: Path,
+    config: ImprovementConfig,
+    old: Transitions | None,
+) -> None:
+    """Learn from a recording, under a progress bar."""
+    from neuroanimator.improvement.fine_tune import fine_tune
+    from neuroanimator.terminal import print_rows, progress_bar
+    from neuroanimator.text import print_line
+    from neuroanimator.training.train import Report
+
+    with progress_bar("updates", config.updates) as bar:
+
+        def on_report(report: Report) -> None:
+            bar.advance_to(report.update, f"error {report.error:.4f}")
+
+        result = fine_tune(model, recording, out, config=config, data=old, on_report=on_report)
+    _print_errors(result.errors)
+    print_rows([("windows learnt from", result.windows), ("emulator", out)])
+    if not result.has_old:
+        print_line(
+            f"{model.system}: nothing but the recording was learnt from, as it cannot be simulated. With --data, the "
+            "dataset it was trained on, it keeps what it knew."
+        )
+
+
+def _print_errors(errors: tuple[PlaceError, ...]) -> None:
+    """Print the error in each place before and after."""
+    from neuroanimator.terminal import print_table
+
+    rows: list[dict[str, object]] = []
+    for error in errors:
+        rows.append(
+            {"95 % of errors below": error.place, "before": error.before, "after": error.after}
+        )
+    print_table(rows)
+
+
+def _refuse_beside_from(given: list[str]) -> None:
+    """Refuse options that mean nothing where a recording alone is learnt from."""
+    from neuroanimator.errors import ArgumentError
+
+    if given:
+        raise ArgumentError(
+            f"improve: {given[0]} does not go with --from, which simulates nothing. Leave one of them out."
+        )

@@ -1,0 +1,1 @@
+"""Learning where an emulator is weak: look for it, simulate there, train on, and keep what was known."""

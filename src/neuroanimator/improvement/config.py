@@ -1,0 +1,34 @@
+"""How much an improvement may take: every choice its result depends on, besides the emulator and what it is given."""
+
+from __future__ import annotations
+
+import hashlib
+
+from pydantic import Field
+
+from neuroanimator.storage.files import canonical_json
+from neuroanimator.tables import Settings
+from neuroanimator.training.config import UPDATES_PER_CHUNK
+
+STRETCH = 15
+"""Super steps of the runs that are simulated: twelve windows begin in each."""
+
+
+class ImprovementConfig(Settings):
+    """Rounds of looking, simulating and training on.
+
+    Raises ArgumentError naming the field that is wrong.
+    """
+
+    samples: int = Field(default=6_000, ge=60 * STRETCH, le=10_000_000)
+    """New super steps simulated in a round, those of the probe among them."""
+    rounds: int = Field(default=6, ge=1, le=100)
+    updates: int = Field(default=6_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
+    """Weight updates of a round."""
+    seed: int = Field(default=0, ge=0, lt=2**31)
+
+    @property
+    def hash(self) -> str:
+        """Sixteen hex digits that name what a round depends on: how many of them there may be is none of it."""
+        values = self.model_dump(exclude={"rounds"})
+        return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:16]

@@ -1,0 +1,136 @@
+"""Learning from a recording: errors on its unseen tail fall, and what is wrong with it is told by line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Cli
+
+from neuroanimator import ImprovementConfig, NeuroAnimatorError, fine_tune, load_system
+from neuroanimator.data.sampling import sample_controls
+from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import BadFileError
+from neuroanimator.improvement.recordings import column_names, motions_of, read_runs
+
+CONFIG = ImprovementConfig(updates=500)
+RATE = 5
+"""Samples in a super step."""
+WEAKER = 0.6
+"""The motors of the recorded pendulum give so much of what is recorded."""
+
+
+def header(emulator: Emulator) -> str:
+    states = [f"state.{name}" for name in column_names(emulator.state)]
+    controls = [f"control.{name}" for name in column_names(emulator.control)]
+    return ",".join(["run", "time s", *states, *controls])
+
+
+def lines_of(emulator: Emulator, runs: int = 6, seconds: float = 6.0) -> list[str]:
+    """Return the recording of a pendulum with weak motors, a line a sample."""
+    system = load_system("pendulum")
+    step = emulator.dt / RATE
+    steps = round(seconds / emulator.dt)
+    rng = np.random.default_rng(5)
+    lines = [header(emulator)]
+    for run in range(runs):
+        held = sample_controls(rng, steps, emulator.dt, system.bounds)
+        controls = np.repeat(held, RATE, axis=0)
+        states = system.simulate(system.rest[None], WEAKER * controls[None], step).states[0]
+        for k, (state, control) in enumerate(zip(states, controls, strict=False)):
+            cells = [str(run), repr(k * step), *map(repr, map(float, (*state, *control)))]
+            lines.append(",".join(cells))
+    return lines
+
+
+@pytest.fixture(scope="module")
+def recording(shipped: Emulator, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recorded") / "weak motors.csv"
+    path.write_text("\n".join([*lines_of(shipped), ""]))
+    return path
+
+
+def test_errors_on_a_recordings_unseen_tail_fall(
+    shipped: Emulator, transitions: Transitions, recording: Path, tmp_path: Path
+):
+    out = tmp_path / "e.safetensors"
+    result = fine_tune(shipped, recording, out, config=CONFIG, data=transitions)
+    tail, usual = result.errors
+    assert (tail.place, usual.place) == (recording.name, "usual")
+    assert tail.after < 0.7 * tail.before
+    # The motors are weaker than in what it knew, so that both cannot be right.
+    assert usual.after < tail.before
+    assert result.has_old
+    again = fine_tune(shipped, recording, out, config=CONFIG, data=transitions)
+    assert again.errors == result.errors
+
+
+def test_the_tail_is_not_learnt_from(
+    shipped: Emulator, transitions: Transitions, recording: Path, tmp_path: Path
+):
+    from neuroanimator.improvement.fine_tune import _cut
+
+    parts = _cut(read_runs(recording, shipped), shipped)
+    learnt = {state.astype(np.float32).tobytes() for state in parts.learning.states.reshape(-1, 6)}
+    tested = {state.astype(np.float32).tobytes() for state in parts.states.reshape(-1, 6)}
+    assert len(tested) > 500
+    assert not learnt & tested
+
+
+def test_a_recordings_super_steps_are_those_of_the_emulator(shipped: Emulator, recording: Path):
+    (first, *_) = motions_of(read_runs(recording, shipped), shipped)
+    system = load_system("pendulum")
+    again = system.simulate(first.states[:1], WEAKER * first.controls[None], shipped.dt)
+    assert np.allclose(again.states[0, :20], first.states[:20], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (
+            lambda lines: [
+                *lines[:41],
+                lines[41].replace(lines[41].split(",")[3], "nan"),
+                *lines[42:],
+            ],
+            r"r.csv, line 42, column 4 \(state.angle.1 rad\): wanted a finite number, came 'nan'",
+        ),
+        (
+            lambda lines: [line.replace("state.angle.0", "state.tilt") for line in lines],
+            r"r.csv: no column 'state.angle.0 rad' and 'state.tilt rad' is none of the emulator's. Wanted state.angle.0",
+        ),
+        (
+            lambda lines: lines[::3],
+            r"r.csv: sampled every 0.03 s, which does not fill the emulator's super step of 0.05 s a whole number",
+        ),
+        (lambda lines: lines[:40], r"r.csv: 11 windows to learn from .* Record longer"),
+        (lambda lines: lines[:1], r"r.csv: 0 rows"),
+    ],
+)
+def test_what_is_wrong_with_a_recording_is_told(
+    change, told: str, shipped: Emulator, recording: Path, tmp_path: Path
+):
+    path = tmp_path / "r.csv"
+    path.write_text("\n".join([*change(recording.read_text().splitlines()), ""]))
+    with pytest.raises(BadFileError, match=told):
+        fine_tune(shipped, path, tmp_path / "e.safetensors", config=CONFIG)
+    assert [file.name for file in tmp_path.iterdir()] == ["r.csv"]
+
+
+def test_a_recording_of_another_kind_is_refused(shipped: Emulator, tmp_path: Path):
+    with pytest.raises(NeuroAnimatorError, match=r"recordings end in .csv, .npz"):
+        fine_tune(shipped, tmp_path / "r.txt", tmp_path / "e.safetensors")
+
+
+def test_the_verb_learns_from_a_recording(recording: Path, dataset: Path, tmp_path: Path, cli: Cli):
+    out = tmp_path / "e.safetensors"
+    options = ["--from", recording, "--data", dataset, "--updates", "500", "--out", out]
+    done = cli("improve", "pendulum-50", *options)
+    assert done.returncode == 0, done.stderr
+    assert "weak motors.csv" in done.stdout
+    assert out.exists()
+    refused = cli("improve", "pendulum-50", *options, "--rounds", "2")
+    assert refused.returncode == 2
+    assert "--rounds does not go with --from" in refused.stderr

@@ -1,0 +1,313 @@
+"""Learning where it is weak: resumed to the same bytes, nothing known is lost, and nothing is simulated for nothing."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from conftest import Cli
+
+from neuroanimator import (
+    Emulator,
+    ImprovementConfig,
+    NeuroAnimatorError,
+    TrainingConfig,
+    improve,
+    load_emulator,
+    load_system,
+    train,
+)
+from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.tensors import emulator_tensors
+from neuroanimator.errors import BadFileError, ResourceError
+from neuroanimator.evaluation.held_out import held_out_runs
+from neuroanimator.improvement.choice import ExpectedError, chosen
+from neuroanimator.improvement.emulated import errors_on
+from neuroanimator.improvement.improve import KEPT, QUANTILE, Improvement, RoundReport
+from neuroanimator.improvement.mixture import GROUPS, mixed, widened
+from neuroanimator.improvement.places import Shifted, Stretches, drawn
+from neuroanimator.improvement.samples import Samples, windows_of
+from neuroanimator.training.train import run_folder
+
+CONFIG = ImprovementConfig(samples=900, rounds=2, updates=250)
+OPTIONS = ["--samples", "900", "--rounds", "2", "--updates", "250"]
+UNREACHABLE = 1e-9
+"""A tolerance that no emulator keeps, so that every round is gone through."""
+
+
+class KilledError(Exception):
+    """Stands for a kill at a moment that a test chooses."""
+
+
+@pytest.fixture(scope="module")
+def weak(transitions: Transitions, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tiny emulator, hardly trained."""
+    out = tmp_path_factory.mktemp("weak") / "weak.emulator.safetensors"
+    train(transitions, TrainingConfig(widths=(16,), updates=1500, batch=128), out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def whole(weak: Path, transitions: Transitions) -> tuple[Path, Improvement]:
+    """Two rounds of improvement at one go."""
+    out = weak.with_name("whole.safetensors")
+    emulator = load_emulator(weak)
+    return out, improve(emulator, out, tolerance=UNREACHABLE, config=CONFIG, data=transitions)
+
+
+def bytes_of(out: Path) -> dict[str, bytes]:
+    """Return the result, and what each round left."""
+    files = [out, *run_folder(out).glob("*.safetensors")]
+    return {path.name.replace(out.name, "result"): path.read_bytes() for path in files}
+
+
+def test_f02_stopped_in_every_round_it_ends_with_the_same_bytes(
+    weak: Path, transitions: Transitions, whole: tuple[Path, Improvement], tmp_path: Path
+):
+    out = tmp_path / "broken.safetensors"
+    emulator = load_emulator(weak)
+
+    def go(stops_at: int) -> None:
+        def on_round(report: RoundReport) -> None:
+            if report.number == stops_at:
+                raise KilledError
+
+        improve(
+            emulator,
+            out,
+            tolerance=UNREACHABLE,
+            config=CONFIG,
+            data=transitions,
+            on_round=on_round,
+        )
+
+    for stops_at in (0, 1):
+        with pytest.raises(KilledError):
+            go(stops_at)
+        assert not out.exists()
+    go(-1)
+    assert bytes_of(out) == bytes_of(whole[0])
+
+
+def test_f02_killed_within_a_round_it_ends_with_the_same_bytes(
+    weak: Path, dataset: Path, whole: tuple[Path, Improvement], tmp_path: Path, cli: Cli
+):
+    broken = tmp_path / "broken.safetensors"
+    options = ["--tolerance", "1e-9", "--data", str(dataset), *OPTIONS]
+    program = [sys.executable, "-c", "from neuroanimator.cli.main import main; main()"]
+    process = subprocess.Popen(
+        [*program, "improve", str(weak), *options, "--out", str(broken)],
+        stdout=subprocess.DEVNULL,
+    )
+    sampled = run_folder(broken) / "round-001.samples.safetensors"
+    while process.poll() is None and not sampled.exists():
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert not broken.exists()
+    done = cli("improve", weak, *options, "--out", broken)
+    assert done.returncode == 0, done.stderr
+    assert "not every error is at most 1e-09 after 1,800 samples in 2 rounds" in done.stdout
+    assert bytes_of(broken) == bytes_of(whole[0])
+
+
+def test_f04_a_disk_that_fills_is_said_and_gone_on_from(
+    weak: Path,
+    transitions: Transitions,
+    whole: tuple[Path, Improvement],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    out = tmp_path / "full.safetensors"
+    emulator = load_emulator(weak)
+    written = os.fsync
+    calls = 0
+
+    def full(handle: int) -> None:
+        nonlocal calls
+        calls += 1
+        if calls % 3 == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        written(handle)
+
+    monkeypatch.setattr(os, "fsync", full)
+    for _ in range(3):
+        with pytest.raises(ResourceError, match=r"Could not write .*: No space left on device"):
+            improve(emulator, out, tolerance=UNREACHABLE, config=CONFIG, data=transitions)
+    monkeypatch.undo()
+    improve(emulator, out, tolerance=UNREACHABLE, config=CONFIG, data=transitions)
+    assert bytes_of(out) == bytes_of(whole[0])
+
+
+def test_a_damaged_round_is_made_again(
+    weak: Path, transitions: Transitions, whole: tuple[Path, Improvement], tmp_path: Path
+):
+    out = tmp_path / "damaged.safetensors"
+    shutil.copytree(run_folder(whole[0]), run_folder(out))
+    for name in ("round-002.samples.safetensors", "round-002.emulator.safetensors"):
+        path = run_folder(out) / name
+        path.write_bytes(path.read_bytes()[:-100])
+    improve(load_emulator(weak), out, tolerance=UNREACHABLE, config=CONFIG, data=transitions)
+    assert bytes_of(out) == bytes_of(whole[0])
+
+
+def test_more_rounds_go_on_from_fewer(
+    weak: Path, transitions: Transitions, whole: tuple[Path, Improvement], tmp_path: Path
+):
+    out = tmp_path / "more.safetensors"
+    emulator = load_emulator(weak)
+    fewer = CONFIG.model_copy(update={"rounds": 1})
+    first = improve(emulator, out, tolerance=UNREACHABLE, config=fewer, data=transitions)
+    assert (first.rounds, first.samples) == (1, 900)
+    assert not first.is_within_tolerance
+    improve(emulator, out, tolerance=UNREACHABLE, config=CONFIG, data=transitions)
+    assert bytes_of(out) == bytes_of(whole[0])
+
+
+def test_errors_where_it_was_weak_fall_and_usual_ones_stay(
+    weak: Path, whole: tuple[Path, Improvement]
+):
+    usual, shifted = whole[1].errors
+    assert (usual.place, shifted.place) == ("usual", "shifted")
+    assert shifted.after < 0.95 * shifted.before
+    assert usual.after <= KEPT * usual.before
+    # On runs of another seed, too.
+    before = load_emulator(weak)
+    test = held_out_runs(before, 32, 2.0, seed=9, scheme=load_system("pendulum").truth)
+    errors = [
+        np.quantile(errors_on(emulator, test), QUANTILE) for emulator in (before, whole[1].emulator)
+    ]
+    assert errors[1] <= KEPT * errors[0]
+
+
+def test_the_improved_emulator_has_a_meter_of_its_own(weak: Path, whole: tuple[Path, Improvement]):
+    given, improved = load_emulator(weak), load_emulator(whole[0])
+    assert given.meter is not None
+    assert improved.meter is not None
+    assert not np.array_equal(given.meter.odd, improved.meter.odd)
+
+
+def test_a_tolerance_that_is_kept_takes_no_sample(weak: Path, tmp_path: Path, cli: Cli):
+    out = tmp_path / "same.safetensors"
+    done = cli("improve", weak, "--tolerance", "1000", *OPTIONS, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert "nothing to do: every error is at most 1e+03 already, so no sample was simulated" in (
+        done.stdout
+    )
+    assert not list(run_folder(out).glob("round-*"))
+    given, same = (emulator_tensors(load_emulator(path)) for path in (weak, out))
+    assert given.keys() == same.keys()
+    assert all(np.array_equal(given[name], same[name]) for name in given)
+
+
+def test_another_emulators_folder_is_refused(
+    weak: Path, transitions: Transitions, whole: tuple[Path, Improvement], shipped: Emulator
+):
+    before = bytes_of(whole[0])
+    for emulator, config in (
+        (shipped, CONFIG),
+        (load_emulator(weak), CONFIG.model_copy(update={"seed": 1})),
+    ):
+        with pytest.raises(BadFileError, match="holds the improvement of another emulator"):
+            improve(emulator, whole[0], config=config, data=transitions)
+    assert bytes_of(whole[0]) == before
+
+
+def test_a_folder_of_a_training_is_refused(weak: Path, transitions: Transitions):
+    with pytest.raises(BadFileError, match="holds a training"):
+        improve(load_emulator(weak), weak, config=CONFIG, data=transitions)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_tolerance_is_a_number_above_zero(tolerance: float, shipped: Emulator, tmp_path: Path):
+    with pytest.raises(NeuroAnimatorError, match="tolerance: wanted a number above 0"):
+        improve(shipped, tmp_path / "e.safetensors", tolerance=tolerance)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_controllers_motion_is_a_place_of_its_own(
+    weak: Path, transitions: Transitions, tmp_path: Path
+):
+    controls = np.full((30, 3), 4.0)
+    result = improve(
+        load_emulator(weak),
+        tmp_path / "e.safetensors",
+        tolerance=1000.0,
+        config=CONFIG,
+        data=transitions,
+        controllers={"push.csv": controls},
+    )
+    assert [error.place for error in result.errors] == ["usual", "shifted", "push.csv"]
+    with pytest.raises(NeuroAnimatorError, match=r"push.csv: control: .* out of bounds"):
+        improve(
+            load_emulator(weak),
+            tmp_path / "e.safetensors",
+            config=CONFIG,
+            data=transitions,
+            controllers={"push.csv": 100 * controls},
+        )
+
+
+def test_runs_are_drawn_in_proportion_to_the_error_expected(transitions: Transitions):
+    rng = np.random.default_rng(0)
+    scores = rng.uniform(0.1, 3, (400, 5))
+    place = np.repeat([0, 1], 200)
+    errors = 0.2 * scores**1.5 * np.where(place == 1, 3.0, 1.0)[:, None]
+    expected = ExpectedError.fitted(scores, errors, place, 2)
+    assert expected.slope == pytest.approx(1.5)
+    weights = expected.of(scores, place)
+    assert weights == pytest.approx(errors.mean(axis=1))
+    stretches = Stretches(np.arange(400.0)[:, None], np.zeros((400, 5, 1)), place)
+    taken = chosen(rng, stretches, weights, 100)
+    rows = taken.starts[:, 0].astype(int)
+    assert len(set(rows)) == 100
+    assert weights[rows].mean() > 1.2 * weights.mean()
+    assert set(taken.place) == {0, 1}
+
+
+def test_a_place_that_the_probe_missed_gets_the_others_height():
+    scores = np.full((4, 2), 0.5)
+    expected = ExpectedError.fitted(scores, np.full((4, 2), 0.3), np.zeros(4, int), 2)
+    assert expected.of(scores[:1], np.array([1])) == pytest.approx([0.3])
+
+
+def test_a_run_is_validated_on_in_every_round_or_in_none(transitions: Transitions):
+    states = np.random.default_rng(0).normal(size=(90, 16, 6)).astype(np.float32)
+    samples = Samples(states, np.zeros((90, 15, 3), np.float32), np.zeros(90, int))
+    groups = []
+    for count in (60, 90):
+        data = mixed(transitions, windows_of(samples.where(np.arange(90) < count)), 0)
+        assert len(data.states) % GROUPS == 0
+        assert len(set(np.bincount(data.run))) == 1
+        groups.append(
+            {row[0].tobytes(): run for row, run in zip(data.states, data.run, strict=True)}
+        )
+    common = groups[0].keys() & groups[1].keys()
+    assert len(common) > 1000
+    assert all(groups[0][key] == groups[1][key] for key in common)
+
+
+def test_a_wider_range_changes_nothing_within_the_old_one(
+    shipped: Emulator, transitions: Transitions
+):
+    system = transitions.system
+    rng = np.random.default_rng(0)
+    pool = drawn((Shifted(system, shipped.dt),), rng, transitions.states[:, 0].astype(float), 60)
+    runs = system.simulate(pool.starts, 1.0 * pool.controls, shipped.dt)
+    wider = widened(shipped, windows_of(Samples(runs.states, pool.controls, pool.place)))
+    assert (np.asarray(wider.domain.high) > np.asarray(shipped.domain.high)).any()
+    assert jax.numpy.array_equal(wider.domain.low, -wider.domain.high)
+    states = transitions.states[:100, 0].astype(float)
+    controls = transitions.controls[:100, :1].astype(float)
+    covered = shipped.trust(states, controls[:, 0]) < 0.5
+    expected = shipped.rollout(states[covered], controls[covered])
+    assert np.array_equal(wider.rollout(states[covered], controls[covered]), expected)
