@@ -9,6 +9,8 @@ import pytest
 
 from neuroanimator import Emulator, NeuroAnimatorError, hybrid_rollout, load_system
 from neuroanimator.emulator.trust import EDGE
+from neuroanimator.evaluation.held_out import held_out_runs
+from neuroanimator.evaluation.hybrid_shares import THRESHOLDS, hybrid_gain, hybrid_shares
 from neuroanimator.hybrid import PHYSICS_STEPS, HybridMotion
 
 STEPS = 32
@@ -131,3 +133,23 @@ def test_a_rollout_with_scores_is_the_rollout_and_its_scores(
     batch, of_batch = shipped.rollout_trusted(np.stack([START] * 2), np.stack([controls] * 2))
     np.testing.assert_allclose(batch, np.stack([states] * 2), rtol=1e-4, atol=1e-4)
     assert of_batch.shape == (2, STEPS)
+
+
+def test_what_turns_are_worth_is_nothing_without_them_and_all_with_nothing_else(
+    shipped: Emulator, controls: np.ndarray
+):
+    physics = hybrid_rollout(shipped, SYSTEM, START, controls, threshold=0)
+    gain = hybrid_gain(shipped, SYSTEM, physics, controls)
+    assert gain.error == 0 < gain.emulator_error
+    emulator = hybrid_rollout(shipped, SYSTEM, START, controls, threshold=np.inf)
+    gain = hybrid_gain(shipped, SYSTEM, emulator, controls)
+    assert gain.error == pytest.approx(gain.emulator_error, rel=1e-2)
+    assert str(gain).startswith("0% of the time by physics")
+
+
+def test_a_report_has_shares_and_errors_by_threshold(shipped: Emulator):
+    test = held_out_runs(shipped, count=3, seconds=1.0)
+    shares = hybrid_shares(shipped, test, 3)
+    assert [share.threshold for share in shares] == list(THRESHOLDS)
+    assert shares[0].physics_share <= shares[-1].physics_share
+    assert shares[-1].error < shares[-1].emulator_error

@@ -83,6 +83,7 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (["animate", "pendulum", "--out", "clip.glb", "--rate", "nan"], 2, "rate: "),
         (["animate", "pendulum", "--out", "clip.glb", "--seconds", "-1"], 2, "seconds: "),
         (["animate", "pendulum", "--out", "clip.glb", "--seed", "-1"], 2, "seed: "),
+        (["animate", "pendulum", "--out", "clip.glb", "--threshold", "2"], 2, "Give --hybrid"),
         (
             ["animate", "pendulum", "--out", "clip.glb", "--controls", "missing.csv"],
             3,
@@ -137,6 +138,13 @@ def test_a_control_out_of_bounds_is_refused_by_name(cli: Cli, tmp_path: Path):
     result = cli("animate", "pendulum", "--controls", path, "--out", tmp_path / "c.glb")
     assert result.returncode == 2
     assert "torque[1] N·m out of bounds; wanted between -14 and 14, came 99" in result.stderr
+
+
+def test_emulator_and_physics_take_turns_in_a_clip(cli: Cli, tmp_path: Path):
+    drawn = ("animate", "pendulum", "--seconds", "1", "--out", tmp_path / "clip.csv")
+    turns = cli(*drawn, "--hybrid", "--threshold", "0")
+    assert turns.returncode == 0, turns.stderr
+    assert "100% of the time by physics; error 0, of the emulator alone" in turns.stdout
 
 
 def test_control_then_animate_then_export(cli: Cli, tmp_path: Path):

@@ -64,7 +64,9 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
     shipped: Emulator, transitions: Transitions, tmp_path: Path
 ):
     found = evaluate(
-        shipped, data=transitions, budget=EvaluationBudget(runs=4, repeats=3, starts=10, steps=50)
+        shipped,
+        data=transitions,
+        budget=EvaluationBudget(runs=4, repeats=3, starts=10, steps=50, hybrid_runs=2),
     )
     row = found.row()
     # A hundred and more on an idle machine; here nothing is optimised, and others use the cores.
@@ -75,7 +77,9 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
     assert found.rollout_error_at(1.0) > found.rollout_error_at(0.1)
     write_report([found], tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
-    assert page.count("<svg class=plot") == 5
+    assert page.count("<svg class=plot") == 6 + (found.bounded is not None)
+    assert ("How far rollouts go astray" in page) == (found.bounded is not None)
+    assert "In turns with the physics" in page
     assert page.count("<svg class=bars") == 9
     assert found.inspection is not None
     for spread in found.inspection.coverage.spreads:

@@ -12,6 +12,8 @@ from neuroanimator import Emulator, NeuroAnimatorError, fit_error_bounds, fit_tr
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.emulator.error_bounds import KINDS, LEVELS, log_scores
+from neuroanimator.evaluation.bounded_errors import bounded_errors
+from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.training.error_fitting import (
     UnseenRuns,
@@ -91,6 +93,17 @@ def test_unseen_motions_stay_below_at_every_level_and_horizon(bounded: Emulator,
         room = binomial(level, 200)
         for step in (0, 9, 19, 39):
             assert is_below[:, step].mean() == pytest.approx(level, abs=room)
+
+
+def test_a_report_says_how_many_of_its_runs_stay_below(bounded: Emulator):
+    test = held_out_runs(bounded, count=48, seconds=2.5, scheme=SYSTEM.truth)
+    emulated = np.asarray(bounded.rollout(test.states[:, 0], test.controls), float)
+    found = bounded_errors(bounded, test, emulated)
+    assert found is not None
+    assert found.covered.shape == found.bound.shape == (40,)
+    assert found.covered.mean() == pytest.approx(found.level, abs=binomial(found.level, 48))
+    assert str(found).endswith("after 2 s")
+    assert bounded_errors(replace(bounded, calibration=None), test, emulated) is None
 
 
 def test_bounds_grow_with_the_level_and_the_scores(bounded: Emulator):

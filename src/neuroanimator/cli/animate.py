@@ -11,7 +11,11 @@ from neuroanimator.export.film.options import CAMERAS, DEFAULT_SIZE
 
 if TYPE_CHECKING:
     from neuroanimator.animation.clip import Clip
+    from neuroanimator.animation.motion import Drive
+    from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.emulator.trust_summary import TrustSummary
+    from neuroanimator.evaluation.hybrid_shares import HybridGain
+    from neuroanimator.hybrid import HybridMotion
 
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
@@ -26,6 +30,15 @@ CAMERA_HELP = "Of a film: " + "; ".join(f"{name} ({does})" for name, does in CAM
 
 TRUST_HELP = "Show in films how far to believe the emulator: a curve, and a glow where it leaves its training."
 """The help of `--trust`."""
+
+HYBRID_HELP = "Let the physics take over where the emulator is not trusted; prints its share of the time, and the error."
+"""The help of `--hybrid`."""
+
+THRESHOLD_HELP = "With --hybrid: the score from which on the physics takes over; 0: all is physics. 1 if not given."
+"""The help of `--threshold`."""
+
+SYSTEM_HELP = "With --hybrid: your TOML file, whose step function may then run."
+"""The help of `--system`."""
 
 START_HELP = (
     "Part of the state to start with, such as root.position=3,-2,8; may be given several times."
@@ -62,6 +75,9 @@ def run(
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
     interpolation: Annotated[str, typer.Option(help="hermite, or linear as in 1998.")] = "hermite",
     trust: Annotated[bool, typer.Option("--trust", help=TRUST_HELP)] = False,
+    hybrid: Annotated[bool, typer.Option("--hybrid", help=HYBRID_HELP)] = False,
+    threshold: Annotated[float | None, typer.Option(help=THRESHOLD_HELP)] = None,
+    system: Annotated[Path | None, typer.Option(help=SYSTEM_HELP)] = None,
 ) -> None:
     """Animate the motion a system is best seen by, one found by 'control', or a random one, without running the physics."""
 
@@ -69,6 +85,7 @@ def run(
     from neuroanimator.terminal import phase, print_rows
 
     film = read_film(size, camera)
+    _refuse_without_hybrid(hybrid, threshold, system)
     with phase("loading"):
         from neuroanimator.animation.clip import make_clip
         from neuroanimator.animation.motion import (
@@ -84,7 +101,7 @@ def run(
 
         model = emulator_for(out, emulator)
     if school is not None:
-        _refuse_in_a_school(controls, start, interpolation, trust)
+        _refuse_in_a_school(controls, start, interpolation, trust, hybrid)
         with phase("emulating"):
             from neuroanimator.control.policies.school import school_clips
 
@@ -103,23 +120,49 @@ def run(
             drive = default_drive(model)
         else:
             drive = random_drive(model, seconds, seed or 0, start_state)
-        states = drive.motion(model)
+        gain = None
+        if hybrid:
+            motion, gain = _in_turns(model, drive, threshold, system)
+            states = motion.states
+        else:
+            states = drive.motion(model)
         scores = scores_along(model, states, drive.controls)
     clip = make_clip(
         model,
         states,
         rate=rate,
         interpolation=interpolation,
-        source="emulator",
+        source="hybrid" if hybrid else "emulator",
         trust=scores if trust else None,
     )
     with phase("drawing"):
         export_clip(clip, model, out, film)
-    return print_rows(_rows(clip, out, summary_of(model, scores)))
+    return print_rows(_rows(clip, out, summary_of(model, scores), gain))
+
+
+def _in_turns(
+    model: Emulator, drive: Drive, threshold: float | None, system: Path | None
+) -> tuple[HybridMotion, HybridGain]:
+    """Return the motion that emulator and physics make in turns, and what that was worth."""
+    from neuroanimator.emulator.trust import EDGE
+    from neuroanimator.evaluation.held_out import system_of
+    from neuroanimator.evaluation.hybrid_shares import hybrid_gain
+    from neuroanimator.hybrid import hybrid_rollout
+    from neuroanimator.systems.loading import trust_files
+
+    if system:
+        trust_files(system)
+    physics = system_of(model)
+    edge = EDGE if threshold is None else threshold
+    motion = hybrid_rollout(model, physics, drive.start, drive.controls, threshold=edge)
+    return motion, hybrid_gain(model, physics, motion, drive.controls)
 
 
 def _rows(
-    clip: Clip, out: list[Path], trust: TrustSummary | None = None
+    clip: Clip,
+    out: list[Path],
+    trust: TrustSummary | None = None,
+    gain: HybridGain | None = None,
 ) -> list[tuple[str, object]]:
     """Return what the verb prints."""
     rows: list[tuple[str, object]] = [
@@ -128,11 +171,24 @@ def _rows(
     ]
     if trust is not None:
         rows.append(("trust", trust))
+    if gain is not None:
+        rows.append(("in turns", gain))
     return [*rows, *(("file", path) for path in out)]
 
 
+def _refuse_without_hybrid(hybrid: bool, threshold: float | None, system: Path | None) -> None:
+    """Refuse the options that nothing but turns with the physics has a use for."""
+    from neuroanimator.errors import ArgumentError
+
+    for name, value in {"threshold": threshold, "system": system}.items():
+        if value is not None and not hybrid:
+            raise ArgumentError(
+                f"{name}: it is of motions in turns with the physics. Give --hybrid, too."
+            )
+
+
 def _refuse_in_a_school(
-    controls: Path | None, start: list[str] | None, interpolation: str, trust: bool
+    controls: Path | None, start: list[str] | None, interpolation: str, trust: bool, hybrid: bool
 ) -> None:
     """Refuse the options that a school has no use for."""
     from neuroanimator.errors import ArgumentError
@@ -142,6 +198,7 @@ def _refuse_in_a_school(
         "start": start,
         "interpolation": interpolation != "hermite",
         "trust": trust,
+        "hybrid": hybrid,
     }
     for name, value in given.items():
         if value:

@@ -18,6 +18,7 @@ from neuroanimator.evaluation.accuracy import (
     self_divergence,
 )
 from neuroanimator.evaluation.baselines import baselines
+from neuroanimator.evaluation.bounded_errors import BoundedErrors, bounded_errors
 from neuroanimator.evaluation.held_out import (
     HELD_OUT_RUNS,
     MAX_TRANSITIONS,
@@ -26,6 +27,7 @@ from neuroanimator.evaluation.held_out import (
     recorded_runs,
     system_of,
 )
+from neuroanimator.evaluation.hybrid_shares import HybridShare, hybrid_shares
 from neuroanimator.evaluation.inspection import INSPECTED_RUNS, Inspection, inspect
 from neuroanimator.evaluation.noise import noise_error
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
@@ -71,6 +73,8 @@ class EvaluationBudget:
     """Super steps rolled out from each."""
     rounds: int = 5
     """Sets of unseen runs, in a table."""
+    hybrid_runs: int = 0
+    """Unseen runs in which emulator and physics take turns; 0 leaves that out."""
 
     @property
     def inspected(self) -> int:
@@ -78,7 +82,7 @@ class EvaluationBudget:
         return INSPECTED_PER_RUN * self.runs
 
 
-THOROUGH = EvaluationBudget()
+THOROUGH = EvaluationBudget(hybrid_runs=16)
 """A minute for each emulator."""
 
 QUICK = EvaluationBudget(runs=8, transitions=320, repeats=3, starts=200, steps=300, rounds=1)
@@ -124,6 +128,10 @@ class Evaluation:
     """One-step errors that this noise alone makes, in what `error_by_entry` is in."""
     inspection: Inspection | None = None
     """Where it is good and where it is weak; None if that was not looked for."""
+    bounded: BoundedErrors | None = None
+    """Whether bounds of errors keep what they promise; None where nobody measured any."""
+    hybrid: tuple[HybridShare, ...] = ()
+    """What turns with the physics are worth; empty if that was not looked at."""
 
     @property
     def weak_spots(self) -> tuple[WeakSpot, ...]:
@@ -305,6 +313,10 @@ def evaluate(
         if budget.starts:
             among = test.transitions.states if is_recorded else None
             diverged = count_diverged(emulator, budget.starts, budget.steps, among=among)
+    hybrid: tuple[HybridShare, ...] = ()
+    if budget.hybrid_runs and not is_recorded:
+        with phase("taking turns with the physics"):
+            hybrid = hybrid_shares(emulator, test, budget.hybrid_runs)
     return Evaluation(
         system=emulator.system,
         substeps=emulator.substeps,
@@ -325,6 +337,8 @@ def evaluate(
         noise=test.noise,
         noise_by_entry=noise_error(emulator, test),
         inspection=inspect(emulator, data=data, runs=budget.inspected, seed=seed),
+        bounded=bounded_errors(emulator, test, emulated),
+        hybrid=hybrid,
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
+from neuroanimator.evaluation.bounded_errors import BoundedErrors
 from neuroanimator.evaluation.evaluate import NO_OPPONENT, Evaluation
 from neuroanimator.evaluation.page import glossary_html, made_html, write_page
 from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, QUIET, plot
@@ -52,6 +53,23 @@ NOISE_CAPTION = (
     "compared with. Squares add up: what is left to gain is the root of their difference."
 )
 """What stands below the table of noise."""
+
+BOUNDS_CAPTION = (
+    "The bound of a usual motion: {level:.0%} of motions shall stay below theirs, which grow with the scores of trust on the "
+    "way. Of these {runs} held-out runs {covered} did. Errors are over all that moves, in standard deviations of its usual "
+    "change in a super step; controllers' motions have bounds of their own, as they go further astray."
+)
+"""What stands below the curve of errors and their bounds."""
+
+TURNS_HEADS = ("physics from a score of", "its share of the time", "error at the end", "times less")
+"""The columns of the table of turns."""
+
+TURNS_CAPTION = (
+    "Where a super step's score of trust reaches the one on the left, the physics takes over for a few super steps and gives "
+    "back. The error is that after 2 s, against fine physics from the same start, over how far runs get: "
+    "na.hybrid_rollout, or animate --hybrid."
+)
+"""What stands below the table of turns."""
 
 
 def write_report(
@@ -140,7 +158,44 @@ def _section(evaluation: Evaluation) -> str:
         body += f"{plot(partial(draw, evaluation=evaluation))}<p>{caption}</p>"
     heading = f"<h2>{_title(evaluation)} (Δt = {evaluation.dt * 1e3:g} ms)</h2>"
     inspected = inspection_html(evaluation.inspection) if evaluation.inspection else ""
-    return f"{heading}{body}{_noise(evaluation)}{_cheap_predictors(evaluation)}{inspected}"
+    known = f"{_bounds(evaluation)}{_turns(evaluation)}"
+    return f"{heading}{body}{known}{_noise(evaluation)}{_cheap_predictors(evaluation)}{inspected}"
+
+
+def _bounds(evaluation: Evaluation) -> str:
+    """Return the curve of errors and their bounds, and whether these hold; empty without any."""
+    bounded = evaluation.bounded
+    if bounded is None:
+        return ""
+    drawn = plot(partial(_plot_bounds, bounded=bounded))
+    caption = BOUNDS_CAPTION.format(level=bounded.level, runs=bounded.runs, covered=bounded)
+    return f"<h3>How far rollouts go astray</h3>{drawn}<p>{caption}</p>"
+
+
+def _plot_bounds(axes: Axes, bounded: BoundedErrors) -> None:
+    axes.plot(bounded.times, bounded.bound, color=PHYSICS, label=f"bound of {bounded.level:.0%}")
+    high = f"{bounded.level:.0%} of errors are below"
+    axes.plot(bounded.times, bounded.high, color=EMULATOR, label=high)
+    axes.plot(bounded.times, bounded.median, color=EMULATOR, ls=":", label="median error")
+    axes.set(xlabel="time [s]", ylabel="error [usual changes]", yscale="log")
+    axes.legend(frameon=False, fontsize=8)
+
+
+def _turns(evaluation: Evaluation) -> str:
+    """Return the table of motions in turns with the physics; empty where nobody looked."""
+    if not evaluation.hybrid:
+        return ""
+    rows = ""
+    for share in evaluation.hybrid:
+        gain = share.emulator_error / share.error if share.error else float("inf")
+        figures = (f"{share.physics_share:.0%}", f"{share.error:.3g}", f"{gain:.3g}")
+        cells = "".join(f"<td>{figure}</td>" for figure in figures)
+        rows += f"<tr><td>{share.threshold:g}</td>{cells}</tr>"
+    alone = evaluation.hybrid[0].emulator_error
+    rows += f"<tr><td>never</td><td>0%</td><td>{alone:.3g}</td><td>1</td></tr>"
+    heads = "".join(f"<th>{head}</th>" for head in TURNS_HEADS)
+    table = f"<div class=wide><table><tr>{heads}</tr>{rows}</table></div>"
+    return f"<h3>In turns with the physics</h3>{table}<p>{TURNS_CAPTION}</p>"
 
 
 def _noise(evaluation: Evaluation) -> str:

@@ -1,0 +1,86 @@
+"""What taking turns with the physics is worth: the physics' share of the time, and how far motions go astray."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.evaluation.accuracy import rollout_error, root_mean_square
+from neuroanimator.evaluation.held_out import HeldOut
+from neuroanimator.hybrid import HybridMotion, hybrid_rollout
+from neuroanimator.state.body_frame import Frame
+from neuroanimator.systems.system import System
+
+THRESHOLDS = (2.0, 1.0, 0.5, 0.25)
+"""Scores from which on the physics takes over, in reports: from well beyond the edge of training to the midst of it."""
+
+RUN_SECONDS = 2.0
+"""Runs are so long [s], if they are so long at all."""
+
+
+@dataclass(frozen=True)
+class HybridShare:
+    """Motions in turns with the physics, where it takes over from one score on."""
+
+    threshold: float
+    physics_share: float
+    """Share of the super steps that the physics made."""
+    error: float
+    """Rms error at the end over how far the physics gets from the start."""
+    emulator_error: float
+    """That of the emulator alone."""
+
+
+def hybrid_shares(emulator: Emulator, test: HeldOut, count: int) -> tuple[HybridShare, ...]:
+    """Return what each of `THRESHOLDS` comes to on the first seconds of `count` unseen runs."""
+    steps = min(test.controls.shape[1], round(RUN_SECONDS / emulator.dt) or 1)
+    truth = test.states[:count, : steps + 1]
+    controls = test.controls[:count, :steps]
+    alone = np.asarray(emulator.rollout(truth[:, 0], controls, may_diverge=True), float)
+    emulator_error = float(rollout_error(test.frame, alone, truth)[-1])
+    found = []
+    for threshold in THRESHOLDS:
+        motions = [
+            hybrid_rollout(emulator, test.system, states[0], held, threshold=threshold)
+            for states, held in zip(truth, controls, strict=True)
+        ]
+        states = np.stack([motion.states for motion in motions])
+        share = float(np.mean([motion.physics_share for motion in motions]))
+        error = float(rollout_error(test.frame, states, truth)[-1])
+        found.append(HybridShare(threshold, share, error, emulator_error))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class HybridGain:
+    """What turns with the physics were worth in one motion."""
+
+    physics_share: float
+    error: float
+    """Rms error all the way, over how far the physics gets from the start."""
+    emulator_error: float
+    """That of the emulator alone."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.physics_share:.0%} of the time by physics; error {self.error:.3g}, of the emulator alone "
+            f"{self.emulator_error:.3g} (over how far the motion gets)"
+        )
+
+
+def hybrid_gain(
+    emulator: Emulator, system: System, motion: HybridMotion, controls: Float[np.ndarray, "T C"]
+) -> HybridGain:
+    """Return what the turns of `motion` were worth: it is held against the physics alone from the same start."""
+    start = motion.states[0]
+    truth = system.simulate_fastest(start[None], controls[None], emulator.dt).states
+    alone = np.asarray(emulator.rollout(start, controls, may_diverge=True), float)
+    frame = Frame.of(system.structure, emulator.dt)
+    errors = [
+        float(root_mean_square(rollout_error(frame, states[None], truth)))
+        for states in (motion.states, alone)
+    ]
+    return HybridGain(motion.physics_share, *errors)
