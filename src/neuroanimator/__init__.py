@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from neuroanimator.control.objective.goals import goal, is_reached, reach_state
     from neuroanimator.control.objective.objective import CostTerm, Objective
     from neuroanimator.control.objective.obstacles import avoid
+    from neuroanimator.control.objective.trusted import stay_trusted
     from neuroanimator.control.policies.pilot import Pilot
     from neuroanimator.control.policies.policy import Policy
     from neuroanimator.control.policies.policy_file import load_policy
@@ -124,6 +125,7 @@ _HOMES = {
     "keep_speed": "control.objective.costs",
     "keep_heading": "control.objective.costs",
     "stand_up": "control.objective.costs",
+    "stay_trusted": "control.objective.trusted",
     "stay_upright": "control.objective.costs",
     "stay_within": "control.objective.costs",
     "effort": "control.objective.costs",
@@ -208,6 +210,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "stand_up",
     "stay_upright",
     "stay_within",
+    "stay_trusted",
     "effort",
     "smoothness",
     "avoid",

@@ -28,6 +28,7 @@ START_HELP = (
 CLOSED_LOOP_HELP = (
     "Plan again at every super step, from where the physics really is, and so hold the goal."
 )
+THRESHOLD_HELP = "Keep the motion to a goal where the emulator's score is at most this: 1 is the edge of training. Takes longer."
 METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
 
 
@@ -64,6 +65,7 @@ def run(
     effort_weight: Annotated[
         float | None, typer.Option(help="Weight of effort in a goal's J; 1 if not given.")
     ] = None,
+    threshold: Annotated[float | None, typer.Option(help=THRESHOLD_HELP)] = None,
     closed_loop: Annotated[bool, typer.Option("--closed-loop", help=CLOSED_LOOP_HELP)] = False,
     horizon: Annotated[
         float | None,
@@ -111,16 +113,22 @@ def run(
         model = emulator_for([glb] if glb else [], emulator)
         if closed_loop:
             _refuse_in_closed_loop(
-                objective=objective, starts=starts, data=data, log=log, report=report
+                objective=objective,
+                starts=starts,
+                data=data,
+                log=log,
+                report=report,
+                threshold=threshold,
             )
         elif horizon is not None:
             raise ArgumentError("horizon: goes with --closed-loop only. Leave it out.")
         if objective is None:
-            search = _search_goal(model, own, goal, seconds, effort_weight, start or [])
+            search = _search_goal(model, own, goal, seconds, effort_weight, threshold, start or [])
         else:
-            if (goal, seconds, effort_weight, start or []) != (None, None, None, []):
+            if (goal, seconds, effort_weight, threshold, start or []) != (None,) * 4 + ([],):
                 raise ArgumentError(
-                    "objective: its file says all that --goal, --seconds, --start and --effort-weight do. Leave these out."
+                    "objective: its file says all that --goal, --seconds, --start, --effort-weight and --threshold do. "
+                    "Leave these out."
                 )
             search = _search_objective(model, own, objective)
     if search.closed_loop is not None and closed_loop:
@@ -186,6 +194,7 @@ def _search_goal(
     name: str | None,
     seconds: float | None,
     effort_weight: float | None,
+    threshold: float | None,
     starts: list[str],
 ) -> _Search:
     """Return what finds the controller for a goal; the goals of `own` may have been written after training."""
@@ -214,6 +223,7 @@ def _search_goal(
         seconds,
         start=start,
         effort_weight=weight,
+        threshold=threshold,
         goals_from=system,
     )
     closed_loop = partial(

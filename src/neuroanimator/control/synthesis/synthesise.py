@@ -19,6 +19,7 @@ from neuroanimator.control.objective.goals import (
     steps_in,
 )
 from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.objective.trusted import stay_trusted
 from neuroanimator.control.synthesis.attempt import Attempt, Search, SearchCost, make_attempt
 from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.data.sampling import sample_control_runs
@@ -210,6 +211,7 @@ def synthesise_goal(
     *,
     start: ArrayLike | None = None,
     effort_weight: float = 1.0,
+    threshold: float | None = None,
     goals_from: System | None = None,
     options: DescentOptions = DescentOptions(),
     corrections: int = 5,
@@ -221,15 +223,19 @@ def synthesise_goal(
 ) -> Synthesis:
     """Return the controller that reaches the goal called `name` from `start` (S,) in `seconds`; the rest as `synthesise`.
 
-    `start` and `seconds` default to what the goal itself says is sensible. The gradient is not measured where the goal
-    is reached on the physics: there it led to what was wanted. `goals_from` is the emulator's system with
-    other goals: they may be written after training.
+    `start` and `seconds` default to what the goal itself says is sensible. With a `threshold` the motion is kept where
+    the emulator's scores are at most that (`stay_trusted`), which takes longer: it is descended through JAX.
+    The gradient is not measured where the goal is reached on the physics: there it led to what was wanted. `goals_from`
+    is the emulator's system with other goals: they may be written after training.
     """
     system = system_of(emulator)
     named = system if goals_from is None else goals_from
     check_same_system(emulator, named)
     # Effort is counted by the second, of which something slow takes many.
     objective = goal_objective(named, name, effort_weight / slowness(emulator.dt))
+    if threshold is not None:
+        kept = stay_trusted(emulator, threshold=threshold)
+        objective = Objective.of(*objective.terms, *objective.functions, kept)
     goal = find_goal(named, name)
     seconds = goal.seconds if seconds is None else seconds
     steps = steps_in(seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))

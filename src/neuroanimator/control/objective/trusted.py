@@ -1,0 +1,54 @@
+"""The cost of leaving what the emulator was trained on: optimisation goes where errors help it, and is kept from there."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from neuroanimator.control.objective.terms import as_weight
+from neuroanimator.control.objective.trajectory import Trajectory
+from neuroanimator.emulator.emulator import Emulator, trust
+from neuroanimator.emulator.trust import EDGE
+from neuroanimator.errors import ArgumentError
+from neuroanimator.pytrees import Module
+from neuroanimator.state.arrays import AnyArray
+
+WEIGHT = 10.0
+"""A second spent at a score of 1 above the threshold costs ten times what a sizeable error at a goal does."""
+
+
+class StayTrusted(Module):
+    """μ/2 ∫ max(0, score - threshold)² dt, by the scores of `Emulator.trust`: a cost of one's own, descended through JAX."""
+
+    emulator: Emulator
+    threshold: Float[AnyArray, ""]
+    weight: Float[AnyArray, ""]
+
+    def __call__(self, trajectory: Trajectory) -> Float[Array, ""]:
+        """Return what the super steps of the trajectory cost."""
+        states, controls = jnp.asarray(trajectory.states), jnp.asarray(trajectory.controls)
+        scores = jax.vmap(lambda state, control: trust(self.emulator, state, control))(
+            states[:-1], controls
+        )
+        excess = jnp.maximum(scores - self.threshold, 0)
+        return self.weight / 2 * trajectory.dt * jnp.sum(excess**2)
+
+
+def stay_trusted(
+    emulator: Emulator, *, threshold: float = EDGE, weight: float = WEIGHT
+) -> StayTrusted:
+    """Return the cost of super steps whose score is above `threshold`; 1 is the edge of training.
+
+    Raises ArgumentError for a threshold that is not above 0, and for an emulator without scores.
+    """
+    if not 0 < threshold < np.inf:  # NaN is refused too
+        raise ArgumentError(
+            f"threshold: wanted a score above 0, came {threshold}. 1 is the edge of training."
+        )
+    if emulator.meter is None:
+        raise ArgumentError(
+            "threshold: this emulator's file is from before there were scores. na.fit_trust(emulator, data) gives it one."
+        )
+    return StayTrusted(emulator, as_weight(threshold), as_weight(weight))
