@@ -6,7 +6,7 @@ python benchmarks/drift.py --quick         1,000 super steps; writes no file
 
 Physics and emulator go through 32 motions from the same random starts under the same random controls, as in training.
 Distances are between histograms over all of them, as shares of time spent elsewhere (total variation). Bounds
-(90 %) are from drawing runs with replacement; chance is the distance between two halves of the physics' own runs. See
+(90 %) are from leaving out one run after the other; chance is the distance between two halves of the physics' own runs. See
 `na.measure_drift`.
 """
 

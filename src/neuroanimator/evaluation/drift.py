@@ -35,10 +35,10 @@ BINS = 32
 """Bins of a histogram: of an angle equally wide, of all else equally often visited by the physics."""
 
 DRAWS = 200
-"""Samples with replacement that bounds are from, and ways to halve the physics."""
+"""So many ways to halve the physics' runs."""
 
-CONFIDENCE = 0.90
-"""Of the bounds."""
+Z = 1.645
+"""Bounds lie so many standard errors to either side: 90 % confidence."""
 
 SEED = 11
 
@@ -51,7 +51,7 @@ class Drift(NamedTuple):
     """Total variation: the share of the emulator's time that would have to be spent elsewhere to be the physics'."""
     low: float
     high: float
-    """Bounds of the distance, by drawing runs with replacement."""
+    """Bounds of the distance with 90 % confidence, by leaving out one run after the other (jackknife)."""
     chance: float
     """The same distance between two halves of the physics' runs: what so few runs differ by anyhow."""
 
@@ -174,17 +174,33 @@ def _drift(name: str, physics: list[Quantity], emulated: list[Quantity], runs: i
     )
     edges = _edges(true, is_angle)
     true_counts, made_counts = _counts(true, edges), _counts(made, edges)
-    rng = np.random.default_rng(0)
-    drawn = []
-    halves = []
-    for _ in range(DRAWS):
-        rows = rng.integers(0, runs, runs)
-        drawn.append(_distance(true_counts[rows], made_counts[rows]))
-        order = rng.permutation(runs)
-        halves.append(_distance(true_counts[order[: runs // 2]], true_counts[order[runs // 2 :]]))
-    low, high = np.quantile(drawn, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     distance = _distance(true_counts, made_counts)
-    return Drift(name, distance, float(low), float(high), float(np.mean(halves)))
+    spread = Z * _jackknife(true_counts, made_counts)
+    return Drift(
+        quantity=name,
+        distance=distance,
+        low=max(distance - spread, 0.0),
+        high=min(distance + spread, 1.0),
+        chance=_between_halves(true_counts),
+    )
+
+
+def _jackknife(one: Int[np.ndarray, "B K"], other: Int[np.ndarray, "B K"]) -> float:
+    """Return the standard error of the distance of two histograms, by leaving one run out after the other."""
+    runs = len(one)
+    without = [_distance(np.delete(one, run, 0), np.delete(other, run, 0)) for run in range(runs)]
+    return float(np.sqrt((runs - 1) * np.var(without)))
+
+
+def _between_halves(counts: Int[np.ndarray, "B K"]) -> float:
+    """Return the mean distance between one half of the runs and the other."""
+    rng = np.random.default_rng(0)
+    half = len(counts) // 2
+    distances = []
+    for _ in range(DRAWS):
+        order = rng.permutation(len(counts))
+        distances.append(_distance(counts[order[:half]], counts[order[half:]]))
+    return float(np.mean(distances))
 
 
 def _edges(values: Float[np.ndarray, "B T"], is_angle: bool) -> Float[np.ndarray, " E"]:
