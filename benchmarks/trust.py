@@ -277,10 +277,10 @@ def main() -> None:
         for number, name in enumerate(names):
             rows.extend(measure(name))
             bar.advance_to(number + 1, name)
+            if not words:  # of what takes ten minutes nothing shall be lost
+                write_csv(table, rows)
     print(describe_machine())
     print_table(rows)
-    if not words:
-        write_csv(table, rows)
 
 
 def rows_alone(name: str) -> list[dict[str, Any]]:

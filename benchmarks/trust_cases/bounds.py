@@ -24,10 +24,10 @@ SECONDS = (0.5, 1.0, 2.0)
 TEST_SEED = 1
 """Bounds that ship were measured with seed 0."""
 
-RANDOM_RUNS = 2048
-OPTIMISED_RUNS = 1024
+RANDOM_RUNS = 1536
+OPTIMISED_RUNS = 768
 
-TRIALS = range(1000, 1048)
+TRIALS = range(1000, 1024)
 """Of each task; those that ship were measured on trials 0 to 47."""
 
 

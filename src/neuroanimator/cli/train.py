@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from neuroanimator.cli.spread import Where, Workers, chosen_executor
+
+if TYPE_CHECKING:
+    from neuroanimator.data.store import Transitions
+    from neuroanimator.data.stored import StoredTransitions
+    from neuroanimator.emulator.emulator import Emulator
 
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
 
@@ -51,6 +56,13 @@ def run(
         str | None,
         typer.Option(help="What data may take (default 8GB); what needs more is read from disk."),
     ] = None,
+    error_bounds: Annotated[
+        bool,
+        typer.Option(
+            "--error-bounds",
+            help="Measure how far rollouts go astray, too, on new runs of the physics; takes about a minute.",
+        ),
+    ] = False,
     workers: Workers = None,
     executor: Where = "local",
 ) -> None:
@@ -64,6 +76,7 @@ def run(
         from neuroanimator.cli.generate import ensure_data
         from neuroanimator.cli.numbers import whole_numbers
         from neuroanimator.data.stored import open_transitions
+        from neuroanimator.errors import ArgumentError
         from neuroanimator.evaluation.evaluate import judge_training
         from neuroanimator.fleets.fleet_file import is_fleet
         from neuroanimator.tables import read_toml
@@ -91,6 +104,10 @@ def run(
         if value is not None:
             settings[key] = value
     if is_fleet(Path(data)):
+        if error_bounds:
+            raise ArgumentError(
+                "error-bounds: a fleet is trained without. na.fit_error_bounds(emulator) measures one of it."
+            )
         train_fleet_file(Path(data), out, settings, executor, workers)
         return
     memory_limit = TrainingConfig(**settings).memory  # what is wrong is said before data are made
@@ -117,7 +134,25 @@ def run(
             ("updates", last[0].update),
         ]
     rows += [("verdict", judge_training(emulator, transitions, checked))]
+    if error_bounds:
+        rows += [("goes astray", _bound_errors(emulator, transitions, out))]
     print_rows(rows)
+
+
+def _bound_errors(emulator: Emulator, data: Transitions | StoredTransitions, out: Path) -> str:
+    """Measure how far rollouts go astray, put it into the file `out`, and return it in words."""
+    from neuroanimator.data.store import Transitions
+    from neuroanimator.emulator.artifact import read_metadata, save
+    from neuroanimator.emulator.error_bounds import bounds_in_words
+    from neuroanimator.terminal import phase
+    from neuroanimator.training.error_fitting import fit_error_bounds
+
+    with phase("measuring how far rollouts go astray"):
+        in_memory = data if isinstance(data, Transitions) else None
+        bounded = fit_error_bounds(emulator, in_memory)
+    save(bounded, out, read_metadata(out)["provenance"])
+    assert bounded.calibration is not None
+    return bounds_in_words(bounded.calibration, bounded.dt)
 
 
 def train_fleet_file(
