@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import shutil
 import signal
@@ -17,6 +18,7 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import (
+    DatasetConfig,
     Emulator,
     ImprovementConfig,
     NeuroAnimatorError,
@@ -26,16 +28,22 @@ from neuroanimator import (
     load_system,
     train,
 )
+from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import BadFileError, ResourceError
 from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.improvement.choice import ExpectedError, chosen
-from neuroanimator.improvement.emulated import errors_on
-from neuroanimator.improvement.improve import KEPT, QUANTILE, Improvement, RoundReport
+from neuroanimator.improvement.improve import Improvement, RoundReport, refuse_unsimulated
+from neuroanimator.improvement.learning import KEPT, error_on
 from neuroanimator.improvement.mixture import GROUPS, mixed, widened
 from neuroanimator.improvement.places import Shifted, Stretches, drawn
 from neuroanimator.improvement.samples import Samples, windows_of
+from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems import trusted_files
+from neuroanimator.systems.functions.step_file import run_file
+from neuroanimator.systems.loading import resolve
+from neuroanimator.training.initialise import build_emulator
 from neuroanimator.training.train import run_folder
 
 CONFIG = ImprovementConfig(samples=900, rounds=2, updates=250)
@@ -183,9 +191,7 @@ def test_errors_where_it_was_weak_fall_and_usual_ones_stay(
     # On runs of another seed, too.
     before = load_emulator(weak)
     test = held_out_runs(before, 32, 2.0, seed=9, scheme=load_system("pendulum").truth)
-    errors = [
-        np.quantile(errors_on(emulator, test), QUANTILE) for emulator in (before, whole[1].emulator)
-    ]
+    errors = [error_on(emulator, test) for emulator in (before, whole[1].emulator)]
     assert errors[1] <= KEPT * errors[0]
 
 
@@ -311,3 +317,48 @@ def test_a_wider_range_changes_nothing_within_the_old_one(
     covered = shipped.trust(states, controls[:, 0]) < 0.5
     expected = shipped.rollout(states[covered], controls[covered])
     assert np.array_equal(wider.rollout(states[covered], controls[covered]), expected)
+
+
+STEP_FILE = """
+import numpy as np
+
+STEP = 0.01
+STATE = {"angle": "rad", "speed": "rad/s"}
+CONTROL = {"torque": ("N·m", -2.0, 2.0)}
+RATES = {"angle": "speed"}
+SPREAD = {"angle": 1.0, "speed": 2.0}
+BATCHED = True
+
+def step(state, control, dt):
+    speed = state[1] + dt * (control[0] - 9.81 * np.sin(state[0]))
+    return np.array([state[0] + dt * speed, speed])
+"""
+
+
+def test_a_function_that_may_not_run_is_refused_with_what_to_do(
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "swing.py").write_text(STEP_FILE)
+    toml, _ = write_definition(str(tmp_path / "swing.py"))
+    name, definition, substeps = resolve(str(toml))
+    data = simulate_transitions(
+        DatasetConfig(system=name, definition=definition, substeps=substeps, count=360)
+    )
+    build_emulator(data, TrainingConfig(widths=(8,))).save(tmp_path / "e.safetensors")
+    monkeypatch.setattr(trusted_files, "_TRUSTED", {})
+    run_file.cache_clear()
+    refused = cli("improve", "e.safetensors", "--out", "f.safetensors", cwd=tmp_path)
+    assert refused.returncode == 3
+    assert "give the TOML file beside it, --system PATH" in refused.stderr
+    assert len(refused.stderr.splitlines()) == 1
+
+
+def test_recordings_are_not_simulated_and_from_is_told_of(tmp_path: Path):
+    rows = [f"{k * 0.02:.2f},{math.sin(k)},{math.cos(k)}" for k in map(float, range(2000))]
+    header = "time s,state.angle rad,control.torque N·m"
+    (tmp_path / "recorded.csv").write_text("\n".join([header, *rows, ""]))
+    toml, _ = write_definition(str(tmp_path / "recorded.csv"))
+    with pytest.raises(
+        NeuroAnimatorError, match=r"cannot be simulated .* improve --from recording.csv"
+    ):
+        refuse_unsimulated(load_system(*resolve(str(toml))[:2]))

@@ -16,14 +16,13 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import (
     HeldOut,
-    held_out_runs,
     make_test,
     recorded_runs,
     system_of,
 )
 from neuroanimator.improvement.config import ImprovementConfig
-from neuroanimator.improvement.emulated import errors_on
-from neuroanimator.improvement.improve import QUANTILE, TEST_RUNS, PlaceError, fresh_data
+from neuroanimator.improvement.improve import PlaceError, fresh_data, usual_test
+from neuroanimator.improvement.learning import error_on
 from neuroanimator.improvement.mixture import mixed, only_new, warm_config, widened
 from neuroanimator.improvement.recordings import RecordedRuns, read_runs
 from neuroanimator.improvement.samples import Windows
@@ -120,10 +119,7 @@ def fine_tune(
 
 def _errors(emulator: Emulator, tests: dict[str, HeldOut]) -> dict[str, float]:
     """Return the 95th percentile of one-step errors on each test."""
-    return {
-        name: float(np.quantile(errors_on(emulator, test), QUANTILE))
-        for name, test in tests.items()
-    }
+    return {name: error_on(emulator, test) for name, test in tests.items()}
 
 
 def _usual_test(
@@ -132,7 +128,7 @@ def _usual_test(
     """Return a test of what the emulator knew; None where nobody can say."""
     if system.can_simulate:
         with phase("simulating tests"):
-            return held_out_runs(emulator, count=TEST_RUNS, seed=seed, scheme=system.truth)
+            return usual_test(emulator, system, seed)
     if data is None:
         return None
     return recorded_runs(emulator, data)

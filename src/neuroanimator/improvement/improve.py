@@ -27,7 +27,7 @@ from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUN_STEPS, USUAL_SAMPLES_PER_RUN, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
-from neuroanimator.emulator.artifact import load, save
+from neuroanimator.emulator.artifact import save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import ArgumentError, BadFileError
@@ -35,7 +35,10 @@ from neuroanimator.evaluation.held_out import HELD_OUT_SEED, HeldOut, held_out_r
 from neuroanimator.improvement.choice import ExpectedError, chosen
 from neuroanimator.improvement.config import STRETCH, ImprovementConfig
 from neuroanimator.improvement.emulated import errors_on, trust_along
-from neuroanimator.improvement.mixture import mixed, resampled, warm_config, widened
+from neuroanimator.improvement.learning import Learner, error_on
+from neuroanimator.improvement.mixture import (
+    resampled,
+)
 from neuroanimator.improvement.places import Motion, Place, Shifted, Stretches, Usual, drawn
 from neuroanimator.improvement.recordings import motions_of, read_runs
 from neuroanimator.improvement.samples import (
@@ -43,20 +46,16 @@ from neuroanimator.improvement.samples import (
     joined,
     read_samples,
     simulated,
-    windows_of,
     write_samples,
 )
 from neuroanimator.storage.files import digest, locked, write_whole
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
-from neuroanimator.training.train import Report, run_folder, train
+from neuroanimator.training.train import Report, run_folder
 
-QUANTILE = 0.95
-"""An emulator's error in a place is this quantile of its one-step errors there."""
-
-KEPT = 1.1
-"""No emulator is taken whose error on usual motions is more than so many times what it was."""
+GUARD = 1
+"""The usual motions that this is judged by are drawn apart from those whose error is told."""
 
 USUAL_GAIN = 0.5
 """If nothing else is said, the largest error shall become so many times what it is."""
@@ -133,7 +132,7 @@ class Improvement:
         if self.is_within_tolerance:
             return f"every error is at most {self.tolerance:.3g} after {taken}"
         if not self.best_round:
-            return f"no better: in each of {self.rounds} rounds errors grew on usual motions; train with more --updates"
+            return f"no better after {taken}, if usual errors are to stay: try a larger network, or more --updates"
         return f"not every error is at most {self.tolerance:.3g} after {taken}: give it more --rounds, or --samples"
 
 
@@ -269,8 +268,8 @@ class _Work:
     tests: tuple[HeldOut, ...]
     """One for each place."""
     emulator: Emulator
-    """The last round's."""
-    given: Emulator
+    """The last round's, whatever it has forgotten: it goes on learning."""
+    learner: Learner
     samples: list[Samples] = field(default_factory=list)
     """Those of each round."""
 
@@ -289,7 +288,9 @@ class _Work:
         _claim(folder, identity)
         with phase("simulating tests"):
             tests = _tests(emulator, system, places, config.seed)
-        return cls(system, places, data, config, folder, identity, tests, emulator, emulator)
+            guard = usual_test(emulator, system, config.seed, GUARD)
+        learner = Learner(system, data, emulator, guard, config)
+        return cls(system, places, data, config, folder, identity, tests, emulator, learner)
 
     def done(
         self,
@@ -298,7 +299,7 @@ class _Work:
         on_report: Callable[[Report], None],
     ) -> Improvement:
         """Go through rounds until the tolerance is kept or there are no more; what is there already is gone through, too."""
-        before = self._errors()
+        before = self._errors(self.emulator)
         wanted = tolerance or USUAL_GAIN * max(before.values())
         best = before
         best_emulator = self.emulator
@@ -308,12 +309,12 @@ class _Work:
         while max(best.values()) > wanted and number < self.config.rounds:
             number += 1
             self._go_on(number, on_report)
-            errors = self._errors()
+            kept = self.learner.kept(self.emulator)
+            errors = self._errors(kept or self.emulator)
             on_round(RoundReport(number, self._count(), errors))
-            is_kept = errors["usual"] <= KEPT * before["usual"]
-            if is_kept and max(errors.values()) < max(best.values()):
+            if kept is not None and max(errors.values()) < max(best.values()):
                 best = errors
-                best_emulator = self.emulator
+                best_emulator = kept
                 best_round = number
         told = [PlaceError(name, error, best[name]) for name, error in before.items()]
         return Improvement(best_emulator, tuple(told), wanted, number, self._count(), best_round)
@@ -322,11 +323,11 @@ class _Work:
         """Return how many super steps were simulated."""
         return len(self.samples) * simulated_runs(self.config) * STRETCH
 
-    def _errors(self) -> dict[str, float]:
-        """Return the error in each place."""
+    def _errors(self, emulator: Emulator) -> dict[str, float]:
+        """Return the error of an emulator in each place."""
         errors = {}
         for place, test in zip(self.places, self.tests, strict=True):
-            errors[place.name] = float(np.quantile(errors_on(self.emulator, test), QUANTILE))
+            errors[place.name] = error_on(emulator, test)
         return errors
 
     def _go_on(self, number: int, on_report: Callable[[Report], None]) -> None:
@@ -334,16 +335,7 @@ class _Work:
         with phase("simulating where errors are expected"):
             self.samples.append(self._round_samples(number))
         path = self.folder / f"round-{number:03d}.emulator.safetensors"
-        new = windows_of(joined(self.samples))
-        base = widened(self.emulator, new)
-        config = warm_config(
-            self.given, self.system.structure, self.config.updates, self.config.seed
-        )
-        windows = mixed(self.data, new, self.config.seed)
-        try:
-            self.emulator = load(path)
-        except BadFileError:  # there is none yet, or it is damaged
-            self.emulator = train(windows, config, path, start_from=base, on_report=on_report)
+        self.emulator = self.learner.learn(self.emulator, self.samples, path, on_report)
 
     def _round_samples(self, number: int) -> Samples:
         """Return a round's samples: those stored, or new ones, which are stored."""
@@ -412,13 +404,7 @@ def _tests(
     emulator: Emulator, system: System, places: tuple[Place, ...], seed: int
 ) -> tuple[HeldOut, ...]:
     """Return a test for each place, simulated as what is learnt from is, and never learnt from."""
-    usual = held_out_runs(
-        emulator,
-        count=TEST_RUNS,
-        seconds=RUN_STEPS * emulator.dt,
-        seed=seed,
-        scheme=system.truth,
-    )
+    usual = usual_test(emulator, system, seed)
     known = usual.states[:, :-1].reshape(-1, usual.states.shape[-1])
     tests = [usual]
     for number, place in enumerate(places[1:]):
@@ -432,6 +418,12 @@ def _tests(
             )
         tests.append(replace(usual, states=runs.states[whole], controls=controls[whole]))
     return tuple(tests)
+
+
+def usual_test(emulator: Emulator, system: System, seed: int, kind: int = 0) -> HeldOut:
+    """Return a test of usual motions; `kind` draws others of the same seed."""
+    seconds = RUN_STEPS * emulator.dt
+    return held_out_runs(emulator, TEST_RUNS, seconds, seed=2 * seed + kind, scheme=system.truth)
 
 
 def _identity(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from neuroanimator.data.config import MAX_UNROLL, DatasetConfig
 from neuroanimator.data.store import Transitions
@@ -41,8 +41,14 @@ MIXING_STREAM = 5
 """Windows are drawn from a stream of their own: the seed with this number."""
 
 
-def mixed(old: Transitions, new: Windows, seed: int, new_share: float = NEW_SHARE) -> Transitions:
-    """Return old and new windows, always as many of either, however many there are.
+def mixed(
+    old: Transitions,
+    new: Windows,
+    seed: int,
+    new_share: float = NEW_SHARE,
+    weights: Float[np.ndarray, " N"] | None = None,
+) -> Transitions:
+    """Return old and new windows, always as many of either, however many there are; new ones in proportion to `weights`.
 
     The groups stand for runs: what training validates on it never learns from, whichever round it is.
     """
@@ -54,7 +60,11 @@ def mixed(old: Transitions, new: Windows, seed: int, new_share: float = NEW_SHAR
     sizes = []
     for group in range(GROUPS):
         old_rows = resampled(rng, np.flatnonzero(old.run % GROUPS == group), of_old)
-        new_rows = resampled(rng, np.flatnonzero(new.run % GROUPS == group), of_new)
+        new_rows = np.flatnonzero(new.run % GROUPS == group)
+        if weights is None:
+            new_rows = resampled(rng, new_rows, of_new)
+        else:
+            new_rows = drawn_by(rng, new_rows, weights[new_rows], of_new)
         states += [old.states[old_rows], new.states[new_rows]]
         controls += [old.controls[old_rows], new.controls[new_rows]]
         sizes.append(len(old_rows) + len(new_rows))
@@ -91,6 +101,20 @@ def resampled(
     times = count // len(rows)
     more = rng.permutation(len(rows))[: count - times * len(rows)]
     return np.concatenate([np.tile(rows, times), rows[more]])
+
+
+def drawn_by(
+    rng: np.random.Generator,
+    rows: Int[np.ndarray, " N"],
+    weights: Float[np.ndarray, " N"],
+    count: int,
+) -> Int[np.ndarray, " M"]:
+    """Return `count` of `rows`, each as often as its weight says, but for less than one (systematic resampling)."""
+    if not len(rows):
+        return rows
+    ends = np.cumsum(weights) / weights.sum()
+    marks = (np.arange(count) + rng.random()) / count
+    return rows[np.minimum(np.searchsorted(ends, marks), len(rows) - 1)]
 
 
 def widened(emulator: Emulator, new: Windows) -> Emulator:
