@@ -144,13 +144,16 @@ def test_where_no_safe_folder_can_be_had_it_works_without():
     assert found.stdout.splitlines()[-1] == "None"
 
 
-def test_too_many_programs_lose_their_older_half(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_too_many_programs_lose_the_half_that_was_unused_for_longest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(program_cache, "MAX_PROGRAMS", 10)
     for number in range(12):
         path = tmp_path / f"{number:02}-cache"
         path.write_text("")
         os.utime(path, (number, number))
-    program_cache._remove_older_half(tmp_path)
+    os.utime(tmp_path / "00-cache", (20, 0))  # written first, and read last
+    program_cache._remove_unused_half(tmp_path)
     assert [path.name for path in sorted(tmp_path.iterdir())] == [
-        f"{number:02}-cache" for number in range(6, 12)
+        f"{number:02}-cache" for number in (0, *range(7, 12))
     ]

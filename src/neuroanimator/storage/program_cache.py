@@ -23,8 +23,8 @@ SWITCH = "NEUROANIMATOR_CACHE"
 OFF = ("off", "0", "no", "false")
 """What that variable may say to do so."""
 
-MAX_PROGRAMS = 4000
-"""Programs kept on disk: about 100 MB. Beyond that the older half is removed."""
+MAX_PROGRAMS = 12_000
+"""Programs kept on disk: about 200 MB, and four times what all the tests have. Beyond that half of them is removed."""
 
 COMPLAINTS = "Error (reading|writing) persistent compilation cache entry"
 """How JAX's warnings begin where a kept program is damaged or the disk is full: it compiles instead."""
@@ -43,7 +43,7 @@ def keep_programs() -> Path | None:
     folder = kept_folder("programs", _machine())
     if folder is None:
         return None
-    _remove_older_half(folder)
+    _remove_unused_half(folder)
     warnings.filterwarnings("ignore", message=COMPLAINTS)
     jax.config.update("jax_compilation_cache_dir", str(folder))
     # Hundreds of small programs take longer to compile than to read.
@@ -70,14 +70,20 @@ def _machine() -> str:
     return hashlib.sha256("\n".join(facts).encode()).hexdigest()[:16]
 
 
-def _remove_older_half(folder: Path) -> None:
-    """Remove the older half of the programs in `folder` if there are too many."""
+def _remove_unused_half(folder: Path) -> None:
+    """Remove half of the programs in `folder` if there are too many: those that were read, or written, longest ago."""
     try:
         entries = list(folder.iterdir())
         if len(entries) <= MAX_PROGRAMS:
             return
-        entries.sort(key=lambda entry: entry.stat().st_mtime)
+        entries.sort(key=_last_use)
         for entry in entries[: len(entries) // 2]:
             entry.unlink(missing_ok=True)
     except OSError:  # another process removes the same
         return
+
+
+def _last_use(entry: Path) -> float:
+    """Return when a program was read or written last, as far as the disk keeps that: to a day, or of writing alone."""
+    status = entry.stat()
+    return max(status.st_mtime, status.st_atime)
