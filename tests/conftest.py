@@ -39,6 +39,11 @@ os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")
 # tests/emulator/test_c_emulator.py and the examples run in C; `NEUROANIMATOR_BACKEND=auto make test` runs all of it so.
 os.environ.setdefault("NEUROANIMATOR_BACKEND", "jax")
 
+# What Python compiles is kept, in these processes and in those they start, whatever else the environment asks for: half
+# of what collecting the tests takes goes into compiling them, and the package with its checks.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 # Before anything of the package is imported: what is imported already is not checked. Nothing is imported here, but
 # where it is used: the process that only hands tests out to the others has no use for it.
 check_shapes()

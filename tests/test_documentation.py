@@ -27,6 +27,7 @@ import neuroanimator.control.policies
 import neuroanimator.gym
 from neuroanimator.cli.verbs import VERBS, app
 from neuroanimator.errors import ResourceError
+from neuroanimator.evaluation.evaluate import QUICK
 from neuroanimator.export.film.video import graphics_backend
 
 ROOT = Path(__file__).parents[1]
@@ -51,6 +52,9 @@ SHRUNK = {
     "train": ("--updates", "250", "--widths", "16"),
 }
 """Options added to a verb, so that it ends soon: of an option given twice the last one counts."""
+
+SMALL_FILM = (160, 90)
+"""The size of films in reports [pixels]: what is drawn is what other tests look at."""
 
 WORDS_OF_README = 600
 """The README is what a newcomer reads at one go; everything longer is a page of the site."""
@@ -102,6 +106,8 @@ def id_of(page: Path) -> str:
 @pytest.mark.parametrize("page", [page for page in PAGES if has_code(page)], ids=id_of)
 def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("neuroanimator.evaluation.evaluate.THOROUGH", QUICK)
+    monkeypatch.setattr("neuroanimator.export.film.inline.SIZE", SMALL_FILM)
     names: dict[str, object] = {"__name__": "__main__"}
     for block in blocks_of(page):
         if block.action == "skip":
