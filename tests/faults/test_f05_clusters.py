@@ -9,7 +9,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -118,27 +119,87 @@ def heads() -> list[int]:
 
 
 def test_a_client_from_outside_gets_the_same_bytes(dataset: Path, tmp_path: Path, tally: Tally):
-    port, client = free_port(), free_port()
-    words = [
-        "start", "--head", "--block", "--num-cpus", "2", "--port", port, "--ray-client-server-port", client,
-        "--include-dashboard", "false",
-    ]  # fmt: skip
-    head = subprocess.Popen(
-        [sys.executable, "-m", "ray.scripts.scripts", *map(str, words)],
+    client = free_port()
+    with started(
+        "--head", "--num-cpus", "2", "--port", free_port(), "--ray-client-server-port", client
+    ):
+        wait_for(client)
+        with RayExecutor(f"ray://127.0.0.1:{client}") as executor:
+            assert executor.workers == 2
+            generate(SIX_THOUSAND, tmp_path, executor=executor)
+    for path in sorted(dataset.glob("*.*s*")):
+        tally.expect(tmp_path / path.name, path.read_bytes())
+
+
+def test_f04_the_disk_of_one_node_is_full(tmp_path: Path, tally: Tally):
+    """That node sees another file system in the dataset's place, of 64 kB: less than a shard."""
+    folder = tmp_path / "data"
+    folder.mkdir()
+    small = [
+        "unshare",
+        "--mount",
+        "sh",
+        "-c",
+        'mount -t tmpfs -o size=64k none "$0" && exec "$@"',
+        str(folder),
+    ]
+    if os.getuid() != 0 or subprocess.run([*small, "true"], capture_output=True).returncode:
+        pytest.skip("only root may give a node another disk")
+    # Slow enough for Ray to find that there are two nodes.
+    many = DatasetConfig(system="truck", count=48_000)
+    port = free_port()
+    with started("--head", "--num-cpus", "1", "--port", port):
+        wait_for(port)
+        with started("--address", f"127.0.0.1:{port}", "--num-cpus", "1", before=small):
+            wait_for_cores(port, 2)
+            with (
+                RayExecutor(f"127.0.0.1:{port}") as executor,
+                pytest.raises(
+                    ResourceError, match="^Could not write file:.*No space left on device"
+                ),
+            ):
+                generate(many, f"file://{folder}", executor=executor)
+    whole = {path: path.stat().st_mtime_ns for path in folder.glob("shard-*")}
+    assert whole
+    generate(many, folder)
+    generate(many, tmp_path / "alone")
+    for path in sorted((tmp_path / "alone").glob("*.*s*")):
+        tally.expect(folder / path.name, path.read_bytes())
+    assert all(path.stat().st_mtime_ns == made for path, made in whole.items())
+
+
+@contextmanager
+def started(*words: object, before: Sequence[str] = ()) -> Iterator[None]:
+    """Run a node of Ray while the block runs, as one starts it by hand; `before` is the command that starts it."""
+    command = [*before, sys.executable, "-m", "ray.scripts.scripts", "start", *map(str, words)]
+    environment = dict(os.environ)
+    if (Path.home() / ".ray" / "auth_token").is_file():
+        environment["RAY_AUTH_MODE"] = (
+            "token"  # a head wants one where there is one, and nodes do not look for it
+        )
+    node = subprocess.Popen(
+        [*command, "--block", *(["--include-dashboard", "false"] if "--head" in words else [])],
+        env=environment,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
     try:
-        wait_for(client)
-        with RayExecutor(f"ray://127.0.0.1:{client}") as executor:
-            assert executor.workers == 2
-            generate(SIX_THOUSAND, tmp_path, executor=executor)
+        yield
     finally:
-        os.killpg(head.pid, signal.SIGKILL)
-        head.wait()
-    for path in sorted(dataset.glob("*.*s*")):
-        tally.expect(tmp_path / path.name, path.read_bytes())
+        os.killpg(node.pid, signal.SIGKILL)
+        node.wait()
+
+
+def wait_for_cores(port: int, cores: int) -> None:
+    """Return when the cluster has so many cores."""
+    given_up = time.monotonic() + 120
+    while time.monotonic() < given_up:
+        with RayExecutor(f"127.0.0.1:{port}") as executor:
+            if executor.workers == cores:
+                return
+        time.sleep(0.5)
+    raise TimeoutError(f"the cluster never had {cores} cores")
 
 
 def free_port() -> int:

@@ -78,8 +78,8 @@ class RayExecutor(Executor):
         self.threads = threads
         self.shares_disk = address is None
         os.environ.update({name: os.environ.get(name, value) for name, value in QUIET.items()})
-        if address is not None and address.startswith(CLIENT) and _has_token():
-            # Nodes find out by themselves that there is a token; clients do not, and wait in vain.
+        if address is not None and _has_token():
+            # Ray looks for a token only where it finds the cluster itself; with an address it waits in vain.
             os.environ.setdefault("RAY_AUTH_MODE", "token")
         self._ray = _imported_ray()
         self._address = address
