@@ -37,8 +37,8 @@ from neuroanimator.improvement.choice import ExpectedError, chosen
 from neuroanimator.improvement.improve import Improvement, RoundReport, refuse_unsimulated
 from neuroanimator.improvement.learning import KEPT, error_on
 from neuroanimator.improvement.mixture import GROUPS, mixed, widened
-from neuroanimator.improvement.places import Shifted, Stretches, drawn
-from neuroanimator.improvement.samples import Samples, windows_of
+from neuroanimator.improvement.places import Shifted, Stretches, drawn, rate_entries
+from neuroanimator.improvement.samples import Samples, Windows, windows_of
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems import trusted_files
 from neuroanimator.systems.functions.step_file import run_file
@@ -317,6 +317,19 @@ def test_a_wider_range_changes_nothing_within_the_old_one(
     covered = shipped.trust(states, controls[:, 0]) < 0.5
     expected = shipped.rollout(states[covered], controls[covered])
     assert np.array_equal(wider.rollout(states[covered], controls[covered]), expected)
+
+
+def test_a_faster_body_is_within_wider_limits():
+    fish = load_emulator("fish-50")
+    states = np.tile(fish.rest, (50, 5, 1)).astype(np.float32)
+    rates = rate_entries(load_system("fish"))
+    states[..., rates] += np.linspace(0, 10, 50, dtype=np.float32)[:, None, None]
+    windows = Windows(states, np.zeros((50, 4, 12), np.float32), np.arange(50))
+    before, after = (
+        np.asarray(emulator.encoding.limits) for emulator in (fish, widened(fish, windows))
+    )
+    assert (after >= before).all()
+    assert after.sum() > before.sum() + 5
 
 
 STEP_FILE = """

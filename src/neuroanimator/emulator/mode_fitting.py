@@ -67,14 +67,28 @@ def modes_along(
 def _with_limits(modes: ShapeModes, states: Float[np.ndarray, "B S"]) -> ShapeModes:
     """Return `modes` with spread and limits of the bodies in `states` (B, S)."""
     latent = modes.encode(np.asarray(states, float))
-    velocity = modes.layout.part(latent, "frame.velocity")
-    angular_velocity = modes.layout.part(latent, "frame.angular_velocity")
     amounts = modes.layout.part(latent, "modes")
     spread = np.maximum(amounts.std(axis=0), MIN_SPREAD)
-    squares = modes.squares_of_limited(velocity, angular_velocity, amounts / spread)
-    limits = np.array([np.quantile(np.sqrt(square), HARDLY_EXCEEDED) for square in squares])
+    limits = _limits_of(modes, latent, spread)
     return replace(
         modes,
         spread=as_jax(spread),
         limits=as_jax(limits),
     )
+
+
+def with_wider_limits(modes: ShapeModes, latent: Float[np.ndarray, "B I"]) -> ShapeModes:
+    """Return `modes` whose limits take in the bodies in `latent` states (B, I), too."""
+    own = _limits_of(modes, latent, np.asarray(modes.spread))
+    return replace(modes, limits=as_jax(np.maximum(np.asarray(modes.limits), own)))
+
+
+def _limits_of(
+    modes: ShapeModes, latent: Float[np.ndarray, "B I"], spread: Float[np.ndarray, " K"]
+) -> Float[np.ndarray, " 4"]:
+    """Return what the bodies in `latent` states (B, I) hardly exceed of what is limited; of modes in their `spread`."""
+    velocity = modes.layout.part(latent, "frame.velocity")
+    angular_velocity = modes.layout.part(latent, "frame.angular_velocity")
+    amounts = modes.layout.part(latent, "modes") / spread
+    squares = modes.squares_of_limited(velocity, angular_velocity, amounts)
+    return np.array([np.quantile(np.sqrt(square), HARDLY_EXCEEDED) for square in squares])

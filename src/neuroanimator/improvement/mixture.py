@@ -13,6 +13,8 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.mode_fitting import with_wider_limits
+from neuroanimator.emulator.shape_modes import ShapeModes
 from neuroanimator.improvement.samples import Windows
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import System
@@ -137,7 +139,10 @@ def widened(emulator: Emulator, new: Windows) -> Emulator:
         as_jax(np.minimum(np.asarray(domain.low), low)),
         as_jax(np.maximum(np.asarray(domain.high), high)),
     )
-    return replace(emulator, domain=wider)
+    encoding = emulator.encoding
+    if isinstance(encoding, ShapeModes):
+        encoding = with_wider_limits(encoding, states.reshape(-1, states.shape[-1]))
+    return replace(emulator, domain=wider, encoding=encoding)
 
 
 def warm_config(
