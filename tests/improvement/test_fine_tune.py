@@ -14,6 +14,7 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
 from neuroanimator.improvement.recordings import column_names, motions_of, read_runs
+from neuroanimator.scaffold.write_toml import write_definition
 
 CONFIG = ImprovementConfig(updates=500)
 RATE = 5
@@ -58,7 +59,7 @@ def test_errors_on_a_recordings_unseen_tail_fall(
     out = tmp_path / "e.safetensors"
     result = fine_tune(shipped, recording, out, config=CONFIG, data=transitions)
     tail, usual = result.errors
-    assert (tail.place, usual.place) == (recording.name, "usual")
+    assert (tail.place, usual.place) == (str(recording), "usual")
     assert tail.after < 0.7 * tail.before
     # The motors are weaker than in what it knew, so that both cannot be right.
     assert usual.after < tail.before
@@ -134,3 +135,40 @@ def test_the_verb_learns_from_a_recording(recording: Path, dataset: Path, tmp_pa
     refused = cli("improve", "pendulum-50", *options, "--rounds", "2")
     assert refused.returncode == 2
     assert "--rounds does not go with --from" in refused.stderr
+
+
+def test_an_emulator_of_recordings_learns_from_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
+):
+    for name, stiffness in (("old.csv", 16.0), ("new.csv", 20.0)):
+        (tmp_path / name).write_text(oscillator(stiffness))
+    monkeypatch.chdir(tmp_path)
+    toml, _ = write_definition("old.csv")
+    small = ["--updates", "500", "--widths", "16", "--out", "e.emulator.safetensors"]
+    assert cli("train", toml, *small).returncode == 0
+    options = ["improve", "e.emulator.safetensors", "--from", "new.csv", "--updates", "500"]
+    alone = cli(*options, "--out", "alone.safetensors")
+    assert alone.returncode == 0, alone.stderr
+    assert "nothing but the recording was learnt from" in alone.stdout
+    both = cli(*options, "--data", "e.data", "--out", "both.safetensors")
+    assert both.returncode == 0, both.stderr
+    before, after = [float(word) for word in both.stdout.splitlines()[1].split()[1:]]
+    assert after < before
+    assert "usual" in both.stdout.splitlines()[2]
+
+
+def oscillator(stiffness: float) -> str:
+    """Return the recording of an oscillator with this stiffness [1/s²], at 50 Hz."""
+    rng = np.random.default_rng(int(stiffness))
+    lines = ["run,time s,state.angle rad,state.speed rad/s,control.torque N·m"]
+    for run in range(6):
+        angle = rng.uniform(-0.5, 0.5)
+        speed = 0.0
+        phases = rng.uniform(0, 6, 3)
+        for k in range(400):
+            torque = float(np.sin(0.02 * k * np.array([1.0, 2.3, 4.1]) + phases).sum())
+            lines.append(f"{run},{k * 0.02:.2f},{angle:.9g},{speed:.9g},{torque:.9g}")
+            for _ in range(20):
+                speed += 0.001 * (6 * torque - stiffness * angle - speed)
+                angle += 0.001 * speed
+    return "\n".join([*lines, ""])

@@ -45,8 +45,10 @@ def run(
         ),
     ] = None,
     data: Annotated[
-        Path | None,
-        typer.Option(help="Dataset it was trained on; if not given, some is simulated anew."),
+        str | None,
+        typer.Option(
+            help="Folder or URL of the dataset it was trained on; if not given, some is simulated anew."
+        ),
     ] = None,
     system: Annotated[
         Path | None,
@@ -112,6 +114,7 @@ def _where_weak(
 ) -> None:
     """Look for where it is weak and mend it, under progress bars."""
     from neuroanimator.animation.motion import named_start
+    from neuroanimator.errors import ArgumentError
     from neuroanimator.export.csv_file import read_table
     from neuroanimator.improvement.improve import RoundReport, improve
     from neuroanimator.state.start import read_starts
@@ -119,7 +122,9 @@ def _where_weak(
     from neuroanimator.text import print_line
     from neuroanimator.training.train import Report
 
-    controllers = {path.name: read_table(path, model.control)[1] for path in controls}
+    if start and not controls:
+        raise ArgumentError("improve: --start is where --controls begin. Give these, too.")
+    controllers = {str(path): read_table(path, model.control)[1] for path in controls}
     start_state = named_start(model, read_starts(start)) if start else None
     with (
         progress_bar("rounds", config.rounds) as round_bar,

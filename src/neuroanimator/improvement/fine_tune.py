@@ -96,7 +96,7 @@ def fine_tune(
     if data is None and system.can_simulate:
         with phase("simulating what it knows"):
             data = fresh_data(emulator)
-    tests = {runs.file: tail}
+    tests = {str(recording): tail}
     usual = _usual_test(emulator, system, data, config.seed)
     if usual is not None:
         tests["usual"] = usual

@@ -240,7 +240,7 @@ def _places(
         motions = motions_of(read_runs(path, emulator), emulator)
         states = tuple(motion.states for motion in motions)
         held = tuple(motion.controls for motion in motions)
-        places.append(Motion(system, Path(path).name, states, held))
+        places.append(Motion(system, str(path), states, held))
     return tuple(places)
 
 
@@ -434,7 +434,7 @@ def _identity(
     total.update(digest({"states": data.states, "controls": data.controls}).encode())
     total.update(config.hash.encode())
     for place in places:
-        total.update(json.dumps(place.name).encode())
+        total.update(type(place).__name__.encode())
         if isinstance(place, Motion):
             rows = {f"states {i}": states for i, states in enumerate(place.states)}
             rows |= {f"controls {i}": controls for i, controls in enumerate(place.controls)}
