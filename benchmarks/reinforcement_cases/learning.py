@@ -1,0 +1,240 @@
+"""PPO of stable-baselines3 by the clock: what it costs, and what its policies are worth as it goes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    SubprocVecEnv,
+    VecEnv,
+    VecEnvWrapper,
+    VecNormalize,
+)
+
+from neuroanimator.gym.stable_baselines import StableBaselinesEnv
+from neuroanimator.gym.state_env import StateVectorEnv
+from reinforcement_cases.policies import PlainPolicy
+from reinforcement_cases.tasks import Learning
+
+JUDGEMENTS = 16
+"""How often a policy is judged in the time it has, at most."""
+
+SPEED_SECONDS = 3.0
+"""A world is stepped so long to see how fast it is."""
+
+SOONER = 4
+"""So many times as often at first: a fast learner is done before the first sixteenth."""
+
+
+class Point(NamedTuple):
+    """Where learning stands when a policy is judged."""
+
+    seconds: float
+    samples: int
+    own_return: float
+    mujoco_return: float
+    """NaN where it is the same world."""
+
+
+@dataclass
+class Learnt:
+    """What came of learning."""
+
+    policy: PlainPolicy
+    points: list[Point]
+    stepping_seconds: float
+    """In which the worlds were stepped."""
+    acting_seconds: float
+    """In which actions were drawn, and what happened was kept."""
+    updating_seconds: float
+    """In which the networks were trained."""
+    has_arrived: bool
+    """Whether its return in its own world came to the target."""
+
+    @property
+    def seconds(self) -> float:
+        """All of it."""
+        return self.stepping_seconds + self.acting_seconds + self.updating_seconds
+
+    @property
+    def samples(self) -> int:
+        """Steps of the environment."""
+        return self.points[-1].samples
+
+
+class Clocked(VecEnvWrapper):
+    """Counts the time steps take."""
+
+    def __init__(self, venv: VecEnv, clock: Callable[[], float]):
+        super().__init__(venv)
+        self.clock = clock
+        self.stepping_seconds = 0.0
+
+    def reset(self) -> Any:
+        return self.venv.reset()
+
+    def step_wait(self) -> Any:
+        begun = self.clock()
+        result = self.venv.step_wait()
+        self.stepping_seconds += self.clock() - begun
+        return result
+
+
+@dataclass
+class Judge(BaseCallback):
+    """Stops the clock, has policies judged, and ends when one arrives or time is up."""
+
+    clocked: Clocked
+    normaliser: VecNormalize
+    judge: Callable[[PlainPolicy], tuple[float, float]]
+    """Policy → (its return in its own world, on MuJoCo)."""
+    target: float
+    limit: float
+    """How long learning may take [s]."""
+    tell: Callable[[Point], None]
+    judgements: int = JUDGEMENTS
+    sampling_seconds: float = 0.0
+    updating_seconds: float = 0.0
+    points: list[Point] = field(default_factory=list)
+    is_done: bool = False
+    _since: float = 0.0
+    _has_begun: bool = False
+    _next: float = 0.0
+
+    def __post_init__(self) -> None:
+        BaseCallback.__init__(self)
+
+    @property
+    def seconds(self) -> float:
+        """Learning time so far."""
+        return self.sampling_seconds + self.updating_seconds
+
+    def _on_rollout_start(self) -> None:
+        now = self.clocked.clock()
+        if self._has_begun:
+            self.updating_seconds += now - self._since
+            if self.seconds >= min(self._next, self.limit):
+                self._judge()
+        self._has_begun = True
+        self._since = self.clocked.clock()
+
+    def _on_rollout_end(self) -> None:
+        now = self.clocked.clock()
+        self.sampling_seconds += now - self._since
+        self._since = now
+
+    def _on_step(self) -> bool:
+        return not self.is_done
+
+    def _judge(self) -> None:
+        interval = self.limit / self.judgements
+        is_early = self.judgements == JUDGEMENTS and self.seconds < interval
+        self._next = self.seconds + (interval / SOONER if is_early else interval)
+        own, mujoco = self.judge(PlainPolicy.of(self.model, self.normaliser))
+        point = Point(self.seconds, self.num_timesteps, own, mujoco)
+        self.points.append(point)
+        self.tell(point)
+        self.is_done = own >= self.target or self.seconds >= self.limit
+
+
+def learn(
+    world: VecEnv,
+    learning: Learning,
+    seed: int,
+    judge: Callable[[PlainPolicy], tuple[float, float]],
+    target: float,
+    limit: float,
+    tell: Callable[[Point], None] = lambda point: None,
+    clock: Callable[[], float] = time.perf_counter,
+    judgements: int = JUDGEMENTS,
+) -> Learnt:
+    """Return what PPO learns in `world` until a policy's return there is `target`, or `limit` [s] are over."""
+    world.seed(seed)
+    clocked = Clocked(world, clock)
+    normaliser = VecNormalize(clocked, gamma=learning.gamma)
+    settings = dict(learning.settings)
+    networks = dict(settings.pop("policy_kwargs", {}))
+    networks["activation_fn"] = getattr(torch.nn, learning.activation)
+    model = PPO(
+        "MlpPolicy",
+        normaliser,
+        gamma=learning.gamma,
+        seed=seed,
+        device="cpu",
+        policy_kwargs=networks,
+        **settings,
+    )
+    callback = Judge(clocked, normaliser, judge, target, limit, tell, judgements)
+    model.learn(10**12, callback=callback)
+    policy = PlainPolicy.of(model, normaliser)
+    world.close()
+    return Learnt(
+        policy,
+        callback.points,
+        clocked.stepping_seconds,
+        callback.sampling_seconds - clocked.stepping_seconds,
+        callback.updating_seconds,
+        callback.points[-1].own_return >= target,
+    )
+
+
+def rows_world(env: StateVectorEnv) -> VecEnv:
+    """Return many rows at once as a world to learn in."""
+    return StableBaselinesEnv(env)
+
+
+def gymnasium_world(env_id: str, count: int, in_processes: bool = False) -> VecEnv:
+    """Return Gymnasium's own environments: one after another in this process, or each in one of its own."""
+    kind = SubprocVecEnv if in_processes else DummyVecEnv
+    return kind([partial(gymnasium.make, env_id)] * count)
+
+
+def fastest_gymnasium_world(env_id: str, count: int) -> VecEnv:
+    """Return Gymnasium's own environments by the vectorisation of stable-baselines3 that steps them faster here."""
+    in_turn = steps_per_second(gymnasium_world(env_id, count))
+    in_processes = steps_per_second(gymnasium_world(env_id, count, in_processes=True))
+    return gymnasium_world(env_id, count, in_processes=in_processes > in_turn)
+
+
+def choose_threads() -> int:
+    """Let PyTorch use as many threads as train such small networks fastest, and return how many."""
+    network = torch.nn.Sequential(torch.nn.Linear(16, 64), torch.nn.ReLU(), torch.nn.Linear(64, 64))
+    inputs = torch.ones(2048, 16)
+    taken = {}
+    for threads in (1, torch.get_num_threads()):
+        torch.set_num_threads(threads)
+        times = []
+        for _ in range(30):
+            begun = time.perf_counter()
+            network(inputs).sum().backward()
+            times.append(time.perf_counter() - begun)
+        taken[threads] = sorted(times)[len(times) // 2]
+    fastest = min(taken, key=lambda threads: taken[threads])
+    torch.set_num_threads(fastest)
+    return fastest
+
+
+def steps_per_second(world: VecEnv, seconds: float = SPEED_SECONDS) -> float:
+    """Return how many steps a second `world` makes by random actions."""
+    rng = np.random.default_rng(0)
+    shape = (world.num_envs, *(world.action_space.shape or ()))
+    world.reset()
+    world.step(rng.uniform(-1, 1, shape))
+    begun = time.perf_counter()
+    steps = 0
+    while time.perf_counter() - begun < seconds:
+        world.step(rng.uniform(-1, 1, shape))
+        steps += world.num_envs
+    taken = time.perf_counter() - begun
+    world.close()
+    return steps / taken

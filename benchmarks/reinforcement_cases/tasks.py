@@ -1,0 +1,268 @@
+"""The tasks, and how PPO is set for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+import neuroanimator as na
+from neuroanimator.gym import EpisodeRules
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.tasks.rigid import TRUCK_MARGIN, TRUCK_PROBES, lot_zones
+
+
+@dataclass(frozen=True)
+class Learning:
+    """Settings of PPO. stable-baselines3's own where nothing is said; observations and rewards are normalised."""
+
+    rows: int
+    gamma: float
+    settings: dict[str, Any]
+    activation: str = "ReLU"
+
+
+def with_rows(learning: Learning, rows: int) -> Learning:
+    """Return the same settings for fewer rows: each is followed as much longer, so that as much is learnt from at a time."""
+    steps = learning.rows * learning.settings["n_steps"] // rows
+    return replace(learning, rows=rows, settings=learning.settings | {"n_steps": steps})
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How an emulator is made that leaps one step of the environment."""
+
+    substeps: int
+    transitions: int
+    widths: tuple[int, ...]
+    updates: int
+    rounds: int
+    """Rounds in which policies learnt inside act on MuJoCo, and the emulator learns what happened."""
+    round_seconds: float
+    """How long they learn."""
+    refining: int
+    """Updates after each round."""
+
+
+@dataclass(frozen=True)
+class LearningTask:
+    """A task, and how long everybody has for it."""
+
+    name: str
+    rules: str | Callable[[na.Emulator], EpisodeRules]
+    target: float
+    """The fixed return."""
+    learning: Learning
+    trust_limit: float
+    trust_penalty: float
+    inside_seconds: float
+    mujoco_seconds: float
+    recipe: Recipe | None = None
+    """None: the emulator ships."""
+    emulator: str = ""
+    zoo_seconds: float = 60.0
+    zoo: Learning | None = None
+    """The settings of rl-baselines3-zoo, hyperparams/ppo.yml, on Gymnasium's environment itself."""
+
+    @property
+    def is_gymnasium(self) -> bool:
+        """Whether Gymnasium has it."""
+        return isinstance(self.rules, str)
+
+    def rules_for(self, emulator: na.Emulator) -> str | EpisodeRules:
+        """Return what an environment takes as rules."""
+        return self.rules if isinstance(self.rules, str) else self.rules(emulator)
+
+
+BAY = np.array([-6.4, -7.3])
+"""[m] The middle of bay 4 of the truck's lot."""
+
+BAY_HEADING = -np.pi / 2
+"""[rad] Nose in."""
+
+LANE_START = (-12.8, 0.0)
+"""[m] In the lane, the bay half a turn of the wheels away."""
+
+LANE_NOISE = (1.5, 0.7, 0.3)
+"""[m], [m] and [rad]: episodes begin so far from there, along the lane, across it and in heading."""
+
+FAR_FROM_BAY = 14.0
+"""[m] Beyond it a truck has missed the bay."""
+
+LENGTH_SCALE = 5.0
+"""[m] In which distances count."""
+
+PARKING_STEPS = 100
+"""Super steps of 0.1 s."""
+
+TOUCH_COST = 0.5
+"""What touching an obstacle costs."""
+
+
+def parking_rules(emulator: na.Emulator) -> EpisodeRules:
+    """Return the rules of parking nose in: come nearer, turn into the bay, stand still in it, touch nothing.
+
+    A step earns by how much it lowered distance/5 m + (1 − cos e)/2 · exp(−distance/4 m), e being the error of heading,
+    and Δt · exp(−distance/1 m − (1 − cos e)/0.2 − speed/(1 m/s)) for standing in the bay.
+    """
+    system = na.load_system("truck")
+    assert isinstance(system, MujocoSystem)
+    zones = lot_zones(system)
+    centres = np.array([zone.position for zone in zones])
+    halves = np.array([zone.half or (0.0, 0.0) for zone in zones])
+    radii = np.array([zone.radius for zone in zones])
+    along = np.array(TRUCK_PROBES)[:, 0]
+    layout = emulator.state
+
+    def offset(states: Float[np.ndarray, "B S"]) -> Float[np.ndarray, "B 2"]:
+        return layout.part(states, "root.position")[:, :2] - BAY
+
+    def heading(states: Float[np.ndarray, "B S"]) -> Float[np.ndarray, " B"]:
+        w, x, y, z = layout.part(states, "root.orientation").T
+        return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+    def velocity(states: Float[np.ndarray, "B S"]) -> Float[np.ndarray, "B 2"]:
+        return layout.part(states, "root.velocity")[:, :2]
+
+    def potential(states: Float[np.ndarray, "B S"]) -> Float[np.ndarray, " B"]:
+        distance = np.linalg.norm(offset(states), axis=1)
+        error = 1 - np.cos(heading(states) - BAY_HEADING)
+        return distance / LENGTH_SCALE + error / 2 * np.exp(-distance / 4)
+
+    def touches(states: Float[np.ndarray, "B S"]) -> Bool[np.ndarray, " B"]:
+        angle = heading(states)
+        ahead = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        middle = layout.part(states, "root.position")[:, :2]
+        probes = middle[:, None] + along[:, None] * ahead[:, None]
+        beyond = np.maximum(np.abs(probes[:, :, None] - centres) - halves, 0)
+        clearance = np.linalg.norm(beyond, axis=-1) - radii
+        return np.asarray((clearance < TRUCK_MARGIN).any(axis=(1, 2)))
+
+    def reward(
+        states: Float[np.ndarray, "B S"],
+        controls: Float[np.ndarray, "B C"],
+        following: Float[np.ndarray, "B S"],
+        dt: float,
+    ) -> Float[np.ndarray, " B"]:
+        distance = np.linalg.norm(offset(following), axis=1)
+        error = 1 - np.cos(heading(following) - BAY_HEADING)
+        speed = np.linalg.norm(velocity(following), axis=1)
+        parked = np.exp(-distance / 1.0 - error / 0.2 - speed / 1.0)
+        return (
+            potential(states) - potential(following) + dt * parked - TOUCH_COST * touches(following)
+        )
+
+    def is_over(states: Float[np.ndarray, "B S"]) -> Bool[np.ndarray, " B"]:
+        is_far = np.linalg.norm(offset(states), axis=1) > FAR_FROM_BAY
+        return touches(states) | is_far
+
+    def observe(states: Float[np.ndarray, "B S"]) -> Float[np.ndarray, "B 10"]:
+        """The bay as the truck sees it, the truck as the bay does, its velocity along its own axes, and its wheels."""
+        angle = heading(states)
+        cosine = np.cos(angle)
+        sine = np.sin(angle)
+        x, y = offset(states).T / LENGTH_SCALE
+        east, north = velocity(states).T
+        return np.stack(
+            [
+                -x * cosine - y * sine,
+                x * sine - y * cosine,
+                x,
+                y,
+                np.cos(angle - BAY_HEADING),
+                np.sin(angle - BAY_HEADING),
+                (east * cosine + north * sine) / 3,
+                north * cosine - east * sine,
+                layout.part(states, "root.angular_velocity")[:, 2],
+                2 * layout.part(states, "steer_fl")[:, 0],
+            ],
+            axis=1,
+        )
+
+    def draw_start(rng: np.random.Generator) -> Float[np.ndarray, " S"]:
+        start = np.array(emulator.rest, float)
+        noise = rng.uniform(-1, 1, 3) * LANE_NOISE
+        position = layout.index("root.position")
+        start[position][:2] = LANE_START + noise[:2]
+        start[layout.index("root.orientation")] = (
+            np.cos(noise[2] / 2),
+            0,
+            0,
+            np.sin(noise[2] / 2),
+        )
+        return start
+
+    return EpisodeRules(reward, observe, is_over, draw_start, PARKING_STEPS)
+
+
+MANY_ROWS: dict[str, Any] = {"n_epochs": 4, "batch_size": 2048, "learning_rate": 1e-3}
+"""What suits hundreds of rows: large batches, few epochs."""
+
+SMALL: dict[str, Any] = {"net_arch": [32, 32]}
+
+TASKS = {
+    task.name: task
+    for task in (
+        LearningTask(
+            "Swimmer-v5",
+            "Swimmer-v5",
+            target=200.0,
+            learning=Learning(256, 0.9999, MANY_ROWS | {"n_steps": 128, "policy_kwargs": SMALL}),
+            trust_limit=3.0,
+            trust_penalty=0.0,
+            inside_seconds=60.0,
+            mujoco_seconds=240.0,
+            recipe=Recipe(4, 100_000, (64, 48), 12_000, 3, 25.0, 4_000),
+            zoo=Learning(1, 0.9999, {}, activation="Tanh"),
+        ),
+        LearningTask(
+            "truck",
+            parking_rules,
+            target=2.0,
+            learning=Learning(
+                256, 0.99, MANY_ROWS | {"n_steps": 32, "policy_kwargs": {"net_arch": [64, 64]}}
+            ),
+            trust_limit=5.0,
+            trust_penalty=0.0,
+            inside_seconds=45.0,
+            mujoco_seconds=300.0,
+            emulator="truck-50",
+        ),
+        LearningTask(
+            "Hopper-v5",
+            "Hopper-v5",
+            target=1000.0,
+            learning=Learning(
+                256, 0.99, MANY_ROWS | {"n_steps": 64, "policy_kwargs": {"net_arch": [64, 64]}}
+            ),
+            trust_limit=3.0,
+            trust_penalty=0.0,
+            inside_seconds=60.0,
+            mujoco_seconds=200.0,
+            recipe=Recipe(4, 150_000, (96, 64), 10_000, 3, 25.0, 4_000),
+            zoo=Learning(
+                1,
+                0.999,
+                {
+                    "batch_size": 32,
+                    "n_steps": 512,
+                    "learning_rate": 9.80828e-05,
+                    "ent_coef": 0.00229519,
+                    "n_epochs": 5,
+                    "gae_lambda": 0.99,
+                    "max_grad_norm": 0.7,
+                    "vf_coef": 0.835671,
+                    "policy_kwargs": {
+                        "log_std_init": -2,
+                        "ortho_init": False,
+                        "net_arch": [256, 256],
+                    },
+                },
+            ),
+        ),
+    )
+}
+"""By name."""
