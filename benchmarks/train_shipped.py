@@ -38,14 +38,22 @@ FEWER_RUNS = {"random_runs": 1024, "optimised_runs": 512}
 TRIALS = 48
 """Of each task of a system, besides; a quarter of them of other sizes and super steps."""
 
+MORE_RUNS = {"lander": 2}
+"""So many times as many of all where errors are spread most: touchdowns are rare and make the largest."""
+
+MORE_TRIALS = {"lander": 2, "fish": 4, "dolphin": 4}
+"""So many times as many trials: swimmers' take hundredths of a second."""
+
 
 def bound_shipped(system: str, substeps: int, size: str) -> None:
     """Give the emulator that ships the bounds of its errors; nothing else of its file changes."""
     path = shipped_path(system, substeps, size)
     emulator = load(path)
     is_usual = substeps == USUAL_SUBSTEPS and not size
-    trials = range(TRIALS if is_usual else TRIALS // 4)
-    counts = BOUNDS_RUNS if is_usual else FEWER_RUNS
+    more_runs = MORE_RUNS.get(system, 1)
+    trials = range(MORE_TRIALS.get(system, 1) * (TRIALS if is_usual else TRIALS // 4))
+    runs = BOUNDS_RUNS if is_usual else FEWER_RUNS
+    counts = {kind: more_runs * count for kind, count in runs.items()}
     motions = task_motions(emulator, system_of(emulator), trials)
     more = () if motions is None else (motions,)
     fitted = fit_error_bounds(emulator, more_optimised=more, **counts)
