@@ -10,7 +10,7 @@ import inspect
 from collections.abc import Callable
 from functools import update_wrapper, wraps
 from types import FunctionType
-from typing import Any, get_args, get_origin
+from typing import Any, ForwardRef, get_args, get_origin
 
 import jax  # noqa: F401 (before the package: `jax_later` then knows what an array of it is)
 import jaxtyping
@@ -41,17 +41,37 @@ def checked(function: Any) -> Callable[..., Any]:
 
     What jaxtyping makes of a function binds every call's arguments by name and checks them twice, for a better
     message; a quarter of the tests' time went there. Only axes computed from arguments, such as "{rows}", need it.
+    A scope of their own is needed by names of axes alone: most functions have none, and those are called most.
     """
     if any("{" in str(annotation) for annotation in function.__annotations__.values()):
         return jaxtyped(typechecker=guarded)(function)
-    quick = guarded(with_known_annotations(function))
+    known = with_known_annotations(function)
+    quick: Callable[..., Any] | None = None
+    names_axes = True
 
     @wraps(function)
     def in_its_own_scope(*arguments: Any, **named: Any) -> Any:
+        nonlocal quick, names_axes
+        if quick is None:  # made when it is called first: of what a process imports it calls a part
+            names_axes = any(has_axes(annotation) for annotation in known.__annotations__.values())
+            quick = guarded(known)
+        if not names_axes:
+            return quick(*arguments, **named)
         with jaxtyped("context"):  # where names of axes begin anew
             return quick(*arguments, **named)
 
     return in_its_own_scope
+
+
+def has_axes(annotation: Any) -> bool:
+    """Return whether something in a type may be an array with named axes: one of jaxtyping's types, or a text."""
+    if isinstance(annotation, str | ForwardRef):
+        return True
+    if isinstance(annotation, list):  # what a function takes
+        return any(has_axes(part) for part in annotation)
+    if type(annotation).__module__.startswith("jaxtyping"):
+        return True
+    return any(has_axes(part) for part in get_args(annotation))
 
 
 def with_known_annotations(function: FunctionType) -> Any:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import inspect
 import sys
+from collections.abc import Callable
+from pathlib import Path
 from types import FunctionType, ModuleType
 
 import numpy as np
 import pytest
-from jaxtyping import TypeCheckError
+from jaxtyping import Float, TypeCheckError
+from shapes import has_axes
 
 import neuroanimator.cli.verbs  # noqa: F401  it imports what the verbs need
 from neuroanimator import load_system
@@ -40,6 +43,20 @@ def test_a_result_of_a_wrong_shape_is_refused():
     system.rest = np.zeros((1, system.state.size))
     with pytest.raises(TypeError, match="2 dimensions, not the 1"):
         goal_state(system, Goal((), ()))
+
+
+def test_scopes_are_for_what_names_axes():
+    array = Float[np.ndarray, "N 3"]
+    for kind in (
+        array,
+        array | None,
+        list[array],
+        Callable[[array], None],
+        dict[str, tuple[array]],
+    ):
+        assert has_axes(kind)
+    for kind in (str, int | None, list[Path], Callable[[str], None], np.ndarray, None):
+        assert not has_axes(kind)
 
 
 def package_functions() -> list[FunctionType]:
