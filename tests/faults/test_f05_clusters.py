@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -149,7 +149,7 @@ def test_f04_the_disk_of_one_node_is_full(tmp_path: Path, tally: Tally):
     many = DatasetConfig(system="truck", count=48_000)
     port = free_port()
     with started("--head", "--num-cpus", "1", "--port", port):
-        wait_for(port)
+        wait_for_cores(port, 1)
         with started("--address", f"127.0.0.1:{port}", "--num-cpus", "1", before=small):
             wait_for_cores(port, 2)
             with (
@@ -195,7 +195,8 @@ def wait_for_cores(port: int, cores: int) -> None:
     """Return when the cluster has so many cores."""
     given_up = time.monotonic() + 120
     while time.monotonic() < given_up:
-        with RayExecutor(f"127.0.0.1:{port}") as executor:
+        # It listens before it lets anybody in.
+        with suppress(ResourceError), RayExecutor(f"127.0.0.1:{port}") as executor:
             if executor.workers == cores:
                 return
         time.sleep(0.5)

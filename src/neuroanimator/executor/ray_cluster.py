@@ -78,10 +78,9 @@ class RayExecutor(Executor):
         self.threads = threads
         self.shares_disk = address is None
         os.environ.update({name: os.environ.get(name, value) for name, value in QUIET.items()})
-        if address is not None and _has_token():
-            # Ray looks for a token only where it finds the cluster itself; with an address it waits in vain.
-            os.environ.setdefault("RAY_AUTH_MODE", "token")
         self._ray = _imported_ray()
+        if address is not None and _has_token():
+            _show_token()
         self._address = address
         self._head: tuple[str, int] | None = None
         self._silences = 0
@@ -259,6 +258,15 @@ def _has_token() -> bool:
     """Return whether there is a token that clusters may want, where Ray looks for it."""
     stated = os.environ.get("RAY_AUTH_TOKEN") or os.environ.get("RAY_AUTH_TOKEN_PATH")
     return bool(stated) or (Path.home() / ".ray" / "auth_token").is_file()
+
+
+def _show_token() -> None:
+    """Let Ray show its token to the cluster: it does so by itself only where it finds the cluster itself."""
+    os.environ.setdefault("RAY_AUTH_MODE", "token")
+    with contextlib.suppress(ImportError, AttributeError):  # no public name: it may move
+        from ray._raylet import Config
+
+        Config.initialize("")  # it has read the mode already, if anybody imported Ray before
 
 
 def _silence(ray: ModuleType) -> None:
