@@ -58,7 +58,7 @@ def run(
         float | None,
         typer.Option(
             help="Error wanted in every place: 95th percentile of one-step errors, in standard deviations of the "
-            "usual change. Half of the largest there is, if not given."
+            "usual change. Seven tenths of the largest there is, if not given."
         ),
     ] = None,
     rounds: Annotated[int | None, typer.Option(help="Rounds, at most (default 6).")] = None,

@@ -57,8 +57,8 @@ from neuroanimator.training.train import Report, run_folder
 GUARD = 1
 """The usual motions that this is judged by are drawn apart from those whose error is told."""
 
-USUAL_GAIN = 0.5
-"""If nothing else is said, the largest error shall become so many times what it is."""
+USUAL_GAIN = 0.7
+"""If nothing else is said, no error shall be larger than so many times what the largest is now."""
 
 PROBE_SHARE = 0.25
 """Share of a round's samples that is drawn anywhere: it tells what error goes with which trust, and keeps the rest broad."""
@@ -166,8 +166,8 @@ def improve(
     from `start` (S,) or from rest, and along `recordings` (CSV or NPZ files). In each of `config.rounds` runs are drawn
     in all these places, simulated where errors are to be expected, and learnt from among the old data, `data` or some
     simulated anew, until no place's 95th percentile of one-step errors is above `tolerance` [standard deviations of
-    the usual change]; half of the largest there is if not given. An emulator whose errors on usual motions grew by more
-    than a tenth is not taken.
+    the usual change]; seven tenths of the largest there is if not given. No emulator is taken whose error on usual
+    motions grew by more than a tenth.
 
     Rounds lie in `run_folder(out)`; what was begun there goes on, also with another tolerance or more rounds.
 

@@ -32,7 +32,7 @@ QUANTILE = 0.95
 KEPT = 1.1
 """No emulator is taken whose error on usual motions is more than so many times what it was."""
 
-SHARES = (0.75, 0.5, 0.25)
+SHARES = (0.75, 0.5, 0.25, 0.1)
 """Shares of the way to the trained weights that are tried where these know usual motions too badly."""
 
 FULL_WEIGHT = 3.0
