@@ -11,6 +11,7 @@ import numpy as np
 
 import neuroanimator as na
 from neuroanimator import control
+from neuroanimator.data.config import RUN_STEPS, USUAL_SAMPLES_PER_RUN
 from neuroanimator.gym import EmulatorVectorEnv, PhysicsVectorEnv
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
@@ -66,7 +67,8 @@ def first_emulator(task: LearningTask, workplace: Path) -> na.Emulator | None:
 def make_rounds(task: LearningTask, recipe: Recipe, folder: Path, notes: Path) -> None:
     """Make a task's emulators, one a round, and note what each took; those that are there are kept."""
     first = folder / "round-0.emulator.safetensors"
-    told = {"seconds": {}, "environment_steps": recipe.transitions}
+    runs = -(-recipe.transitions // USUAL_SAMPLES_PER_RUN)
+    told = {"seconds": {}, "environment_steps": runs * RUN_STEPS}
     if notes.exists():
         told = json.loads(notes.read_text())
 
