@@ -353,8 +353,10 @@ def main() -> None:
             exchange(RESULTS / "reinforcement.csv", rows)
             exchange(RESULTS / "reinforcement_curves.csv", curves)
             exchange(RESULTS / "reinforcement_speed.csv", speeds)
+            summaries = summary_of(rows, curves)
+            exchange(RESULTS / "reinforcement_summary.csv", summaries)
             print_table(speeds)
-            print_table(summary_of(rows, curves))
+            print_table(summaries)
 
 
 if __name__ == "__main__":

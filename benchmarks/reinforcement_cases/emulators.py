@@ -104,7 +104,7 @@ def keep_episodes(path: Path, episodes: list[control.Episode]) -> None:
     """Write what episodes saw into a file."""
     arrays = {f"controls_{row}": episode.controls for row, episode in enumerate(episodes)}
     arrays |= {f"states_{row}": episode.states for row, episode in enumerate(episodes)}
-    np.savez_compressed(path, **arrays)
+    np.savez_compressed(path, allow_pickle=False, **arrays)
 
 
 def kept_episodes(path: Path) -> list[control.Episode]:
