@@ -58,6 +58,12 @@ def test_what_has_no_ground_gets_a_floor_under_all_that_it_does(name: str, lacks
         assert plane.pos[2] < bounding_boxes([clip]).low[:, 2].min()
         assert plane.category == mujoco.mjtCatBit.mjCAT_DECOR
     assert bool(scene.flags[mujoco.mjtRndFlag.mjRND_FOG]) == lacks
+    # What hangs from nothing hangs from a stand, which is behind it.
+    stand = shapes(scene, mujoco.mjtGeom.mjGEOM_CAPSULE)
+    assert len(stand) == 2 * lacks
+    for part in stand:
+        beyond = np.array(part.pos) - film.shots.position[0]
+        assert np.linalg.norm(beyond) > np.linalg.norm(film.shots.position[0])
 
 
 def test_the_model_that_physics_runs_on_is_left_alone():
@@ -114,3 +120,19 @@ def test_a_full_picture_is_no_error():
     scene = empty_scene(3)
     splashes.fill(scene, 20)
     assert scene.ngeom == 3
+
+
+def test_the_ground_casts_no_shadow_on_itself():
+    system = rigid("lander")
+    states = np.repeat(system.rest[None], 2, axis=0)
+    take = Take((Clip("lander", system.skeleton, np.arange(2) / RATE, states),))
+    film = RigidScene(system, take, Film())
+    film.pose(0)
+    scene = mujoco.MjvScene(film.model, 1000)
+    options = (mujoco.MjvOption(), mujoco.MjvPerturb(), mujoco.MjvCamera())
+    mujoco.mjv_updateScene(film.model, film.data, *options, mujoco.mjtCatBit.mjCAT_ALL, scene)
+    film.fill(scene)
+    (ground,) = shapes(scene, mujoco.mjtGeom.mjGEOM_PLANE)
+    assert ground.category == mujoco.mjtCatBit.mjCAT_DECOR
+    hull = shapes(scene, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
+    assert all(geom.category == mujoco.mjtCatBit.mjCAT_DYNAMIC for geom in hull)

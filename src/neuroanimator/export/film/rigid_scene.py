@@ -10,7 +10,12 @@ import numpy as np
 from neuroanimator.export.film.bounding_boxes import bounding_boxes
 from neuroanimator.export.film.camera import FIELD_OF_VIEW, take_shots
 from neuroanimator.export.film.options import Film
-from neuroanimator.export.film.studio_floor import StudioFloor, lacks_ground, lowest_of_fixed
+from neuroanimator.export.film.studio_floor import (
+    StudioFloor,
+    lacks_ground,
+    lowest_of_fixed,
+    pivots_of,
+)
 from neuroanimator.export.film.takes import Take
 from neuroanimator.export.film.trust_shown import doubts, glow
 from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
@@ -60,13 +65,13 @@ class RigidScene:
 
     def _floor_under(self, take: Take) -> StudioFloor | None:
         """Return a floor where the model has none: nothing is to hang in an empty sky."""
-        size = self.shots.size
-        if not lacks_ground(self.model, size):
+        if not lacks_ground(self.model, self.shots.size):
             return None
         mujoco.mj_forward(self.model, self.data)
         lowest = float(bounding_boxes(take.clips).low[:, 2].min())
         lowest = min(lowest, lowest_of_fixed(self.model, self.data))
-        return StudioFloor(self.model, lowest, size, self.shots.distance)
+        pivots = pivots_of(self.model, self.data)
+        return StudioFloor(self.model, pivots, lowest, self.shots)
 
     def prepare(self, scene: mujoco.MjvScene) -> None:
         """Let the floor fade, if it is ours."""
@@ -86,7 +91,12 @@ class RigidScene:
                 mujoco.mj_forward(self.model, data)
 
     def fill(self, scene: mujoco.MjvScene) -> None:
-        """Add the bodies of the other clips, without their scenery, and the floor."""
+        """Add the bodies of the other clips, without their scenery, and the floor; let no plane cast shadows on itself."""
+        for number in range(scene.ngeom):
+            geom = scene.geoms[number]
+            if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
+                # Far from the middle of the shadow map it would be strewn with specks.
+                geom.category = mujoco.mjtCatBit.mjCAT_DECOR
         glow(scene, self._owners, self._doubts[:1, self._frame])
         option = mujoco.MjvOption()
         perturbation = mujoco.MjvPerturb()

@@ -11,6 +11,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.export.film.camera import Shots
+
 DEPTH = 0.08
 """The floor lies so far under the lowest point of the motion, over the body's size."""
 
@@ -38,8 +40,35 @@ TILES_DARKER = 0.94
 LEAST_BRIGHTNESS = 0.075
 """Of a floor where all is black behind it."""
 
+HEADLIGHT = 0.2
+"""How brightly the lamp at the camera shines at most, where there are others: a floor seen from above must not glare."""
+
+POST = 0.014
+"""Half the thickness of a stand's post, over its height."""
+
+AXLE = 0.07
+"""How far behind a joint its stand is, over its height: what swings there goes by."""
+
+FOOT = 0.1
+"""Radius of a stand's foot, over its height."""
+
+LEVEL = 0.5
+"""A joint turns about a level axis if the axis' unit vector rises by less: what hangs from it gets a stand."""
+
+STEEL = np.array([0.36, 0.39, 0.43])
+"""The colour of stands."""
+
 GROUND_TYPES = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
 """Shapes that nothing but ground has."""
+
+
+class Pivot(NamedTuple):
+    """A joint that a body hangs from."""
+
+    position: Float[np.ndarray, " 3"]
+    """[m]"""
+    axis: Float[np.ndarray, " 3"]
+    """A unit vector."""
 
 
 class _Colours(NamedTuple):
@@ -51,17 +80,25 @@ class _Colours(NamedTuple):
 
 @final
 class StudioFloor:
-    """A floor that is drawn and that nothing touches."""
+    """A floor that is drawn and that nothing touches, with a stand for what hangs from nothing."""
 
-    def __init__(self, model: mujoco.MjModel, lowest: float, size: float, distance: float):
-        """Lay it under `lowest` [m], the lowest point of a body of `size` [m] that a camera at `distance` [m] follows.
+    def __init__(self, model: mujoco.MjModel, pivots: list[Pivot], lowest: float, shots: Shots):
+        """Lay it under `lowest` [m], the lowest point of what `shots` show, and put stands behind `pivots`.
 
         The model's lamps become suns, which leave no bright spot on the floor, and what is far away fades.
         """
+        size = shots.size
+        distance = shots.distance
+        ahead = shots.lookat[0] - shots.position[0]
+        self._stands = [_stand_behind(pivot, ahead) for pivot in pivots]
         self._height = lowest - DEPTH * size
         self._size = size
         self._colours = _colours_of(model)
-        model.light_type[model.light_bodyid == 0] = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        is_of_the_world = model.light_bodyid == 0
+        model.light_type[is_of_the_world] = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        if is_of_the_world.any():
+            headlight = model.vis.headlight
+            headlight.diffuse[:] = np.minimum(headlight.diffuse, HEADLIGHT)
         extent = model.stat.extent
         near, far = FADING
         model.vis.map.fogstart = near * distance / extent
@@ -94,6 +131,24 @@ class StudioFloor:
                 if (column + row) % 2 == 0:
                     place = [column * side, row * side, height]
                     _add(scene, mujoco.mjtGeom.mjGEOM_PLANE, half_sizes, place, self._colours.tiles)
+        for stand in self._stands:
+            self._add_stand(scene, stand)
+
+    def _add_stand(self, scene: mujoco.MjvScene, stand: Pivot) -> None:
+        """Add an axle from a joint to a post behind it, and its foot on the floor."""
+        height = stand.position[2] - self._height
+        width = POST * height
+        top = stand.position + AXLE * height * stand.axis
+        bottom = np.array([top[0], top[1], self._height])
+        thin = 0.5 * width
+        foot = [FOOT * height, thin, 0.0]
+        foot_place = [bottom[0], bottom[1], self._height + thin]
+        for start in (stand.position, bottom):
+            post = _add(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, [width] * 3, top, STEEL)
+            if post is not None:
+                mujoco.mjv_connector(post, mujoco.mjtGeom.mjGEOM_CAPSULE, width, start, top)
+                post.category = mujoco.mjtCatBit.mjCAT_STATIC
+        _add(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, foot, foot_place, STEEL)
 
 
 def lacks_ground(model: mujoco.MjModel, size: float) -> bool:
@@ -102,6 +157,26 @@ def lacks_ground(model: mujoco.MjModel, size: float) -> bool:
     is_fixed = model.body_weldid[model.geom_bodyid] == 0
     is_broad = is_fixed & (model.geom_rbound > size)
     return not (is_ground | is_broad).any()
+
+
+def pivots_of(model: mujoco.MjModel, data: mujoco.MjData) -> list[Pivot]:
+    """Return the joints by which bodies hang from a world in which nothing stands: those that turn about a level axis."""
+    if (model.body_weldid[model.geom_bodyid] == 0).any():
+        return []
+    pivots = []
+    for joint in np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE):
+        parent = model.body_parentid[model.jnt_bodyid[joint]]
+        axis = data.xaxis[joint]
+        if model.body_weldid[parent] == 0 and abs(axis[2]) < LEVEL:
+            pivots.append(Pivot(data.xanchor[joint].copy(), axis.copy()))
+    return pivots
+
+
+def _stand_behind(pivot: Pivot, ahead: Float[np.ndarray, " 3"]) -> Pivot:
+    """Return `pivot` with the axis that leads away from a camera that looks along `ahead`."""
+    if pivot.axis @ ahead < 0:
+        return pivot._replace(axis=-pivot.axis)
+    return pivot
 
 
 def lowest_of_fixed(model: mujoco.MjModel, data: mujoco.MjData) -> float:
@@ -145,10 +220,10 @@ def _add(
     size: list[float] | np.ndarray,
     place: list[float] | np.ndarray,
     colour: Float[np.ndarray, " 3"],
-) -> None:
-    """Add a shape that casts no shadow to `scene`, if there is room in it."""
+) -> mujoco.MjvGeom | None:
+    """Add a dull shape that casts no shadow to `scene`, and return it; None if there is no room in it."""
     if scene.ngeom >= scene.maxgeom:
-        return
+        return None
     geom = scene.geoms[scene.ngeom]
     scene.ngeom += 1
     rgba = np.array([*colour, 1], np.float32)
@@ -156,3 +231,5 @@ def _add(
         geom, geom_type, np.array(size, float), np.array(place, float), np.eye(3).ravel(), rgba
     )
     geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+    geom.specular = 0
+    return geom
