@@ -72,8 +72,8 @@ def measure(name: str) -> list[dict[str, Any]]:
                     "error_90": float(np.quantile(error, LEVEL)),
                     "bound_median": float(np.median(bound)),
                     "covered": float(np.mean(error <= bound)),
-                    "covered_low_scores": float(np.mean((error <= bound)[_is_low(bound)])),
-                    "covered_high_scores": float(np.mean((error <= bound)[~_is_low(bound)])),
+                    "covered_low_scores": _share(error <= bound, _is_low(bound)),
+                    "covered_high_scores": _share(error <= bound, ~_is_low(bound)),
                     "covered_scores_random_only": float(np.mean(error <= of_random)),
                     "covered_one_bound_random_only": float(np.mean(error[1::2] <= plain[step])),
                     "covered_one_bound_apart": float(np.mean(error[1::2] <= alone)),
@@ -100,6 +100,11 @@ def _controllers(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         named = {"emulator": some[0]["emulator"], "motions": "of controllers"}
         together.append({**named, "seconds": seconds, "runs": runs, **mean})
     return together
+
+
+def _share(is_covered: np.ndarray, some: np.ndarray) -> float:
+    """Return the share of `some` that is covered; NaN where there are none, as of one bound for all."""
+    return float(is_covered[some].mean()) if some.any() else float("nan")
 
 
 def _is_low(bound: np.ndarray) -> np.ndarray:
