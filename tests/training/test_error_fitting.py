@@ -199,6 +199,13 @@ def test_exponents_that_nothing_comes_to_are_refused(bounded: Emulator, tmp_path
             Emulator.load(path)
 
 
+def test_bounds_of_another_state_are_found_out(bounded: Emulator, runs: UnseenRuns):
+    assert bounded.calibration is not None
+    other = replace(bounded.calibration, unit=bounded.calibration.unit[:4])
+    with pytest.raises(NeuroAnimatorError, match="of 4 numbers, its state changes by 6"):
+        other.errors(SYSTEM.structure, runs.states, runs.states)
+
+
 def test_descents_lead_where_random_controls_do_not_and_again_to_the_same_place(
     shipped: Emulator, runs: UnseenRuns
 ):

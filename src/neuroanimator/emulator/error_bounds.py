@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.arrays import zeros
+from neuroanimator.errors import BadFileError
 from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import Frame
@@ -91,7 +92,16 @@ class ErrorBounds(Module):
         truth: Float[np.ndarray, "*B F S"],
         emulated: Float[np.ndarray, "*B F S"],
     ) -> Float[np.ndarray, "*B F"]:
-        """Return the errors that are bounded: of trajectories (..., T+1, S) of this structure against the truth."""
+        """Return the errors that are bounded: of trajectories (..., T+1, S) of this structure against the truth.
+
+        Raises BadFileError where bounds are of another state than these.
+        """
+        size = Frame.of(structure, 0.0).change_size(truth.shape[-1])
+        if size != len(self.unit):
+            raise BadFileError(
+                f"The emulator's error bounds are of {len(self.unit)} numbers, its state changes by {size}. "
+                "na.fit_error_bounds(emulator) measures them anew."
+            )
         return errors_in(np.asarray(self.unit, float), structure, truth, emulated)
 
 
