@@ -64,10 +64,7 @@ except ImportError as error:
 WORKPLACE = Path("out/reinforcement")
 RESULTS = Path(__file__).parent / "results"
 
-INSIDE_SEEDS = (0, 1, 2)
-MUJOCO_SEEDS = (0,)
-"""One, as each takes minutes."""
-
+SEEDS = (0, 1, 2)
 GYMNASIUM_ROWS = 8
 """Environments of Gymnasium's own side by side: stepped one by one, more make nothing faster."""
 
@@ -123,7 +120,7 @@ def arms_of(task: LearningTask, made: Made, first: na.Emulator | None) -> list[A
     arms = [
         Arm(
             "inside",
-            INSIDE_SEEDS,
+            SEEDS,
             lambda: rows_world(guarded(task, emulator, rows)),
             task.learning,
             task.inside_seconds,
@@ -132,7 +129,7 @@ def arms_of(task: LearningTask, made: Made, first: na.Emulator | None) -> list[A
         ),
         Arm(
             "inside, unguarded",
-            INSIDE_SEEDS[:1],
+            SEEDS[:1],
             unguarded(emulator),
             task.learning,
             task.inside_seconds,
@@ -144,7 +141,7 @@ def arms_of(task: LearningTask, made: Made, first: na.Emulator | None) -> list[A
         arms.append(
             Arm(
                 "inside, first emulator",
-                INSIDE_SEEDS[:1],
+                SEEDS[:1],
                 lambda: rows_world(guarded(task, first, rows)),
                 task.learning,
                 task.inside_seconds,
@@ -155,7 +152,7 @@ def arms_of(task: LearningTask, made: Made, first: na.Emulator | None) -> list[A
     arms.append(
         Arm(
             "MuJoCo",
-            MUJOCO_SEEDS,
+            SEEDS[: task.mujoco_seeds],
             lambda: rows_world(PhysicsVectorEnv(emulator, rows, rules=rules)),
             task.learning,
             task.mujoco_seconds,
@@ -167,7 +164,7 @@ def arms_of(task: LearningTask, made: Made, first: na.Emulator | None) -> list[A
         arms.append(
             Arm(
                 "MuJoCo, Gymnasium",
-                MUJOCO_SEEDS[:1],
+                SEEDS[:1],
                 lambda: fastest_gymnasium_world(task.name, GYMNASIUM_ROWS),
                 with_rows(task.learning, GYMNASIUM_ROWS),
                 task.mujoco_seconds,
@@ -179,7 +176,7 @@ def arms_of(task: LearningTask, made: Made, first: na.Emulator | None) -> list[A
         arms.append(
             Arm(
                 "MuJoCo, zoo",
-                MUJOCO_SEEDS[:1],
+                SEEDS[:1],
                 lambda: gymnasium_world(task.name, task.zoo.rows if task.zoo else 1),
                 task.zoo,
                 task.zoo_seconds,

@@ -63,6 +63,8 @@ class LearningTask:
     recipe: Recipe | None = None
     """None: the emulator ships."""
     emulator: str = ""
+    mujoco_seeds: int = 3
+    """So many learners on MuJoCo by mujoco.rollout; of Gymnasium's own, which take longer, there is one."""
     zoo_seconds: float = 60.0
     zoo: Learning | None = None
     """The settings of rl-baselines3-zoo, hyperparams/ppo.yml, on Gymnasium's environment itself."""
@@ -232,6 +234,7 @@ TASKS = {
             trust_penalty=0.0,
             inside_seconds=45.0,
             mujoco_seconds=300.0,
+            mujoco_seeds=1,
             emulator="truck-50",
         ),
         LearningTask(
