@@ -129,7 +129,7 @@ def arms_of(task: LearningTask, made: Made, first: na.Emulator | None) -> list[A
         ),
         Arm(
             "inside, unguarded",
-            SEEDS[:1],
+            SEEDS,
             unguarded(emulator),
             task.learning,
             task.inside_seconds,
@@ -141,7 +141,7 @@ def arms_of(task: LearningTask, made: Made, first: na.Emulator | None) -> list[A
         arms.append(
             Arm(
                 "inside, first emulator",
-                SEEDS[:1],
+                SEEDS[:2],
                 lambda: rows_world(guarded(task, first, rows)),
                 task.learning,
                 task.inside_seconds,

@@ -240,13 +240,13 @@ TASKS = {
         LearningTask(
             "Hopper-v5",
             "Hopper-v5",
-            target=1000.0,
+            target=1500.0,
             learning=Learning(256, 0.995, MANY_ROWS | {"n_steps": 64, "policy_kwargs": CAUTIOUS}),
             trust_limit=3.0,
             trust_penalty=0.0,
             inside_seconds=60.0,
             mujoco_seconds=200.0,
-            recipe=Recipe(4, 150_000, (96, 64), 10_000, 5, 25.0, 4_000),
+            recipe=Recipe(4, 150_000, (96, 64), 10_000, 7, 25.0, 4_000),
             zoo=Learning(
                 1,
                 0.999,
