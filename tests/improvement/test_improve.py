@@ -202,9 +202,12 @@ def test_the_improved_emulator_has_a_meter_of_its_own(weak: Path, whole: tuple[P
     assert not np.array_equal(given.meter.odd, improved.meter.odd)
 
 
-def test_a_tolerance_that_is_kept_takes_no_sample(weak: Path, tmp_path: Path, cli: Cli):
+def test_a_tolerance_that_is_kept_takes_no_sample(
+    weak: Path, dataset: Path, tmp_path: Path, cli: Cli
+):
     out = tmp_path / "same.safetensors"
-    done = cli("improve", weak, "--tolerance", "1000", *OPTIONS, "--out", out)
+    options = ["--data", dataset, "--tolerance", "1000", *OPTIONS]
+    done = cli("improve", weak, *options, "--out", out)
     assert done.returncode == 0, done.stderr
     assert "nothing to do: every error is at most 1e+03 already, so no sample was simulated" in (
         done.stdout
@@ -291,7 +294,7 @@ def test_a_run_is_validated_on_in_every_round_or_in_none(transitions: Transition
     samples = Samples(states, np.zeros((90, 15, 3), np.float32), np.zeros(90, int))
     groups = []
     for count in (60, 90):
-        data = mixed(transitions, windows_of(samples.where(np.arange(90) < count)), 0)
+        data = mixed(transitions, windows_of(samples.where(np.arange(90) < count)), CONFIG)
         assert len(data.states) % GROUPS == 0
         assert len(set(np.bincount(data.run))) == 1
         groups.append(

@@ -92,7 +92,7 @@ def run(
         if system:
             trust_files(system)
         model = load_emulator(emulator)
-        old = read_old(data, model) if data else None
+        old = read_old(data, model, config) if data else None
     if from_ is not None:
         looks = {"--controls": controls, "--start": start, "--recording": recording}
         given = {**looks, "--tolerance": tolerance, "--rounds": rounds, "--samples": samples}

@@ -25,6 +25,8 @@ class ImprovementConfig(Settings):
     rounds: int = Field(default=6, ge=1, le=100)
     updates: int = Field(default=6_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
     """Weight updates of a round."""
+    windows: int = Field(default=100_000, ge=4_000, le=10_000_000)
+    """Windows learnt from in a round, nine of ten of them old: an emulator that was trained on many forgets by few."""
     seed: int = Field(default=0, ge=0, lt=2**31)
 
     @property

@@ -83,8 +83,8 @@ def fine_tune(
     """Train `emulator` on with a recording (CSV or NPZ), write it to `out` and return what came of it.
 
     The last fifth of each run is its test and never learnt from. Half of what is learnt are old windows: those of
-    `data`, or simulated anew where the system can be. Nothing is simulated besides; of `config` only the updates and the
-    seed count. A run found in `run_folder(out)` is continued.
+    `data`, or simulated anew where the system can be. Nothing is simulated besides; of `config` only the updates, the
+    windows and the seed count. A run found in `run_folder(out)` is continued.
 
     Raises BadFileError naming the line of a recording that is wrong, and for one that is too short.
     """
@@ -95,16 +95,16 @@ def fine_tune(
     tail = make_test(system, emulator.dt, parts.states, parts.controls)
     if data is None and system.can_simulate:
         with phase("simulating what it knows"):
-            data = fresh_data(emulator)
+            data = fresh_data(emulator, config)
     tests = {str(recording): tail}
     usual = _usual_test(emulator, system, data, config.seed)
     if usual is not None:
         tests["usual"] = usual
     before = _errors(emulator, tests)
     if data is None:
-        windows = only_new(_dataset(emulator), system, parts.learning, config.seed)
+        windows = only_new(_dataset(emulator), system, parts.learning, config)
     else:
-        windows = mixed(data, parts.learning, config.seed, RECORDED_SHARE)
+        windows = mixed(data, parts.learning, config, RECORDED_SHARE)
     trained = train(
         windows,
         warm_config(emulator, system.structure, config.updates, config.seed),

@@ -36,9 +36,7 @@ from neuroanimator.improvement.choice import ExpectedError, chosen
 from neuroanimator.improvement.config import STRETCH, ImprovementConfig
 from neuroanimator.improvement.emulated import errors_on, trust_along
 from neuroanimator.improvement.learning import Learner, error_on
-from neuroanimator.improvement.mixture import (
-    resampled,
-)
+from neuroanimator.improvement.mixture import NEW_SHARE, resampled
 from neuroanimator.improvement.places import Motion, Place, Shifted, Stretches, Usual, drawn
 from neuroanimator.improvement.recordings import motions_of, read_runs
 from neuroanimator.improvement.samples import (
@@ -75,11 +73,8 @@ TEST_RUNS = 64
 TEST_STRETCHES = 160
 """Short runs in the test of every other place."""
 
-FRESH = 24_000
-"""Transitions simulated anew to keep what was known, where the emulator's data are not given."""
-
 FRESH_SEED = 2**31 - 2
-"""The seed of these: one that a dataset seldom has."""
+"""The seed of what is simulated anew to keep what was known: one that a dataset seldom has."""
 
 MAX_KNOWN = 20_000
 """Old states that runs begin from, at most."""
@@ -182,7 +177,7 @@ def improve(
     places = _places(emulator, system, controllers or {}, start, recordings)
     if data is None:
         with phase("simulating what it knows"):
-            data = fresh_data(emulator)
+            data = fresh_data(emulator, config)
     folder = run_folder(out)
     with locked(folder):
         remove_stale(folder)
@@ -205,17 +200,17 @@ def refuse_unsimulated(system: System) -> None:
         )
 
 
-def fresh_data(emulator: Emulator) -> Transitions:
-    """Return usual motions, simulated anew, to keep what an emulator knows."""
-    config = DatasetConfig(
+def fresh_data(emulator: Emulator, config: ImprovementConfig) -> Transitions:
+    """Return usual motions, simulated anew, to keep what an emulator knows: as many as a round learns from."""
+    dataset = DatasetConfig(
         system=emulator.system,
         definition=emulator.definition,
         substeps=emulator.substeps,
-        count=FRESH,
+        count=round((1 - NEW_SHARE) * config.windows),
         samples_per_run=USUAL_SAMPLES_PER_RUN,
         seed=FRESH_SEED,
     )
-    return simulate_transitions(config)
+    return simulate_transitions(dataset)
 
 
 def _places(

@@ -78,7 +78,7 @@ class Learner:
             self.given, self.system.structure, self.config.updates, self.config.seed
         )
         weights = self._weights(emulator, samples)
-        windows = mixed(self.data, new, self.config.seed, weights=weights)
+        windows = mixed(self.data, new, self.config, weights=weights)
         try:
             return load(path)
         except BadFileError:  # there is none yet, or it is damaged

@@ -15,6 +15,7 @@ from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.mode_fitting import with_wider_limits
 from neuroanimator.emulator.shape_modes import ShapeModes
+from neuroanimator.improvement.config import ImprovementConfig
 from neuroanimator.improvement.samples import Windows
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import System
@@ -22,9 +23,6 @@ from neuroanimator.training.config import TrainingConfig
 
 GROUPS = 40
 """All windows of a run are in one group; groups are equally large, and training validates on two of them."""
-
-WINDOWS = 36_000
-"""So many windows are learnt from in a round, at most."""
 
 NEW_SHARE = 0.1
 """Share of them that are new, repeated where they are fewer. Their errors are several times as large, and count squared: with
@@ -46,7 +44,7 @@ MIXING_STREAM = 5
 def mixed(
     old: Transitions,
     new: Windows,
-    seed: int,
+    config: ImprovementConfig,
     new_share: float = NEW_SHARE,
     weights: Float[np.ndarray, " N"] | None = None,
 ) -> Transitions:
@@ -54,9 +52,9 @@ def mixed(
 
     The groups stand for runs: what training validates on it never learns from, whichever round it is.
     """
-    rng = np.random.default_rng([seed, MIXING_STREAM])
-    of_new = round(WINDOWS * new_share / GROUPS)
-    of_old = round(WINDOWS * (1 - new_share) / GROUPS)
+    rng = np.random.default_rng([config.seed, MIXING_STREAM])
+    of_new = round(config.windows * new_share / GROUPS)
+    of_old = round(config.windows * (1 - new_share) / GROUPS)
     states = []
     controls = []
     sizes = []
@@ -80,17 +78,19 @@ def mixed(
     )
 
 
-def only_new(config: DatasetConfig, system: System, new: Windows, seed: int) -> Transitions:
+def only_new(
+    dataset: DatasetConfig, system: System, new: Windows, config: ImprovementConfig
+) -> Transitions:
     """Return new windows alone, in groups as `mixed` has them: where there is nothing old."""
-    rng = np.random.default_rng([seed, MIXING_STREAM])
-    of_each = WINDOWS // GROUPS
+    rng = np.random.default_rng([config.seed, MIXING_STREAM])
+    of_each = config.windows // GROUPS
     groups = [
         resampled(rng, np.flatnonzero(new.run % GROUPS == group), of_each)
         for group in range(GROUPS)
     ]
     rows = np.concatenate(groups)
     return Transitions(
-        config, system, new.states[rows], new.controls[rows], new.run[rows] % GROUPS, diverged=0
+        dataset, system, new.states[rows], new.controls[rows], new.run[rows] % GROUPS, diverged=0
     )
 
 
