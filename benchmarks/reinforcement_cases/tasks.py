@@ -240,7 +240,7 @@ TASKS = {
         LearningTask(
             "Hopper-v5",
             "Hopper-v5",
-            target=1500.0,
+            target=1000.0,
             learning=Learning(256, 0.995, MANY_ROWS | {"n_steps": 64, "policy_kwargs": CAUTIOUS}),
             trust_limit=3.0,
             trust_penalty=0.0,
