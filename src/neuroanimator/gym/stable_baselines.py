@@ -1,8 +1,7 @@
 """Emulators as environments of stable-baselines3. Needs the extra `[rl]`.
 
 from stable_baselines3 import PPO
-from neuroanimator.gym import EmulatorVectorEnv
-from neuroanimator.gym.stable_baselines import StableBaselinesEnv
+from neuroanimator.gym import EmulatorVectorEnv, StableBaselinesEnv
 
 env = StableBaselinesEnv(EmulatorVectorEnv("swimmer.emulator.safetensors", 1024, rules="Swimmer-v5"))
 PPO("MlpPolicy", env).learn(1_000_000)

@@ -360,8 +360,8 @@ def test_a_controller_is_found_logged_and_shown_with_its_ghost(cli: Cli, tmp_pat
 @pytest.mark.parametrize(
     ("options", "code", "message"),
     [
-        (["--goal", "upright"], 2, "--goal, --seconds, --start and --effort-weight"),
-        (["--seconds", "2"], 2, "--goal, --seconds, --start and --effort-weight"),
+        (["--goal", "upright"], 2, "--goal, --seconds, --start, --effort-weight and --threshold"),
+        (["--seconds", "2"], 2, "--goal, --seconds, --start, --effort-weight and --threshold"),
         (["--glb", "motion.gif"], 2, "ends in none of"),
         ([], 3, "my.toml: cost 1: no kind 'fly'"),
     ],
