@@ -234,7 +234,6 @@ TASKS = {
             trust_penalty=0.0,
             inside_seconds=45.0,
             mujoco_seconds=300.0,
-            mujoco_seeds=1,
             emulator="truck-50",
         ),
         LearningTask(
