@@ -131,8 +131,8 @@ def test_a_client_from_outside_gets_the_same_bytes(dataset: Path, tmp_path: Path
         tally.expect(tmp_path / path.name, path.read_bytes())
 
 
-def test_f04_the_disk_of_one_node_is_full(tmp_path: Path, tally: Tally):
-    """That node sees another file system in the dataset's place, of 64 kB: less than a shard."""
+def test_f04_the_disk_of_one_node_is_full_and_nobody_minds(tmp_path: Path, tally: Tally):
+    """What nodes make is sent to who asked: that one sees a disk of 64 kB, less than a shard, in the dataset's place."""
     folder = tmp_path / "data"
     folder.mkdir()
     small = [
@@ -146,26 +146,17 @@ def test_f04_the_disk_of_one_node_is_full(tmp_path: Path, tally: Tally):
     if os.getuid() != 0 or subprocess.run([*small, "true"], capture_output=True).returncode:
         pytest.skip("only root may give a node another disk")
     # Slow enough for Ray to find that there are two nodes.
-    many = DatasetConfig(system="truck", count=48_000)
+    many = DatasetConfig(system="truck", count=24_000)
     port = free_port()
     with started("--head", "--num-cpus", "1", "--port", port):
         wait_for_cores(port, 1)
         with started("--address", f"127.0.0.1:{port}", "--num-cpus", "1", before=small):
             wait_for_cores(port, 2)
-            with (
-                RayExecutor(f"127.0.0.1:{port}") as executor,
-                pytest.raises(
-                    ResourceError, match="^Could not write file:.*No space left on device"
-                ),
-            ):
-                generate(many, f"file://{folder}", executor=executor)
-    whole = {path: path.stat().st_mtime_ns for path in folder.glob("shard-*")}
-    assert whole
-    generate(many, folder)
+            with RayExecutor(f"127.0.0.1:{port}") as executor:
+                generate(many, folder, executor=executor)
     generate(many, tmp_path / "alone")
     for path in sorted((tmp_path / "alone").glob("*.*s*")):
         tally.expect(folder / path.name, path.read_bytes())
-    assert all(path.stat().st_mtime_ns == made for path, made in whole.items())
 
 
 @contextmanager
