@@ -26,6 +26,12 @@ def test_help_needs_no_heavy_import():
     )
 
 
+def test_controllers_are_found_without_jax_until_something_is_of_it():
+    code = "import sys, neuroanimator.control.synthesis.summary; print('jax' in sys.modules)"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert told.stdout.strip() == "False", told.stderr
+
+
 def test_list_makes_no_physics_and_loads_no_network():
     code = "import sys; from neuroanimator.cli import list; list.run(); print({'jax', 'mujoco'} & {*sys.modules})"
     listed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

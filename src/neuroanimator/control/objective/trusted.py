@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.control.objective.terms import as_weight
 from neuroanimator.control.objective.trajectory import Trajectory
 from neuroanimator.emulator.emulator import Emulator, trust
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
+from neuroanimator.jax_later import Array, jax, jnp
 from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
