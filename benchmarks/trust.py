@@ -36,6 +36,7 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.improvement.places import rate_entries
 from neuroanimator.machine import describe_machine
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
@@ -113,16 +114,6 @@ def shifted(system: System, dt: float, seed: int) -> SuperSteps:
     return SuperSteps.of(system, starts[0], jumping, dt).joined(
         SuperSteps(*(part[rows] for part in held)), SuperSteps.of(system, fast, usual, dt)
     )
-
-
-def rate_entries(system: System) -> list[int]:
-    """Return the state entries that say how fast something moves."""
-    return [
-        entry
-        for part in system.state.slices
-        if part.unit.endswith("/s")
-        for entry in range(system.state.size)[system.state.index(part.name)]
-    ]
 
 
 def errors_of(emulator: Emulator, steps: SuperSteps, unit: np.ndarray) -> np.ndarray:

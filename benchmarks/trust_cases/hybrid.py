@@ -11,6 +11,7 @@ from neuroanimator import Emulator, UnseenRuns, hybrid_rollout, load_emulator
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.hybrid import PHYSICS_STEPS
+from neuroanimator.improvement.places import rate_entries
 from neuroanimator.systems.system import System
 from neuroanimator.training.error_fitting import simulate_unseen, steps_of
 from trust_cases.bounds import errors_of
@@ -60,16 +61,6 @@ def mixture(emulator: Emulator, system: System, shifted_share: float) -> UnseenR
         else:
             starts[row, rate_entries(system)] *= rng.uniform(*FASTER)
     return simulate_unseen(emulator, system, starts, controls)
-
-
-def rate_entries(system: System) -> list[int]:
-    """Return the state entries that say how fast something moves."""
-    return [
-        entry
-        for part in system.state.slices
-        if part.unit.endswith("/s")
-        for entry in range(system.state.size)[system.state.index(part.name)]
-    ]
 
 
 def row_of(emulator: Emulator, system: System, runs: UnseenRuns) -> dict[str, Any]:

@@ -653,6 +653,13 @@ def program_of(emulator: Emulator) -> Any:
     return program
 
 
+def as_emulator(reference: Emulator | str | Path) -> Emulator:
+    """Return an emulator as it is; of a file's or a system's name, the emulator that verbs take for it."""
+    if isinstance(reference, Emulator):
+        return reference
+    return Emulator.load(find_emulator(str(reference)))
+
+
 def load_emulator(name: str | Path) -> Emulator:
     """Return the emulator that ships under `name`, such as "fish-50", or the one in the file of that name.
 

@@ -19,10 +19,9 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.animation.motion import random_drive
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.emulator import Emulator, as_emulator
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.zoo import find_emulator
 
 FORMAT = "minari"
 """What `--format` says."""
@@ -73,9 +72,7 @@ def write_minari(
     the extra `[minari]`.
     """
     folder = Path(folder)
-    emulator = (
-        reference if isinstance(reference, Emulator) else Emulator.load(find_emulator(reference))
-    )
+    emulator = as_emulator(reference)
     if not 1 <= episodes <= MAX_EPISODES:
         raise ArgumentError(f"episodes: wanted 1 to {MAX_EPISODES:,}, came {episodes}.")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

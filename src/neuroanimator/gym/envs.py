@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.emulator import Emulator, as_emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.rows import step_rows
@@ -22,7 +22,6 @@ from neuroanimator.gym.state_env import NOISE, Leap, StateVectorEnv
 from neuroanimator.jax_later import Array, eqx, filter_jit, jnp
 from neuroanimator.pytrees import Module, static
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.zoo import find_emulator
 
 MAX_PENALISED = 10.0
 """Scores above it lose no more: the error has long been larger than what is to be learnt."""
@@ -134,8 +133,7 @@ class EmulatorVectorEnv(StateVectorEnv):
         trust_penalty: float = 0.0,
     ):
         """Make it from what an `EmulatorEnv` is made from."""
-        if not isinstance(emulator, Emulator):
-            emulator = Emulator.load(find_emulator(str(emulator)))
+        emulator = as_emulator(emulator)
         super().__init__(
             emulator,
             num_envs,

@@ -9,13 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.control.objective.objective import Objective
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.emulator import Emulator, as_emulator
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.gym.envs import Reward, rules_by
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_env import NOISE, Leap, StateVectorEnv
 from neuroanimator.systems.system import Scheme
-from neuroanimator.zoo import find_emulator
 
 
 @final
@@ -43,8 +42,7 @@ class PhysicsVectorEnv(StateVectorEnv):
 
         Raises ArgumentError or BadFileError where there is no physics: of recordings, and of files that are not allowed.
         """
-        if not isinstance(emulator, Emulator):
-            emulator = Emulator.load(find_emulator(str(emulator)))
+        emulator = as_emulator(emulator)
         self.system = system_of(emulator)
         self.scheme = scheme or self.system.scheme
         self.scheme.steps(emulator.dt)  # refuses a super step that is no whole number of steps
