@@ -64,6 +64,8 @@ def glow(
 
     `owners` says for each kind of object (MuJoCo's mjtObj), by number, of which clip it is: -1 for none.
     """
+    if not shares.any():
+        return
     for number in range(scene.ngeom):
         geom = scene.geoms[number]
         owner = owners.get(geom.objtype)
