@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Cli
 
-from neuroanimator import Emulator, NeuroAnimatorError, hybrid_rollout, load_system
+from neuroanimator import (
+    Emulator,
+    NeuroAnimatorError,
+    hybrid_rollout,
+    load_emulator,
+    load_system,
+)
+from neuroanimator.animation.motion import default_drive
 from neuroanimator.emulator.trust import EDGE
+from neuroanimator.emulator.trust_summary import summary_of
 from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.evaluation.hybrid_shares import THRESHOLDS, hybrid_gain, hybrid_shares
 from neuroanimator.hybrid import PHYSICS_STEPS, HybridMotion
@@ -133,6 +144,29 @@ def test_a_rollout_with_scores_is_the_rollout_and_its_scores(
     batch, of_batch = shipped.rollout_trusted(np.stack([START] * 2), np.stack([controls] * 2))
     np.testing.assert_allclose(batch, np.stack([states] * 2), rtol=1e-4, atol=1e-4)
     assert of_batch.shape == (2, STEPS)
+
+
+def test_a_made_motion_has_one_score_whoever_asks(cli: Cli, tmp_path: Path):
+    dolphin = load_emulator("dolphin-50")
+    drive = default_drive(dolphin)  # it leaps, far beyond training
+    states, scores = drive.trusted_motion(dolphin)
+    made, of_rollout = dolphin.rollout_trusted(drive.start, drive.controls)
+    np.testing.assert_array_equal(states, made)
+    np.testing.assert_array_equal(scores, of_rollout)
+
+    out = tmp_path / "swim.csv"
+    told = cli("animate", "dolphin", "--out", out)
+    printed = re.sub(r"\s+", " ", told.stdout)
+    assert f"trust {summary_of(dolphin, scores)}" in printed, told.stdout + told.stderr
+
+    # At the highest score the physics takes over in that super step and in none before.
+    highest = int(np.argmax(scores))
+    assert highest > 0
+    physics = load_system("dolphin")
+    start, held = drive.start, drive.controls[: highest + 1]
+    motion = hybrid_rollout(dolphin, physics, start, held, threshold=float(scores[highest]))
+    np.testing.assert_array_equal(motion.scores, scores[: highest + 1])
+    assert motion.is_physics.tolist() == [False] * highest + [True]
 
 
 def test_what_turns_are_worth_is_nothing_without_them_and_all_with_nothing_else(

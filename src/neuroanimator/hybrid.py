@@ -31,7 +31,11 @@ class HybridMotion(NamedTuple):
     states: Float[np.ndarray, "F S"]
     """(T+1, S), the start included."""
     scores: Float[np.ndarray, " T"]
-    """How far each super step's state and control lie from what training showed, whoever made it: see `Emulator.trust`."""
+    """How far each super step's input lies from what training showed, whoever made it: what the threshold was compared with.
+
+    Of leaps, and of the one that the physics made instead, it is the score of the rollout they belong to
+    (`Emulator.rollout_trusted`); of the physics' own states it is that of `Emulator.trust`, which encodes them.
+    """
     is_physics: Bool[np.ndarray, " T"]
     """Whether the physics made each super step."""
 
@@ -111,7 +115,7 @@ class _Relay:
         is_physics = np.zeros(steps, bool)
         now = 0
         while now < steps:
-            emulated, known = self._leap(states[now], now)
+            emulated, known, refused = self._leap(states[now], now)
             after = now + len(emulated)
             states[now + 1 : after + 1] = emulated
             scores[now:after] = known
@@ -122,14 +126,18 @@ class _Relay:
             after = now + len(simulated)
             states[now + 1 : after + 1] = simulated
             scores[now:after] = known
+            # Why the physics took over: asked of the decoded state anew, a deformable body's score is a little another.
+            scores[now] = refused
             is_physics[now:after] = True
             now = after
         return HybridMotion(states, scores, is_physics)
 
     def _leap(
         self, state: Float[np.ndarray, " S"], now: int
-    ) -> tuple[Float[np.ndarray, "L S"], Float[np.ndarray, " L"]]:
-        """Return the states after each leap from `state` on that is trusted, and the leaps' scores."""
+    ) -> tuple[Float[np.ndarray, "L S"], Float[np.ndarray, " L"], float]:
+        """Return the states after each leap from `state` on that is trusted, the leaps' scores, and that of the first
+        which is not trusted; no number where all are.
+        """
         left = len(self.controls) - now
         length = LOOK_AHEAD
         while True:
@@ -147,7 +155,8 @@ class _Relay:
             raise DivergedError(
                 "The motion diverged on the emulator where its score was below the threshold. Choose a lower threshold."
             )
-        return np.asarray(emulated, float), scores[:count]
+        refused = float(scores[count]) if count < left else np.nan
+        return np.asarray(emulated, float), scores[:count], refused
 
     def _simulate(
         self, state: Float[np.ndarray, " S"], now: int

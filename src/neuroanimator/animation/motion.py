@@ -44,6 +44,13 @@ class Drive(NamedTuple):
         """Return the trajectory (K = T+1 states) that the emulator makes of it."""
         return np.asarray(emulator.rollout(self.start, self.controls), float)
 
+    def trusted_motion(
+        self, emulator: Emulator
+    ) -> tuple[Float[np.ndarray, "K S"], Float[np.ndarray, " T"]]:
+        """Return (`motion`, the score of each of its T super steps), both from one rollout."""
+        states, scores = emulator.rollout_trusted(self.start, self.controls)
+        return np.asarray(states, float), scores
+
 
 def default_motion(emulator: Emulator) -> Float[np.ndarray, "K S"]:
     """Return the trajectory (K = T+1 states) to show when nobody asks for anything: a truck parks, a dolphin leaps.

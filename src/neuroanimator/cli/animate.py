@@ -94,7 +94,7 @@ def run(
             named_start,
             random_drive,
         )
-        from neuroanimator.emulator.trust_summary import scores_along, summary_of
+        from neuroanimator.emulator.trust_summary import summary_of
         from neuroanimator.export.csv_file import read_table
         from neuroanimator.export.formats import emulator_for, export_clip, export_school
         from neuroanimator.state.start import read_starts
@@ -124,9 +124,9 @@ def run(
         if hybrid:
             motion, gain = _in_turns(model, drive, threshold, system)
             states = motion.states
+            scores = motion.scores
         else:
-            states = drive.motion(model)
-        scores = scores_along(model, states, drive.controls)
+            states, scores = drive.trusted_motion(model)
     clip = make_clip(
         model,
         states,

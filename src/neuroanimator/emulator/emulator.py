@@ -317,6 +317,10 @@ class Emulator(Module):
         features leave their ranges. Infinite for what is not finite. Files from before there was a
         meter know the ranges alone: inside them the score is 0.
 
+        It asks about states as they are, such as the physics' or recorded ones. For a motion that this emulator made ask
+        `rollout_trusted`: super steps go on from latent states, and encoding what was decoded gives a deformable
+        body's shape back only nearly.
+
         Raises ArgumentError for wrong shapes.
         """
         states = self.state.check_shape(state, "state")

@@ -36,15 +36,8 @@ class TrustSummary(NamedTuple):
         )
 
 
-def scores_along(
-    emulator: Emulator, states: Float[np.ndarray, "K S"], controls: Float[np.ndarray, "T C"]
-) -> Float[np.ndarray, " T"]:
-    """Return the score of each super step of a trajectory (K = T+1 states) under its controls: see `Emulator.trust`."""
-    return emulator.trust(states[:-1], controls)
-
-
 def summary_of(emulator: Emulator, scores: Float[np.ndarray, " T"]) -> TrustSummary:
-    """Return the summary of the scores of at least one super step of `emulator`."""
+    """Return the summary of the `scores` of at least one super step, as `Emulator.rollout_trusted` gives them with a motion."""
     highest = int(np.argmax(scores))
     return TrustSummary(
         share_within=float(np.mean(scores <= EDGE)),

@@ -95,10 +95,12 @@ def measure_drift(
             current[name] = np.where(is_lost[:, None], system.rest, path[:, -1])
         if on_progress:
             on_progress(min(done + BLOCK, steps), steps)
-    return [
-        _drift(name, _joined(seen["physics"], name), _joined(seen["emulator"], name), runs)
-        for name in seen["physics"][0]
-    ]
+    drifts = []
+    for name in seen["physics"][0]:
+        physics = [block[name] for block in seen["physics"]]
+        emulated = [block[name] for block in seen["emulator"]]
+        drifts.append(_drift(name, physics, emulated, runs))
+    return drifts
 
 
 def quantities(system: System, states: Float[np.ndarray, "N S"]) -> dict[str, Quantity]:
@@ -160,10 +162,6 @@ def _looked_at(system: System, states: Float[np.ndarray, "B T S"]) -> dict[str, 
         name: Quantity(np.where(is_known, values, np.nan), is_angle)
         for name, (values, is_angle) in found.items()
     }
-
-
-def _joined(blocks: list[dict[str, Quantity]], name: str) -> list[Quantity]:
-    return [block[name] for block in blocks]
 
 
 def _drift(name: str, physics: list[Quantity], emulated: list[Quantity], runs: int) -> Drift:

@@ -19,7 +19,10 @@ WEIGHT = 10.0
 
 
 class StayTrusted(Module):
-    """μ/2 ∫ max(0, score - threshold)² dt, by the scores of `Emulator.trust`: a cost of one's own, descended through JAX."""
+    """μ/2 ∫ max(0, score - threshold)² dt, by the scores of `Emulator.trust`: a cost of one's own, descended through JAX.
+
+    Like any cost it is of states, whoever made them: the physics' as well as the emulator's.
+    """
 
     emulator: Emulator
     threshold: Float[AnyArray, ""]

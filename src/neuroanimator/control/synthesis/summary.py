@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from neuroanimator.control.synthesis.attempt import is_gap_large
 from neuroanimator.control.synthesis.synthesise import Synthesis
-from neuroanimator.emulator.trust_summary import TrustSummary, scores_along, summary_of
+from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
 
 SMALL_GAP = 0.05
 """Share of J by which two values of it may differ and still be called the same."""
@@ -60,8 +60,9 @@ def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
 def trust_along(synthesis: Synthesis) -> TrustSummary:
     """Return how far to believe the emulator's motion under the controls that were found."""
     emulator = synthesis.emulator
-    states = synthesis.outcome.emulator_states
-    return summary_of(emulator, scores_along(emulator, states, synthesis.controls))
+    start = synthesis.outcome.emulator_states[0]
+    _, scores = emulator.rollout_trusted(start, synthesis.controls, may_diverge=True)
+    return summary_of(emulator, scores)
 
 
 def gap_in_words(cost_emulator: float, cost_physics: float) -> str:
