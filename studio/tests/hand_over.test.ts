@@ -1,12 +1,12 @@
-// Physics goes on where the emulator is lost, and gives way again. The "server" here answers by the pendulum's own emulator.
+// Physics goes on where the emulator is lost, and gives way again. The "physics" here is the pendulum's own emulator.
 
 import { expect, test } from "vitest";
 import type { Bundle } from "../src/bundle/bundle";
 import { sizeOf } from "../src/bundle/layout";
 import { Emulator } from "../src/emulator/emulator";
 import { Player } from "../src/motion/player";
-import { HandOver } from "../src/server/hand_over";
-import type { Live } from "../src/server/live";
+import { HandOver } from "../src/physics/hand_over";
+import type { Drive, Physics } from "../src/physics/physics";
 import { SliderPilot } from "../src/steering/pilots";
 import { shippedFile } from "./shipped";
 
@@ -21,14 +21,13 @@ async function pendulum(): Promise<{ player: Player; facts: Bundle; emulator: Em
   return { player, facts, emulator };
 }
 
-function serverBy(emulator: Emulator): { live: Live; asked: number[][] } {
+function physicsBy(emulator: Emulator): { physics: Physics; asked: number[][] } {
   const asked: number[][] = [];
-  const ask = async (_: string, wanted: { start: number[]; controls: number[][] }): Promise<{ states: string }> => {
-    asked.push(wanted.controls[0]!);
-    const states = emulator.rollout(wanted.start, wanted.controls.flat());
-    return { states: Buffer.from(states.buffer).toString("base64") };
+  const replay: Physics["replay"] = async ({ start, controls }: Drive) => {
+    asked.push(Array.from(controls));
+    return { states: emulator.rollout(start, controls), seconds: 0, usualSeconds: 0 };
   };
-  return { live: { ask } as unknown as Live, asked };
+  return { physics: { isReady: true, replay }, asked };
 }
 
 async function until(isTrue: () => boolean): Promise<void> {
@@ -41,8 +40,8 @@ test("physics goes on from the playhead with the controls that were recorded", a
   const { player, facts, emulator } = await pendulum();
   const recorded = player.motion;
   player.seek(10.5 * facts.dt);
-  const { live, asked } = serverBy(emulator);
-  const handOver = HandOver.begin(live, facts, player, () => undefined);
+  const { physics, asked } = physicsBy(emulator);
+  const handOver = HandOver.begin(physics, facts, player, () => undefined);
   await until(() => player.motion.steps > 5);
   expect(player.isHeld).toBe(true);
   expect(player.motion.source).toBe("physics");
@@ -59,8 +58,8 @@ test("physics that does not come leaves what was there", async () => {
   const { player, facts } = await pendulum();
   const recorded = player.motion;
   const lines: string[] = [];
-  const live = { ask: () => Promise.reject(new Error("the server does not answer")) } as unknown as Live;
-  HandOver.begin(live, facts, player, (line) => lines.push(line));
+  const replay: Physics["replay"] = () => Promise.reject(new Error("the server does not answer"));
+  HandOver.begin({ isReady: true, replay }, facts, player, (line) => lines.push(line));
   await until(() => lines.length > 0);
   expect(lines).toEqual(["the server does not answer"]);
   expect(player.motion).toBe(recorded);

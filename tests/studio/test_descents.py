@@ -99,3 +99,14 @@ def test_what_the_page_is_held_against_is_what_python_finds():
         if case["bundle"] == "fish-50":
             costs = writer["costs_of"](made("fish-50"), case["values"])
             np.testing.assert_allclose(costs[:4], case["costs"][:4], rtol=0.03)
+
+
+def test_the_verdicts_the_page_is_held_against_are_those_of_python():
+    folder = Path(__file__).parents[2] / "studio" / "tests" / "vectors"
+    writer = runpy.run_path(str(folder / "write_verdicts.py"))
+    cases = json.loads((folder / "verdicts.json").read_text())
+    assert {case["bundle"] for case in cases} == set(writer["SWIMMERS"])
+    assert {case["is_success"] for case in cases} == {True, False}
+    for case in cases:
+        verdict = writer["verdict_on"](load_emulator(case["bundle"]), case)
+        assert (verdict.is_success, verdict.words) == (case["is_success"], case["words"])

@@ -1,4 +1,4 @@
-"""The cube has no emulator: the page runs its physics, which is that of Python."""
+"""The physics that the page runs, the cube's and that beside swimmers' emulators, is that of Python."""
 
 from __future__ import annotations
 
@@ -9,9 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from neuroanimator import load_emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.wasm_file import Module
-from neuroanimator.studio.catalogue import PHYSICS_BUNDLES, shipped_folder
+from neuroanimator.studio.catalogue import (
+    PHYSICS_BUNDLES,
+    PHYSICS_WASM,
+    SHIPPED_BUNDLES,
+    shipped_folder,
+)
 from neuroanimator.studio.drive import checked_drive
 from neuroanimator.studio.exports import write_motion
 from neuroanimator.studio.judge import replay_physics
@@ -20,6 +27,8 @@ from neuroanimator.studio.limits import USUAL
 from neuroanimator.studio.physics import physics_facts
 from neuroanimator.studio.requests import Export, Replay
 from neuroanimator.systems import SYSTEMS, load_system
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.tasks.swimmers import gait_controls
 from neuroanimator.zoo import SHIPPED
 
 wasmtime = pytest.importorskip("wasmtime")
@@ -59,6 +68,31 @@ def test_the_module_does_what_the_true_physics_does():
     states = rollout(np.array(motion["start"]), controls)
     # Bounces amplify the rounding of a start in float32.
     np.testing.assert_allclose(states, runs.states[0], atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["fish-50", "dolphin-50"])
+def test_the_physics_beside_an_emulator_is_the_true_physics(name: str):
+    emulator = load_emulator(name)
+    system = system_of(emulator)
+    beside = Module(wasmtime, (shipped_folder() / name / PHYSICS_WASM).read_bytes(), "physics")
+    controls = gait_controls(system, 20, emulator.dt).astype(np.float32)
+    start = np.array(system.rest, np.float32)
+    for function, scheme in (("rollout", system.truth), ("rollout_usual", system.scheme)):
+        states = np.zeros((len(controls) + 1, len(start)), np.float32)
+        beside.call(function, start, controls, len(controls), states)
+        runs = system.simulate_fastest(
+            start[None].astype(float), controls[None].astype(float), emulator.dt, scheme=scheme
+        )
+        np.testing.assert_allclose(states, runs.states[0], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", SHIPPED_BUNDLES)
+def test_physics_goes_along_where_the_page_can_run_it(name: str):
+    folder = shipped_folder() / name
+    described = json.loads((folder / "bundle.json").read_text())
+    is_soft = isinstance(load_system(described["system"]), DeformableSystem)
+    assert described["physics"] == (PHYSICS_WASM if is_soft else None)
+    assert (folder / PHYSICS_WASM).is_file() == is_soft
 
 
 def test_many_cubes_move_as_one_does():

@@ -23,6 +23,8 @@ WINDOW = {"width": 1000, "height": 380}
 
 MAX_ITERATIONS = 20
 
+PROVE = "Replay the controls on the true physics"
+
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
@@ -79,5 +81,20 @@ def test_a_fish_finds_its_way_in_a_page_without_a_server(browser: Browser, tmp_p
         look.page.goto(f"{origin}/site/")
         open_panel(look.page)
         assert find_controls(look.page) <= MAX_ITERATIONS
-        expect(look.page.get_by_role("button", name="The proof needs the server")).to_be_disabled()
+        look.page.get_by_role("button", name=PROVE).click(timeout=PATIENCE)
+        expect(look.page.locator(".verdict.success")).to_contain_text(
+            "body lengths", timeout=PATIENCE
+        )
+        look.page.keyboard.press("g")
+        expect(look.page.locator(".chip.ghost")).to_contain_text("physics: gap", timeout=PATIENCE)
+        assert look.complaints == []
+
+
+def test_what_mujoco_moves_is_proven_by_a_server_alone(browser: Browser, tmp_path: Path):
+    export_site(page_folder(), [shipped_folder() / "pendulum-50"], tmp_path / "site")
+    with hosting(tmp_path) as origin, looking(browser) as look:
+        look.page.set_viewport_size(WINDOW)
+        look.page.goto(f"{origin}/site/")
+        open_panel(look.page)
+        expect(look.page.get_by_title("The proof of this system needs the server")).to_be_disabled()
         assert look.complaints == []

@@ -20,10 +20,12 @@ from neuroanimator.export.programs.definition import definition_of
 from neuroanimator.export.programs.descent_module import descent_module
 from neuroanimator.export.programs.wasm_file import checked_wasm
 from neuroanimator.storage.files import write_whole
-from neuroanimator.studio.catalogue import BUNDLE, EMULATOR_WASM
+from neuroanimator.studio.catalogue import BUNDLE, EMULATOR_WASM, PHYSICS_WASM
 from neuroanimator.studio.descents import DESCENT_FILE, descent_of, describe_descent
 from neuroanimator.studio.description import describe_emulator, describe_policy, short_numbers
 from neuroanimator.studio.opening import opening_drive
+from neuroanimator.studio.physics import write_physics_beside
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.zoo import (
     POLICIES,
     find_emulator,
@@ -87,7 +89,7 @@ def _bundle_of(wanted: str, known: Sequence[Path]) -> Path | None:
 
 def _copied(twin: Path, folder: Path) -> dict[str, Any]:
     """Copy the programs of an emulator's bundle into `folder`, and return the motion it is shown with."""
-    for name in (EMULATOR_WASM, DESCENT_FILE):
+    for name in (EMULATOR_WASM, DESCENT_FILE, PHYSICS_WASM):
         if (twin / name).is_file():
             write_whole(folder / name, (twin / name).read_bytes())
     facts = json.loads((twin / BUNDLE).read_text(encoding="ascii"))
@@ -95,12 +97,16 @@ def _copied(twin: Path, folder: Path) -> dict[str, Any]:
 
 
 def _compile(emulator: Emulator, folder: Path, licence: str) -> None:
-    """Write the programs of an emulator into `folder`: that of super steps and that of a descent, at the same time."""
+    """Write the programs of an emulator into `folder`: that of super steps, and beside it those of a descent and of physics."""
     with ThreadPoolExecutor() as pool:
-        descent = pool.submit(_compile_descent, emulator, folder)
+        others = [
+            pool.submit(_compile_descent, emulator, folder),
+            pool.submit(write_physics_beside, emulator, folder),
+        ]
         emulator_wasm, _ = checked_wasm(emulator, definition_of(emulator, licence), "emulator")
         write_whole(folder / EMULATOR_WASM, emulator_wasm)
-        descent.result()
+        for other in others:
+            other.result()
 
 
 def _compile_descent(emulator: Emulator, folder: Path) -> None:
@@ -155,7 +161,7 @@ def bundle_facts(
     bundle_id: str,
     drive: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return what `bundle.json` says; `drive` is what to show first, found if not given."""
+    """Return what `bundle.json` says beside its programs; `drive` is what to show first, found if not given."""
     system = system_of(emulator)
     facts: dict[str, Any] = {"id": bundle_id}
     facts |= describe_emulator(emulator, system)
@@ -168,6 +174,7 @@ def bundle_facts(
         drive = {"start": short_numbers(start), "controls": short_numbers(controls)}
     facts["default_motion"] = drive
     facts["emulator"] = EMULATOR_WASM
+    facts["physics"] = PHYSICS_WASM if isinstance(system, DeformableSystem) else None
     descent = descent_of(emulator, system)
-    facts["descents"] = [] if descent is None else [describe_descent(descent)]
+    facts["descents"] = [] if descent is None else [describe_descent(descent, system)]
     return facts

@@ -15,6 +15,12 @@ BUNDLE = "bundle.json"
 EMULATOR_WASM = "emulator.wasm"
 """What makes super steps."""
 
+PHYSICS_WASM = "physics.wasm"
+"""The true physics beside it, of mass-spring bodies."""
+
+PROGRAMS = (EMULATOR_WASM, "policy.wasm", PHYSICS_WASM)
+"""All that a bundle may have in it to show and steer a body; descents come on top."""
+
 WITH_DESCENT = ("dolphin-50", "fish-50", "truck-50", "lander-50", "pendulum-50")
 """The emulators that ship as bundles with a goal to be reached in the page, in the order it shows them."""
 

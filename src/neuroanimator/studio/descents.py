@@ -54,9 +54,11 @@ from neuroanimator.tasks.rigid import (
     lot_zones,
 )
 from neuroanimator.tasks.swimmers import (
+    ROLL_WITHIN,
     body_length,
     ends_upright,
     gait_controls,
+    steps_of_a_period,
 )
 
 Values = Mapping[str, Sequence[float]]
@@ -345,9 +347,22 @@ def descent_of(emulator: Emulator, system: System) -> PageDescent | None:
     return recipe.make(system, emulator)
 
 
-def describe_descent(descent: PageDescent) -> dict[str, Any]:
+def describe_descent(descent: PageDescent, system: System) -> dict[str, Any]:
     """Return what the page reads of a descent."""
-    return descent.facts() | {"wasm": DESCENT_FILE}
+    return descent.facts() | {"wasm": DESCENT_FILE, "judged": _judged(descent, system)}
+
+
+def _judged(descent: PageDescent, system: System) -> dict[str, Any] | None:
+    """Return what a page without a server judges a swimmer's motion by; None where only the server can."""
+    if DESCENTS[system.name].judge is not judge_swimming:
+        return None
+    length = body_length(system)
+    return {
+        "length": length,
+        "within": TARGET_WITHIN * length,
+        "roll": ROLL_WITHIN,
+        "last": steps_of_a_period(system, descent.problem.emulator.dt),
+    }
 
 
 DESCENT_FILE = "descent-1.wasm"

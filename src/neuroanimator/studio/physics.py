@@ -1,4 +1,8 @@
-"""Systems that the page shows by their physics itself: it costs less than an emulator (docs/decisions/0017-strides.md)."""
+"""The true physics of mass-spring bodies for the page, which runs it in WebAssembly.
+
+It goes beside an emulator, as what a page without a server compares that with; or it is what is shown, where it costs less
+than an emulator (docs/decisions/0017-strides.md).
+"""
 
 from __future__ import annotations
 
@@ -10,9 +14,11 @@ import numpy as np
 
 from neuroanimator.animation.motion import USUAL_SECONDS, Drive
 from neuroanimator.animation.showcase import throw_body
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.spec import EmulatorSpec
+from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.storage.files import write_whole
-from neuroanimator.studio.catalogue import EMULATOR_WASM
+from neuroanimator.studio.catalogue import EMULATOR_WASM, PHYSICS_WASM
 from neuroanimator.studio.description import describe_physics, short_numbers
 from neuroanimator.systems import load_system
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
@@ -26,6 +32,9 @@ SUPER_STEP = 0.02
 MODULE = "emulator"
 """How the names of its functions begin: the page calls it as it calls emulators."""
 
+BESIDE = "physics"
+"""The same where it goes beside an emulator."""
+
 
 def physics_spec(system: System) -> EmulatorSpec:
     """Return what an emulator of `system` would say of it, in super steps of `SUPER_STEP`."""
@@ -35,12 +44,21 @@ def physics_spec(system: System) -> EmulatorSpec:
 def write_physics_module(name: str, folder: Path) -> None:
     """Write the physics of the system `name` into its bundle's `folder`; errors are those of `physics_module`."""
     system = _deformable(name)
-    content = physics_module(system.body, system.truth, SUPER_STEP, system.rest, MODULE)
-    write_whole(folder / EMULATOR_WASM, content)
+    write_whole(folder / EMULATOR_WASM, physics_module(system, SUPER_STEP, MODULE))
+
+
+def write_physics_beside(emulator: Emulator, folder: Path) -> None:
+    """Write the physics of an emulator's system into its bundle's `folder`; errors are those of `physics_module`.
+
+    Nothing is written for systems that are no mass-spring bodies: their physics needs the server.
+    """
+    system = system_of(emulator)
+    if isinstance(system, DeformableSystem):
+        write_whole(folder / PHYSICS_WASM, physics_module(system, emulator.dt, BESIDE))
 
 
 def physics_facts(name: str, folder: Path) -> dict[str, Any]:
-    """Return what `bundle.json` says of the system `name`, whose module lies in `folder`: it is thrown."""
+    """Return what `bundle.json` says of the system `name`, which is thrown; its module lies in `folder`."""
     system = _deformable(name)
     facts: dict[str, Any] = {"id": name}
     facts |= describe_physics(physics_spec(system), system)

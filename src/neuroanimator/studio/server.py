@@ -23,7 +23,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError, ResourceError
-from neuroanimator.studio.catalogue import catalogue
+from neuroanimator.studio.catalogue import BUNDLE, PROGRAMS, catalogue
 from neuroanimator.studio.exports import described_drive
 from neuroanimator.studio.guard import Guard, refused
 from neuroanimator.studio.live import serve_page
@@ -35,9 +35,6 @@ from neuroanimator.terminal import watched_progress
 
 INDEX = "/index.html"
 """The file of the page that is shown at first."""
-
-BUNDLE_FILES = ("bundle.json", "emulator.wasm", "policy.wasm")
-"""The files of a bundle that are served, and those of its descents."""
 
 DESCENT = "descent"
 """How the names of a bundle's descents begin."""
@@ -123,7 +120,7 @@ async def _bundle_file(request: Request) -> Response:
 def served_files(folder: Path) -> list[str]:
     """Return the names of the files of a bundle that the page may want."""
     descents = [path.name for path in sorted(folder.glob(f"{DESCENT}*.wasm"))]
-    return [name for name in (*BUNDLE_FILES, *descents) if (folder / name).is_file()]
+    return [name for name in (BUNDLE, *PROGRAMS, *descents) if (folder / name).is_file()]
 
 
 async def _download(request: Request) -> Response:

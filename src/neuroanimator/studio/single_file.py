@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from neuroanimator.errors import ResourceError
-from neuroanimator.studio.catalogue import BUNDLE, catalogue
+from neuroanimator.studio.catalogue import BUNDLE, PROGRAMS, catalogue
 
 INDEX = "/index.html"
 
@@ -45,9 +45,9 @@ def single_page(page_files: dict[str, Path], bundle: Path, drive: dict[str, Any]
         "catalogue.json": json.dumps(listed).encode(),
         f"{folder}/{BUNDLE}": json.dumps(facts, allow_nan=False).encode(),
     }
-    for path in sorted(bundle.glob("*.wasm")):
-        if path.name in ("emulator.wasm", "policy.wasm"):
-            files[f"{folder}/{path.name}"] = path.read_bytes()
+    for name in PROGRAMS:
+        if (bundle / name).is_file():
+            files[f"{folder}/{name}"] = (bundle / name).read_bytes()
     return _filled(page_files, files).encode()
 
 

@@ -205,9 +205,14 @@ def turned_upright(system: DeformableSystem, state: np.ndarray) -> np.ndarray:
 
 def ends_upright(system: System, states: np.ndarray, dt: float) -> bool:
     """Return whether `states` (T+1, S), `dt` [s] apart, are rolled by less than `ROLL_WITHIN` over the last period."""
-    assert system.gait is not None
-    last = math.ceil(system.gait.period / dt)
+    last = steps_of_a_period(system, dt)
     return bool(np.abs(read_pose(system.structure, states[-1 - last :]).roll).max() < ROLL_WITHIN)
+
+
+def steps_of_a_period(system: System, dt: float) -> int:
+    """Return in how many super steps of `dt` [s] a swimmer's gait has come round."""
+    assert system.gait is not None
+    return math.ceil(system.gait.period / dt)
 
 
 def three(vector: np.ndarray) -> tuple[float, float, float]:

@@ -24,3 +24,13 @@ export function uint32Of(text: string): Uint32Array<ArrayBuffer> {
 export function uint16Of(text: string): Uint16Array<ArrayBuffer> {
   return new Uint16Array(bytesOf(text).buffer);
 }
+
+/** Return float32 numbers as base64. */
+export function base64Of(numbers: Float32Array): string {
+  const bytes = new Uint8Array(numbers.buffer, numbers.byteOffset, numbers.byteLength);
+  let characters = "";
+  for (const byte of bytes) {
+    characters += String.fromCharCode(byte);
+  }
+  return btoa(characters);
+}

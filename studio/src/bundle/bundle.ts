@@ -135,6 +135,8 @@ export interface Bundle {
   readonly goals: readonly Goal[];
   readonly emulator: string;
   readonly can_simulate?: boolean;
+  /** File of the true physics, beside `bundle.json`, where there is one: a page without a server runs it. */
+  readonly physics?: string | null;
   readonly descents: readonly unknown[];
 }
 

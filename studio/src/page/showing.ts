@@ -6,9 +6,10 @@ import { controlPanel, steerPanel, type Panel } from "../panels/controls";
 import { MeasurePanel } from "../panels/measure";
 import { takePanel } from "../panels/take";
 import type { CameraMode } from "../scene/cameras";
-import { HandOver } from "../server/hand_over";
+import { HandOver } from "../physics/hand_over";
+import { physicsOf, type Physics } from "../physics/physics";
+import { Twin } from "../physics/twin";
 import type { Live } from "../server/live";
-import { Twin } from "../server/twin";
 import type { KeySteering } from "../steering/keys";
 import { BodyPull } from "../steering/pull";
 import { SwimTarget } from "../steering/target";
@@ -32,6 +33,7 @@ export class Showing {
   readonly side: HTMLElement[];
   /** What may be taken hold of, the foremost first. */
   readonly grabbables: readonly Grabbable[];
+  readonly #physics: Physics | null;
   readonly #twin: Twin | null;
   readonly #measure: MeasurePanel;
   readonly #panels: Panel[];
@@ -45,13 +47,15 @@ export class Showing {
   /** `live` is the line to the server, or null where there is none. */
   constructor(
     readonly session: Session,
-    private readonly live: Live | null,
+    live: Live | null,
     private readonly banners: Banners,
     private readonly hud: Hud,
   ) {
     const { facts, player } = session;
     this.#ghostState = new Float32Array(facts.rest.length);
-    this.#twin = live && this.#canReplay ? new Twin(live, facts) : null;
+    // What is the true physics itself has nothing beside it.
+    this.#physics = isPhysics(facts) ? null : physicsOf(session.bundle, live);
+    this.#twin = this.#physics && new Twin(this.#physics, facts);
     if (this.#twin) {
       this.#twin.onError = (line) => banners.say("physics", `No physics beside it: ${line}`, "warning");
     }
@@ -70,6 +74,7 @@ export class Showing {
       emulator: session.emulator,
       player,
       world: session.world,
+      physics: this.#physics,
       live,
       banners,
       body: goal.body,
@@ -148,7 +153,7 @@ export class Showing {
     } else if (isPhysics(this.session.facts)) {
       this.banners.tell("What you see is the true physics itself: there is nothing to put beside it.");
     } else {
-      this.banners.tell("Physics beside the emulator needs the server: run 'neuroanimator studio'.", "warning");
+      this.banners.tell("Physics beside this emulator needs the server: run 'neuroanimator studio'.", "warning");
     }
   }
 
@@ -162,12 +167,6 @@ export class Showing {
       this.#target.show();
       this.goLive();
     }
-  }
-
-  /** Whether the server has physics of it that is not shown already. */
-  get #canReplay(): boolean {
-    const { facts } = this.session;
-    return facts.can_simulate !== false && !isPhysics(facts);
   }
 
   #happened(event: string): void {
@@ -208,21 +207,18 @@ export class Showing {
     }
   }
 
-  // With a server there, physics can go on where the emulator is lost.
+  // Where there is physics it can go on where the emulator is lost.
   #handOverAction(): Action | undefined {
-    const { live } = this;
-    if (!live || !this.#canReplay) {
-      return undefined;
-    }
-    return { label: "Let physics go on", act: () => this.#letPhysicsGoOn(live) };
+    const physics = this.#physics;
+    return physics ? { label: "Let physics go on", act: () => this.#letPhysicsGoOn(physics) } : undefined;
   }
 
-  #letPhysicsGoOn(live: Live): void {
+  #letPhysicsGoOn(physics: Physics): void {
     const { player, facts } = this.session;
     this.#handOver?.stop();
     this.banners.clear("trust");
     this.banners.clear("lost");
-    this.#handOver = HandOver.begin(live, facts, player, (line) => {
+    this.#handOver = HandOver.begin(physics, facts, player, (line) => {
       this.banners.say("physics", `Physics does not go on: ${line}`, "warning");
     });
     this.banners.tell("Physics goes on from here, steered as before; L gives it back to the emulator.");

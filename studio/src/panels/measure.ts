@@ -5,7 +5,7 @@ import { isPhysics } from "../bundle/bundle";
 import { EDGE, type Motion } from "../motion/motion";
 import { button, element, fact, panel, shortNumber, type Fact } from "../page/dom";
 import type { Session } from "../page/session";
-import type { Twin } from "../server/twin";
+import type { Twin } from "../physics/twin";
 import type { Panel } from "./controls";
 import { Curve } from "./curve";
 
@@ -88,7 +88,7 @@ export class MeasurePanel implements Panel {
     const facts = element("dl", "facts", [this.#step.row, this.#work.row, this.#speedUp.row]);
     body.append(element("div", "row", [this.#ghost]), facts, this.#gap.element, this.#trust.element);
     if (!twin) {
-      body.append(element("p", "", ["Physics beside the emulator needs the server: run 'neuroanimator studio'."]));
+      body.append(element("p", "", ["Physics beside this emulator needs the server: run 'neuroanimator studio'."]));
     }
   }
 

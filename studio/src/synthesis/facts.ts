@@ -27,6 +27,17 @@ export interface Settings {
   readonly max_damping: number;
 }
 
+/** When a swimmer's motion is a success (studio/descents.py): near the target, and back up over the last period. */
+export interface Judged {
+  /** Of the body [m]. */
+  readonly length: number;
+  /** How near counts as there [m]. */
+  readonly within: number;
+  /** How far it may be rolled [rad], over so many super steps before the end. */
+  readonly roll: number;
+  readonly last: number;
+}
+
 export interface DescentFacts {
   readonly name: string;
   readonly about: string;
@@ -48,6 +59,8 @@ export interface DescentFacts {
   readonly guesses: readonly (readonly number[])[];
   readonly movable: readonly Movable[];
   readonly settings: Settings;
+  /** What a page without a server judges by; null where only the server can. */
+  readonly judged: Judged | null;
 }
 
 /** Where what may be moved was moved to, by name; what is not named is where it was at first. */

@@ -1,33 +1,47 @@
-// The proof: the same controls on the true physics, by the server, and whether a person would call it success.
+// The proof: the same controls on the true physics, and whether a person would call it success.
 
-import { floatsOf } from "../bundle/base64";
+import { base64Of } from "../bundle/base64";
+import type { Bundle } from "../bundle/bundle";
+import type { Physics } from "../physics/physics";
 import type { Live } from "../server/live";
-import type { Values } from "./facts";
+import type { DescentFacts, Values } from "./facts";
+import { judgeSwimming, type Verdict } from "./judge";
 import type { Result } from "./result";
 
-export interface Proof {
+export interface Proof extends Verdict {
   /** (T + 1, S) what physics did. */
   readonly states: Float32Array;
-  readonly isSuccess: boolean;
-  /** How far off it ended. */
-  readonly gap: number;
-  readonly words: string;
   /** Time the physics took [s]. */
   readonly seconds: number;
 }
 
-/** Ask the server what the controls of `result` do; the error is one clear line. */
-export async function prove(live: Live, bundle: string, result: Result): Promise<Proof> {
+/** What a proof is made of. */
+export interface Court {
+  readonly bundle: Bundle;
+  readonly descent: DescentFacts;
+  readonly physics: Physics;
+  /** Who judges, where there is a server. */
+  readonly live: Live | null;
+}
+
+/** Return whether there is somebody to judge a descent's motions. */
+export function canJudge({ bundle, descent, live }: Omit<Court, "physics">): boolean {
+  return live !== null || (descent.judged !== null && bundle.root !== null);
+}
+
+/** Replay the controls of `result` and judge what came of it; the error is one clear line. */
+export async function prove(court: Court, result: Result): Promise<Proof> {
   const { motion, values } = result;
-  const controls = Array.from({ length: motion.steps }, (_, step) => Array.from(motion.control(step)));
-  const replay = await live.ask("replay", { bundle, start: Array.from(motion.state(0)), controls });
-  const packed = String(replay["states"]);
-  const verdict = await live.ask("judge_descent", { bundle, values: values as Record<string, Values[string]>, states: packed });
-  return {
-    states: floatsOf(packed),
-    isSuccess: verdict["is_success"] === true,
-    gap: Number(verdict["gap"]),
-    words: String(verdict["words"]),
-    seconds: Number(replay["wall_s"]),
-  };
+  const drive = { start: motion.state(0), controls: motion.controls(), pushes: [] };
+  const { states, seconds } = await court.physics.replay(drive);
+  return { ...(await judge(court, values, states)), states, seconds };
+}
+
+async function judge({ bundle, descent, live }: Court, values: Values, states: Float32Array): Promise<Verdict> {
+  if (live === null) {
+    const place = values["place"] ?? descent.movable.find((movable) => movable.name === "place")!.value;
+    return judgeSwimming(bundle.root!, descent.judged!, place, states, bundle.rest.length);
+  }
+  const verdict = await live.ask("judge_descent", { bundle: bundle.id, values, states: base64Of(states) });
+  return { isSuccess: verdict["is_success"] === true, gap: Number(verdict["gap"]), words: String(verdict["words"]) };
 }

@@ -11,11 +11,12 @@ import { lineOf, type Banners } from "../page/banner";
 import { Curve } from "../panels/curve";
 import { makePathLine, TARGET_COLOUR, type PathLine } from "../scene/handle";
 import type { World } from "../scene/world";
+import type { Physics } from "../physics/physics";
 import type { Live } from "../server/live";
 import { Aim } from "./aim";
 import type { Iteration } from "./descend";
 import type { DescentFacts } from "./facts";
-import { prove } from "./proof";
+import { canJudge, prove } from "./proof";
 import { motionOf, pathOf, type Result } from "./result";
 import type { Wanted } from "./serve";
 import { Siblings } from "./siblings";
@@ -43,7 +44,9 @@ export interface SynthesisContext {
   readonly emulator: Emulator;
   readonly player: Player;
   readonly world: World;
-  /** The line to the server, or null where there is none. */
+  /** What replays controls, or null where nothing does. */
+  readonly physics: Physics | null;
+  /** The line to the server, which judges what physics did; or null where there is none. */
   readonly live: Live | null;
   readonly banners: Banners;
   /** The body of the panel, empty: fill it. */
@@ -132,7 +135,8 @@ class GoalPanel implements Synthesis {
     this.#besideRow.hidden = true;
     this.#line = this.#addLine(0.9);
     this.#find = button({ label: "Find controls", className: "primary", title: "Find controls by descent through the emulator", onClick: () => this.#toggle() });
-    this.#prove = button({ label: "Prove it", title: PROVE, onClick: () => void this.#proveShown() });
+    const proof = this.#canProve ? PROVE : "The proof of this system needs the server: run 'neuroanimator studio'";
+    this.#prove = button({ label: "Prove it", title: proof, onClick: () => void this.#proveShown() });
     this.#close = button({ label: "Close the gap", title: "Learn from the replay and descend again", onClick: () => void this.#closeGap() });
     this.#prove.disabled = true;
     this.#close.hidden = true;
@@ -318,16 +322,14 @@ class GoalPanel implements Synthesis {
 
   /** Show a result: its motion, its path among the others', what is known of it. */
   #select(result: Result, isPlayed = true): void {
-    const { player, live } = this.context;
+    const { player } = this.context;
     this.#shown = result;
     this.#aim.restore(result.values);
     if (isPlayed && player.motion !== result.motion) {
       player.show(result.motion);
       player.isPlaying = true;
     }
-    this.#prove.disabled = live === null;
-    this.#prove.title = live ? PROVE : "The proof needs the server: run 'neuroanimator studio'";
-    this.#prove.setAttribute("aria-label", this.#prove.title);
+    this.#prove.disabled = !this.#canProve;
     this.#showProof();
     this.#showOthers();
     this.#list.replaceChildren(...this.#results.map((one) => this.#chip(one)));
@@ -358,16 +360,21 @@ class GoalPanel implements Synthesis {
     return line;
   }
 
+  get #canProve(): boolean {
+    const { bundle, physics, live } = this.context;
+    return physics !== null && canJudge({ bundle: bundle.facts, descent: this.facts, live });
+  }
+
   async #proveShown(): Promise<void> {
-    const { live, bundle, banners } = this.context;
+    const { bundle, physics, live, banners } = this.context;
     const result = this.#shown;
-    if (!live || !result) {
+    if (!physics || !result) {
       return;
     }
     this.#prove.disabled = true;
     this.#verdict.textContent = "The physics runs …";
     try {
-      result.proof = await prove(live, bundle.facts.id, result);
+      result.proof = await prove({ bundle: bundle.facts, descent: this.facts, physics, live }, result);
     } catch (error) {
       this.#verdict.textContent = "";
       banners.say("synthesis", `No proof: ${lineOf(error)}`, "error");

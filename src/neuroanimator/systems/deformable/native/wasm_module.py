@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import Float
-
 from neuroanimator.compiler.wasm import wasm_module
-from neuroanimator.systems.deformable.body import Body
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.native.compiled import INTEGRATORS
 from neuroanimator.systems.deformable.native.source import c_source
 from neuroanimator.systems.system import Scheme
@@ -16,23 +13,21 @@ from neuroanimator.systems.system import Scheme
 CALLS = Path(__file__).with_name("mass_spring_calls.c")
 """What can be called, the same for every body."""
 
-FUNCTIONS = ("step", "rollout", "encode", "advance_batch", "covers")
+FUNCTIONS = ("step", "rollout", "rollout_usual", "encode", "advance_batch", "covers")
 """What the module exports beside `rest`; their names begin with that of the module."""
 
 
-def physics_module(
-    body: Body, scheme: Scheme, dt: float, rest: Float[np.ndarray, " S"], name: str
-) -> bytes:
-    """Return the module whose super steps are `dt` [s] of the physics by `scheme`, and whose functions begin with `name`.
+def physics_module(system: DeformableSystem, dt: float, name: str) -> bytes:
+    """Return the module whose super steps are `dt` [s] of the true physics, and whose functions begin with `name`.
 
     Raises ResourceError without Zig, and CompilerError where it fails.
     """
-    numbers = ", ".join(f"{number:.9g}" for number in rest)
+    body = system.body
+    numbers = ", ".join(f"{number:.9g}" for number in system.rest)
     lines = [
         f"#define NAME {name}",
-        f"#define INTEGRATOR {INTEGRATORS.index(scheme.integrator)}",
-        f"#define STEPS {scheme.steps(dt)}",
-        f"#define DT {scheme.dt!r}",
+        *_scheme("", system.truth, dt),
+        *_scheme("USUAL_", system.scheme, dt),
     ]
     if not body.time_constant:
         # Only muscles relax by it. WebAssembly has no instruction for it, and Zig builds no library in vain.
@@ -44,3 +39,12 @@ def physics_module(
     ]
     exports = [f"{name}_{export}" for export in (*FUNCTIONS, "rest")]
     return wasm_module("\n".join(lines), exports)
+
+
+def _scheme(prefix: str, scheme: Scheme, dt: float) -> list[str]:
+    """Return the constants of a super step of `dt` [s] by `scheme`, whose names begin with `prefix`."""
+    return [
+        f"#define {prefix}INTEGRATOR {INTEGRATORS.index(scheme.integrator)}",
+        f"#define {prefix}STEPS {scheme.steps(dt)}",
+        f"#define {prefix}DT {scheme.dt!r}",
+    ]

@@ -1,11 +1,10 @@
 // Where the emulator is lost, physics goes on: the same pilot on the true system, super step by super step.
 
-import { floatsOf } from "../bundle/base64";
 import type { Bundle } from "../bundle/bundle";
 import { Motion } from "../motion/motion";
 import type { Player } from "../motion/player";
 import { lineOf } from "../page/banner";
-import type { Live } from "./live";
+import type { Physics } from "./physics";
 
 /** Physics goes so far ahead of the playhead [s]. */
 const AHEAD = 0.4;
@@ -17,8 +16,7 @@ export class HandOver {
   #isOn = true;
 
   private constructor(
-    private readonly live: Live,
-    private readonly facts: Bundle,
+    private readonly physics: Physics,
     private readonly player: Player,
     /** What was shown before, and the super step at which physics took over. */
     private readonly before: Motion,
@@ -29,7 +27,7 @@ export class HandOver {
   ) {}
 
   /** Let physics go on from where the playhead stands; `onError` is told one clear line if it cannot. */
-  static begin(live: Live, facts: Bundle, player: Player, onError: (line: string) => void): HandOver {
+  static begin(physics: Physics, facts: Bundle, player: Player, onError: (line: string) => void): HandOver {
     const structure = { rates: facts.rates, orientations: facts.orientations };
     const before = player.motion;
     const { step } = player;
@@ -38,7 +36,7 @@ export class HandOver {
     player.show(motion);
     player.isHeld = true;
     player.isPlaying = true;
-    const handOver = new HandOver(live, facts, player, before, step, wasRecorded, motion);
+    const handOver = new HandOver(physics, player, before, step, wasRecorded, motion);
     handOver.#run().catch((error: unknown) => {
       handOver.#giveUp();
       onError(lineOf(error));
@@ -57,7 +55,7 @@ export class HandOver {
   }
 
   async #run(): Promise<void> {
-    const { motion, player, facts } = this;
+    const { motion, player } = this;
     // Another motion on the stage means that nobody waits for this one.
     while (this.#isOn && player.motion === motion) {
       if (motion.duration - player.time > AHEAD) {
@@ -69,8 +67,7 @@ export class HandOver {
       }
       const state = motion.state(motion.steps);
       const control = this.#control(state);
-      const answer = await this.live.ask("replay", { bundle: facts.id, start: Array.from(state), controls: [control] });
-      const states = floatsOf(String(answer["states"]));
+      const { states } = await this.physics.replay({ start: state, controls: Float32Array.from(control), pushes: [] });
       // Physics is true everywhere: nothing to doubt.
       motion.append(control, states.subarray(motion.stateSize, 2 * motion.stateSize), 0);
     }
