@@ -79,6 +79,11 @@ class Member:
         return f"{self.name}.emulator.safetensors"
 
     @property
+    def run_name(self) -> str:
+        """The name of the folder of its checkpoints where several fleets may keep theirs."""
+        return f"{self.name}-{self.data.hash}-{self.training.hash}.run"
+
+    @property
     def identity(self) -> str:
         """What tells it from another that is called the same: everything its bytes depend on."""
         return f"{self.data.hash}-{self.training.hash}-{self.seconds:g}"

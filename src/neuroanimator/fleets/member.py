@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.store import Transitions, read_config
 from neuroanimator.data.stored import StoredTransitions, open_transitions
@@ -20,7 +22,7 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
 from neuroanimator.evaluation.held_out import held_out_runs, recorded_runs
 from neuroanimator.fleets.fleet_file import Member
-from neuroanimator.storage.places import place_of
+from neuroanimator.storage.places import Place, place_of
 from neuroanimator.systems.trusted_files import trust_as_told
 from neuroanimator.training.train import train
 
@@ -37,7 +39,10 @@ class MemberTask:
     """Folder or URL of its dataset."""
     workplace: str
     """Folder for what is unfinished, so that a training that is killed goes on where it was; empty where the worker may not see
-    this disk: it then begins anew."""
+    this disk."""
+    checkpoints: str = ""
+    """Folder or URL of its checkpoints beside the dataset, where there is no `workplace`: whoever sees the dataset goes on from
+    them, and whoever does not begins anew."""
     trusted: tuple[tuple[str, str], ...] = ()
     """The files that the process which gives the task may use."""
 
@@ -64,10 +69,18 @@ def run_member_task(task: MemberTask) -> TrainedMember:
     """Return a trained emulator and its errors: a function of the member alone."""
     trust_as_told(task.trusted)
     with _workplace(task) as folder:
-        data = _dataset(task, folder)
-        path = folder / task.member.file_name
-        emulator = train(data, task.member.training, path)
-        one_step, error = _errors(emulator, data, task.member.seconds)
+        member = task.member
+        place = place_of(task.data)
+        checkpoints = None
+        if _holds(place, member.data):
+            checkpoints = _shared_checkpoints(task)
+        else:
+            place = folder / member.dataset
+            generate(member.data, place)
+        data = open_transitions(place, member.training.memory)
+        path = folder / member.file_name
+        emulator = train(data, member.training, path, checkpoints=checkpoints)
+        one_step, error = _errors(emulator, data, member.seconds)
         tensors = emulator_tensors(emulator)
         numbers = sum(np.asarray(tensor).size for tensor in tensors.values())
         return TrainedMember(path.read_bytes(), numbers, one_step, error)
@@ -82,18 +95,22 @@ def _workplace(task: MemberTask) -> Iterator[Path]:
         yield Path(folder)
 
 
-def _dataset(task: MemberTask, folder: Path) -> Transitions | StoredTransitions:
-    """Return the member's dataset; where this machine cannot see it, it is made anew and is the same."""
-    member = task.member
-    place = place_of(task.data)
+def _holds(place: Place, config: DatasetConfig) -> bool:
+    """Return whether this machine sees the dataset there; it makes one of its own if not, which is the same."""
     try:
-        is_there = read_config(place).hash == member.data.hash
+        return read_config(place).hash == config.hash
     except BadFileError:
-        is_there = False
-    if not is_there:
-        place = folder / member.dataset
-        generate(member.data, place)
-    return open_transitions(place, member.training.memory)
+        return False
+
+
+def _shared_checkpoints(task: MemberTask) -> Place | None:
+    """Return where the next worker, on whatever machine, will look for checkpoints; None where there is no such place."""
+    if not task.checkpoints:
+        return None
+    place = place_of(task.checkpoints)
+    if isinstance(place, Path) and not os.access(place.parent, os.W_OK):
+        return None  # a folder that may be read alone
+    return place
 
 
 def _errors(

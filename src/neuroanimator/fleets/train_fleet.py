@@ -104,10 +104,23 @@ def _trained(
     workplace = str(out.resolve()) if executor.shares_disk else ""
     tasks = []
     for member in members:
-        place = data / member.dataset
-        where = str(place.resolve() if isinstance(place, Path) else place)
-        tasks.append(MemberTask(member, where, workplace, trusted_so_far()))
+        checkpoints = ""
+        if not executor.shares_disk:
+            checkpoints = _as_seen_elsewhere(data / member.run_name)
+        task = MemberTask(
+            member=member,
+            data=_as_seen_elsewhere(data / member.dataset),
+            workplace=workplace,
+            checkpoints=checkpoints,
+            trusted=trusted_so_far(),
+        )
+        tasks.append(task)
     return executor.outcomes(run_member_task, tasks, longest=longest)
+
+
+def _as_seen_elsewhere(place: Place) -> str:
+    """Return a folder or URL as a worker may be told of it, which works in another folder."""
+    return str(place.resolve() if isinstance(place, Path) else place)
 
 
 def _keep(member: Member, trained: TrainedMember, out: Path) -> FleetRow:

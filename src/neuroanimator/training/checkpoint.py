@@ -1,8 +1,7 @@
-"""Where a training run stands, on disk."""
+"""Where a training run stands, on disk or in an object store."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,6 +12,7 @@ from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.tensors import checked_arrays, to_numpy
 from neuroanimator.errors import BadFileError
 from neuroanimator.storage.files import read_tensors, write_tensors
+from neuroanimator.storage.places import Place
 
 NAME = "checkpoint.safetensors"
 
@@ -56,7 +56,7 @@ class Progress(NamedTuple):
         return self._replace(stale=self.stale + 1)
 
 
-def write_checkpoint(folder: Path, identity: str, progress: Progress) -> None:
+def write_checkpoint(folder: Place, identity: str, progress: Progress) -> None:
     """Replace the checkpoint in `folder` as a whole."""
     tree = (progress.network, progress.optimizer_state, progress.best)
     tensors = to_numpy(_leaves_by_path(tree))
@@ -64,7 +64,7 @@ def write_checkpoint(folder: Path, identity: str, progress: Progress) -> None:
     write_tensors(folder / NAME, tensors, {"kind": "checkpoint", "identity": identity, **numbers})
 
 
-def read_checkpoint(folder: Path, identity: str, fresh: Progress) -> Progress:
+def read_checkpoint(folder: Place, identity: str, fresh: Progress) -> Progress:
     """Return the progress stored in `folder`, or `fresh` if there is none.
 
     BadFileError if it belongs to other data or another configuration.

@@ -22,6 +22,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.storage.files import append_line, locked, read_bounded, write_whole
+from neuroanimator.storage.places import Place
 from neuroanimator.storage.program_cache import keep_programs
 from neuroanimator.storage.unfinished import remove_stale
 from neuroanimator.training.checkpoint import Progress, read_checkpoint, write_checkpoint
@@ -63,17 +64,20 @@ def train(
     out: str | Path,
     *,
     start_from: Emulator | None = None,
+    checkpoints: Place | None = None,
     on_report: Callable[[Report], None] = lambda report: None,
 ) -> Emulator:
     """Train on `data`, write the best emulator by validation to `out` and return it.
 
-    Checkpoints and `metrics.jsonl` lie in `run_folder(out)`; a run found there is continued.
+    Checkpoints and `metrics.jsonl` lie in `run_folder(out)`; a run found there is continued. Where another machine may have
+    to go on, `checkpoints` is a folder or URL that both see. Nothing is locked there: two that train the same write the
+    same bytes.
     """
     out = Path(out)
     keep_programs()
     folder = run_folder(out)
     with locked(folder):
-        run = _Run.prepare(data, config, folder, start_from)
+        run = _Run.prepare(data, config, folder, checkpoints or folder, start_from)
         remove_stale(folder)
         provenance = {"dataset": data.config.model_dump(), "training": _settings(data, config)}
         check_readable(run.problem.base, folder, provenance)
@@ -106,6 +110,7 @@ class _Run:
     validation_states: Float[Array, "N T I"]
     validation_controls: Float[Array, "N H C"]
     folder: Path
+    checkpoints: Place
     fingerprint: str
     """Names the data, the settings and the emulator the run began with."""
     progress: Progress
@@ -118,12 +123,13 @@ class _Run:
         data: Transitions | StoredTransitions,
         config: TrainingConfig,
         folder: Path,
+        checkpoints: Place,
         start_from: Emulator | None,
     ) -> _Run:
-        """Return the run in `folder`, where it stopped if it was begun."""
+        """Return the run in `folder`, where it stopped if there are `checkpoints` of it."""
         lesson = lesson_of(data, config, start_from)
         fresh = Progress.fresh(lesson.problem.base.network, make_optimizer(config))
-        progress = read_checkpoint(folder, lesson.fingerprint, fresh)
+        progress = read_checkpoint(checkpoints, lesson.fingerprint, fresh)
         _trim_metrics(folder, progress.chunk * UPDATES_PER_CHUNK)
         return cls(
             problem=lesson.problem,
@@ -131,6 +137,7 @@ class _Run:
             validation_states=as_jax(lesson.validation.states[:MAX_VALIDATION]),
             validation_controls=as_jax(lesson.validation.controls[:MAX_VALIDATION]),
             folder=folder,
+            checkpoints=checkpoints,
             fingerprint=lesson.fingerprint,
             progress=progress,
         )
@@ -176,7 +183,7 @@ class _Run:
             seconds=time.monotonic() - self.began,
         )
         append_line(self.folder / "metrics.jsonl", json.dumps(report._asdict()))
-        write_checkpoint(self.folder, self.fingerprint, self.progress)
+        write_checkpoint(self.checkpoints, self.fingerprint, self.progress)
         return report
 
     def _validation_errors(self, network: Network) -> Float[np.ndarray, " H"]:

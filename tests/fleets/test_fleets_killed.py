@@ -1,0 +1,151 @@
+"""A training of a fleet goes on from its last checkpoint, on whatever machine: the same bytes, and no update twice."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tally import Tally
+
+from neuroanimator import generate
+from neuroanimator.executor.worker import pack
+from neuroanimator.fleets.fleet_file import Member, read_fleet
+from neuroanimator.fleets.member import MemberTask, TrainedMember, run_member_task
+from neuroanimator.storage.files import read_tensors
+from neuroanimator.storage.places import Place, UrlPath, place_of
+from neuroanimator.training.checkpoint import NAME
+from neuroanimator.training.config import UPDATES_PER_CHUNK
+from neuroanimator.training.feed import MemoryFeed
+from neuroanimator.training.train import run_folder
+
+ONE = """
+systems = ["pendulum"]
+substeps = [5]
+count = 1200
+seconds = 0.2
+[sizes.tiny]
+widths = [4]
+updates = 3000
+batch = 16
+"""
+
+WORK = """
+import sys
+from pathlib import Path
+from neuroanimator.executor.worker import perform
+perform(Path(sys.argv[1]).read_bytes())
+"""
+
+
+@pytest.fixture(scope="module")
+def member(tmp_path_factory: pytest.TempPathFactory) -> Member:
+    path = tmp_path_factory.mktemp("fleet") / "fleet.toml"
+    path.write_text(ONE)
+    return read_fleet(path).members[0]
+
+
+@pytest.fixture(scope="module")
+def task(member: Member, tmp_path_factory: pytest.TempPathFactory) -> MemberTask:
+    """A training whose workers share nothing but the folder of the datasets."""
+    shared = tmp_path_factory.mktemp("shared")
+    generate(member.data, shared / member.dataset)
+    return MemberTask(
+        member,
+        data=str(shared / member.dataset),
+        workplace="",
+        checkpoints=str(shared / member.run_name),
+    )
+
+
+@pytest.fixture(scope="module")
+def whole(task: MemberTask) -> TrainedMember:
+    """What comes of it when nobody disturbs it."""
+    return run_member_task(replace(task, checkpoints=""))
+
+
+@contextmanager
+def counted_chunks(stop_after: int = sys.maxsize) -> Iterator[list[int]]:
+    """Yield the numbers of the chunks that are trained while the block runs; stop as Ctrl-C does after so many."""
+    chunks: list[int] = []
+    train_chunk = MemoryFeed.train
+
+    def train(feed: MemoryFeed, network: Any, optimizer_state: Any, chunk: int) -> Any:
+        if len(chunks) == stop_after:
+            raise KeyboardInterrupt
+        chunks.append(chunk)
+        return train_chunk(feed, network, optimizer_state, chunk)
+
+    with pytest.MonkeyPatch.context() as changed:
+        changed.setattr(MemoryFeed, "train", train)
+        yield chunks
+
+
+def chunks_done(checkpoints: Place) -> int:
+    """Return how many chunks a checkpoint holds."""
+    _, metadata = read_tensors(checkpoints / NAME, "checkpoint")
+    return metadata["chunk"]
+
+
+def goes_on(task: MemberTask, whole: TrainedMember, done: int) -> None:
+    """Check that a training of which so many chunks are done makes the others, and what an undisturbed one makes."""
+    every = range(task.member.training.updates // UPDATES_PER_CHUNK)
+    assert 0 < done < len(every)
+    with counted_chunks() as chunks:
+        assert run_member_task(task) == whole
+    assert chunks == list(every[done:])
+    # Another worker that is told to train it, too, finds that all is done.
+    with counted_chunks() as chunks:
+        assert run_member_task(task) == whole
+    assert not chunks
+
+
+@pytest.mark.parametrize("sees_our_disk", [False, True])
+def test_f05_a_worker_that_trains_is_killed_and_another_goes_on(
+    sees_our_disk: bool, task: MemberTask, whole: TrainedMember, tmp_path: Path, tally: Tally
+):
+    checkpoints = Path(task.checkpoints)
+    if sees_our_disk:
+        task = replace(task, workplace=str(tmp_path), checkpoints="")
+        checkpoints = run_folder(tmp_path / task.member.file_name)
+    call = tmp_path / "call"
+    call.write_bytes(pack(run_member_task, task))
+    worker = subprocess.Popen([sys.executable, "-c", WORK, str(call)])
+    while worker.poll() is None and not (checkpoints / NAME).exists():
+        time.sleep(0.002)
+    worker.send_signal(signal.SIGKILL)
+    assert worker.wait() == -signal.SIGKILL
+    goes_on(task, whole, chunks_done(checkpoints))
+
+
+def test_f05_checkpoints_in_an_object_store_serve_whoever_comes_next(
+    task: MemberTask, whole: TrainedMember, tally: Tally
+):
+    pytest.importorskip("fsspec", reason="no fsspec: pip install 'neuroanimator[s3]'")
+    member = task.member
+    store = UrlPath("memory://bucket/fleet")
+    generate(member.data, store / member.dataset)
+    task = replace(task, data=str(store / member.dataset), checkpoints=str(store / member.run_name))
+    with pytest.raises(KeyboardInterrupt), counted_chunks(stop_after=6):
+        run_member_task(task)
+    # A checkpoint is written once in four chunks.
+    assert chunks_done(place_of(task.checkpoints)) == 4
+    goes_on(task, whole, 4)
+
+
+def test_who_does_not_see_the_dataset_trains_alone(
+    task: MemberTask, whole: TrainedMember, tmp_path: Path
+):
+    elsewhere = tmp_path / "elsewhere"
+    task = replace(task, data=str(elsewhere / "data"), checkpoints=str(elsewhere / "run"))
+    with counted_chunks() as chunks:
+        assert run_member_task(task) == whole
+    assert len(chunks) == task.member.training.updates // UPDATES_PER_CHUNK
+    assert not elsewhere.exists()
