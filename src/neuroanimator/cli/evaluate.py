@@ -90,7 +90,7 @@ def _evaluate(
     from neuroanimator.terminal import phase, progress_bar
 
     with phase("loading"):
-        from neuroanimator.data.store import read_transitions
+        from neuroanimator.data.stored import open_to_measure
         from neuroanimator.emulator.emulator import Emulator
         from neuroanimator.errors import ArgumentError
         from neuroanimator.evaluation.evaluate import evaluate
@@ -107,7 +107,7 @@ def _evaluate(
             check_worst_path(files.worst)
         if files.card and len(loaded) > 1:
             raise ArgumentError(f"evaluate --card: wanted one emulator, came {len(loaded)}.")
-        transitions = read_transitions(data) if data else None
+        transitions = open_to_measure(data) if data else None
         if transitions is not None:
             # Files from before there were scores are given one by the data.
             loaded = [

@@ -72,7 +72,7 @@ def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool
             f"errors: wanted an emulator, came the folder {file}. Leave --errors out, and it says what the data cover."
         )
     with phase("loading"):
-        from neuroanimator.data.store import read_transitions
+        from neuroanimator.data.stored import open_to_measure
         from neuroanimator.emulator.emulator import Emulator
         from neuroanimator.evaluation.inspection import inspect
         from neuroanimator.systems.loading import trust_files
@@ -81,7 +81,7 @@ def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool
         if system:
             trust_files(system)
         emulator = Emulator.load(find_emulator(file))
-        transitions = read_transitions(data) if data else None
+        transitions = open_to_measure(data) if data else None
     found = inspect(emulator, data=transitions)
     if json:
         print(dumps(found.to_json(), indent=2, sort_keys=True))

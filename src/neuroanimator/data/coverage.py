@@ -15,10 +15,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.data.config import RUNS_PER_SHARD, DatasetConfig
-from neuroanimator.data.diverged_runs import read_diverged
+from neuroanimator.data.diverged_runs import diverged_by_shard
 from neuroanimator.data.readings import Reading, control_readings, state_readings
 from neuroanimator.data.spots import find_spots
 from neuroanimator.data.store import Transitions, read_config, read_shard, windows_of
+from neuroanimator.data.stored import StoredTransitions, super_steps
 from neuroanimator.errors import BadFileError
 from neuroanimator.state.layout import Bounds
 from neuroanimator.storage.places import Place, place_of
@@ -168,13 +169,15 @@ class Coverage:
         return as_plain(asdict(self))
 
 
-def coverage(data: Transitions | str | Place) -> Coverage:
-    """Return what the dataset `data` covers: one that was read, or the folder of one, which may be half generated.
+def coverage(data: Transitions | StoredTransitions | str | Place) -> Coverage:
+    """Return what the dataset `data` covers: one that was opened, or the folder of one, which may be half generated.
 
     Raises BadFileError for a folder that holds no dataset, or no whole shard of one yet.
     """
     if isinstance(data, Transitions):
         return _coverage_in_memory(data)
+    if isinstance(data, StoredTransitions):
+        return _coverage_of_stored(data)
     folder = place_of(data)
     config = read_config(folder)
     system = carried_system(config.system, config.definition)
@@ -240,18 +243,43 @@ class _Shard(NamedTuple):
     samples: _Samples
     starts: Float[np.ndarray, "B S"]
     """Where its runs began."""
-    controls: Float[np.ndarray, "B T C"]
-    """What they were driven by."""
+    efforts: Float[np.ndarray, " B"]
+    """How strongly they were driven, see `_efforts`."""
 
 
 def _coverage_in_memory(data: Transitions) -> Coverage:
     samples = _evenly(_Samples(data.states[:, 0], data.controls[:, 0], data.run))
-    _check_finite(samples, f"The dataset of {data.config.system}")
     runs = len(np.unique(data.run))
+    return _coverage_of_whole(data, samples, len(data.states), runs, data.diverged)
+
+
+def _coverage_of_stored(data: StoredTransitions) -> Coverage:
+    """Return what `_coverage_in_memory` would, a shard at a time."""
+    every = _every(data.windows)
+    states = []
+    controls = []
+    first = 0
+    for steps in super_steps(data):
+        states.append(steps.states[first::every].copy())
+        controls.append(steps.controls[first::every].copy())
+        first = (first - len(steps.states)) % every
+    runs = int(data.kept_runs.sum())
+    samples = _Samples(np.concatenate(states), np.concatenate(controls), np.zeros(0, int))
+    return _coverage_of_whole(data, samples, data.windows, runs, data.config.runs - runs)
+
+
+def _coverage_of_whole(
+    data: Transitions | StoredTransitions,
+    samples: _Samples,
+    transitions: int,
+    runs: int,
+    diverged: int,
+) -> Coverage:
+    """Return what a dataset covers of which everything is there, by `samples` of its `transitions`."""
+    _check_finite(samples, f"The dataset of {data.config.system}")
     found = coverage_of_states(data.system, samples.states, samples.controls, runs)
-    share = data.diverged / max(runs + data.diverged, 1)
-    divergence = Divergence(data.diverged, share)
-    return replace(found, transitions=len(data.states), diverged=divergence)
+    divergence = Divergence(diverged, share=diverged / max(runs + diverged, 1))
+    return replace(found, transitions=transitions, diverged=divergence)
 
 
 def _read_some(
@@ -278,9 +306,12 @@ def _read_some(
             missing.append(config.shard_path(folder, shard).name)
             continue
         windows = windows_of(tensors, shard)
-        samples = _Samples(windows.states[:, 0], windows.controls[:, 0], windows.run)
+        # Copies, for a view would keep the whole shard in memory.
+        first_states = windows.states[:, 0].copy()
+        samples = _Samples(first_states, windows.controls[:, 0].copy(), windows.run)
         _check_finite(samples, config.shard_path(folder, shard))
-        shards.append(_Shard(samples, tensors["states"][:, 0], tensors["controls"]))
+        efforts = _efforts(system, tensors["controls"])
+        shards.append(_Shard(samples, tensors["states"][:, 0].copy(), efforts))
     return shards, missing
 
 
@@ -298,8 +329,13 @@ def _joined(shards: list[_Shard]) -> _Samples:
 
 def _evenly(samples: _Samples) -> _Samples:
     """Return at most `MAX_SAMPLES` of the samples."""
-    every = max(1, -(-len(samples.states) // MAX_SAMPLES))
+    every = _every(len(samples.states))
     return _Samples(samples.states[::every], samples.controls[::every], samples.run[::every])
+
+
+def _every(count: int) -> int:
+    """Return which of `count` samples is taken, so that at most `MAX_SAMPLES` are: one in so many."""
+    return max(1, -(-count // MAX_SAMPLES))
 
 
 def _runs_in(config: DatasetConfig, shard: int) -> int:
@@ -309,16 +345,20 @@ def _runs_in(config: DatasetConfig, shard: int) -> int:
 
 def _divergence(folder: Place, system: System, shards: list[_Shard], runs: int) -> Divergence:
     """Return how many of the `runs` diverged, and which starts and controls make that likelier."""
-    starts, controls = read_diverged(folder)
-    if not len(starts):
+    diverged_starts = []
+    efforts = [shard.efforts for shard in shards]
+    for diverged in diverged_by_shard(folder):
+        diverged_starts.append(diverged.starts)
+        efforts.append(_efforts(system, diverged.controls))
+    if not diverged_starts:
         return Divergence(0, 0.0)
+    starts = np.concatenate(diverged_starts)
     sound_starts = np.concatenate([shard.starts for shard in shards])
-    sound_controls = np.concatenate([shard.controls for shard in shards])
     # As round as those of the shards: else the rounding would tell them apart.
     every_start = np.concatenate([sound_starts, starts.astype(sound_starts.dtype)])
     has_diverged = np.arange(len(every_start)) >= len(sound_starts)
     readings = state_readings(system, every_start)
-    readings.append(_effort(system, np.concatenate([sound_controls, controls])))
+    readings.append(Reading("controls, rms share of their range", "1", np.concatenate(efforts)))
     # Dealt out in turn, so that each half of the runs has its share of those that diverged.
     dealt = np.arange(len(every_start))
     conditions = []
@@ -333,13 +373,11 @@ def _divergence(folder: Place, system: System, shards: list[_Shard], runs: int) 
     )
 
 
-def _effort(system: System, controls: Float[np.ndarray, "B T C"]) -> Reading:
+def _efforts(system: System, controls: Float[np.ndarray, "B T C"]) -> Float[np.ndarray, " B"]:
     """Return how strongly each run is driven: its controls' root mean square, as a share of half their range."""
     half = np.where(system.bounds.half > 0, system.bounds.half, 1.0)
     shares = (controls - system.bounds.middle) / half
-    return Reading(
-        "controls, rms share of their range", "1", np.sqrt(np.mean(shares**2, axis=(1, 2)))
-    )
+    return np.sqrt(np.mean(shares**2, axis=(1, 2)))
 
 
 def as_plain(value: Any) -> Any:

@@ -6,6 +6,9 @@ system.simulate(starts, controls, dt)  # diverges again
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float
 
@@ -66,13 +69,29 @@ def has_diverged(folder: Place, config: DatasetConfig, shard: int, count: int) -
     return _belongs(tensors, metadata, config, shard) and len(tensors["starts"]) == count
 
 
-def read_diverged(
-    folder: str | Place,
-) -> tuple[Float[np.ndarray, "B S"], Float[np.ndarray, "B T C"]]:
+class DivergedRuns(NamedTuple):
+    """Runs that diverged."""
+
+    starts: Float[np.ndarray, "B S"]
+    controls: Float[np.ndarray, "B T C"]
+    """Each is held for one super step."""
+
+
+def read_diverged(folder: str | Place) -> DivergedRuns:
     """Return starts (B, S) and controls (B, T, C) of all runs that diverged, each control held for one super step.
 
     Raises BadFileError if a file is damaged or belongs to another dataset.
     """
+    parts = list(diverged_by_shard(folder))
+    if not parts:
+        return DivergedRuns(np.zeros((0, 0)), np.zeros((0, 0, 0)))
+    starts = np.concatenate([part.starts for part in parts])
+    controls = np.concatenate([part.controls for part in parts])
+    return DivergedRuns(starts, controls)
+
+
+def diverged_by_shard(folder: str | Place) -> Iterator[DivergedRuns]:
+    """Yield the runs that diverged, those of one shard at a time; errors are those of `read_diverged`."""
     folder = place_of(folder)
     config = read_config(folder)
     system = load_system(config.system, config.definition)
@@ -80,8 +99,6 @@ def read_diverged(
         "starts": TensorSpec(np.float64, (None, system.state.size)),
         "controls": TensorSpec(np.float64, (None, RUN_STEPS, system.control.size)),
     }
-    starts = []
-    controls = []
     for shard in range(config.shards):
         path = _path(folder, shard)
         if not path.exists():
@@ -90,11 +107,7 @@ def read_diverged(
         check_tensors(path, tensors, specs)
         if not _belongs(tensors, metadata, config, shard):
             raise BadFileError(f"{path} belongs to another dataset. Move it away.")
-        starts.append(tensors["starts"])
-        controls.append(tensors["controls"])
-    if not starts:
-        return np.zeros((0, 0)), np.zeros((0, 0, 0))
-    return np.concatenate(starts), np.concatenate(controls)
+        yield DivergedRuns(tensors["starts"], tensors["controls"])
 
 
 def _path(folder: Place, shard: int) -> Place:

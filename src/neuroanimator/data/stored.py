@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +25,9 @@ DEFAULT_MEMORY = 8 * 10**9
 
 NUMBER_SIZE = 4
 """Size of a number in a shard, and in a network [bytes]."""
+
+STEPS_AT_ONCE = 4096
+"""So many super steps are summed at a time, wherever shards end: then sums are the same bits, whatever lies in memory."""
 
 
 class Runs(NamedTuple):
@@ -65,6 +70,19 @@ class StoredTransitions:
     noise = None
     """Of recordings only, which are always read into memory."""
 
+    held_out = None
+    """Likewise."""
+
+    @cached_property
+    def kept_runs(self) -> Int[np.ndarray, " D"]:
+        """How many runs each shard holds, without those that diverged. All are read for it, and so checked."""
+        return np.array([len(self.read(shard).runs.states) for shard in range(self.config.shards)])
+
+    @property
+    def windows(self) -> int:
+        """How many windows there are."""
+        return int(self.kept_runs.sum()) * self.config.samples_per_run
+
     def read(self, shard: int) -> StoredShard:
         """Return shard number `shard`; BadFileError if it is missing, damaged or of another dataset."""
         tensors, metadata = read_shard(self.folder, self.config, self.system, shard)
@@ -93,6 +111,73 @@ def open_transitions(
     if system.recordings is not None or memory_taken(config, system) <= memory:
         return read_transitions(folder)
     return StoredTransitions(folder, config, system)
+
+
+def open_to_measure(folder: str | Place) -> Transitions | StoredTransitions:
+    """Return the dataset in `folder`, of which a shard at a time will be in memory; recordings are read.
+
+    All of it is looked through once, so that BadFileError for a shard that is missing or damaged comes at once.
+    """
+    data = open_transitions(folder, memory=0)
+    if isinstance(data, StoredTransitions):
+        _ = data.kept_runs
+    return data
+
+
+class SuperStepRows(NamedTuple):
+    """Training examples one by one: states, the controls given there, the states a super step later."""
+
+    states: Float[np.ndarray, "N S"]
+    controls: Float[np.ndarray, "N C"]
+    following: Float[np.ndarray, "N S"]
+
+
+def super_steps(data: Transitions | StoredTransitions) -> Iterator[SuperStepRows]:
+    """Yield all training examples of `data` in their order, `STEPS_AT_ONCE` at a time, the last ones fewer."""
+    if isinstance(data, Transitions):
+        for first in range(0, len(data.states), STEPS_AT_ONCE):
+            some = slice(first, first + STEPS_AT_ONCE)
+            states = data.states[some]
+            yield SuperStepRows(states[:, 0], data.controls[some, 0], states[:, 1])
+        return
+    left = _no_super_steps(data)
+    for shard in range(data.config.shards):
+        states, controls = data.read(shard).runs.windows(1)
+        of_shard = SuperStepRows(states[:, 0], controls[:, 0], states[:, 1])
+        left = _joined(left, of_shard)
+        while len(left.states) >= STEPS_AT_ONCE:
+            yield SuperStepRows(*(rows[:STEPS_AT_ONCE] for rows in left))
+            left = SuperStepRows(*(rows[STEPS_AT_ONCE:] for rows in left))
+    if len(left.states):
+        yield left
+
+
+def _no_super_steps(data: StoredTransitions) -> SuperStepRows:
+    no_states = np.zeros((0, data.system.state.size), np.float32)
+    no_controls = np.zeros((0, data.system.control.size), np.float32)
+    return SuperStepRows(no_states, no_controls, no_states)
+
+
+def _joined(first: SuperStepRows, second: SuperStepRows) -> SuperStepRows:
+    pairs = zip(first, second, strict=True)
+    return SuperStepRows(*(np.concatenate(pair) for pair in pairs))
+
+
+def first_windows(data: Transitions | StoredTransitions, count: int) -> Transitions:
+    """Return the first `count` windows of `data`, or all if there are fewer; of no more is anything read."""
+    if isinstance(data, Transitions):
+        return data.where(np.arange(len(data.states)) < count)
+    states = []
+    controls = []
+    gathered = 0
+    for shard in range(data.config.shards):
+        if gathered >= count:
+            break
+        of_shard = data.read(shard).runs.windows(MAX_UNROLL)
+        states.append(of_shard[0])
+        controls.append(of_shard[1])
+        gathered += len(of_shard[0])
+    return data.transitions(np.concatenate(states)[:count], np.concatenate(controls)[:count])
 
 
 def memory_taken(config: DatasetConfig, system: System) -> int:

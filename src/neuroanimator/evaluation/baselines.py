@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.data.store import Transitions
+from neuroanimator.data.stored import StoredTransitions, super_steps
 from neuroanimator.evaluation.accuracy import root_mean_square
 from neuroanimator.evaluation.held_out import HeldOut
 
@@ -22,7 +23,7 @@ RIDGE_STRENGTH = 1e-6
 """Weight of the squared coefficients in the ridge regression, for each example."""
 
 
-def baselines(data: Transitions | None, test: HeldOut) -> dict[str, float]:
+def baselines(data: Transitions | StoredTransitions | None, test: HeldOut) -> dict[str, float]:
     """Return the one-step errors of cheap predictors: nothing changes, velocities stay, ridge regression on `data`."""
     guesses = {
         NO_CHANGE: test.transitions.states,
@@ -52,15 +53,11 @@ def _coasted(test: HeldOut) -> Float[np.ndarray, "N S"]:
     return coasting
 
 
-def _regressed(data: Transitions, test: HeldOut) -> Float[np.ndarray, "N S"]:
+def _regressed(data: Transitions | StoredTransitions, test: HeldOut) -> Float[np.ndarray, "N S"]:
     """Return the states a super step later by ridge regression on the first steps of the windows of `data`."""
-    frame = test.frame
     states, controls, _ = test.transitions
-    before = np.asarray(data.states[:, 0], float)
-    after = np.asarray(data.states[:, 1], float)
-    inputs = _linear_features(test, before, data.controls[:, 0])
-    coefficients = _ridge(inputs, frame.remainder(before, after))
-    return frame.apply(states, _linear_features(test, states, controls) @ coefficients)
+    features = _linear_features(test, states, controls)
+    return test.frame.apply(states, features @ _ridge(data, test))
 
 
 def _linear_features(
@@ -75,9 +72,19 @@ def _linear_features(
     return np.concatenate([np.sin(angles), np.cos(angles), plain, local, controls, ones], axis=1)
 
 
-def _ridge(
-    inputs: Float[np.ndarray, "N F"], outputs: Float[np.ndarray, "N V"]
-) -> Float[np.ndarray, "F V"]:
-    """Return the coefficients that fit `outputs` best, with a small weight on their squares."""
-    gram = inputs.T @ inputs + RIDGE_STRENGTH * len(inputs) * np.eye(inputs.shape[1])
-    return np.linalg.solve(gram, inputs.T @ outputs)
+def _ridge(data: Transitions | StoredTransitions, test: HeldOut) -> Float[np.ndarray, "F V"]:
+    """Return the coefficients that fit the changes of `data` best, with a small weight on their squares.
+
+    Sums are all that is kept of the data: they may be larger than memory.
+    """
+    gram = np.zeros(())
+    moment = np.zeros(())
+    count = 0
+    for steps in super_steps(data):
+        before = np.asarray(steps.states, float)
+        after = np.asarray(steps.following, float)
+        inputs = _linear_features(test, before, steps.controls)
+        gram = gram + inputs.T @ inputs
+        moment = moment + inputs.T @ test.frame.remainder(before, after)
+        count += len(before)
+    return np.linalg.solve(gram + RIDGE_STRENGTH * count * np.eye(len(gram)), moment)

@@ -280,7 +280,7 @@ class Evaluation:
 def evaluate(
     emulator: Emulator,
     *,
-    data: Transitions | None = None,
+    data: Transitions | StoredTransitions | None = None,
     budget: EvaluationBudget | None = None,
     seed: int = 0,
 ) -> Evaluation:

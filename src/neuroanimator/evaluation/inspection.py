@@ -10,6 +10,7 @@ import numpy as np
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.coverage import Coverage, as_plain, coverage, coverage_of_states
 from neuroanimator.data.store import Transitions
+from neuroanimator.data.stored import StoredTransitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.evaluation.component_errors import (
@@ -90,7 +91,7 @@ class Inspection:
 def inspect(
     emulator: Emulator,
     *,
-    data: Transitions | None = None,
+    data: Transitions | StoredTransitions | None = None,
     runs: int = INSPECTED_RUNS,
     seed: int = 0,
 ) -> Inspection:
@@ -107,7 +108,9 @@ def inspect(
         return _inspected(emulator, test, data)
 
 
-def _test(emulator: Emulator, data: Transitions | None, runs: int, seed: int) -> HeldOut:
+def _test(
+    emulator: Emulator, data: Transitions | StoredTransitions | None, runs: int, seed: int
+) -> HeldOut:
     system = system_of(emulator)
     if system.recordings is not None:
         test = recorded_runs(emulator, data)
@@ -122,7 +125,9 @@ def _test(emulator: Emulator, data: Transitions | None, runs: int, seed: int) ->
     return replace(test, most_transitions=test.states.shape[0] * test.states.shape[1])
 
 
-def _inspected(emulator: Emulator, test: HeldOut, data: Transitions | None) -> Inspection:
+def _inspected(
+    emulator: Emulator, test: HeldOut, data: Transitions | StoredTransitions | None
+) -> Inspection:
     steps = test.transitions
     emulated = emulator.rollout(steps.states, steps.controls[:, None], may_diverge=True)[:, 1]
     errors = test.frame.difference(steps.next_states, np.asarray(emulated, float))
@@ -150,7 +155,7 @@ def _inspected(emulator: Emulator, test: HeldOut, data: Transitions | None) -> I
     )
 
 
-def _coverage(test: HeldOut, data: Transitions | None) -> Coverage:
+def _coverage(test: HeldOut, data: Transitions | StoredTransitions | None) -> Coverage:
     if data is not None:
         return coverage(data)
     steps = test.transitions

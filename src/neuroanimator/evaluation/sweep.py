@@ -13,7 +13,7 @@ import numpy as np
 from neuroanimator.cores import core_count
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
-from neuroanimator.data.store import read_transitions
+from neuroanimator.data.stored import open_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
@@ -134,7 +134,8 @@ def run_sweep_task(task: SweepTask) -> Swept:
         path = Path(task.path or f"{folder}/e.emulator.safetensors")
         if not task.dataset:
             generate(task.data, dataset)
-        emulator = train(read_transitions(dataset), task.training, path)
+        data = open_transitions(dataset, task.training.memory)
+        emulator = train(data, task.training, path)
         one_step, error = _errors(emulator, task.seconds)
         return Swept(path.read_bytes(), one_step, error)
 

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.data.store import Transitions
+from neuroanimator.data.stored import StoredTransitions, first_windows
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE, TrustMeter
@@ -39,12 +40,13 @@ SMALLEST = 1e-12
 """Variances and scores below this are nothing."""
 
 
-def fit_trust(emulator: Emulator, data: Transitions) -> Emulator:
+def fit_trust(emulator: Emulator, data: Transitions | StoredTransitions) -> Emulator:
     """Return the emulator with a meter fitted to `data`: for files from before there was one, or for other uses.
 
     Data it was not trained on tell more of what it knows than those it was.
     """
-    windows = base_windows(emulator, data)
+    # Each window has several super steps, so this is more than enough.
+    windows = base_windows(emulator, first_windows(data, MAX_INPUTS))
     return with_meter(emulator, windows.states, windows.controls)
 
 
