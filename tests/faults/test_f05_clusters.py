@@ -12,16 +12,22 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from executor_tasks import Square, square
-from processes import GENERATE, run, start
-from scale_cases.nodes import cluster_of, node_killed, node_slowed
+from processes import GENERATE, command, start
+from scale_cases.nodes import cluster_of, kill_node, node_killed, node_slowed
 from tally import Tally
 
 from neuroanimator import DatasetConfig, generate
 from neuroanimator.errors import ResourceError
+from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.executor.ray_cluster import RayExecutor
+from neuroanimator.fleets.fleet_file import read_fleet
+from neuroanimator.fleets.train_fleet import train_fleet
+from neuroanimator.storage.files import read_tensors
+from neuroanimator.training.checkpoint import NAME
 
 pytest.importorskip("ray", reason="Ray is not installed: pip install 'neuroanimator[ray]'")
 
@@ -29,6 +35,9 @@ pytestmark = [pytest.mark.endurance, pytest.mark.filterwarnings("default")]
 
 LONGEST = 100.0
 """[s] No task of these tests takes so long."""
+
+PATIENCE = 600.0
+"""[s] A driver makes its first shard, or all of them, in half a minute; beside others that compute it takes far longer."""
 
 SIX_THOUSAND = DatasetConfig(system="pendulum", count=6000)
 
@@ -74,17 +83,23 @@ def test_f05_the_driver_is_killed_and_goes_on_where_it_was(tmp_path: Path, tally
     generate(many, tmp_path / "whole")
     folder = tmp_path / "data"
     driver = start(tmp_path, *words, "--out", folder)
-    given_up = time.monotonic() + 300
-    while not list(folder.glob("shard-*.safetensors")) and time.monotonic() < given_up:
+    given_up = time.monotonic() + PATIENCE
+    while not made_shards(folder) and driver.poll() is None and time.monotonic() < given_up:
         time.sleep(0.02)
     driver.kill()
-    driver.wait()
-    shards = {path: path.stat().st_mtime_ns for path in folder.glob("shard-*.safetensors")}
-    assert shards
-    assert run(*words, "--out", folder).returncode == 0
+    _, said = driver.communicate()
+    shards = {path: path.stat().st_mtime_ns for path in made_shards(folder)}
+    assert 0 < len(shards) < many.shards, said
+    again = command(*words, "--out", folder)
+    ended = subprocess.run(again, capture_output=True, text=True, timeout=PATIENCE)
+    assert ended.returncode == 0, ended.stderr
     for path in sorted((tmp_path / "whole").glob("*.*s*")):
         tally.expect(folder / path.name, path.read_bytes())
     assert all(path.stat().st_mtime_ns == made for path, made in shards.items())
+
+
+def made_shards(folder: Path) -> list[Path]:
+    return list(folder.glob("shard-*.safetensors"))
 
 
 def test_f05_the_head_is_lost_and_it_goes_on_without(dataset: Path, tmp_path: Path, tally: Tally):
@@ -157,6 +172,63 @@ def test_f04_the_disk_of_one_node_is_full_and_nobody_minds(tmp_path: Path, tally
     generate(many, tmp_path / "alone")
     for path in sorted((tmp_path / "alone").glob("*.*s*")):
         tally.expect(folder / path.name, path.read_bytes())
+
+
+FLEET = """
+systems = ["pendulum"]
+substeps = [5]
+seeds = [0, 1]
+count = 1200
+[sizes.tiny]
+widths = [4]
+updates = 20000
+batch = 16
+"""
+
+
+def test_f05_a_node_is_killed_and_its_training_goes_on_elsewhere(tmp_path: Path, tally: Tally):
+    file = tmp_path / "fleet.toml"
+    file.write_text(FLEET)
+    fleet = read_fleet(file)
+    checkpoints = [tmp_path / "ray" / "data" / member.run_name for member in fleet.members]
+    with cluster_of(2) as (cluster, executor), killed_once_all_began(cluster, checkpoints) as seen:
+        rows = train_fleet(fleet, tmp_path / "ray", executor)
+    for chunks in seen.values():
+        # A training that began anew would have fallen back.
+        assert chunks == sorted(chunks)
+    with LocalExecutor(1) as alone:
+        assert train_fleet(fleet, tmp_path / "alone", alone) == rows
+    for member in fleet.members:
+        content = (tmp_path / "alone" / member.file_name).read_bytes()
+        tally.expect(tmp_path / "ray" / member.file_name, content)
+
+
+@contextmanager
+def killed_once_all_began(
+    cluster: Any, checkpoints: Sequence[Path]
+) -> Iterator[dict[Path, list[int]]]:
+    """Kill a node once there are `checkpoints` of all trainings; yield how many chunks each was seen to have done."""
+    seen: dict[Path, list[int]] = {path: [] for path in checkpoints}
+    ended = threading.Event()
+    killed = threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(0.02):
+            for path in checkpoints:
+                if (path / NAME).exists():
+                    seen[path].append(read_tensors(path / NAME, "checkpoint")[1]["chunk"])
+            if all(seen.values()) and not killed.is_set():
+                kill_node(cluster)
+                killed.set()
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        yield seen
+    finally:
+        ended.set()
+        watcher.join()
+    assert killed.is_set()
 
 
 @contextmanager
