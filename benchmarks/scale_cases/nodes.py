@@ -48,9 +48,7 @@ def node_killed(cluster: Any) -> Iterator[list[str]]:
     done: list[str] = []
 
     def kill() -> None:
-        victim = next(iter(cluster.worker_nodes))
-        for process in _tree(victim.all_processes["raylet"][0].process.pid):
-            os.kill(process, signal.SIGKILL)
+        kill_node(cluster)
         done.append("a node killed")
         if ended.wait(KILL_AFTER):
             return
@@ -67,6 +65,13 @@ def node_killed(cluster: Any) -> Iterator[list[str]]:
         for node in joined:
             os.killpg(node.pid, signal.SIGKILL)
             node.wait()
+
+
+def kill_node(cluster: Any) -> None:
+    """Kill a node that is not the head, and all that it started, with -9."""
+    victim = next(iter(cluster.worker_nodes))
+    for process in _tree(victim.all_processes["raylet"][0].process.pid):
+        os.kill(process, signal.SIGKILL)
 
 
 @contextmanager

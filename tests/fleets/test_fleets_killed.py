@@ -20,7 +20,7 @@ from neuroanimator.executor.worker import pack
 from neuroanimator.fleets.fleet_file import Member, read_fleet
 from neuroanimator.fleets.member import MemberTask, TrainedMember, run_member_task
 from neuroanimator.storage.files import read_tensors
-from neuroanimator.storage.places import Place, UrlPath, place_of
+from neuroanimator.storage.places import Place, UrlPath
 from neuroanimator.training.checkpoint import NAME
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 from neuroanimator.training.feed import MemoryFeed
@@ -107,14 +107,10 @@ def goes_on(task: MemberTask, whole: TrainedMember, done: int) -> None:
     assert not chunks
 
 
-@pytest.mark.parametrize("sees_our_disk", [False, True])
 def test_f05_a_worker_that_trains_is_killed_and_another_goes_on(
-    sees_our_disk: bool, task: MemberTask, whole: TrainedMember, tmp_path: Path, tally: Tally
+    task: MemberTask, whole: TrainedMember, tmp_path: Path, tally: Tally
 ):
     checkpoints = Path(task.checkpoints)
-    if sees_our_disk:
-        task = replace(task, workplace=str(tmp_path), checkpoints="")
-        checkpoints = run_folder(tmp_path / task.member.file_name)
     call = tmp_path / "call"
     call.write_bytes(pack(run_member_task, task))
     worker = subprocess.Popen([sys.executable, "-c", WORK, str(call)])
@@ -125,18 +121,24 @@ def test_f05_a_worker_that_trains_is_killed_and_another_goes_on(
     goes_on(task, whole, chunks_done(checkpoints))
 
 
-def test_f05_checkpoints_in_an_object_store_serve_whoever_comes_next(
-    task: MemberTask, whole: TrainedMember, tally: Tally
+@pytest.mark.parametrize("where", ["an object store", "the fleet's own folder"])
+def test_whoever_comes_next_finds_the_checkpoints(
+    where: str, task: MemberTask, whole: TrainedMember, tmp_path: Path
 ):
-    pytest.importorskip("fsspec", reason="no fsspec: pip install 'neuroanimator[s3]'")
     member = task.member
-    store = UrlPath("memory://bucket/fleet")
-    generate(member.data, store / member.dataset)
-    task = replace(task, data=str(store / member.dataset), checkpoints=str(store / member.run_name))
+    if where == "an object store":
+        pytest.importorskip("fsspec", reason="no fsspec: pip install 'neuroanimator[s3]'")
+        store = UrlPath("memory://bucket/fleet")
+        generate(member.data, store / member.dataset)
+        checkpoints = store / member.run_name
+        task = replace(task, data=str(store / member.dataset), checkpoints=str(checkpoints))
+    else:
+        checkpoints = run_folder(tmp_path / member.file_name)
+        task = replace(task, workplace=str(tmp_path), checkpoints="")
     with pytest.raises(KeyboardInterrupt), counted_chunks(stop_after=6):
         run_member_task(task)
     # A checkpoint is written once in four chunks.
-    assert chunks_done(place_of(task.checkpoints)) == 4
+    assert chunks_done(checkpoints) == 4
     goes_on(task, whole, 4)
 
 
