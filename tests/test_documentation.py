@@ -106,6 +106,7 @@ def id_of(page: Path) -> str:
 @pytest.mark.parametrize("page", [page for page in PAGES if has_code(page)], ids=id_of)
 def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)  # as where a reader starts Python
     monkeypatch.setattr("neuroanimator.evaluation.evaluate.THOROUGH", QUICK)
     monkeypatch.setattr("neuroanimator.export.film.inline.SIZE", SMALL_FILM)
     names: dict[str, object] = {"__name__": "__main__"}

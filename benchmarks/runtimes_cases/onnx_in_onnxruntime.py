@@ -43,5 +43,5 @@ def roll_out(
 ) -> None:
     """Make all super steps, one after the other."""
     for held in np.ascontiguousarray(np.moveaxis(controls, 1, 0)):
-        (following,) = session.run(None, {"state": states, "control": held})
+        (following,) = session.run(["next_state"], {"state": states, "control": held})
         states = np.asarray(following)

@@ -30,7 +30,10 @@ for _ in range(20):
 states = fish.rollout(fish.rest, controls)
 assert np.array_equal(states[-1], state)
 assert fish.step(np.stack([state, fish.rest]), np.stack([control, control])).shape == (2, len(state))
-np.savez("found.npz", states=states, controls=controls)
+following, scores = fish.step_trusted(states[:-1], np.stack(controls))
+assert np.allclose(following, states[1:], atol=1e-5)
+assert np.isclose(scores[-1], fish.trust(states[-2], control), rtol=1e-3)
+np.savez("found.npz", states=states, controls=controls, scores=scores)
 """
 
 
@@ -52,6 +55,8 @@ def test_a_motion_alone_is_the_emulators(written: Path):
         expected.append(fish.step(expected[-1], control))
     np.testing.assert_allclose(found["states"], expected, atol=1e-4)
     assert np.abs(expected[-1] - expected[0]).max() > 0.05  # it swam
+    scores = fish.trust(found["states"][:-1], found["controls"])
+    np.testing.assert_allclose(found["scores"], scores, rtol=1e-3, atol=1e-3)
 
 
 def test_the_same_model_is_the_same_bytes_and_says_what_draws_it(written: Path, tmp_path: Path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -19,7 +20,12 @@ from neuroanimator import Emulator, NeuroAnimatorError, Policy, load_emulator, w
 from neuroanimator.codegen.trace import UnsupportedError
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.export.programs import numpy_runtime
-from neuroanimator.export.programs.definition import Definition, Port, definition_of
+from neuroanimator.export.programs.definition import (
+    Definition,
+    Port,
+    definition_of,
+    trusted_definition_of,
+)
 from neuroanimator.export.programs.numpy_file import numpy_bytes
 from neuroanimator.export.programs.onnx_file import onnx_bytes, run_onnx, run_reference
 from neuroanimator.export.programs.vectors import COUNT, KEPT, make_vectors
@@ -63,10 +69,9 @@ def six_numbers(function: Callable) -> Definition:
     """Return the definition of a `function` of two arrays (6,)."""
     shape = jax.eval_shape(function, jnp.zeros(6), jnp.zeros(6)).shape
     six = Layout((Slice("six", 6, "1"),))
-    output = Port("z", Layout((Slice("z", int(np.prod(shape)), "1"),)))
-    return Definition(
-        "six", function, (Port("x", six), Port("y", six)), output, {"kind": "function"}
-    )
+    outputs = (Port("z", Layout((Slice("z", int(np.prod(shape)), "1"),))),)
+    inputs = (Port("x", six), Port("y", six))
+    return Definition("six", lambda x, y: (function(x, y),), inputs, outputs, {"kind": "function"})
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -78,8 +83,9 @@ def test_a_function_is_the_same_in_onnx(name: str, batch: int):
     feeds = {"x": x, "y": y}
     _, computed = run_onnx(content, feeds)
     expected = np.asarray(jax.jit(jax.vmap(FUNCTIONS[name]))(x, y))
-    np.testing.assert_allclose(computed, expected, rtol=2e-5, atol=2e-5)
-    np.testing.assert_allclose(run_reference(content, feeds), expected, rtol=2e-5, atol=2e-5)
+    np.testing.assert_allclose(computed["z"], expected, rtol=2e-5, atol=2e-5)
+    reference = run_reference(content, feeds)["z"]
+    np.testing.assert_allclose(reference, expected, rtol=2e-5, atol=2e-5)
     in_numpy = numpy_runtime.read(io.BytesIO(numpy_bytes(six_numbers(FUNCTIONS[name]))))
     np.testing.assert_allclose(in_numpy.run(x, y), expected, rtol=2e-5, atol=2e-5)
 
@@ -105,7 +111,7 @@ def test_an_eigenvector_that_is_not_computed_is_no_number():
 
     ones = np.ones((1, 6), np.float32)
     _, computed = run_onnx(onnx_bytes(six_numbers(smallest)), {"x": ones, "y": ones})
-    assert np.isnan(computed).all()
+    assert np.isnan(computed["z"]).all()
 
 
 def models() -> list:
@@ -124,20 +130,21 @@ def test_a_body_that_is_pushed_is_the_same_in_onnxruntime_at_any_batch(untrained
 
 
 def assert_same_in_onnxruntime(model: Emulator | Policy) -> None:
-    definition = definition_of(model)
+    definition = trusted_definition_of(model)
     session = onnxruntime.InferenceSession(onnx_bytes(definition))
     emulator = model.emulator if isinstance(model, Policy) else model
     rng = np.random.default_rng(0)
     near_rest = emulator.rest + rng.normal(0, 0.01, (7, emulator.state.size))
     others = [rng.uniform(-1, 1, (7, port.layout.size)) for port in definition.inputs[1:]]
     arrays = [array.astype(np.float32) for array in (near_rest, *others)]
-    expected = np.asarray(jax.jit(jax.vmap(definition.function))(*arrays))
+    expected = jax.jit(jax.vmap(definition.function))(*arrays)
     for batch in (1, 7):
         feeds = {}
         for port, array in zip(definition.inputs, arrays, strict=True):
             feeds[port.name] = array[:batch]
-        (computed,) = session.run([definition.output.name], feeds)
-        np.testing.assert_allclose(computed, expected[:batch], rtol=1e-4, atol=1e-4)
+        computed = session.run(definition.output_names, feeds)
+        for found, wanted in zip(computed, expected, strict=True):
+            np.testing.assert_allclose(found, wanted[:batch], rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.endurance
@@ -176,13 +183,68 @@ def test_a_file_says_what_its_numbers_are_and_vectors_lie_beside_it(tmp_path: Pa
     vectors = json.loads(vectors_path.read_text())["step"]
     feeds = {name: np.array(rows, np.float32) for name, rows in vectors["inputs"].items()}
     _, computed = run_onnx(path.read_bytes(), feeds)
-    expected = np.array(vectors["outputs"]["next_state"])
-    assert expected.shape == (KEPT, 6)
-    assert (np.abs(computed - expected) <= vectors["tolerance"]["next_state"]).all()
+    for name, size in {"next_state": 6, "trust": 1}.items():
+        expected = np.array(vectors["outputs"][name])
+        assert expected.shape == (KEPT, size)
+        assert (np.abs(computed[name] - expected) <= vectors["tolerance"][name]).all()
+
+
+def trust_outside(emulator: Emulator, states: np.ndarray, controls: np.ndarray) -> dict:
+    """Return the scores (B,) of states under controls by each runtime of a file, by its name."""
+    definition = trusted_definition_of(emulator)
+    feeds = {"state": np.float32(states), "control": np.float32(controls)}
+    content = onnx_bytes(definition)
+    in_numpy = numpy_runtime.read(io.BytesIO(numpy_bytes(definition)))
+    with np.errstate(all="ignore"):  # onnx' own evaluator warns of what is no number
+        reference = run_reference(content, feeds)
+    return {
+        "onnxruntime": run_onnx(content, feeds)[1]["trust"][:, 0],
+        "onnx": reference["trust"][:, 0],
+        "NumPy": in_numpy.trust(states, controls),
+        "NumPy's step": in_numpy.step_trusted(states, controls)[1],
+    }
+
+
+def test_what_is_no_number_or_too_large_is_trusted_nowhere():
+    lander = load_emulator("lander-50")
+    inputs = np.concatenate([lander.rest, lander.bounds.middle])
+    rows = [inputs]
+    for entry in range(len(inputs)):
+        for wrong in (np.nan, np.inf, -np.inf, 3e6):
+            row = inputs.copy()
+            row[entry] = wrong
+            rows.append(row)
+    states, controls = np.split(np.array(rows), [lander.state.size], axis=1)
+    for runtime, scores in trust_outside(lander, states, controls).items():
+        assert scores[0] <= EDGE, runtime
+        assert (scores[1:] == np.inf).all(), runtime
+
+
+def test_scores_outside_are_the_emulators_wherever_an_input_lies():
+    lander = load_emulator("lander-50")
+    definition = trusted_definition_of(lander)
+    vectors = make_vectors(definition, lander)
+    states, controls = vectors.inputs["state"], vectors.inputs["control"]
+    expected = lander.trust(states.astype(float), controls.astype(float))
+    assert expected.min() < 0.5 * EDGE
+    assert expected.max() > EDGE
+    for runtime, scores in trust_outside(lander, states, controls).items():
+        np.testing.assert_allclose(scores, expected, rtol=1e-3, atol=1e-3, err_msg=runtime)
+
+
+def test_of_a_file_from_before_there_were_scores_there_is_none_which_is_said(tmp_path: Path):
+    old = replace(load_emulator("pendulum-50"), meter=None)
+    written = write_onnx(old, tmp_path / "old.onnx")
+    assert "gives no trust: the file is from before there were scores" in written.summary()
+    assert [output.name for output in onnx.load(written.path).graph.output] == ["next_state"]
+    in_numpy = numpy_runtime.read(io.BytesIO(numpy_bytes(trusted_definition_of(old))))
+    assert in_numpy.step(old.rest, np.zeros(3)).shape == (6,)
+    with pytest.raises(ValueError, match="no scores of trust"):
+        in_numpy.trust(old.rest, np.zeros(3))
 
 
 def test_the_same_emulator_gives_the_same_bytes():
-    definition = definition_of(load_emulator("pendulum-50"))
+    definition = trusted_definition_of(load_emulator("pendulum-50"))
     assert onnx_bytes(definition) == onnx_bytes(definition)
 
 
@@ -204,10 +266,10 @@ def test_a_program_that_does_something_else_is_refused():
     fast = load_emulator("pendulum-100")
     vectors = make_vectors(definition_of(slow), slow)
     _, computed = run_onnx(onnx_bytes(definition_of(slow)), vectors.inputs)
-    assert vectors.check({"next_state": computed}, "It") < 1e-4
+    assert vectors.check(computed, "It") < 1e-4
     _, computed = run_onnx(onnx_bytes(definition_of(fast)), vectors.inputs)
     with pytest.raises(NeuroAnimatorError, match="It does not do what JAX does, so nothing"):
-        vectors.check({"next_state": computed}, "It")
+        vectors.check(computed, "It")
     computed = vectors.expected["next_state"].copy()
     computed[3, 2] = np.nan
     with pytest.raises(NeuroAnimatorError, match="of 1000 inputs 1 differ, the first in next_st"):

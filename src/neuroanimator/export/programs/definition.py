@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 import neuroanimator
 from neuroanimator.control.policies.policy import COMMAND, Policy
-from neuroanimator.emulator.emulator import Emulator, step
+from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, step
 from neuroanimator.jax_later import Array, jnp
 from neuroanimator.state.layout import Layout, Slice
 
 PHASE = Layout((Slice("phase", 1, "rad"),))
 """The clock of a policy."""
+
+TRUST = Layout((Slice("trust", 1, "1"),))
+"""How far an input lies from what training showed: 1 is the edge."""
+
+LARGEST_SCORE = 1e30
+"""A score that is higher counts as infinite: float32 ends soon after."""
 
 CONVENTIONS = "SI units, radians, Z up, right-handed, quaternions wxyz"
 """What all numbers are in; docs/conventions.md says more."""
@@ -35,10 +41,10 @@ class Definition:
 
     name: str
     """What the function is called."""
-    function: Callable[..., Array]
-    """Of one array for each of `inputs`; it returns the one of `output`."""
+    function: Callable[..., tuple[Array, ...]]
+    """Of one array for each of `inputs`; it returns one for each of `outputs`."""
     inputs: tuple[Port, ...]
-    output: Port
+    outputs: tuple[Port, ...]
     facts: dict[str, Any]
     """What an engine may want to know, as JSON: the system, the super step, names, units and bounds."""
 
@@ -46,6 +52,11 @@ class Definition:
     def sizes(self) -> list[tuple[int]]:
         """The shape of each input."""
         return [(port.layout.size,) for port in self.inputs]
+
+    @property
+    def output_names(self) -> list[str]:
+        """What the outputs are called."""
+        return [port.name for port in self.outputs]
 
     def fact_texts(self) -> dict[str, str]:
         """Return the facts as texts: those that are none are JSON, in ASCII."""
@@ -58,12 +69,41 @@ class Definition:
 def emulator_definition(emulator: Emulator, licence: str = "") -> Definition:
     """Return (state (S,), control (C,)) → next_state (S,), one super step later."""
 
-    def super_step(state: Float[Array, " S"], control: Float[Array, " C"]) -> Float[Array, " S"]:
-        return step(emulator, state, control)
+    def super_step(
+        state: Float[Array, " S"], control: Float[Array, " C"]
+    ) -> tuple[Float[Array, " S"]]:
+        return (step(emulator, state, control),)
 
     inputs = (Port("state", emulator.state), Port("control", emulator.control))
+    outputs = (Port("next_state", emulator.state),)
     facts = _facts("emulator", emulator, licence)
-    return Definition("step", super_step, inputs, Port("next_state", emulator.state), facts)
+    return Definition("step", super_step, inputs, outputs, facts)
+
+
+def trusted_definition(emulator: Emulator, licence: str = "") -> Definition:
+    """Return (state (S,), control (C,)) → (next_state (S,), trust (1,)): `emulator_definition` and `Emulator.trust`."""
+
+    def super_step(
+        state: Float[Array, " S"], control: Float[Array, " C"]
+    ) -> tuple[Float[Array, " S"], Float[Array, " 1"]]:
+        latent = emulator.encode(state)
+        following, score = emulator.step_latent_trusted(latent, emulator.encode_control(control))
+        is_number = _are_below(state, MAX_MAGNITUDE) & _are_below(control, MAX_MAGNITUDE)
+        is_number &= _are_below(score, LARGEST_SCORE)
+        return emulator.decode(following), jnp.where(is_number, score, jnp.inf)[None]
+
+    definition = emulator_definition(emulator, licence)
+    outputs = (*definition.outputs, Port("trust", TRUST))
+    return replace(definition, function=super_step, outputs=outputs)
+
+
+def _are_below(numbers: Float[Array, " *N"], limit: float) -> Bool[Array, ""]:
+    """Return whether the magnitudes of all `numbers` are at most `limit`; false where one is no number.
+
+    They are counted, for what the largest of numbers is among which one is none, runtimes do not agree on.
+    """
+    is_below = jnp.abs(numbers) <= limit
+    return jnp.sum(is_below.astype(jnp.float32)) == numbers.size
 
 
 def policy_definition(policy: Policy, licence: str = "") -> Definition:
@@ -75,8 +115,8 @@ def policy_definition(policy: Policy, licence: str = "") -> Definition:
 
     def answer(
         state: Float[Array, " S"], phase: Float[Array, " 1"], command: Float[Array, " 4"]
-    ) -> Float[Array, " C"]:
-        return policy.control(emulator.encode(state), jnp.reshape(phase, ()), command)
+    ) -> tuple[Float[Array, " C"]]:
+        return (policy.control(emulator.encode(state), jnp.reshape(phase, ()), command),)
 
     inputs = (Port("state", emulator.state), Port("phase", PHASE), Port("command", COMMAND))
     facts = _facts("policy", emulator, licence)
@@ -84,7 +124,8 @@ def policy_definition(policy: Policy, licence: str = "") -> Definition:
     facts["command_low"] = list(policy.ranges.low)
     facts["command_high"] = list(policy.ranges.high)
     facts["phase_per_step"] = policy.tick
-    return Definition("control", answer, inputs, Port("control", emulator.control), facts)
+    outputs = (Port("control", emulator.control),)
+    return Definition("control", answer, inputs, outputs, facts)
 
 
 def definition_of(model: Emulator | Policy, licence: str = "") -> Definition:
@@ -92,6 +133,13 @@ def definition_of(model: Emulator | Policy, licence: str = "") -> Definition:
     if isinstance(model, Policy):
         return policy_definition(model, licence)
     return emulator_definition(model, licence)
+
+
+def trusted_definition_of(model: Emulator | Policy, licence: str = "") -> Definition:
+    """Return `definition_of`, with the score as another output of an emulator that has a meter."""
+    if isinstance(model, Emulator) and model.meter is not None:
+        return trusted_definition(model, licence)
+    return definition_of(model, licence)
 
 
 def _facts(kind: str, emulator: Emulator, licence: str) -> dict[str, Any]:

@@ -24,10 +24,10 @@ from neuroanimator.codegen.trace import Input, trace
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.export.programs import numpy_runtime
-from neuroanimator.export.programs.definition import Definition, definition_of
+from neuroanimator.export.programs.definition import Definition, trusted_definition_of
 from neuroanimator.export.programs.onnx_graph import onnx_graph
 from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, make_vectors, save_vectors
-from neuroanimator.export.programs.written import Written
+from neuroanimator.export.programs.written import Written, what_is_left_out
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.storage.files import write_whole
 
@@ -55,12 +55,12 @@ def write_numpy(model: Emulator | Policy, path: str | Path, licence: str = "") -
     not do what JAX does; then nothing is written.
     """
     path = Path(path)
-    definition = definition_of(model, licence)
+    definition = trusted_definition_of(model, licence)
     content = numpy_bytes(definition, _body(model))
     vectors = make_vectors(definition, model)
     computed = _run(content, [vectors.inputs[port.name] for port in definition.inputs])
     runtime = f"NumPy {np.__version__}"
-    difference = vectors.check({definition.output.name: computed}, f"The program in {runtime}")
+    difference = vectors.check(computed, f"The program in {runtime}")
     module = (resources.files("neuroanimator.export.programs") / RUNTIME).read_bytes()
     module_path = path.with_suffix(".py")
     vectors_path = path.with_suffix(VECTORS_SUFFIX)
@@ -68,7 +68,10 @@ def write_numpy(model: Emulator | Policy, path: str | Path, licence: str = "") -
     write_whole(module_path, module)
     write_whole(path, content)
     others = (module_path, vectors_path)
-    return Written(path, others, len(content), runtime, vectors.count, difference)
+    left_out = what_is_left_out(model)
+    return Written(
+        path, others, len(content), runtime, vectors.count, difference, left_out=left_out
+    )
 
 
 def numpy_bytes(definition: Definition, body: Body = NO_BODY) -> bytes:
@@ -77,12 +80,13 @@ def numpy_bytes(definition: Definition, body: Body = NO_BODY) -> bytes:
     inputs = [Input(shape) for shape in definition.sizes]
     program = trace(lambda _, *arrays: function(*arrays), None, *inputs)
     names = [port.name for port in definition.inputs]
-    graph = onnx_graph(program, names, definition.output.name)
+    graph = onnx_graph(program, names, definition.output_names)
     told = {
         "format": numpy_runtime.FORMAT,
         "facts": definition.facts,
         "inputs": names,
-        "output": definition.output.name,
+        "output": definition.output_names[0],
+        "more_outputs": definition.output_names[1:],
         "constants": list(graph.constants),
         "nodes": [
             [node.operator, node.inputs, node.output, node.attributes] for node in graph.nodes
@@ -137,7 +141,7 @@ def _bones(skeleton: Skeleton) -> tuple[list[dict[str, Any]], dict[str, np.ndarr
     return rows, arrays
 
 
-def _run(content: bytes, inputs: list[np.ndarray]) -> np.ndarray:
-    """Return what the file computes, read as users read it."""
+def _run(content: bytes, inputs: list[np.ndarray]) -> dict[str, np.ndarray]:
+    """Return what the file computes, by name, read as users read it."""
     model = numpy_runtime.read(io.BytesIO(content))
-    return model.run(*inputs)
+    return model.run_all(*inputs)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +13,15 @@ from neuroanimator.codegen.trace import Input, trace
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
-from neuroanimator.export.programs.definition import Definition, Port, definition_of
+from neuroanimator.export.programs.definition import Definition, Port, trusted_definition_of
 from neuroanimator.export.programs.onnx_graph import FLOAT, onnx_graph
-from neuroanimator.export.programs.vectors import VECTORS_SUFFIX, make_vectors, save_vectors
-from neuroanimator.export.programs.written import Written
+from neuroanimator.export.programs.vectors import (
+    VECTORS_SUFFIX,
+    Arrays,
+    make_vectors,
+    save_vectors,
+)
+from neuroanimator.export.programs.written import Written, what_is_left_out
 from neuroanimator.storage.files import write_whole
 
 if TYPE_CHECKING:
@@ -34,23 +40,31 @@ BATCH = "batch"
 def write_onnx(model: Emulator | Policy, path: str | Path, licence: str = "") -> Written:
     """Write `model` to `path`, after holding it against JAX, and test vectors beside it (`fish.vectors.json`).
 
-    An emulator is (state (B, S), control (B, C)) → next_state (B, S), a policy (state (B, S), phase (B, 1),
-    command (B, 4)) → control (B, C), in float32 and the units of the layout. The file's metadata say what the numbers
-    are; `licence` is among them if there is one.
+    An emulator is (state (B, S), control (B, C)) → next_state (B, S) and, if it has a meter, trust (B, 1), which
+    is `Emulator.trust`; a policy (state (B, S), phase (B, 1), command (B, 4)) → control (B, C). All are in float32
+    and the units of the layout. The file's metadata say what the numbers are; `licence` is among them if there is one.
 
     Raises ResourceError without the package onnx, UnsupportedError for an operation there is no operator for, and
     NeuroAnimatorError where the graph does not do what JAX does; then nothing is written.
     """
     path = Path(path)
-    definition = definition_of(model, licence)
+    definition = trusted_definition_of(model, licence)
     content = onnx_bytes(definition)
     vectors = make_vectors(definition, model)
     runtime, computed = run_onnx(content, vectors.inputs)
-    difference = vectors.check({definition.output.name: computed}, f"The ONNX graph in {runtime}")
+    difference = vectors.check(computed, f"The ONNX graph in {runtime}")
     vectors_path = path.with_suffix(VECTORS_SUFFIX)
     save_vectors(vectors_path, definition, {definition.name: vectors})
     write_whole(path, content)
-    return Written(path, (vectors_path,), len(content), runtime, vectors.count, difference)
+    return Written(
+        path,
+        (vectors_path,),
+        len(content),
+        runtime,
+        vectors.count,
+        difference,
+        left_out=what_is_left_out(model),
+    )
 
 
 def onnx_bytes(definition: Definition) -> bytes:
@@ -60,7 +74,7 @@ def onnx_bytes(definition: Definition) -> bytes:
     inputs = [Input(shape) for shape in definition.sizes]
     program = trace(lambda _, *arrays: function(*arrays), None, *inputs)
     names = [port.name for port in definition.inputs]
-    graph = onnx_graph(program, names, definition.output.name)
+    graph = onnx_graph(program, names, definition.output_names)
     nodes = []
     for node in graph.nodes:
         attributes = dict(node.attributes)
@@ -72,7 +86,7 @@ def onnx_bytes(definition: Definition) -> bytes:
         nodes,
         definition.facts["kind"],
         [_tensor(port) for port in definition.inputs],
-        [_tensor(definition.output)],
+        [_tensor(port) for port in definition.outputs],
         constants,
     )
     opsets = [onnx.helper.make_opsetid("", OPSET)]
@@ -84,24 +98,30 @@ def onnx_bytes(definition: Definition) -> bytes:
     return model.SerializeToString(deterministic=True)
 
 
-def run_onnx(content: bytes, feeds: dict[str, np.ndarray]) -> tuple[str, np.ndarray]:
+def run_onnx(content: bytes, feeds: Arrays) -> tuple[str, Arrays]:
     """Return (what ran the file, its outputs (N, O)) for inputs (N, I) by name: onnxruntime, or onnx' own evaluator."""
     try:
         import onnxruntime
     except ImportError:
         return f"onnx {_import_onnx().__version__}", run_reference(content, feeds)
     session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
-    (outputs,) = session.run(None, feeds)
-    return f"onnxruntime {onnxruntime.__version__}", np.asarray(outputs)
+    names = [output.name for output in session.get_outputs()]
+    outputs = session.run(names, feeds)
+    return f"onnxruntime {onnxruntime.__version__}", _by_name(names, outputs)
 
 
-def run_reference(content: bytes, feeds: dict[str, np.ndarray]) -> np.ndarray:
+def run_reference(content: bytes, feeds: Arrays) -> Arrays:
     """Return the outputs (N, O) of the file for inputs (N, I) by name, in onnx' own evaluator: slow, but always there."""
     onnx = _import_onnx()
     from onnx.reference import ReferenceEvaluator
 
-    (outputs,) = ReferenceEvaluator(onnx.load_from_string(content)).run(None, feeds)
-    return np.asarray(outputs)
+    model = onnx.load_from_string(content)
+    names = [output.name for output in model.graph.output]
+    return _by_name(names, ReferenceEvaluator(model).run(names, feeds))
+
+
+def _by_name(names: list[str], outputs: Iterable[Any]) -> Arrays:
+    return {name: np.asarray(output) for name, output in zip(names, outputs, strict=True)}
 
 
 def _tensor(port: Port) -> onnx.ValueInfoProto:

@@ -76,8 +76,8 @@ class Graph:
     constants: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def onnx_graph(program: Program, inputs: list[str], output: str) -> Graph:
-    """Return the graph of `program`: the named tensors (batch, N) of its inputs to the one of its only output.
+def onnx_graph(program: Program, inputs: list[str], outputs: list[str]) -> Graph:
+    """Return the graph of `program`: the named tensors (batch, N) of its inputs to those of its outputs.
 
     Raises UnsupportedError for operations there is no operator for.
     """
@@ -87,9 +87,10 @@ def onnx_graph(program: Program, inputs: list[str], output: str) -> Graph:
     writer.size_of_batch(inputs[0])
     for operation in program.operations:
         writer.write(operation)
-    last = writer.tensor(program.outputs[0].ravel())
-    writer.graph.nodes.append(Node("Identity", (last,), output, ()))
-    return _needed(writer.graph, output)
+    for name, addresses in zip(outputs, program.outputs, strict=True):
+        last = writer.tensor(addresses.ravel())
+        writer.graph.nodes.append(Node("Identity", (last,), name, ()))
+    return _needed(writer.graph, outputs)
 
 
 class _Writer:
@@ -313,9 +314,9 @@ COMPOSED: dict[str, Callable[..., str]] = {
 """What writes an operation that takes several operators, or other inputs."""
 
 
-def _needed(graph: Graph, output: str) -> Graph:
-    """Return the graph without what `output` does not depend on."""
-    needed = {output}
+def _needed(graph: Graph, outputs: list[str]) -> Graph:
+    """Return the graph without what `outputs` do not depend on."""
+    needed = set(outputs)
     nodes = []
     for node in reversed(graph.nodes):
         if node.output in needed:

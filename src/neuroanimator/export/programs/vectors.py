@@ -80,7 +80,7 @@ class Vectors:
     inputs: dict[str, Float[np.ndarray, "N _"]]
     expected: dict[str, Float[np.ndarray, "N _"]]
     units: dict[str, Float[np.ndarray, " _"]]
-    """What an error in each entry is measured in: a part's largest change, half a control's range, or the like."""
+    """What an error in each entry is measured in: a part's largest change, half a control's range, the highest score."""
 
     @property
     def count(self) -> int:
@@ -150,13 +150,17 @@ def make_vectors(definition: Definition, model: Emulator | Policy) -> Vectors:
     inputs = {name: array.astype(np.float32) for name, array in zip(names, arrays, strict=True)}
 
     def units(inputs: Arrays, outputs: Arrays) -> Arrays:
-        (output,) = outputs
         if isinstance(model, Policy):
-            return {output: model.emulator.bounds.half}
-        return {output: _largest_in_part(model.state, outputs[output] - inputs["state"])}
+            return {"control": model.emulator.bounds.half}
+        changes = outputs["next_state"] - inputs["state"]
+        scales = {"next_state": _largest_in_part(model.state, changes)}
+        if "trust" in outputs:
+            scales["trust"] = np.maximum(EDGE, outputs["trust"].max(axis=0))
+        return scales
 
     def function(*arrays: Array) -> dict[str, Array]:
-        return {definition.output.name: definition.function(*arrays)}
+        outputs = definition.function(*arrays)
+        return dict(zip(definition.output_names, outputs, strict=True))
 
     return _steady_vectors(function, inputs, units, definition.facts["system"])
 
@@ -186,7 +190,7 @@ def make_gradient_vectors(definition: Definition, emulator: Emulator, vectors: V
         state: Float[Array, " S"], control: Float[Array, " C"], cotangent: Float[Array, " S"]
     ) -> dict[str, Array]:
         _, pull_back = jax.vjp(definition.function, state, control)
-        by_state, by_control = pull_back(cotangent)
+        by_state, by_control = pull_back((cotangent,))
         return {"by_state": by_state, "by_control": by_control}
 
     return _steady_vectors(gradient, inputs, units, emulator.system)

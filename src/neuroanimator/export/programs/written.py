@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust_summary import NO_METER
+
 
 @dataclass(frozen=True)
 class Written:
@@ -20,12 +24,22 @@ class Written:
     checked: int
     """On so many inputs."""
     difference: float
-    """The largest one, in units of the output."""
+    """The largest one, in units of the outputs."""
+    left_out: str = ""
+    """What an older model lacks, and how it gets it."""
 
     def summary(self) -> str:
         """Return one line: what was written, its size, and how it was checked."""
         others = ", ".join(path.name for path in self.others)
-        return (
+        told = (
             f"{self.path}: {self.size / 1e3:.0f} kB; in {self.runtime} {self.checked:,} inputs give what they give in "
             f"JAX, to {self.difference:.0e} of the output's scale. Beside it: {others}."
         )
+        return f"{told} {self.left_out}" if self.left_out else told
+
+
+def what_is_left_out(model: Emulator | Policy) -> str:
+    """Return what is to be said of programs with a score where `model` is an emulator without a meter; else nothing."""
+    if isinstance(model, Emulator) and model.meter is None:
+        return f"It gives no trust: {NO_METER}."
+    return ""
