@@ -11,7 +11,7 @@ import pytest
 from neuroanimator import Emulator, NeuroAnimatorError, fit_error_bounds, fit_trust, load_system
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.c_emulator import facts_of_emulator
-from neuroanimator.emulator.error_bounds import KINDS, LEVELS, log_scores
+from neuroanimator.emulator.error_bounds import KINDS, LEVELS, USUAL_LEVEL, log_scores
 from neuroanimator.evaluation.bounded_errors import bounded_errors
 from neuroanimator.evaluation.held_out import held_out_runs
 from neuroanimator.storage.files import read_tensors, write_tensors
@@ -23,6 +23,7 @@ from neuroanimator.training.error_fitting import (
     with_error_bounds,
 )
 from neuroanimator.training.optimised_controls import optimised_controls
+from neuroanimator.zoo import LARGE, SHIPPED, emulator_name
 
 SYSTEM = load_system("pendulum")
 SIGMAS = 4
@@ -224,3 +225,14 @@ def test_fitting_simulates_both_kinds(shipped: Emulator):
     assert fitted.calibration is not None
     assert len(fitted.calibration.weights) == len(KINDS)
     assert fitted.calibration.steps == 40
+
+
+def test_every_emulator_that_ships_knows_its_bounds():
+    shipped = [emulator_name(*row) for row in SHIPPED]
+    large = [emulator_name(*row, "large") for row in LARGE]
+    for name in (*shipped, *large):
+        calibration = Emulator.load(name).calibration
+        assert calibration is not None, name
+        for kind in KINDS:
+            bounds = calibration.along(np.ones(5), USUAL_LEVEL, kind)
+            assert ((bounds > 0) & (bounds < np.inf)).all(), name
