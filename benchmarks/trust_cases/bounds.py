@@ -21,8 +21,8 @@ LEVEL = 0.9
 SECONDS = (0.5, 1.0, 2.0)
 """Horizons [s]."""
 
-TEST_SEED = 1
-"""Bounds that ship were measured with seed 0."""
+TEST_SEED = 7301
+"""Bounds that ship were measured with seed 0, and looked at with seed 1 while they were made."""
 
 RANDOM_RUNS = 1536
 OPTIMISED_RUNS = 768
@@ -30,8 +30,8 @@ OPTIMISED_RUNS = 768
 TRIALS = 24
 """Of each task of rigid bodies; those of swimmers, which take hundredths of a second, are four times as many."""
 
-FIRST_TRIAL = 1000
-"""Bounds that ship were measured on trials below it."""
+FIRST_TRIAL = 20_000
+"""Bounds that ship were measured on trials below 1000, and looked at on some from there on while they were made."""
 
 
 def measure(name: str) -> list[dict[str, Any]]:
