@@ -11,7 +11,7 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
 
 from neuroanimator.errors import ResourceError
 from neuroanimator.studio.run import page_folder
@@ -28,7 +28,7 @@ ARGUMENTS = [
 ]
 """Nothing is asked of the network, and pictures are drawn without a graphics card."""
 
-WINDOW = {"width": 480, "height": 320}
+WINDOW: ViewportSize = {"width": 480, "height": 320}
 """Small, for every pixel is computed by the processor."""
 
 
@@ -80,9 +80,12 @@ class Looking:
 
 
 @contextmanager
-def looking(browser: Browser) -> Iterator[Looking]:
-    """Open a new window, as of a new person."""
-    context = browser.new_context(viewport=WINDOW, reduced_motion="reduce")
+def looking(
+    browser: Browser, window: ViewportSize = WINDOW, *, is_moving: bool = False
+) -> Iterator[Looking]:
+    """Open a new window, as of a new person, who wants to see everything move or not."""
+    motion = "no-preference" if is_moving else "reduce"
+    context = browser.new_context(viewport=window, reduced_motion=motion)
     try:
         yield Looking(context.new_page())
     finally:

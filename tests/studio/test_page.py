@@ -2,37 +2,24 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
-from chromium import ARGUMENTS
+from chromium import browsing, hosting, looking
+from playwright.sync_api import Browser, Page, ViewportSize
 
-import neuroanimator
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-
-PAGE = Path(neuroanimator.__file__).parent / "studio" / "page" / "index.html"
-
-WINDOW = {"width": 760, "height": 420}
+WINDOW: ViewportSize = {"width": 760, "height": 420}
 """Small: drawing without a graphics card is slow."""
 
 SYSTEMS = ("dolphin", "truck", "lander", "pendulum", "pendulum-passive", "cube", "fish")
 
 PATIENCE = 20_000
 """A step may take so long on a busy machine [ms]."""
-
-pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium"),
-    pytest.mark.skipif(not PAGE.exists(), reason="the studio's page is not built: make page"),
-]
-
 
 NEUROANIMATOR = (sys.executable, "-c", "from neuroanimator.cli.main import main; main()")
 
@@ -47,44 +34,26 @@ def address() -> Iterator[str]:
         assert process.stdout is not None
         yield process.stdout.readline().strip()
     finally:
-        stop(process)
-
-
-def stop(process: subprocess.Popen[str]) -> None:
-    process.terminate()
-    process.wait(10)
-    assert process.stdout is not None
-    process.stdout.close()
+        process.terminate()
+        process.communicate(timeout=10)
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    sync_api = pytest.importorskip("playwright.sync_api", reason="no playwright here")
-    with sync_api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
-        yield chromium
-        chromium.close()
+def browser() -> Iterator[Browser]:
+    with browsing() as opened:
+        yield opened
 
 
 @contextmanager
-def open_page(browser: Any, address: str) -> Iterator[tuple[Any, list[str]]]:
+def open_page(browser: Browser, address: str) -> Iterator[tuple[Page, list[str]]]:
     """Yield a page, and what is said on its console that should not be."""
-    page = browser.new_page(viewport=WINDOW)
-    page.set_default_timeout(PATIENCE)
-    complaints: list[str] = []
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on(
-        "console",
-        lambda said: complaints.append(said.text) if said.type in ("error", "warning") else None,
-    )
-    page.goto(address)
-    try:
-        yield page, complaints
-    finally:
-        page.close()
+    with looking(browser, WINDOW, is_moving=True) as look:
+        look.page.set_default_timeout(PATIENCE)
+        look.page.goto(address)
+        yield look.page, look.complaints
 
 
-def wait_until(page: Any, expression: str) -> None:
+def wait_until(page: Page, expression: str) -> None:
     """Wait until a piece of JavaScript is true in the page, which lets nobody make functions out of strings."""
     end = time.monotonic() + PATIENCE / 1000
     while not page.evaluate(expression):
@@ -92,11 +61,11 @@ def wait_until(page: Any, expression: str) -> None:
         page.wait_for_timeout(50)
 
 
-def shown(page: Any, selector: str) -> str:
+def shown(page: Page, selector: str) -> str:
     return page.locator(selector).first.inner_text()
 
 
-def shows(page: Any, system: str) -> None:
+def shows(page: Page, system: str) -> None:
     """Wait until a system is on the stage and its motion goes on."""
     name = system if system == "cube" else f"{system}-50"
     wait_until(page, f"document.querySelector('.about h1')?.textContent === '{name}'")
@@ -104,8 +73,15 @@ def shows(page: Any, system: str) -> None:
     wait_until(page, f"document.querySelector('.clock').textContent !== '{before}'")
 
 
+def middle_of_stage(page: Page) -> tuple[float, float]:
+    """Return the middle of the picture [pixels]."""
+    box = page.locator("canvas").first.bounding_box()
+    assert box is not None
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
 def test_a_person_looks_around_steers_and_comes_back(
-    browser: Any, address: str, tmp_path: Path
+    browser: Browser, address: str, tmp_path: Path
 ) -> None:
     with open_page(browser, address) as (page, complaints):
         shows(page, "fish")
@@ -150,12 +126,11 @@ def test_a_person_looks_around_steers_and_comes_back(
         assert complaints == []
 
 
-def test_a_body_is_pushed_with_the_mouse(browser: Any, address: str, tmp_path: Path) -> None:
+def test_a_body_is_pushed_with_the_mouse(browser: Browser, address: str, tmp_path: Path) -> None:
     with open_page(browser, address.replace("#", "?show=lander-50#")) as (page, complaints):
         shows(page, "lander")
         page.keyboard.press("h")
-        box = page.locator("canvas").first.bounding_box()
-        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        middle = middle_of_stage(page)
         page.mouse.move(*middle)
         page.mouse.down()
         page.mouse.move(middle[0] + 60, middle[1] - 50, steps=3)
@@ -165,12 +140,11 @@ def test_a_body_is_pushed_with_the_mouse(browser: Any, address: str, tmp_path: P
         assert complaints == []
 
 
-def test_physics_beside_it_is_pushed_with_it(browser: Any, address: str) -> None:
+def test_physics_beside_it_is_pushed_with_it(browser: Browser, address: str) -> None:
     with open_page(browser, address.replace("#", "?show=pendulum-50#")) as (page, complaints):
         shows(page, "pendulum")
         page.keyboard.press("g")
-        box = page.locator("canvas").first.bounding_box()
-        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        middle = middle_of_stage(page)
         page.mouse.move(*middle)
         page.mouse.down()
         page.mouse.move(middle[0] + 120, middle[1] - 40, steps=3)
@@ -184,13 +158,12 @@ def test_physics_beside_it_is_pushed_with_it(browser: Any, address: str) -> None
         assert complaints == []
 
 
-def test_where_the_emulator_is_lost_physics_goes_on(browser: Any, address: str) -> None:
+def test_where_the_emulator_is_lost_physics_goes_on(browser: Browser, address: str) -> None:
     press = "[...document.querySelectorAll('.banner button')].find((one) => one.textContent.startsWith('Let physics')).click()"
     with open_page(browser, address.replace("#", "?show=lander-50#")) as (page, complaints):
         shows(page, "lander")
         page.keyboard.press("h")
-        box = page.locator("canvas").first.bounding_box()
-        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        middle = middle_of_stage(page)
         page.mouse.move(*middle)
         page.mouse.down()
         page.mouse.move(middle[0] + 300, middle[1] - 150, steps=3)
@@ -205,7 +178,7 @@ def test_where_the_emulator_is_lost_physics_goes_on(browser: Any, address: str) 
         assert complaints == []
 
 
-def test_a_file_that_is_no_emulator_is_refused_in_words(browser: Any, address: str) -> None:
+def test_a_file_that_is_no_emulator_is_refused_in_words(browser: Browser, address: str) -> None:
     drop = """() => {
         const data = new DataTransfer();
         data.items.add(new File(["junk"], "<b>junk</b>.safetensors"));
@@ -220,20 +193,12 @@ def test_a_file_that_is_no_emulator_is_refused_in_words(browser: Any, address: s
         shows(page, "fish")
 
 
-def test_the_static_page_works_in_a_folder_of_any_host(browser: Any, tmp_path: Path) -> None:
+def test_the_static_page_works_in_a_folder_of_any_host(browser: Browser, tmp_path: Path) -> None:
     folder = tmp_path / "some" / "folder"
     export = [*NEUROANIMATOR, "studio", "--export", str(folder)]
     subprocess.run(export, check=True, capture_output=True, timeout=60)
-    host = [sys.executable, "-u", "-m", "http.server", "0", "--bind", "127.0.0.1"]
-    process = subprocess.Popen(
-        host, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
-    try:
-        assert process.stdout is not None
-        port = process.stdout.readline().split("port ")[1].split()[0]
-        address = f"http://127.0.0.1:{port}/some/folder/?show=pendulum-50"
+    with hosting(tmp_path) as origin:
+        address = f"{origin}/some/folder/?show=pendulum-50"
         with open_page(browser, address) as (page, complaints):
             shows(page, "pendulum")
             assert complaints == []
-    finally:
-        stop(process)
