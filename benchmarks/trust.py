@@ -2,6 +2,7 @@
 
 python benchmarks/trust.py                 every emulator of 50 substeps that ships, some minutes on two cores
 python benchmarks/trust.py fish-50         some of them; writes no file
+python benchmarks/trust.py draws [NAME…]   its AUROC for six draws of super steps; results/trust_draws.csv, some minutes
 python benchmarks/trust.py bounds [NAME…]  whether bounds of errors keep what they promise; results/trust_bounds.csv, ten minutes
 python benchmarks/trust.py hybrid [NAME…]  what a tenth of the time by the physics is worth; results/trust_hybrid.csv, ten minutes
 
@@ -66,6 +67,13 @@ TIMED = 400
 
 TURNS = 60
 """Turns of each kind, one after the other in turn."""
+
+
+FIRST_SEED = 1
+"""The first of three seeds of the table."""
+
+DRAWS = (2100, 2200, 2300, 2400, 2500, 2600)
+"""First seeds of draws that nothing was chosen by."""
 
 
 class SuperSteps(NamedTuple):
@@ -187,27 +195,78 @@ def auroc(scores: np.ndarray, is_large: np.ndarray) -> float:
     return float(above / (large * (len(scores) - large)))
 
 
+class Draw(NamedTuple):
+    """Super steps an emulator is judged by, drawn with one seed."""
+
+    known: SuperSteps
+    """As in training, for the rivals to be fitted to."""
+    both: SuperSteps
+    """As in training, then shifted ones."""
+    usual: slice
+    """Which of them are as in training."""
+    beyond: slice
+    unit: np.ndarray
+    """Standard deviations of the usual change; 0 of what does not move."""
+    errors: np.ndarray
+    is_large: np.ndarray
+    scores: np.ndarray
+
+    @classmethod
+    def of(cls, emulator: Emulator, seed: int) -> Draw:
+        """Return what `seed` and the two after it give."""
+        system = system_of(emulator)
+        known = as_in_training(system, emulator.dt, seed)
+        test = as_in_training(system, emulator.dt, seed + 1)
+        away = shifted(system, emulator.dt, seed + 2)
+        frame = Frame.of(system.structure, emulator.dt)
+        unit = frame.difference(known.states, known.ends).std(axis=0)
+        unit = np.where(unit > 1e-6, unit, 0)
+        large_from = np.quantile(errors_of(emulator, test, unit), 0.95)
+        both = test.joined(away)
+        errors = errors_of(emulator, both, unit)
+        scores = emulator.trust(both.states, both.controls)
+        count = len(test.states)
+        usual, beyond = slice(count), slice(count, None)
+        return cls(known, both, usual, beyond, unit, errors, errors > large_from, scores)
+
+
+def draws_of(name: str) -> list[dict[str, Any]]:
+    """Return how well scores tell large errors, a line a draw; and with the distance of all features added to them."""
+    emulator = load_emulator(name)
+    rows = []
+    for seed in DRAWS:
+        draw = Draw.of(emulator, seed)
+        known, both = seen_by(emulator, draw.known), seen_by(emulator, draw.both)
+        distance = mahalanobis(known.features)
+        edge = np.quantile(distance(known.features), 0.99)
+        features = distance(both.features) / edge
+        together = np.hypot(draw.scores, features)
+        beyond = draw.beyond
+        rows.append(
+            {
+                "emulator": name,
+                "seed": seed,
+                "auroc": auroc(draw.scores, draw.is_large),
+                "auroc_shifted": auroc(draw.scores[beyond], draw.is_large[beyond]),
+                "auroc_features": auroc(features, draw.is_large),
+                "auroc_with_features": auroc(together, draw.is_large),
+            }
+        )
+    return rows
+
+
 def rows_of(name: str) -> dict[str, Any]:
     """Return an emulator's line of the table."""
     emulator = load_emulator(name)
-    system = system_of(emulator)
-    known = as_in_training(system, emulator.dt, seed=1)
-    test = as_in_training(system, emulator.dt, seed=2)
-    away = shifted(system, emulator.dt, seed=3)
-    frame = Frame.of(system.structure, emulator.dt)
-    unit = frame.difference(known.states, known.ends).std(axis=0)
-    unit = np.where(unit > 1e-6, unit, 0)
-    large_from = np.quantile(errors_of(emulator, test, unit), 0.95)
-    both = test.joined(away)
-    errors = errors_of(emulator, both, unit)
-    is_large = errors > large_from
-    scores = emulator.trust(both.states, both.controls)
+    draw = Draw.of(emulator, FIRST_SEED)
+    known, both, unit = draw.known, draw.both, draw.unit
+    errors, is_large, scores = draw.errors, draw.is_large, draw.scores
     seen, new = seen_by(emulator, known), seen_by(emulator, both)
+    frame = Frame.of(system_of(emulator).structure, emulator.dt)
     emulated = emulator.rollout(known.states, known.controls[:, None])[:, 1]
     moves = unit > 0
     residuals = frame.difference(known.ends, np.asarray(emulated, float))[:, moves] / unit[moves]
-    usual = slice(len(test.states))
-    beyond = slice(len(test.states), None)
+    usual, beyond = draw.usual, draw.beyond
     return {
         "emulator": name,
         "super_steps": len(both.states),
@@ -250,7 +309,7 @@ def cost_of(emulator: Emulator) -> dict[str, float]:
     }
 
 
-PARTS = {"bounds": bounds.measure, "hybrid": hybrid.measure}
+PARTS = {"bounds": bounds.measure, "hybrid": hybrid.measure, "draws": draws_of}
 """What else is measured, by its name: functions from an emulator's name to rows of a table."""
 
 
