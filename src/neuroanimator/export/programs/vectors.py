@@ -79,15 +79,15 @@ class Vectors:
 
     inputs: dict[str, Float[np.ndarray, "N _"]]
     expected: dict[str, Float[np.ndarray, "N _"]]
-    units: dict[str, Float[np.ndarray, " _"]]
-    """What an error in each entry is measured in: a part's largest change, half a control's range, the highest score."""
+    units: dict[str, Float[np.ndarray, "N _"]]
+    """What an error in each entry is measured in: a part's largest change, half a control's range, a score beyond 1 itself."""
 
     @property
     def count(self) -> int:
         """How many inputs there are."""
         return len(next(iter(self.expected.values())))
 
-    def tolerance(self, output: str) -> Float[np.ndarray, " _"]:
+    def tolerance(self, output: str) -> Float[np.ndarray, "N _"]:
         """Return the difference allowed in each entry of an output."""
         rounding = ROUNDING * np.abs(self.expected[output]).max(axis=0)
         return TOLERANCE * self.units[output] + rounding
@@ -119,8 +119,12 @@ class Vectors:
         return {
             "inputs": {name: _rounded(array[kept]) for name, array in self.inputs.items()},
             "outputs": {name: _rounded(array[kept]) for name, array in self.expected.items()},
-            "tolerance": {name: _rounded(self.tolerance(name)) for name in self.expected},
+            "tolerance": {name: self._largest_tolerance(name) for name in self.expected},
         }
+
+    def _largest_tolerance(self, output: str) -> list[float]:
+        """Return what each entry may differ by at most, whatever the input."""
+        return _rounded(self.tolerance(output).max(axis=0))
 
 
 def save_vectors(path: Path, definition: Definition, functions: dict[str, Vectors]) -> None:
@@ -155,7 +159,7 @@ def make_vectors(definition: Definition, model: Emulator | Policy) -> Vectors:
         changes = outputs["next_state"] - inputs["state"]
         scales = {"next_state": _largest_in_part(model.state, changes)}
         if "trust" in outputs:
-            scales["trust"] = np.maximum(EDGE, outputs["trust"].max(axis=0))
+            scales["trust"] = np.maximum(EDGE, outputs["trust"])
         return scales
 
     def function(*arrays: Array) -> dict[str, Array]:
@@ -220,7 +224,10 @@ def _steady_vectors(
     outputs = _rows(outputs, is_steady)
     others = _rows(others, is_steady)
     if is_steady.any():
-        scales = units(inputs, outputs)
+        scales = {
+            name: np.broadcast_to(unit, outputs[name].shape)
+            for name, unit in units(inputs, outputs).items()
+        }
         shares = [
             np.abs(outputs[name] - others[name]) / np.maximum(scales[name], ROUNDING)
             for name in outputs
@@ -228,7 +235,7 @@ def _steady_vectors(
         hangs = np.concatenate(shares, axis=1).max(axis=1)
         chosen = np.flatnonzero(hangs < MAX_DOUBT)[:COUNT]
         if len(chosen) >= MIN_SHARE * COUNT:
-            return Vectors(_rows(inputs, chosen), _rows(outputs, chosen), scales)
+            return Vectors(*(_rows(arrays, chosen) for arrays in (inputs, outputs, scales)))
     raise NeuroAnimatorError(
         f"{system}: from most states like those it was trained on follows no number, or one that hangs on rounding. "
         "Train it longer before exporting it."
