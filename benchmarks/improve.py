@@ -67,7 +67,8 @@ WINDOWS = 36_000
 """Windows learnt from in a round."""
 ROUNDS = {"improve": 4, "anywhere": 8, "random": 12}
 """Rounds of each arm: three times as many are needed to see that random samples take three times as many."""
-SEEDS = 3
+SEEDS = (11, 12, 13)
+"""Settings were chosen by seeds 0 to 2; these nobody had looked at."""
 TOLERANCES = (0.9, 0.8, 0.7)
 """Shares of the error on the shifted test, as it was."""
 KEPT = 1.05
@@ -210,7 +211,7 @@ def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
             for arm in ARMS:
                 most = ROUNDS[arm] * SAMPLES
                 told = []
-                for seed in range(SEEDS):
+                for seed in SEEDS:
                     wanted = (system, arm, seed)
                     own = [
                         row for row in rows if (row["system"], row["arm"], row["seed"]) == wanted
@@ -222,16 +223,31 @@ def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return table
 
 
+def after_as_many(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return what each arm made of as many samples as `improve` takes in all: errors over what they were, a seed each."""
+    samples = ROUNDS["improve"] * SAMPLES
+    table = []
+    for system in dict.fromkeys(row["system"] for row in rows):
+        for test in ("shifted", "usual"):
+            line: dict[str, Any] = {"system": system, f"error after {samples}": test}
+            for arm in ARMS:
+                wanted = (system, arm, samples)
+                own = [row for row in rows if (row["system"], row["arm"], row["samples"]) == wanted]
+                line[arm] = " ".join(f"{row[test] / row[f'{test}_before']:.2f}" for row in own)
+            table.append(line)
+    return table
+
+
 def main() -> None:
     systems = sys.argv[1:] or SYSTEMS
     rows = []
     with (
         TemporaryDirectory() as name,
-        progress_bar("arms", len(systems) * SEEDS * len(ARMS)) as bar,
+        progress_bar("arms", len(systems) * len(SEEDS) * len(ARMS)) as bar,
     ):
         done = 0
         for system in systems:
-            for seed in range(SEEDS):
+            for seed in SEEDS:
                 task = task_of(system, seed, Path(name))
                 for arm in ARMS:
                     own = rows_of(task, arm, Path(name))
@@ -241,6 +257,7 @@ def main() -> None:
                     bar.advance_to(done, f"{system}, {arm}: error {last['shifted']:.3f}")
     print(describe_machine())
     print_table(summary(rows))
+    print_table(after_as_many(rows))
     if not sys.argv[1:]:
         write_csv(TABLE, rows)
 
