@@ -1,7 +1,7 @@
 """How many samples learning where it is weak saves, against samples drawn as datasets are; results/improve.csv.
 
-python benchmarks/improve.py                 pendulum and truck, ten minutes on two cores
-python benchmarks/improve.py lander          others; writes no file
+python benchmarks/improve.py                 pendulum, truck and lander, half an hour on two cores
+python benchmarks/improve.py fish            others; writes no file
 
 A small emulator is trained on a small dataset. Then three arms give it new super steps in rounds, each as many, and after each
 round as many weight updates on old and new windows, from the weights of the round before:
@@ -53,7 +53,7 @@ from neuroanimator.terminal import print_table, progress_bar
 
 TABLE = Path(__file__).parent / "results" / "improve.csv"
 
-SYSTEMS = ("pendulum", "truck")
+SYSTEMS = ("pendulum", "truck", "lander")
 
 WIDTHS = (48, 32)
 COUNT = 40_000
