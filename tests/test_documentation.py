@@ -22,12 +22,12 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from brief import BRIEF
 
 import neuroanimator.control.policies
 import neuroanimator.gym
 from neuroanimator.cli.verbs import VERBS, app
 from neuroanimator.errors import ResourceError
-from neuroanimator.evaluation.evaluate import QUICK
 from neuroanimator.export.film.video import graphics_backend
 
 ROOT = Path(__file__).parents[1]
@@ -107,7 +107,7 @@ def id_of(page: Path) -> str:
 def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)  # as where a reader starts Python
-    monkeypatch.setattr("neuroanimator.evaluation.evaluate.THOROUGH", QUICK)
+    monkeypatch.setattr("neuroanimator.evaluation.evaluate.THOROUGH", BRIEF)
     monkeypatch.setattr("neuroanimator.export.film.inline.SIZE", SMALL_FILM)
     names: dict[str, object] = {"__name__": "__main__"}
     for block in blocks_of(page):

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from brief import BRIEF
 from conftest import Cli
+from executor_tasks import PackedHere
 
 from neuroanimator import NeuroAnimatorError
+from neuroanimator.bench import run_table, training_time
 from neuroanimator.bench.run_table import chosen_rows
 from neuroanimator.evaluation.sweep import SweepRow, largest_within, sweep
-from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.training.batches import draw_batches
 from neuroanimator.training.recipes import RECIPES
 from neuroanimator.zoo import SHIPPED, shipped_path
@@ -22,6 +25,8 @@ from neuroanimator.zoo import SHIPPED, shipped_path
 
 def test_a_row_of_the_table_is_complete(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("NEUROANIMATOR_BACKEND", "auto")
+    monkeypatch.setattr(run_table, "QUICK", replace(BRIEF, runs=4))
+    monkeypatch.setattr(training_time, "CHUNKS", 2)
     out = tmp_path / "bench"
     result = cli(
         "bench",
@@ -62,9 +67,15 @@ def test_every_row_has_a_recipe_and_ships_small():
 
 
 def test_a_sweep_names_the_largest_n_that_keeps_the_tolerance(tmp_path: Path):
-    with LocalExecutor(2) as two:
+    with PackedHere() as executor:
         rows = sweep(
-            "pendulum", (25, 50), tmp_path, seconds=0.1, transitions=1500, updates=500, executor=two
+            "pendulum",
+            (25, 50),
+            tmp_path,
+            seconds=0.1,
+            transitions=1500,
+            updates=500,
+            executor=executor,
         )
     assert [row.substeps for row in rows] == [25, 50]
     assert all(row.path.exists() and 0 < row.error < 1 for row in rows)

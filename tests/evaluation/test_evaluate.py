@@ -8,6 +8,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from brief import BRIEF
 
 from neuroanimator import Emulator, evaluate, write_report
 from neuroanimator.data.store import Transitions
@@ -55,9 +56,7 @@ def test_a_wild_emulator_is_kept_where_training_was(shipped: Emulator):
 
     wild = eqx.tree_at(lambda e: e.network.out, shipped, replace_fn=lambda out: 500 * out)
     assert count_diverged(wild, starts=20, steps=200) == 0
-    assert evaluate(
-        wild, budget=EvaluationBudget(runs=2, repeats=1, starts=10, steps=50)
-    ).verdict.is_useless
+    assert evaluate(wild, budget=BRIEF).verdict.is_useless
 
 
 def test_an_evaluation_is_complete_and_its_report_stands_alone(
@@ -66,7 +65,9 @@ def test_an_evaluation_is_complete_and_its_report_stands_alone(
     found = evaluate(
         shipped,
         data=transitions,
-        budget=EvaluationBudget(runs=4, repeats=3, starts=10, steps=50, hybrid_runs=2),
+        budget=EvaluationBudget(
+            runs=4, transitions=160, repeats=3, starts=10, steps=50, hybrid_runs=2
+        ),
     )
     row = found.row()
     # A hundred and more on an idle machine; here nothing is optimised, and others use the cores.

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from brief import BRIEF
 from conftest import Cli
 
 from neuroanimator import load_emulator
-from neuroanimator.evaluation.evaluate import QUICK, evaluate
+from neuroanimator.evaluation.evaluate import evaluate
 from neuroanimator.evaluation.model_card import _cell, write_card
 from neuroanimator.zoo import find_emulator
 
@@ -16,7 +17,7 @@ from neuroanimator.zoo import find_emulator
 def test_a_card_says_what_it_is_and_what_was_measured(tmp_path: Path):
     file = find_emulator("pendulum-100")
     emulator = load_emulator(file)
-    write_card(emulator, file, evaluate(emulator, budget=QUICK), tmp_path / "card.md")
+    write_card(emulator, file, evaluate(emulator, budget=BRIEF), tmp_path / "card.md")
     card = (tmp_path / "card.md").read_text()
     head, _, body = card.removeprefix("---\n").partition("\n---\n")
     assert "license: apache-2.0" in head.splitlines()

@@ -18,6 +18,7 @@ systems = ["pendulum"]
 seeds = [0, 1]
 count = 1200
 samples_per_run = 12
+seconds = 0.1
 [sizes.tiny]
 widths = [4]
 updates = 250

@@ -30,7 +30,7 @@ ONE = """
 systems = ["pendulum"]
 substeps = [5]
 count = 1200
-seconds = 0.2
+seconds = 0.02
 [sizes.tiny]
 widths = [4]
 updates = 3000
