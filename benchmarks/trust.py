@@ -4,6 +4,7 @@ python benchmarks/trust.py                 every emulator of 50 substeps that sh
 python benchmarks/trust.py fish-50         some of them; writes no file
 python benchmarks/trust.py draws [NAME…]   its AUROC for six draws of super steps; results/trust_draws.csv, some minutes
 python benchmarks/trust.py bounds [NAME…]  whether bounds of errors keep what they promise; results/trust_bounds.csv, ten minutes
+python benchmarks/trust.py others          the same of other sizes and super steps; results/trust_others.csv, twenty minutes
 python benchmarks/trust.py hybrid [NAME…]  what a tenth of the time by the physics is worth; results/trust_hybrid.csv, ten minutes
 
 Super steps are of two kinds, half of each: as in training, and shifted: controls at their bounds that jump at every super
@@ -42,10 +43,21 @@ from neuroanimator.machine import describe_machine
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table, progress_bar
+from neuroanimator.zoo import LARGE, SHIPPED, emulator_name
 
 TABLE = Path(__file__).parent / "results" / "trust.csv"
 
 NAMES = ("pendulum-50", "pendulum-passive-50", "truck-50", "lander-50", "fish-50", "dolphin-50")
+
+OTHERS = tuple(
+    name
+    for name in (
+        *(emulator_name(*row) for row in SHIPPED),
+        *(emulator_name(*row, "large") for row in LARGE),
+    )
+    if name not in NAMES
+)
+"""The other emulators that ship."""
 
 RUNS = 400
 """So many runs of each kind."""
@@ -309,7 +321,12 @@ def cost_of(emulator: Emulator) -> dict[str, float]:
     }
 
 
-PARTS = {"bounds": bounds.measure, "hybrid": hybrid.measure, "draws": draws_of}
+PARTS = {
+    "bounds": bounds.measure,
+    "others": bounds.measure,
+    "hybrid": hybrid.measure,
+    "draws": draws_of,
+}
 """What else is measured, by its name: functions from an emulator's name to rows of a table."""
 
 
@@ -321,7 +338,8 @@ def main() -> None:
         measure = PARTS[words[0]]
         table = TABLE.with_name(f"trust_{words[0]}.csv")
         words = words[1:]
-    names = words or NAMES
+    usual = OTHERS if sys.argv[1:] == ["others"] else NAMES
+    names = words or usual
     rows: list[dict[str, Any]] = []
     with progress_bar("emulators", len(names)) as bar:
         for number, name in enumerate(names):
