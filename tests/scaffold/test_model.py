@@ -53,6 +53,23 @@ def cart(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def proposed(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What 'new' writes for the cart: it tries the model out for half a second."""
+    path = tmp_path_factory.mktemp("cart") / "cart.xml"
+    path.write_text(CART)
+    toml, _ = write_definition(str(path))
+    return toml.read_text()
+
+
+@pytest.fixture
+def toml(cart: Path, proposed: str) -> Path:
+    """The cart's TOML file, as it was proposed, beside the model."""
+    path = cart.with_suffix(".toml")
+    path.write_text(proposed)
+    return path
+
+
 def test_what_joints_are_decides_how_they_are_seen(cart: Path, tmp_path: Path):
     found = propose(cart).definition
     assert found.state == {"track": "cyclic", "hinge": "sine"}
@@ -221,11 +238,10 @@ def test_models_that_cannot_be_emulated_are_refused_by_name(change, message: str
         ),
     ],
 )
-def test_a_wrong_line_in_the_toml_is_named(change, message: str, cart: Path):
-    path, _ = write_definition(str(cart))
-    path.write_text(change(path.read_text()))
+def test_a_wrong_line_in_the_toml_is_named(change, message: str, toml: Path):
+    toml.write_text(change(toml.read_text()))
     with pytest.raises(NeuroAnimatorError, match=message):
-        resolve(str(path))
+        resolve(str(toml))
 
 
 def test_the_toml_may_lie_anywhere_and_says_where_the_model_is(
@@ -260,10 +276,9 @@ def test_a_tree_is_written_down_as_its_model_is(tmp_path: Path):
 
 
 def test_a_dataset_carries_its_system_and_another_edit_is_another_dataset(
-    cart: Path, tmp_path: Path
+    toml: Path, tmp_path: Path
 ):
-    path, _ = write_definition(str(cart))
-    name, definition, n = resolve(str(path))
+    name, definition, n = resolve(str(toml))
     generate(
         DatasetConfig(system=name, definition=definition, substeps=n, count=120), tmp_path / "d"
     )
@@ -273,8 +288,8 @@ def test_a_dataset_carries_its_system_and_another_edit_is_another_dataset(
         "track.velocity[0] m/s",
         "hinge.velocity[0] rad/s",
     ]
-    path.write_text(path.read_text().replace("push = [-5.0, 5.0]", "push = [-4.0, 4.0]"))
-    name, definition, n = resolve(str(path))
+    toml.write_text(toml.read_text().replace("push = [-5.0, 5.0]", "push = [-4.0, 4.0]"))
+    name, definition, n = resolve(str(toml))
     with pytest.raises(NeuroAnimatorError, match="holds another dataset"):
         generate(
             DatasetConfig(system=name, definition=definition, substeps=n, count=120),
@@ -282,14 +297,14 @@ def test_a_dataset_carries_its_system_and_another_edit_is_another_dataset(
         )
 
 
-def test_goals_are_no_physics_and_a_dataset_takes_new_ones(cart: Path, tmp_path: Path):
-    path, _ = write_definition(str(cart))
-    proposed = path.read_text()
+def test_goals_are_no_physics_and_a_dataset_takes_new_ones(
+    toml: Path, proposed: str, tmp_path: Path
+):
     folder = tmp_path / "d"
 
     def generated(goals: str) -> bytes:
-        path.write_text(proposed + goals)
-        name, definition, n = resolve(str(path))
+        toml.write_text(proposed + goals)
+        name, definition, n = resolve(str(toml))
         generate(DatasetConfig(system=name, definition=definition, substeps=n, count=120), folder)
         return (folder / "shard-00000.safetensors").read_bytes()
 
