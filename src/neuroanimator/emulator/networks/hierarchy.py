@@ -14,15 +14,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.features import reordered
 from neuroanimator.emulator.networks.glu import LinearGlu
 from neuroanimator.emulator.networks.mirrored import Mirrored
 from neuroanimator.emulator.networks.network import Network, Units, prefixed, split_key
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, PRNGKeyArray, eqx, jnp
+from neuroanimator.jax_later import Array, PRNGKeyArray, eqx, jax, jnp
 from neuroanimator.parsing.names import check_label
 from neuroanimator.parsing.numbers import entries, whole
 from neuroanimator.pytrees import map_leaves, static
+from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import MAX_NUMBERS
 from neuroanimator.text import quoted
 
@@ -91,6 +93,11 @@ class _Family:
         return Mirrored.of(odd_in, even_in, out, widths, key=key, even_out=even_last)
 
 
+def _stacked(*leaves: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
+    """Return what children have each of their own as one array, a child a row."""
+    return as_jax(np.stack([np.asarray(leaf) for leaf in leaves]), leaves[0].dtype)
+
+
 def _repeated(count: int, leaf: Float[np.ndarray, " ..."]) -> Float[np.ndarray, " ..."]:
     """Return `count` times the same array, which take no more memory than one."""
     return np.broadcast_to(leaf, (count, *leaf.shape))
@@ -136,7 +143,8 @@ class Hierarchy(Network):
         if key is None:
             children = map_leaves(partial(_repeated, with_own_weights), make_child(None))
         else:
-            children = eqx.filter_vmap(make_child)(split_key(children_key, with_own_weights))
+            keys = split_key(children_key, with_own_weights)
+            children = jax.tree.map(_stacked, *(make_child(key) for key in keys))
         return cls(upper, children, parts, family.even)
 
     @property

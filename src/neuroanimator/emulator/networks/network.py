@@ -10,11 +10,12 @@ from __future__ import annotations
 import abc
 from typing import Any, NamedTuple
 
+import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.emulator.arrays import zeros
+from neuroanimator.emulator.arrays import as_jax, zeros
 from neuroanimator.errors import ArgumentError
-from neuroanimator.jax_later import Array, PRNGKeyArray, jax, jnp
+from neuroanimator.jax_later import Array, PRNGKeyArray, jax
 from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
@@ -83,4 +84,7 @@ def random_weights(
     """Return normal weights that keep numbers of order one of the order `scale`; zeros without a key."""
     if key is None:
         return zeros(rows, columns)
-    return scale * (jax.random.normal(key, (rows, columns)) / jnp.sqrt(max(rows, 1)))
+    normal = np.asarray(jax.random.normal(key, (rows, columns)))
+    # By NumPy, as JAX would compile a program for every shape. It multiplies by the reciprocal, too: these are its bits.
+    one = normal.dtype.type(1)
+    return as_jax(scale * (normal * (one / np.sqrt(one * max(rows, 1)))), normal.dtype)
