@@ -7,6 +7,7 @@ import io
 import json
 import os
 import re
+import resource
 import subprocess
 import sys
 from collections import Counter
@@ -38,6 +39,12 @@ os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")
 # Emulators that tests train live for one test: their programs in C would take longer to make than to run.
 # tests/emulator/test_c_emulator.py and the examples run in C; `NEUROANIMATOR_BACKEND=auto make test` runs all of it so.
 os.environ.setdefault("NEUROANIMATOR_BACKEND", "jax")
+
+MAX_GROWTH = 2 << 30
+"""So much may a process grow until it forgets what JAX compiled [bytes]."""
+
+RESIDENT = pytest.StashKey[int]()
+"""What a process held when it had last forgotten that [bytes]."""
 
 # What Python compiles is kept, in these processes and in those they start, whatever else the environment asks for: half
 # of what collecting the tests takes goes into compiling them, and the package with its checks.
@@ -106,12 +113,21 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
-    """Forget what JAX compiled for a file's tests once they are done: a process grew to six gigabytes of it.
+    """Forget what JAX compiled once it takes much memory: a process grew to six gigabytes of it.
 
-    What a later file needs again is read from the disk, which takes less than looking after all that memory.
+    What a later test needs again is read from the disk. That takes time, too, and the longest tests of all files come first.
     """
-    if "jax" in sys.modules and (nextitem is None or nextitem.path != item.path):
+    if "jax" in sys.modules and resident_bytes() > item.config.stash.get(RESIDENT, 0) + MAX_GROWTH:
         sys.modules["jax"].clear_caches()
+        item.config.stash[RESIDENT] = resident_bytes()
+
+
+def resident_bytes() -> int:
+    """Return the memory that this process holds; 0 where the system does not say."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+    except OSError:
+        return 0
 
 
 @pytest.hookimpl(trylast=True)
