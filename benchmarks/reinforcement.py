@@ -1,6 +1,6 @@
 """PPO inside emulators and on MuJoCo: wall-clock to a fixed return, and what a policy learnt inside is worth outside.
 
-python benchmarks/reinforcement.py                 all tasks, half an hour on 2 cores; tables, and results/reinforcement*.csv
+python benchmarks/reinforcement.py                 all tasks, 45 minutes on 2 cores; tables, and results/reinforcement*.csv
 python benchmarks/reinforcement.py Swimmer-v5      one of them; its rows of the files are exchanged
 python benchmarks/reinforcement.py --seeds 1       other seeds than 0 to 2; writes no file
 python benchmarks/reinforcement.py --emulators     makes the emulators that are missing, and ends
