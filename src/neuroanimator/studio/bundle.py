@@ -26,6 +26,7 @@ from neuroanimator.studio.description import describe_emulator, describe_policy,
 from neuroanimator.studio.opening import opening_drive
 from neuroanimator.studio.physics import write_physics_beside
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.system import System
 from neuroanimator.zoo import (
     POLICIES,
     find_emulator,
@@ -98,10 +99,11 @@ def _copied(twin: Path, folder: Path) -> dict[str, Any]:
 
 def _compile(emulator: Emulator, folder: Path, licence: str) -> None:
     """Write the programs of an emulator into `folder`: that of super steps, and beside it those of a descent and of physics."""
+    system = system_of(emulator)
     with ThreadPoolExecutor() as pool:
         others = [
-            pool.submit(_compile_descent, emulator, folder),
-            pool.submit(write_physics_beside, emulator, folder),
+            pool.submit(_compile_descent, emulator, system, folder),
+            pool.submit(write_physics_beside, system, emulator.dt, folder),
         ]
         emulator_wasm, _ = checked_wasm(emulator, definition_of(emulator, licence), "emulator")
         write_whole(folder / EMULATOR_WASM, emulator_wasm)
@@ -109,8 +111,8 @@ def _compile(emulator: Emulator, folder: Path, licence: str) -> None:
             other.result()
 
 
-def _compile_descent(emulator: Emulator, folder: Path) -> None:
-    descent = descent_of(emulator, system_of(emulator))
+def _compile_descent(emulator: Emulator, system: System, folder: Path) -> None:
+    descent = descent_of(emulator, system)
     if descent is not None:
         write_whole(folder / DESCENT_FILE, descent_module(descent))
 
@@ -161,7 +163,7 @@ def bundle_facts(
     bundle_id: str,
     drive: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return what `bundle.json` says beside its programs; `drive` is what to show first, found if not given."""
+    """Return what `bundle.json` says; `drive` is what to show first, found if not given."""
     system = system_of(emulator)
     facts: dict[str, Any] = {"id": bundle_id}
     facts |= describe_emulator(emulator, system)

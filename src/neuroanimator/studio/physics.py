@@ -14,15 +14,17 @@ import numpy as np
 
 from neuroanimator.animation.motion import USUAL_SECONDS, Drive
 from neuroanimator.animation.showcase import throw_body
-from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.spec import EmulatorSpec
-from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.storage.files import write_whole
 from neuroanimator.studio.catalogue import EMULATOR_WASM, PHYSICS_WASM
 from neuroanimator.studio.description import describe_physics, short_numbers
 from neuroanimator.systems import load_system
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.systems.deformable.native.wasm_module import physics_module
+from neuroanimator.systems.deformable.native.wasm_module import (
+    AS_EMULATOR,
+    AS_REPLAY,
+    physics_module,
+)
 from neuroanimator.systems.system import System
 from neuroanimator.training.initialise import spec_of
 
@@ -44,17 +46,16 @@ def physics_spec(system: System) -> EmulatorSpec:
 def write_physics_module(name: str, folder: Path) -> None:
     """Write the physics of the system `name` into its bundle's `folder`; errors are those of `physics_module`."""
     system = _deformable(name)
-    write_whole(folder / EMULATOR_WASM, physics_module(system, SUPER_STEP, MODULE))
+    write_whole(folder / EMULATOR_WASM, physics_module(system, SUPER_STEP, MODULE, AS_EMULATOR))
 
 
-def write_physics_beside(emulator: Emulator, folder: Path) -> None:
-    """Write the physics of an emulator's system into its bundle's `folder`; errors are those of `physics_module`.
+def write_physics_beside(system: System, dt: float, folder: Path) -> None:
+    """Write the physics of `system` into the bundle's `folder` of its emulator; errors are those of `physics_module`.
 
-    Nothing is written for systems that are no mass-spring bodies: their physics needs the server.
+    Its super steps are `dt` [s]. Nothing is written for systems that are no mass-spring bodies: their physics needs the server.
     """
-    system = system_of(emulator)
     if isinstance(system, DeformableSystem):
-        write_whole(folder / PHYSICS_WASM, physics_module(system, emulator.dt, BESIDE))
+        write_whole(folder / PHYSICS_WASM, physics_module(system, dt, BESIDE, AS_REPLAY))
 
 
 def physics_facts(name: str, folder: Path) -> dict[str, Any]:

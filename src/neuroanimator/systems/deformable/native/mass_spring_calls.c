@@ -8,8 +8,9 @@
 #define CALLED(name, function) JOINED(name, function)
 #define API(function) CALLED(NAME, function)
 
-/* Write the states after each of `count` controls; `next` may be `state`. */
-static inline void follow(
+/* Write the states after each of `count` controls; `next` may be `state`. Written out where it is called, so that a module has
+   the one integrator it goes by, and not all of them. */
+static inline __attribute__((always_inline)) void follow(
     int integrator, long steps, double dt, const float *state, const float *controls, int count, float *next
 ) {
     real wide_state[STATE], wide_control[ROOM(CONTROLS)];

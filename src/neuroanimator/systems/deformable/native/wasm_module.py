@@ -13,12 +13,17 @@ from neuroanimator.systems.system import Scheme
 CALLS = Path(__file__).with_name("mass_spring_calls.c")
 """What can be called, the same for every body."""
 
-FUNCTIONS = ("step", "rollout", "rollout_usual", "encode", "advance_batch", "covers")
-"""What the module exports beside `rest`; their names begin with that of the module."""
+AS_EMULATOR = ("step", "rollout", "encode", "advance_batch", "covers", "rest")
+"""What is called as of an emulator."""
+
+AS_REPLAY = ("rollout", "rollout_usual")
+"""What replays motions, by the truth and as a user would run it."""
 
 
-def physics_module(system: DeformableSystem, dt: float, name: str) -> bytes:
-    """Return the module whose super steps are `dt` [s] of the true physics, and whose functions begin with `name`.
+def physics_module(
+    system: DeformableSystem, dt: float, name: str, exports: tuple[str, ...]
+) -> bytes:
+    """Return the module whose super steps are `dt` [s] of the true physics; the names of its `exports` begin with `name`.
 
     Raises ResourceError without Zig, and CompilerError where it fails.
     """
@@ -37,8 +42,7 @@ def physics_module(system: DeformableSystem, dt: float, name: str) -> bytes:
         f"const float {name}_rest[] = {{{numbers}}};",
         CALLS.read_text(encoding="utf-8"),
     ]
-    exports = [f"{name}_{export}" for export in (*FUNCTIONS, "rest")]
-    return wasm_module("\n".join(lines), exports)
+    return wasm_module("\n".join(lines), [f"{name}_{export}" for export in exports])
 
 
 def _scheme(prefix: str, scheme: Scheme, dt: float) -> list[str]:
