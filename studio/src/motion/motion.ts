@@ -102,9 +102,9 @@ export class Motion {
     return this.#states.slice(0, (this.#steps + 1) * this.stateSize);
   }
 
-  /** Return copies of all controls (steps, C). */
-  controls(): Float32Array {
-    return this.#controls.slice(0, this.#steps * this.controlSize);
+  /** Return copies of the controls (steps, C) from super step `from` on. */
+  controls(from = 0): Float32Array {
+    return this.#controls.slice(from * this.controlSize, this.#steps * this.controlSize);
   }
 
   /** Write the state (S) at `time` [s] to `out`; before the start and after the end it stays. */

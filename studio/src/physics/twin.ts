@@ -42,7 +42,7 @@ export class Twin {
     this.#isAsking = true;
     try {
       const start = this.motion ? this.motion.state(done) : motion.state(0);
-      const controls = motion.controls().subarray(done * motion.controlSize);
+      const controls = motion.controls(done);
       const count = controls.length / motion.controlSize;
       const pushes = motion.pushes(done, done + count);
       const replay = await this.physics.replay({ start, controls, pushes });
