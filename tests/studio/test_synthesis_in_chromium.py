@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from chromium import browsing, hosting, looking
-from playwright.sync_api import Browser, Page, expect
+from chromium import Looking, browsing, hosting, looking
+from playwright.sync_api import Browser, Page, ViewportSize, expect
 from serving import serving
 
 from neuroanimator.studio.catalogue import shipped_folder
@@ -18,7 +19,7 @@ from neuroanimator.studio.static_site import export_site
 PATIENCE = 120_000
 """A picture may take so long on a busy machine without a graphics card [ms]."""
 
-WINDOW = {"width": 1000, "height": 380}
+WINDOW: ViewportSize = {"width": 1000, "height": 380}
 """Wide enough for the panels."""
 
 MAX_ITERATIONS = 20
@@ -74,12 +75,18 @@ def test_what_the_physics_does_not_do_at_once_it_does_when_the_gap_is_closed(
 
 
 @pytest.mark.endurance
-def test_a_fish_finds_its_way_in_a_page_without_a_server(browser: Browser, tmp_path: Path):
-    export_site(page_folder(), [shipped_folder() / "fish-50"], tmp_path / "site")
-    with hosting(tmp_path) as origin, looking(browser) as look:
-        look.page.set_viewport_size(WINDOW)
+@contextmanager
+def without_server(browser: Browser, name: str, folder: Path) -> Iterator[Looking]:
+    """Look at the page of one system as a web host has it, with the panel of goals open."""
+    export_site(page_folder(), [shipped_folder() / name], folder / "site")
+    with hosting(folder) as origin, looking(browser, WINDOW) as look:
         look.page.goto(f"{origin}/site/")
         open_panel(look.page)
+        yield look
+
+
+def test_a_fish_finds_its_way_in_a_page_without_a_server(browser: Browser, tmp_path: Path):
+    with without_server(browser, "fish-50", tmp_path) as look:
         assert find_controls(look.page) <= MAX_ITERATIONS
         look.page.get_by_role("button", name=PROVE).click(timeout=PATIENCE)
         expect(look.page.locator(".verdict.success")).to_contain_text(
@@ -91,10 +98,6 @@ def test_a_fish_finds_its_way_in_a_page_without_a_server(browser: Browser, tmp_p
 
 
 def test_what_mujoco_moves_is_proven_by_a_server_alone(browser: Browser, tmp_path: Path):
-    export_site(page_folder(), [shipped_folder() / "pendulum-50"], tmp_path / "site")
-    with hosting(tmp_path) as origin, looking(browser) as look:
-        look.page.set_viewport_size(WINDOW)
-        look.page.goto(f"{origin}/site/")
-        open_panel(look.page)
+    with without_server(browser, "pendulum-50", tmp_path) as look:
         expect(look.page.get_by_title("The proof of this system needs the server")).to_be_disabled()
         assert look.complaints == []
