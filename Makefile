@@ -49,7 +49,7 @@ lint: setup
 check: lint test
 
 bench: setup
-	$(BIN)/neuroanimator bench --table1
+	$(BIN)/python benchmarks/table1.py
 
 # Without the page everything but the studio works, so that a machine without npm's registry is set up all the same.
 setup: $(STAMP)

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.terminal import print_table, progress_bar
 
 HERE = Path(__file__).parents[1] / "src"

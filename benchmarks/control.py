@@ -1,26 +1,32 @@
 """Controllers, part by part; each writes results/control_PART.csv.
 
-python benchmarks/control.py tasks               every task through the emulator, and its baselines (as bench --control)
-python benchmarks/control.py descents            every way of descending on every task
-python benchmarks/control.py descents --quick    fewer trials; writes no file
+python benchmarks/control.py tasks                      every task through the emulator, and its baselines
+python benchmarks/control.py descents                   every way of descending on every task
+python benchmarks/control.py tasks --quick              fewer trials: minutes; writes no file
+python benchmarks/control.py tasks --tasks truck-park   these tasks alone; writes no file
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import sys
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from control_cases.control_plot import draw_runs
+from control_cases.control_table import DIGITS, QUICK, THOROUGH, measure_tasks
 
 from neuroanimator import DescentOptions, descend, load_emulator, load_system
-from neuroanimator.bench.csv_table import quartiles, write_csv
-from neuroanimator.bench.run_control import DIGITS, QUICK, TASKS, THOROUGH, run_control_bench
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.control.synthesis.replay import replay
+from neuroanimator.errors import ArgumentError, NeuroAnimatorError
+from neuroanimator.evaluation.csv_table import quartiles, write_csv
 from neuroanimator.machine import describe_machine
+from neuroanimator.tasks.all_tasks import TASKS
 from neuroanimator.tasks.solver import Solver
+from neuroanimator.tasks.task import Task
 from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]
@@ -31,18 +37,19 @@ TRIALS = 12
 """Medians are over so many trials."""
 
 
-def task_rows(is_quick: bool) -> Rows:
-    """Return what `bench --control` does."""
+def task_rows(tasks: list[Task], is_quick: bool, plot: Path | None) -> Rows:
+    """Return a row per task and method: the emulator's, then its baselines' on the true physics."""
     budget = QUICK if is_quick else THOROUGH
-    with TemporaryDirectory() as folder:
-        rows, _ = run_control_bench(list(TASKS.values()), Path(folder), budget)
+    rows, panels = measure_tasks(tasks, budget)
+    if plot:
+        draw_runs(panels, plot)
     return rows
 
 
-def descent_rows(is_quick: bool) -> Rows:
+def descent_rows(tasks: list[Task], is_quick: bool) -> Rows:
     """Return a row per task, method and number of iterations: J on the emulator and at the first replay."""
     rows = []
-    for task in TASKS.values():
+    for task in tasks:
         emulator = load_emulator(f"{task.system}-{task.substeps}")
         solver = Solver.of(task, load_system(task.system), emulator)
         for method in METHODS:
@@ -86,20 +93,59 @@ def descent_row(solver: Solver, method: str, iterations: int, trials: int) -> di
     }
 
 
-PARTS = {"tasks": task_rows, "descents": descent_rows}
+PRINTED = (
+    "task",
+    "method",
+    "success_rate",
+    "iterations_median",
+    "seconds_median",
+    "cold_seconds",
+    "j_physics_median",
+    "speedup_over_best_baseline",
+    "best_baseline",
+    "gradient_cosine_median",
+    "replan_p99_ms",
+)
+"""Columns of the part `tasks` that are printed; its CSV file has more."""
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def chosen_tasks(names: str | None) -> list[Task]:
+    """Return the tasks that comma-separated names choose; all without."""
+    chosen = names.split(",") if names else list(TASKS)
+    unknown = [name for name in chosen if name not in TASKS]
+    if unknown:
+        raise ArgumentError(f"No task called {', '.join(unknown)}. Tasks: {', '.join(TASKS)}.")
+    return [TASKS[name] for name in chosen]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("part", choices=PARTS)
+    parser.add_argument("part", choices=("tasks", "descents"))
+    parser.add_argument("--tasks", help="only these, such as fish-turn,truck-park")
     parser.add_argument("--quick", action="store_true", help="fewer trials; writes no file")
+    parser.add_argument("--plot", type=Path, help="also draw how J fell, as a PNG (tasks)")
+    parser.add_argument("--json", action="store_true", help="print all columns as JSON")
     options = parser.parse_args()
-    rows = PARTS[options.part](options.quick)
-    if not options.quick:
-        write_csv(Path(__file__).parent / "results" / f"control_{options.part}.csv", rows)
+    tasks = chosen_tasks(options.tasks)
+    if options.part == "tasks":
+        rows = task_rows(tasks, options.quick, options.plot)
+        printed = [{key: row[key] for key in PRINTED} for row in rows]
+    else:
+        rows = descent_rows(tasks, options.quick)
+        printed = rows
+    if not options.quick and not options.tasks:
+        write_csv(RESULTS / f"control_{options.part}.csv", rows)
+    if options.json:
+        print(json.dumps(rows, indent=2))
+        return
     print(describe_machine())
-    print_table(rows)
+    print_table(printed)
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except NeuroAnimatorError as error:
+        sys.exit(f"control: {error}")

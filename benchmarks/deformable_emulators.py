@@ -10,16 +10,16 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
+from deformable_cases.long_run import measure_long_run
+from deformable_cases.spring_relaxation import relaxed
+from deformable_cases.swims import compare_swims
 
 from neuroanimator import Emulator, load_emulator, load_system
-from neuroanimator.bench.csv_table import quartiles
-from neuroanimator.bench.long_run import measure_long_run
-from neuroanimator.bench.spring_relaxation import relaxed
-from neuroanimator.bench.swims import compare_swims
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.evaluation.csv_table import quartiles
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
 from neuroanimator.evaluation.speed import TIMED_SUPER_STEPS, emulator_player, interleaved, one_core
 from neuroanimator.evaluation.stability import count_diverged

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from deformable_emulators import accuracy_rows, deformable, hierarchy_rows, long_rows
 
-from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, make_test
 from neuroanimator.evaluation.speed import interleaved, one_core
 from neuroanimator.evaluation.speed_mass_spring import (

@@ -21,9 +21,9 @@ from typing import IO, Any
 import numpy as np
 
 from neuroanimator import load_emulator
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.control.descent.evaluators import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.descent_module import ITERATIONS, PageDescent
 from neuroanimator.studio.catalogue import WITH_DESCENT, shipped_folder

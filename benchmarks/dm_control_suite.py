@@ -28,9 +28,9 @@ import numpy as np
 
 import neuroanimator as na
 from neuroanimator import control
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import held_out_runs, system_of
 from neuroanimator.machine import describe_machine
 from neuroanimator.scaffold.write_toml import write_definition

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import neuroanimator as na
-from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.drift import STEPS
 from neuroanimator.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar

@@ -23,9 +23,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator import Emulator, load_emulator
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square, scheme_error
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
 from neuroanimator.machine import describe_machine
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem

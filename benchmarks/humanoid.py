@@ -18,13 +18,13 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator import TrainingConfig
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.evaluation.baselines import baselines
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
 from neuroanimator.evaluation.speed import (
     PHYSICS_STEPS,
@@ -179,8 +179,8 @@ def row(network: Measured, networks: list[Measured], physics_cost: float) -> dic
     count = len(network.emulator.state.names)
     velocities = count - count // 2
     root = [*range(ROOT_ENTRIES), *range(velocities, velocities + ROOT_ENTRIES)]
-    rivals = [other for other in networks if other.family != network.family]
-    error = rival_error(network.cost, rivals)
+    baselines = [other for other in networks if other.family != network.family]
+    error = baseline_error(network.cost, baselines)
     return {
         "network": network.kind,
         "widths": " ".join(str(width) for width in network.emulator.network.widths),
@@ -190,9 +190,9 @@ def row(network: Measured, networks: list[Measured], physics_cost: float) -> dic
         "limb_error": float(root_mean_square(np.delete(network.errors, root))),
         "us": network.cost,
         "physics_over_it": physics_cost / network.cost,
-        "rival_error_at_its_cost": error or "",
-        "rival_us_at_its_error": rival_cost(network.error, rivals) or "",
-        "better_at_equal_cost": better(network, rivals, error),
+        "baseline_error_at_its_cost": error or "",
+        "baseline_us_at_its_error": baseline_cost(network.error, baselines) or "",
+        "better_at_equal_cost": better(network, baselines, error),
     }
 
 
@@ -215,34 +215,34 @@ def frontier(
     return costs, errors
 
 
-def rival_error(cost: float, rivals: list[Measured]) -> float | None:
-    """Return the error rivals have at that cost or less, between their widths by powers; None if none is as cheap."""
-    costs, errors = frontier(rivals)
+def baseline_error(cost: float, baselines: list[Measured]) -> float | None:
+    """Return the error baselines have at that cost or less, between their widths by powers; None if none is as cheap."""
+    costs, errors = frontier(baselines)
     if np.log(cost) < costs[0]:
         return None
     return float(np.exp(np.interp(np.log(cost), costs, errors)))
 
 
-def rival_cost(error: float, rivals: list[Measured]) -> float | None:
-    """Return the cost at which rivals have that error; None if none is as exact."""
-    costs, errors = frontier(rivals)
+def baseline_cost(error: float, baselines: list[Measured]) -> float | None:
+    """Return the cost at which baselines have that error; None if none is as exact."""
+    costs, errors = frontier(baselines)
     if np.log(error) < errors[-1]:
         return None
     return float(np.exp(np.interp(-np.log(error), -errors, costs)))
 
 
-def better(network: Measured, rivals: list[Measured], error: float | None) -> str:
-    """Return which family has the smaller error at the cost of `network`, where rivals have `error`."""
-    rival_family = rivals[0].family
+def better(network: Measured, baselines: list[Measured], error: float | None) -> str:
+    """Return which family has the smaller error at the cost of `network`, where baselines have `error`."""
+    baseline_family = baselines[0].family
     if error is None:
-        return f"{network.family} (no {rival_family} so cheap)"
+        return f"{network.family} (no {baseline_family} so cheap)"
     if abs(network.error / error - 1) < CLEAR:
         return "neither"
     if network.error >= error:
-        return rival_family
-    dearest = max(rival.cost for rival in rivals)
+        return baseline_family
+    dearest = max(baseline.cost for baseline in baselines)
     if network.cost > dearest:
-        return f"{network.family} (no {rival_family} so dear)"
+        return f"{network.family} (no {baseline_family} so dear)"
     return network.family
 
 

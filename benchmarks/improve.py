@@ -29,12 +29,12 @@ import numpy as np
 from trust import shifted
 
 from neuroanimator import DatasetConfig, Emulator, TrainingConfig, train
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.store import Transitions
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
 from neuroanimator.improvement.config import ImprovementConfig
 from neuroanimator.improvement.improve import (

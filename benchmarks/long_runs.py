@@ -17,9 +17,9 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator import Emulator, load_emulator, load_system
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.data.sampling import sample_control_runs
 from neuroanimator.emulator.emulator import rollout_latent
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.machine import describe_machine
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table

@@ -30,12 +30,12 @@ from neuroanimator import (
     write_glb,
 )
 from neuroanimator.animation.gauges import drawable
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.data.config import USUAL_COUNT, DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.data.recorded_segments import limited_to_recordings
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.data.store import read_transitions
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.evaluate import QUICK as QUICK_EVALUATION
 from neuroanimator.evaluation.evaluate import THOROUGH as THOROUGH_EVALUATION
 from neuroanimator.evaluation.evaluate import Evaluation, EvaluationBudget, evaluate
@@ -265,7 +265,7 @@ def _figures(evaluation: Evaluation) -> dict[str, Any]:
         "error_after_1s": evaluation.rollout_error_at(SECOND),
         "self_divergence_after_1s": _self_divergence_at(evaluation, SECOND),
     }
-    for key in ("nominal_speedup", "equal_error_speedup", "equal_error_rival", "verdict"):
+    for key in ("nominal_speedup", "equal_error_speedup", "equal_error_baseline", "verdict"):
         chosen[key] = figures[key]
     return chosen
 

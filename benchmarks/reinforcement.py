@@ -39,7 +39,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import neuroanimator as na
-from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.gym import EmulatorVectorEnv, PhysicsVectorEnv
 from neuroanimator.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar

@@ -32,7 +32,7 @@ from runtimes_cases import (
 from runtimes_cases.case import Case, Motion
 
 from neuroanimator import load_emulator, write_c_header, write_onnx, write_wasm
-from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.speed import one_core
 from neuroanimator.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar

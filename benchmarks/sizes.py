@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from neuroanimator import Emulator, load_emulator
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, root_mean_square
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HELD_OUT_RUNS, held_out_runs
 from neuroanimator.evaluation.speed import (
     IN_C,

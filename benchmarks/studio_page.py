@@ -21,7 +21,7 @@ from typing import Any
 
 from playwright.sync_api import Page, sync_playwright
 
-from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.machine import describe_machine
 from neuroanimator.studio.run import page_folder
 from neuroanimator.terminal import print_table, progress_bar

@@ -22,7 +22,7 @@ from neuroanimator import (
     load_system,
     replay,
 )
-from neuroanimator.bench.csv_table import write_csv
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.machine import describe_machine
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.rigid.pendulum import MOTOR_TORQUE, WEAK_MOTOR_TORQUE

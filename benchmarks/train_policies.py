@@ -16,7 +16,6 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator import load_emulator, load_system
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.control.policies.behaviours import Tank, shoal
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator, rollout_on_physics
 from neuroanimator.control.policies.policy import Policy
@@ -30,6 +29,7 @@ from neuroanimator.control.policies.steering import (
     upright,
 )
 from neuroanimator.data.sampling import sample_starts
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.state.pose import Pose
 from neuroanimator.systems.system import System
 from neuroanimator.tasks.swimmers import body_length

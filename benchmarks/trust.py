@@ -11,7 +11,7 @@ Super steps are of two kinds, half of each: as in training, and shifted: control
 step, controls held at their bounds for twenty, and starts that move 1.2 to 2 times as fast. An error is large if it is above the
 95th percentile of errors on the first kind. AUROC is how often a large error has the higher score: 0.5 is guessing.
 
-The rivals are fitted to the same unseen super steps as the score, and judged on others:
+The baselines are fitted to the same unseen super steps as the score, and judged on others:
 
 ranges    how far the farthest feature lies outside of what training showed (all that `covers` knew before)
 features  Mahalanobis distance of all that the network sees
@@ -32,11 +32,11 @@ import numpy as np
 from trust_cases import bounds, hybrid
 
 from neuroanimator import Emulator, load_emulator
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.c_emulator import c_emulator
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.improvement.places import rate_entries
 from neuroanimator.machine import describe_machine
@@ -211,7 +211,7 @@ class Draw(NamedTuple):
     """Super steps an emulator is judged by, drawn with one seed."""
 
     known: SuperSteps
-    """As in training, for the rivals to be fitted to."""
+    """As in training, for the baselines to be fitted to."""
     both: SuperSteps
     """As in training, then shifted ones."""
     usual: slice

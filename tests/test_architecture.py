@@ -13,7 +13,7 @@ STAGES = [
     "zoo", "storage", "executor", "compiler", "codegen", "backend", "tables", "state", "appearance",
     "definitions", "emulator", "systems", "hybrid", "data", "training", "evaluation", "animation", "control",
     "improvement", "tasks",
-    "export", "gym", "scaffold", "studio", "bench", "fleets", "demo", "cli",
+    "export", "gym", "scaffold", "studio", "fleets", "demo", "cli",
 ]  # fmt: skip
 
 

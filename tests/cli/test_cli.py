@@ -65,8 +65,6 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (["train", "nowhere", "--out", "e.safetensors"], 3, "is not a dataset folder"),
         (["train", "nowhere", "--out", "e.safetensors", "--batch", "0"], 2, "batch: "),
         (["new", "missing.xml"], 3, "missing.xml"),
-        (["bench"], 2, "--table1"),
-        (["bench", "--table1", "--systems", "car"], 2, "Rows: dolphin-25"),
         (["evaluate", "--sweep", "pendulum", "--substeps", "x"], 2, "substeps: wanted numbers"),
         (["train", "nowhere", "--out", "e.safetensors", "--widths", "a,b"], 2, "widths: "),
         (
@@ -75,7 +73,6 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
             "missing.toml",
         ),
         (["evaluate", "missing"], 3, "Shipped: dolphin-100"),
-        (["bench", "--table1", "--systems", "cube"], 2, "no rows for cube"),
         (["evaluate", "cube"], 3, "no emulator of cube ships"),
         (["info", "cube-50"], 3, "no emulator of cube ships"),
         (["export", "cube", "--out", "cube.h"], 3, "no emulator of cube ships"),

@@ -8,7 +8,6 @@ import typer
 
 from neuroanimator.cli import (
     animate,
-    bench,
     control,
     demo,
     doctor,
@@ -36,7 +35,7 @@ app = typer.Typer(
 VERBS = {
     "demo": demo, "doctor": doctor, "list": list_, "new": new, "generate": generate, "train": train,
     "evaluate": evaluate, "improve": improve, "animate": animate, "control": control, "export": export, "studio": studio,
-    "bench": bench, "info": info,
+    "info": info,
 }  # fmt: skip
 """Each verb is the `run` of its module; `--help` lists them in this order."""
 

@@ -256,7 +256,7 @@ class Evaluation:
             "rollout_error_1s": self.rollout_error_at(1.0),
             "nominal_speedup": NONE,
             "equal_error_speedup": NONE,
-            "equal_error_rival": NONE,
+            "equal_error_baseline": NONE,
             "emulator_us": self.emulator_seconds * 1e6,
             "emulator_jax_us": NONE,
             "physics_us": NONE,
@@ -273,7 +273,7 @@ class Evaluation:
         if not self.verdict.is_useless:
             scheme = speed.equal_error_opponent.scheme
             row["equal_error_speedup"] = speed.equal_error
-            row["equal_error_rival"] = f"{scheme.integrator} {scheme.dt * 1e3:.3g} ms"
+            row["equal_error_baseline"] = f"{scheme.integrator} {scheme.dt * 1e3:.3g} ms"
         return row
 
 

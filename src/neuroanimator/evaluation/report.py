@@ -29,7 +29,7 @@ COLUMNS = {
     "rollout_error_1s": "Error after a second, over how far runs get from their start.",
     "nominal_speedup": "Time of n physics steps at the system's own step, over that of one super step.",
     "equal_error_speedup": "The same against the fastest physics that is at least as accurate.",
-    "equal_error_rival": "That physics: its integrator and step.",
+    "equal_error_baseline": "That physics: its integrator and step.",
     "emulator_us": "Time of one super step [µs].",
     "emulator_jax_us": "The same in JAX [µs].",
     "physics_us": "Time of n physics steps at the system's own step [µs].",

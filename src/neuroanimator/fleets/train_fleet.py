@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from neuroanimator.bench.csv_table import write_csv
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
 from neuroanimator.errors import BadFileError, NeuroAnimatorError
+from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.executor.executor import TRAINING_SECONDS, Executor, Outcome, raise_first
 from neuroanimator.fleets.fleet_file import Fleet, Member
 from neuroanimator.fleets.member import MemberTask, TrainedMember, run_member_task

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.bench.baselines.budgeted_cost import BudgetedCost
-from neuroanimator.bench.baselines.cost_evaluator import CostEvaluator, Linearisation
-from neuroanimator.bench.baselines.fast_physics import MujocoPhysics, threads
+from control_cases.baselines.budgeted_cost import BudgetedCost
+from control_cases.baselines.cost_evaluator import CostEvaluator, Linearisation
+from control_cases.baselines.fast_physics import MujocoPhysics, threads
 from neuroanimator.control.descent.methods import (
     DAMPINGS,
     FIRST_DAMPING,

@@ -1,19 +1,17 @@
-"""The tasks of `control`, solved through the emulator and by its baselines on the physics: rows, CSV, plot."""
+"""Control tasks, solved through the emulator and by its baselines on the physics: a row per task and method."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from neuroanimator.bench.baselines.ilqr import is_usable_on
-from neuroanimator.bench.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
-from neuroanimator.bench.control_plot import Panel, draw_runs
-from neuroanimator.bench.csv_table import quartiles, write_csv
-from neuroanimator.bench.first_controller import cold_seconds
+from control_cases.baselines.ilqr import is_usable_on
+from control_cases.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
+from control_cases.control_plot import Panel
+from control_cases.first_controller import cold_seconds
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import Objective
@@ -21,11 +19,12 @@ from neuroanimator.control.objective.terms import ALL_ALONG
 from neuroanimator.control.planning.planner import Planner
 from neuroanimator.control.planning.plants import PhysicsPlant, control_plant
 from neuroanimator.control.synthesis.synthesise import Synthesis
-from neuroanimator.errors import ArgumentError
-from neuroanimator.tasks.all_tasks import TASKS
+from neuroanimator.evaluation.csv_table import quartiles
 from neuroanimator.tasks.solver import Solver
 from neuroanimator.tasks.task import Task, Trial
 from neuroanimator.terminal import progress_bar
+
+Rows = list[dict[str, Any]]
 
 DERIVATIVE_FREE = ("annealing", "cma-es", "nelder-mead")
 """The baselines that need no derivatives of the physics, which is what the speed-up is told against."""
@@ -87,21 +86,8 @@ class Solved:
         return self.trial.is_success(self.synthesis.outcome.physics_states)
 
 
-def chosen_tasks(names: str | None) -> list[Task]:
-    """Return the tasks that comma-separated names choose; all without."""
-    chosen = names.split(",") if names else list(TASKS)
-    unknown = [name for name in chosen if name not in TASKS]
-    if unknown:
-        raise ArgumentError(
-            f"bench: no task called {', '.join(unknown)}. Tasks: {', '.join(TASKS)}."
-        )
-    return [TASKS[name] for name in chosen]
-
-
-def run_control_bench(
-    tasks: list[Task], out: Path, budget: ControlBudget
-) -> tuple[list[dict[str, Any]], list[Path]]:
-    """Return (a row per task and method, files written)."""
+def measure_tasks(tasks: list[Task], budget: ControlBudget) -> tuple[Rows, list[Panel]]:
+    """Return (a row per task and method, what is drawn of each task)."""
     rows = []
     panels = []
     with progress_bar("tasks", len(tasks)) as bar:
@@ -110,14 +96,10 @@ def run_control_bench(
             task_rows, panel = measure_task(task, budget)
             rows += task_rows
             panels.append(panel)
-    table = out / "control.csv"
-    plot = out / "control.png"
-    write_csv(table, rows)
-    draw_runs(panels, plot)
-    return rows, [table, plot]
+    return rows, panels
 
 
-def measure_task(task: Task, budget: ControlBudget) -> tuple[list[dict[str, Any]], Panel]:
+def measure_task(task: Task, budget: ControlBudget) -> tuple[Rows, Panel]:
     """Return the emulator's row and its baselines', and their first runs; compiling is not counted on either side."""
     solver = Solver.shipped(task)
     solver.solve(solver.draw(WARM_UP_TRIAL), is_warm_up=True)
@@ -204,9 +186,9 @@ def speed_up(compared: list[Solved], runs: dict[str, list[BaselineRun]]) -> dict
     ratios = {name: time_ratio(compared, runs[name]) for name in DERIVATIVE_FREE}
     best = min(ratios, key=ratios.__getitem__)
     return {
-        "speedup_over_best_rival": ratios[best],
-        "best_rival": best,
-        "best_rival_reached": float(np.mean([run.is_reached for run in runs[best]])),
+        "speedup_over_best_baseline": ratios[best],
+        "best_baseline": best,
+        "best_baseline_reached": float(np.mean([run.is_reached for run in runs[best]])),
         "speedup_over_ilqr": time_ratio(compared, runs["ilqr"]) if "ilqr" in runs else "",
     }
 
@@ -235,9 +217,9 @@ def row_of_baseline(task: Task, name: str, runs: list[BaselineRun]) -> dict[str,
         "j_physics_median": median(run.cost for run in runs),
         "gradient_cosine_median": "",
         "replan_p99_ms": "",
-        "speedup_over_best_rival": "",
-        "best_rival": "",
-        "best_rival_reached": "",
+        "speedup_over_best_baseline": "",
+        "best_baseline": "",
+        "best_baseline_reached": "",
         "speedup_over_ilqr": "",
     }
 

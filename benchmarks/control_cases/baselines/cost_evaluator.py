@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.bench.baselines.fast_physics import FastPhysics
+from control_cases.baselines.fast_physics import FastPhysics
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.control.objective.trajectory import Trajectory

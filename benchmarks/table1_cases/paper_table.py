@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neuroanimator.bench.csv_table import quartiles
 from neuroanimator.data.config import RUN_STEPS, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.c_emulator import CEmulator
 from neuroanimator.emulator.emulator import Emulator, rollout
 from neuroanimator.evaluation.accuracy import one_step_error, root_mean_square
+from neuroanimator.evaluation.csv_table import quartiles
 from neuroanimator.evaluation.evaluate import THOROUGH, Evaluation, EvaluationBudget, evaluate
 from neuroanimator.evaluation.held_out import held_out_runs, system_of
 from neuroanimator.evaluation.speed import (

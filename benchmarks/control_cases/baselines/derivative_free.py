@@ -12,7 +12,7 @@ import warnings
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.bench.baselines.budgeted_cost import BudgetedCost
+from control_cases.baselines.budgeted_cost import BudgetedCost
 
 MAX_DISTANCE = 2.0
 """Annealing looks for z between minus this and this: controls up to 96 % of the way to their bounds."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.bench.baselines.cost_evaluator import CostEvaluator
+from control_cases.baselines.cost_evaluator import CostEvaluator
 
 
 class BudgetSpent(Exception):  # noqa: N818

@@ -8,18 +8,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from swing_up import stand_upright
-
-from neuroanimator import Emulator, load_system
-from neuroanimator.bench.baselines.cost_evaluator import DIVERGED_COST, CostEvaluator
-from neuroanimator.bench.baselines.fast_physics import (
+from control_cases.baselines.cost_evaluator import DIVERGED_COST, CostEvaluator
+from control_cases.baselines.fast_physics import (
     SINGLE_LANES,
     SimulatedPhysics,
     cheapest_scheme,
     fast_physics,
 )
-from neuroanimator.bench.baselines.ilqr import linearised
-from neuroanimator.bench.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
+from control_cases.baselines.ilqr import linearised
+from control_cases.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
+from swing_up import stand_upright
+
+from neuroanimator import Emulator, load_system
 from neuroanimator.control.descent.parametrisation import EachStep, Spline
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import goal_objective

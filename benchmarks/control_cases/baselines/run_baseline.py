@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from neuroanimator.bench.baselines.budgeted_cost import BudgetedCost, BudgetSpent, Improvement
-from neuroanimator.bench.baselines.cost_evaluator import CostEvaluator
-from neuroanimator.bench.baselines.derivative_free import cma_es, nelder_mead, simulated_annealing
-from neuroanimator.bench.baselines.fast_physics import cheapest_scheme, fast_physics, side_by_side
-from neuroanimator.bench.baselines.ilqr import ilqr, linear_scheme
+from control_cases.baselines.budgeted_cost import BudgetedCost, BudgetSpent, Improvement
+from control_cases.baselines.cost_evaluator import CostEvaluator
+from control_cases.baselines.derivative_free import cma_es, nelder_mead, simulated_annealing
+from control_cases.baselines.fast_physics import cheapest_scheme, fast_physics, side_by_side
+from control_cases.baselines.ilqr import ilqr, linear_scheme
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.errors import ArgumentError

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neuroanimator.bench.baselines.run_baseline import BaselineRun
+from control_cases.baselines.run_baseline import BaselineRun
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.storage.files import write_whole
 

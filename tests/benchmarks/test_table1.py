@@ -10,38 +10,39 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import table1
 from brief import BRIEF
-from conftest import Cli
 from executor_tasks import PackedHere
+from table1 import chosen_rows
+from table1_cases import training_time
 
 from neuroanimator import NeuroAnimatorError
-from neuroanimator.bench import run_table, training_time
-from neuroanimator.bench.run_table import chosen_rows
 from neuroanimator.evaluation.sweep import SweepRow, largest_within, sweep
 from neuroanimator.training.batches import draw_batches
 from neuroanimator.training.recipes import RECIPES
 from neuroanimator.zoo import SHIPPED, shipped_path
 
 
-def test_a_row_of_the_table_is_complete(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_row_of_the_table_is_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
     monkeypatch.setenv("NEUROANIMATOR_BACKEND", "auto")
-    monkeypatch.setattr(run_table, "QUICK", replace(BRIEF, runs=4))
+    monkeypatch.setattr(table1, "QUICK", replace(BRIEF, runs=4))
     monkeypatch.setattr(training_time, "CHUNKS", 2)
-    out = tmp_path / "bench"
-    result = cli(
-        "bench",
-        "--table1",
-        "--quick",
-        "--json",
-        "--systems",
-        "pendulum-passive",
-        "--substeps",
-        50,
-        "--out",
-        out,
+    plot = tmp_path / "work-precision.png"
+    table1.main(
+        [
+            "--quick",
+            "--json",
+            "--systems",
+            "pendulum-passive",
+            "--substeps",
+            "50",
+            "--plot",
+            f"{plot}",
+        ]
     )
-    assert result.returncode == 0, result.stderr
-    (row,) = json.loads(result.stdout)
+    (row,) = json.loads(capsys.readouterr().out)
     assert (row["system"], row["substeps"], row["nominal_1998"]) == ("pendulum-passive", 50, 94)
     assert row["diverged"] == 0
     assert row["nominal_speedup"] > 20
@@ -49,14 +50,13 @@ def test_a_row_of_the_table_is_complete(cli: Cli, tmp_path: Path, monkeypatch: p
     assert row["one_step_error"] < 0.06 < row["constant_velocity_error"] < row["persistence_error"]
     assert row["ridge_regression_error"] > row["one_step_error"]
     assert row["break_even_hours"] > 0
-    assert (out / "table1.csv").read_text().startswith("# ")
-    assert (out / "work-precision.png").stat().st_size > 5000
+    assert plot.stat().st_size > 5000
 
 
 def test_rows_are_chosen_by_name():
     assert len(chosen_rows(None, None)) == len(SHIPPED) == 18
     assert chosen_rows("truck,lander", "50") == [("lander", 50), ("truck", 50)]
-    with pytest.raises(NeuroAnimatorError, match="no rows for car"):
+    with pytest.raises(NeuroAnimatorError, match="No rows for car"):
         chosen_rows("car", None)
 
 

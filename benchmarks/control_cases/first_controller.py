@@ -1,6 +1,6 @@
 """How long a user waits for a first controller: a process of its own, from its start to its end.
 
-`python -m neuroanimator.bench.first_controller TASK` finds the controller of a task's first trial, and says nothing.
+`python benchmarks/control_cases/first_controller.py TASK` finds the controller of a task's first trial, and says nothing.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ def cold_seconds(task: str) -> float:
 
 def _seconds_of_process(task: str) -> float:
     began = time.perf_counter()
-    command = [sys.executable, "-m", __name__, task]
+    command = [sys.executable, __file__, task]
     process = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LIMIT)
     if process.returncode:
-        raise NeuroAnimatorError(f"bench: a process for {task} failed:\n{process.stderr}")
+        raise NeuroAnimatorError(f"A process for {task} failed:\n{process.stderr}")
     return time.perf_counter() - began
 
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.bench.spring_relaxation import Correction, rollout_relaxed
+from deformable_cases.spring_relaxation import Correction, rollout_relaxed
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.reference_shape import points_of

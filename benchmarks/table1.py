@@ -1,0 +1,131 @@
+"""Table 1 of the paper: accuracy and speed of every emulator that ships, against physics in C.
+
+python benchmarks/table1.py                                 every row, and results/table1.csv
+python benchmarks/table1.py --quick                         n = 50, fewer runs: minutes; writes no file
+python benchmarks/table1.py --systems fish --substeps 25    these rows alone; writes no file
+python benchmarks/table1.py --quick --json                  rows as JSON
+python benchmarks/table1.py --seeds 5                       four further trainings a row: hours
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from table1_cases.paper_table import TableRow, measure_row
+from table1_cases.training_time import time_chunk
+
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import ArgumentError, NeuroAnimatorError
+from neuroanimator.evaluation.csv_table import write_csv
+from neuroanimator.evaluation.evaluate import QUICK, THOROUGH, EvaluationBudget
+from neuroanimator.evaluation.work_precision import draw_work_precision
+from neuroanimator.machine import describe_machine
+from neuroanimator.terminal import print_table, progress_bar
+from neuroanimator.training.recipes import RECIPES, cook
+from neuroanimator.zoo import SHIPPED, emulator_name
+
+Choice = list[tuple[str, int]]
+"""Pairs of a system and its n, the physics steps of a super step."""
+
+PRINTED = (
+    "system",
+    "substeps",
+    "one_step_error",
+    "nominal_speedup",
+    "nominal_1998",
+    "equal_error_speedup",
+    "equal_error_baseline",
+    "emulator_us",
+    "rollout_error_1s",
+    "rollout_error_5s",
+    "break_even_hours",
+    "diverged",
+    "verdict",
+)
+"""Columns that are printed; the CSV file has more."""
+
+QUICK_SUBSTEPS = "50"
+"""Physics steps a super step of the emulators that `--quick` measures, as on the command line."""
+
+TRAININGS = Path("out/table1")
+"""Folder of the trainings with further seeds."""
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def chosen_rows(systems: str | None, substeps: str | None) -> Choice:
+    """Return the (system, n) pairs that comma-separated names and numbers leave; all of them without."""
+    known_systems = {system for system, _ in SHIPPED}
+    known_substeps = {str(n) for _, n in SHIPPED}
+    names = set(systems.split(",")) if systems else known_systems
+    counts = set(substeps.split(",")) if substeps else known_substeps
+    chosen = [(system, n) for system, n in sorted(SHIPPED) if system in names and str(n) in counts]
+    unknown = (names - known_systems) | (counts - known_substeps)
+    if unknown or not chosen:
+        valid = ", ".join(emulator_name(*row) for row in sorted(SHIPPED))
+        raise ArgumentError(f"No rows for {', '.join(sorted(unknown))}. Rows: {valid}.")
+    return chosen
+
+
+def measure_rows(chosen: Choice, budget: EvaluationBudget, seeds: int) -> list[TableRow]:
+    """Return a row per pair; emulators of further training seeds are trained in `TRAININGS` and kept there."""
+    rows = []
+    chunk_seconds: dict[str, float] = {}
+    with progress_bar("rows", len(chosen)) as bar:
+        for system, n in chosen:
+            bar.advance_to(len(rows), emulator_name(system, n))
+            emulators = [Emulator.load(emulator_name(system, n))]
+            for seed in range(1, seeds):
+                emulator, _ = cook(system, n, TRAININGS, seed=seed)
+                emulators.append(emulator)
+            if system not in chunk_seconds:
+                recipe = RECIPES[system]
+                config = recipe.training(recipe.stride(n))
+                chunk_seconds[system] = time_chunk(emulators[0], config)
+            rows.append(measure_row(emulators, chunk_seconds[system], budget))
+    return rows
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="n = 50, one seed, fewer runs")
+    parser.add_argument("--systems", help="only these systems, such as truck,lander")
+    parser.add_argument("--substeps", help="only these n, such as 25,50")
+    parser.add_argument("--seeds", type=int, default=1, help="training seeds; all but one train")
+    parser.add_argument("--plot", type=Path, help="also draw work against precision, as a PNG")
+    parser.add_argument("--json", action="store_true", help="print all columns as JSON")
+    options = parser.parse_args(arguments)
+    substeps = options.substeps
+    if options.quick:
+        substeps = substeps or QUICK_SUBSTEPS
+    chosen = chosen_rows(options.systems, substeps)
+    budget = QUICK if options.quick else THOROUGH
+    rows = measure_rows(chosen, budget, options.seeds)
+    figures = [row.figures for row in rows]
+    is_whole = len(chosen) == len(SHIPPED) and not options.quick
+    if is_whole:
+        write_csv(RESULTS / "table1.csv", figures)
+    if options.plot:
+        evaluations = [evaluation for row in rows for evaluation in row.evaluations]
+        draw_work_precision(evaluations, options.plot)
+    show(figures, options.json)
+
+
+def show(figures: list[dict[str, Any]], is_json: bool) -> None:
+    """Print rows, as JSON or as a table of the `PRINTED` columns."""
+    if is_json:
+        print(json.dumps(figures, indent=2))
+        return
+    print(describe_machine())
+    print_table([{key: row[key] for key in PRINTED} for row in figures])
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except NeuroAnimatorError as error:
+        sys.exit(f"table1: {error}")
