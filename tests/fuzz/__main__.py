@@ -12,9 +12,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from fuzz.seeds import CORPUS
-
-PARSERS = sorted(folder.name for folder in CORPUS.iterdir())
+from fuzz.corpus import PARSERS, read_corpus, write_corpus
+from fuzz.one import FOUND
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,25 +26,32 @@ MAX_KEPT = 12_000
 
 def keep(parser: str, found: Path) -> None:
     """Add the inputs that took a new way to the parser's corpus, as far as there is room."""
-    room = MAX_KEPT - sum(path.stat().st_size for path in (CORPUS / parser).glob("found-*"))
+    inputs = read_corpus(parser)
+    room = MAX_KEPT
+    for name, content in inputs.items():
+        if name.startswith("found-"):
+            room -= len(content)
     for path in sorted(found.iterdir(), key=lambda path: path.stat().st_size):
         content = path.read_bytes()
         room -= len(content)
         if room < 0:
-            return
-        (CORPUS / parser / f"found-{hashlib.sha256(content).hexdigest()[:16]}").write_bytes(content)
+            break
+        inputs[f"found-{hashlib.sha256(content).hexdigest()[:16]}"] = content
+    write_corpus(parser, inputs)
 
 
 def fuzz(parser: str, seconds: int, crashes: Path, *, is_kept: bool) -> bool:
     """Return whether `parser` got through `seconds` [s] without a crash; says how many inputs it had."""
-    with tempfile.TemporaryDirectory() as found:
-        command = [sys.executable, "-m", "fuzz.one", parser, str(seconds), str(crashes), found]
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "fuzz.one", parser, str(seconds), str(crashes), folder]
         result = subprocess.run(
             command, cwd=ROOT / "tests", capture_output=True, text=True, errors="replace"
         )
-        count = len(list(Path(found).iterdir()))
+        found = Path(folder) / FOUND
+        found.mkdir(exist_ok=True)
+        count = len(list(found.iterdir()))
         if is_kept:
-            keep(parser, Path(found))
+            keep(parser, found)
     lines = (result.stdout + result.stderr).splitlines()
     runs = next((line.split()[-1] for line in lines if "number_of_executed_units" in line), "some")
     print(f"{parser:12} {runs:>9} inputs, {count} of them took a new way", flush=True)

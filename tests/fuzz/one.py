@@ -1,6 +1,6 @@
 """Fuzz one parser in this process: guided by coverage where atheris runs, by chance elsewhere.
 
-python -m fuzz.one PARSER SECONDS CRASHES [FOUND]
+python -m fuzz.one PARSER SECONDS CRASHES FOLDER    new inputs go to FOLDER/found
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from fuzz.corpus import read_corpus, unpack_corpus
 from fuzz.mutate import changed_json
-from fuzz.seeds import CORPUS
 
 LONGEST = 4096
 """Bytes of an input: faults that need more are tested one by one, in `tests/attacks`."""
@@ -24,6 +24,9 @@ MAX_SECONDS = 2.0
 
 MAX_MEMORY = 200
 """[MiB] Beyond what the imports take; twice what is promised, as the fuzzer's own tables grow too."""
+
+FOUND = "found"
+"""Name of the folder of inputs that took a new way."""
 
 PATIENCE = 100
 """[s] Of the clock for one input: ends what hangs for good, and nothing else, on a busy machine."""
@@ -41,8 +44,8 @@ def watched(name: str, try_parser: Callable[[str, bytes], str]) -> Callable[[byt
     return one_input
 
 
-def by_coverage(name: str, seconds: int, crashes: Path, found: Path) -> None:
-    """Fuzz with atheris; ends the process, with an exit code other than 0 after a crash."""
+def by_coverage(name: str, seconds: int, crashes: Path, folder: Path) -> None:
+    """Fuzz with atheris in an empty `folder`; ends the process, with an exit code other than 0 after a crash."""
     import atheris
 
     with atheris.instrument_imports(include=["neuroanimator", "tomllib"]):
@@ -62,7 +65,12 @@ def by_coverage(name: str, seconds: int, crashes: Path, found: Path) -> None:
         odd = changed_json(content, seed) if seed % 2 else None
         return odd if odd is not None and len(odd) <= longest else atheris.Mutate(content, longest)
 
-    arguments = [sys.argv[0], *options, str(found), str(CORPUS / name)]
+    corpus = folder / "corpus"
+    corpus.mkdir()
+    unpack_corpus(name, corpus)
+    found = folder / FOUND
+    found.mkdir()
+    arguments = [sys.argv[0], *options, str(found), str(corpus)]
     atheris.Setup(arguments, watched(name, try_parser), custom_mutator=mutated)
     atheris.Fuzz()
 
@@ -72,7 +80,7 @@ def by_chance(name: str, seconds: float, crashes: Path) -> None:
     from fuzz.targets import try_parser
 
     one_input = watched(name, try_parser)
-    corpus = [path.read_bytes() for path in sorted((CORPUS / name).iterdir())]
+    corpus = list(read_corpus(name).values())
     rng = random.Random(time.time_ns())
     ends = time.monotonic() + seconds
     while time.monotonic() < ends:
@@ -105,9 +113,9 @@ def changed(rng: random.Random, corpus: list[bytes]) -> bytes:
 
 def main() -> None:
     name, seconds, crashes = sys.argv[1], int(sys.argv[2]), Path(sys.argv[3])
-    found = Path(sys.argv[4])
+    folder = Path(sys.argv[4])
     if importlib.util.find_spec("atheris"):
-        by_coverage(name, seconds, crashes, found)
+        by_coverage(name, seconds, crashes, folder)
     else:
         by_chance(name, seconds, crashes)
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 import neuroanimator
+from fuzz.corpus import read_corpus, write_corpus
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.zoo import shipped_path
 
 ASSETS = Path(str(neuroanimator.__file__)).parent / "systems" / "assets"
-CORPUS = Path(__file__).parent / "corpus"
 
 JELLY = """name = "jelly"
 kind = "mass-spring"
@@ -115,7 +115,7 @@ def seeds() -> dict[str, dict[str, bytes]]:
         },
         "metadata": {"diverged": 0},
     }
-    small = CORPUS.parent / "small.safetensors"
+    small = Path(__file__).parent / "small.safetensors"
     write_tensors(
         small,
         {"w": np.ones((2, 1), np.float32), "n": np.arange(2, dtype=np.int32)},
@@ -157,10 +157,10 @@ def seeds() -> dict[str, dict[str, bytes]]:
 def write_seeds() -> None:
     """Put the seeds into the corpus; what is there stays."""
     for parser, files in seeds().items():
-        folder = CORPUS / parser
-        folder.mkdir(parents=True, exist_ok=True)
+        inputs = read_corpus(parser)
         for name, content in files.items():
-            (folder / f"seed-{name}").write_bytes(content)
+            inputs[f"seed-{name}"] = content
+        write_corpus(parser, inputs)
 
 
 if __name__ == "__main__":
