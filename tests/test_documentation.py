@@ -29,9 +29,11 @@ import neuroanimator.gym
 from neuroanimator.cli.verbs import VERBS, app
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.film.video import graphics_backend
+from neuroanimator.zoo import shipped_emulators
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
+DECISIONS = DOCS / "decisions"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 DOCUMENTS = [
     *PAGES,
@@ -220,3 +222,18 @@ def test_every_verb_of_the_readme_exists():
     for block in blocks_of(ROOT / "README.md"):
         for verb in re.findall(r"^neuroanimator (\w+)", block.code, re.MULTILINE):
             assert verb in VERBS
+
+
+def test_every_decision_has_a_number_a_date_and_a_status():
+    index = (DECISIONS / "index.md").read_text()
+    for page in DECISIONS.glob("[0-9]*.md"):
+        title, _, status = page.read_text().split("\n")[:3]
+        assert title.startswith(f"# {int(page.name[:4])}. "), page
+        assert re.match(r"\*\d{4}-\d\d-\d\d\. (In force|Replaced)", status), page
+        assert page.name in index, f"{page.name} is not in the index"
+
+
+def test_pages_count_the_emulators_that_ship():
+    assert len(shipped_emulators()) == 24
+    assert "one of 24 that ship" in (ROOT / "README.md").read_text()
+    assert "Twenty-four emulators ship" in (DOCS / "index.md").read_text()
