@@ -1,5 +1,5 @@
 # make demo: the main job on real physics, results in out/    make test: every test but the long ones
-# make page: the studio's page, into the package (set-up does it, too)
+# make page: the studio's page and bundles, into its package (make test does it, too)
 # make docs: the documentation, readable offline, into site/
 # make endurance: every fault and attack, the long ones too; its last line counts them    make fuzz: random input
 # make wheel: what is installed elsewhere, in dist/
@@ -9,15 +9,16 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.ready
 DOCS_STAMP := .venv/.ready-docs
-PAGE := src/neuroanimator/studio/page/index.html
-PAGE_SOURCES := $(shell find studio -type f -not -path '*/node_modules/*')
+PAGE := studio/neuroanimator_studio/page/index.html
+PAGE_SOURCES := $(shell find studio -type f -not -path '*/node_modules/*' -not -path 'studio/neuroanimator_studio/*')
+BUNDLES := $(foreach name,dolphin-50 fish-50 truck-50 lander-50 pendulum-50 pendulum-passive-50 cube,studio/neuroanimator_studio/bundles/$(name)/bundle.json)
 
-.PHONY: setup demo test page docs wheel blender endurance fuzz lint check bench lock clean
+.PHONY: setup studio demo test page docs wheel blender endurance fuzz lint check bench lock clean
 
 demo: setup
 	$(BIN)/neuroanimator demo --out out
 
-test: setup
+test: setup studio
 	$(BIN)/python studio/build.py test
 	$(BIN)/pytest
 
@@ -30,11 +31,12 @@ docs: $(DOCS_STAMP)
 wheel: setup page
 	rm -rf dist
 	$(BIN)/python -m hatchling build -t wheel -d dist
+	cd studio && ../$(BIN)/python -m hatchling build -t wheel -d ../dist
 
 blender: setup
 	$(BIN)/python blender/build.py
 
-endurance: setup
+endurance: setup studio
 	$(BIN)/pytest -m "endurance or fault or attack"
 
 # Ten minutes of random input for every parser of strangers' files; `make test` has ten seconds of it.
@@ -51,31 +53,40 @@ check: lint test
 bench: setup
 	$(BIN)/python benchmarks/table1.py
 
-# Without the page everything but the studio works, so that a machine without npm's registry is set up all the same.
 setup: $(STAMP)
-	@$(MAKE) --no-print-directory page || echo "The studio's page was not built; everything else works. Try again: make page"
 
-# The page of the studio, by the machine's Node if that is new enough, or else by the one that PyPI has.
-page: $(STAMP) $(PAGE)
+# Without the page everything but the studio works, so that a machine without npm's registry is set up all the same.
+studio: $(STAMP)
+	@$(MAKE) --no-print-directory -j2 page || echo "The studio's page was not built; everything else works. Try again: make page"
+
+# The page, by the machine's Node if that is new enough, or else by the one that PyPI has; and what it shows.
+page: $(STAMP) $(PAGE) $(BUNDLES)
 	@:
+
+studio/neuroanimator_studio/bundles/%/bundle.json: src/neuroanimator/emulators/%.emulator.safetensors | $(STAMP)
+	@$(BIN)/python -m neuroanimator_studio.ship $*
+
+# No emulator of the cube ships: the page runs its physics.
+studio/neuroanimator_studio/bundles/cube/bundle.json: src/neuroanimator/systems/assets/cube.toml | $(STAMP)
+	@$(BIN)/python -m neuroanimator_studio.ship cube
 
 $(PAGE): $(PAGE_SOURCES) | $(STAMP)
 	@$(BIN)/python studio/build.py
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml studio/pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "NeuroAnimator needs Python 3.11 or newer; $(PYTHON) is older. Try: make PYTHON=python3.12 demo"; exit 1; }
 	@if command -v uv >/dev/null; then \
 	  uv venv --quiet --allow-existing --python $(PYTHON) .venv \
 	  && uv pip install --quiet --python $(BIN)/python --require-hashes -r constraints.txt \
-	  && uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .; \
+	  && uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e . -e studio; \
 	else \
 	  { $(PYTHON) -m venv .venv || { echo "No venv module. On Debian: apt-get install python3-venv"; exit 1; }; } \
 	  && $(BIN)/python -m pip install --quiet --require-hashes -r constraints.txt \
-	  && $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .; \
+	  && $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e . -e studio; \
 	fi
 	@# Where Python may not keep what it compiles, every process would compile the package anew.
-	@test -z "$$PYTHONDONTWRITEBYTECODE" || $(BIN)/python -m compileall -q src
+	@test -z "$$PYTHONDONTWRITEBYTECODE" || $(BIN)/python -m compileall -q src studio/neuroanimator_studio
 	@touch $@
 
 # What only the documentation needs: `make demo` and `make test` do not wait for it.
@@ -95,4 +106,4 @@ lock:
 	  --no-emit-index-url --no-annotate --quiet --output-file constraints-docs.txt
 
 clean:
-	rm -rf .venv out dist site studio/node_modules src/neuroanimator/studio/page
+	rm -rf .venv out dist site studio/node_modules studio/neuroanimator_studio/page studio/neuroanimator_studio/bundles

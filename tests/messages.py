@@ -13,7 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 LIST = Path(__file__).with_name("messages.txt")
-PACKAGE = Path(__file__).parents[1] / "src" / "neuroanimator"
+ROOT = Path(__file__).parents[1]
+PACKAGES = (ROOT / "src" / "neuroanimator", ROOT / "studio" / "neuroanimator_studio")
 
 COMPLAINING = re.compile(r"(Error|_error|warn|warn_once)$")
 """The ends of the names of what is called with a message; there a single word is one."""
@@ -34,10 +35,11 @@ def messages(source: str) -> set[str]:
 
 
 def all_messages() -> list[str]:
-    """Return the lines of the list as the package is now, sorted."""
+    """Return the lines of the list as the packages are now, sorted."""
     every: set[str] = set()
-    for file in sorted(PACKAGE.rglob("*.py")):
-        every |= messages(file.read_text(encoding="utf-8"))
+    for package in PACKAGES:
+        for file in package.rglob("*.py"):
+            every |= messages(file.read_text(encoding="utf-8"))
     return sorted(message.replace("\n", "\\n") for message in every)
 
 

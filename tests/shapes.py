@@ -117,4 +117,4 @@ def unchecked(function: Callable[..., Any]) -> Callable[..., Any]:
 def check_shapes() -> None:
     """Check every function of the package that is imported from now on."""
     jaxtyping.jaxtyped = decorated
-    install_import_hook("neuroanimator", "shapes.checked")
+    install_import_hook(["neuroanimator", "neuroanimator_studio"], "shapes.checked")

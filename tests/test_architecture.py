@@ -8,12 +8,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "neuroanimator"
+STUDIO = ROOT / "studio" / "neuroanimator_studio"
 STAGES = [
     "lazy", "jax_later", "pytrees", "errors", "text", "parsing", "terminal", "machine", "cores",
     "zoo", "storage", "executor", "compiler", "codegen", "backend", "tables", "state", "appearance",
     "definitions", "emulator", "systems", "hybrid", "data", "training", "evaluation", "animation", "control",
     "improvement", "tasks",
-    "export", "gym", "scaffold", "studio", "fleets", "demo", "cli",
+    "export", "gym", "scaffold", "fleets", "demo", "cli",
 ]  # fmt: skip
 
 
@@ -30,6 +31,11 @@ def test_a_stage_imports_only_stages_above_it():
             continue
         allowed = STAGES[: STAGES.index(stage) + 1]
         assert imported_stages(path) <= set(allowed), f"{path} imports downstream"
+
+
+def test_the_core_knows_nothing_of_the_studio():
+    for path in SOURCE.rglob("*.py"):
+        assert "neuroanimator_studio" not in path.read_text(), path
 
 
 def test_everything_after_the_emulator_file_works_without_mujoco():
@@ -50,7 +56,7 @@ def test_everything_after_the_emulator_file_works_without_mujoco():
 def test_the_architecture_names_what_exists_and_leaves_out_no_room():
     named = set(
         re.findall(
-            r"`((?:src|tests|benchmarks|examples|docs|\.ci)(?:/[\w./-]+)?)`",
+            r"`((?:src|studio|tests|benchmarks|examples|docs|\.ci)(?:/[\w./-]+)?)`",
             (ROOT / "ARCHITECTURE.md").read_text(),
         )
     )

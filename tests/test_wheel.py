@@ -12,10 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from neuroanimator.cli import studio
+from neuroanimator.errors import ResourceError
 from neuroanimator.zoo import SHIPPED, shipped_path
 
 CHECKOUT = Path(__file__).parents[1]
 PACKAGE = CHECKOUT / "src" / "neuroanimator"
+STUDIO = CHECKOUT / "studio" / "neuroanimator_studio"
 
 MAX_WHEEL = 15_000_000
 """[bytes]"""
@@ -29,13 +32,19 @@ PACKAGED = (
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel as `make wheel` builds it."""
-    folder = tmp_path_factory.mktemp("wheel")
-    subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
-        cwd=CHECKOUT,
-        check=True,
-        capture_output=True,
-    )
+    return built_wheel(CHECKOUT, tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def studio_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The studio's wheel as `make wheel` builds it."""
+    return built_wheel(STUDIO.parent, tmp_path_factory.mktemp("studio-wheel"))
+
+
+def built_wheel(project: Path, folder: Path) -> Path:
+    """Build the wheel of a project into an empty folder; return its file."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(command, cwd=project, check=True, capture_output=True)
     (file,) = folder.iterdir()
     return file
 
@@ -81,36 +90,55 @@ def check_installed(programs: Path, cwd: Path) -> None:
     assert "neuroanimator" in run_installed(programs, cwd, "doctor")
     run_installed(programs, cwd, "animate", "fish", "--seconds", "0.2", "--out", "fish.glb")
     assert (cwd / "fish.glb").read_bytes()[:4] == b"glTF"
-    if (PACKAGE / "studio" / "page" / "index.html").is_file():  # where `make page` has been
+
+
+def check_studio(programs: Path, cwd: Path) -> None:
+    """Fail unless the installed studio writes its page, where `make page` has been."""
+    if (STUDIO / "page" / "index.html").is_file():
         run_installed(programs, cwd, "studio", "--export", "site")
         assert (cwd / "site" / "index.html").is_file()
         assert (cwd / "site" / "bundles" / "fish-50" / "emulator.wasm").is_file()
 
 
-def test_the_wheel_holds_the_package_and_nothing_else(wheel: Path):
+def check_content(wheel: Path, package: Path) -> set[str]:
+    """Fail unless a wheel holds the files of its package, nothing else, and no tests; return their names."""
     assert wheel.stat().st_size <= MAX_WHEEL
     with zipfile.ZipFile(wheel) as archive:
-        names = archive.namelist()
+        names = set(archive.namelist())
     expected = {
-        f"neuroanimator/{path.relative_to(PACKAGE).as_posix()}"
+        path.relative_to(package.parent).as_posix()
         for pattern in PACKAGED
-        for path in PACKAGE.rglob(pattern)
+        for path in package.rglob(pattern)
     }
-    assert {f"neuroanimator/emulators/{shipped_path(*row).name}" for row in SHIPPED} <= expected
-    assert expected <= set(names)
-    others = [name for name in names if not name.startswith(("neuroanimator/", "neuroanimator-"))]
-    assert not others
-    assert not [name for name in names if "test_" in name]
+    assert expected <= names
+    own = (f"{package.name}/", f"{package.name}-")
+    assert not [name for name in names if not name.startswith(own) or "test_" in name]
+    return names
+
+
+def test_the_wheel_holds_the_package_and_nothing_else(wheel: Path):
+    names = check_content(wheel, PACKAGE)
+    assert {f"neuroanimator/emulators/{shipped_path(*row).name}" for row in SHIPPED} <= names
+
+
+def test_the_wheel_of_the_studio_holds_its_page_and_its_bundles(studio_wheel: Path):
+    check_content(studio_wheel, STUDIO)
+
+
+def test_without_its_package_the_studio_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(studio, "GROUP", "nobody.s.group")
+    with pytest.raises(ResourceError, match=r"pip install 'neuroanimator\[studio\]'"):
+        studio.installed_studio()
 
 
 def test_the_installed_wheel_needs_no_checkout_no_compiler_and_no_display(
-    wheel: Path, tmp_path: Path
+    wheel: Path, studio_wheel: Path, tmp_path: Path
 ):
     programs = empty_environment(tmp_path / "environment", with_pip=not has_pip())
     pip = [str(programs / "python"), "-m", "pip"]
     if has_pip():  # to give the new environment one of its own takes longer than all else here
         pip = [sys.executable, "-m", "pip", "--python", str(programs / "python")]
-    install = [*pip, "install", "--quiet", "--no-index", "--no-deps", str(wheel)]
+    install = [*pip, "install", "--quiet", "--no-index", "--no-deps", str(wheel), str(studio_wheel)]
     subprocess.run(install, check=True, env={})
     # The dependencies are those of this environment; its own link to the checkout is not followed from there.
     paths = sysconfig.get_paths(
@@ -119,14 +147,16 @@ def test_the_installed_wheel_needs_no_checkout_no_compiler_and_no_display(
     dependencies = Path(paths["purelib"]) / "dependencies.pth"
     dependencies.write_text(sysconfig.get_paths()["purelib"] + "\n")
     check_installed(programs, tmp_path)
+    check_studio(programs, tmp_path)
 
 
 @pytest.mark.endurance
 def test_the_wheel_with_all_it_depends_on_installs_into_an_empty_environment(
-    wheel: Path, tmp_path: Path
+    wheel: Path, studio_wheel: Path, tmp_path: Path
 ):
     programs = empty_environment(tmp_path / "environment")
-    subprocess.run(
-        [str(programs / "python"), "-m", "pip", "install", "--quiet", str(wheel)], check=True
-    )
+    pip = [str(programs / "python"), "-m", "pip", "install", "--quiet"]
+    subprocess.run([*pip, str(wheel)], check=True)
     check_installed(programs, tmp_path)
+    subprocess.run([*pip, str(studio_wheel)], check=True)
+    check_studio(programs, tmp_path)

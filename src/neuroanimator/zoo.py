@@ -2,34 +2,73 @@
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from neuroanimator.errors import BadFileError
 
-SHIPPED = [
-    (system, substeps)
-    for system in ("dolphin", "fish", "lander", "pendulum", "pendulum-passive", "truck")
-    for substeps in (50, 100, 25)
-]
-"""(system, substeps) of each in its usual size."""
+EMULATORS = Path(str(resources.files("neuroanimator"))) / "emulators"
+"""The folder of everything that ships."""
 
-WITHOUT_EMULATOR = ("cube",)
+
+@dataclass(frozen=True)
+class ShippedSystem:
+    """What comes with the package of one system: its table in `emulators/shipped.toml`."""
+
+    about: str
+    """The system in one line."""
+    substeps: tuple[int, ...] = ()
+    """Physics steps in a super step of each of its emulators, the usual one first."""
+    goals: tuple[str, ...] = ()
+    """Goals that are made in code."""
+    scenery: str = "plain"
+    """What the studio shows around it, where that is no water."""
+    has_policy: bool = False
+    recipe: Mapping[str, Any] = field(default_factory=dict)
+    """How its emulators are trained: see `training.recipes`."""
+    large: Mapping[str, Any] = field(default_factory=dict)
+    """What the large size changes of that."""
+
+
+def _read_shipped() -> dict[str, ShippedSystem]:
+    tables = tomllib.loads((EMULATORS / "shipped.toml").read_text(encoding="utf-8"))
+    return {name: ShippedSystem(**_with_tuples(table)) for name, table in tables.items()}
+
+
+def _with_tuples(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a TOML table, its arrays as tuples, so that nobody changes them."""
+    plain = {}
+    for key, value in table.items():
+        if isinstance(value, dict):
+            value = _with_tuples(value)
+        plain[key] = tuple(value) if isinstance(value, list) else value
+    return plain
+
+
+SHIPPED_SYSTEMS = _read_shipped()
+"""Every system of the package by its name."""
+
+SHIPPED = [(name, n) for name, system in SHIPPED_SYSTEMS.items() for n in system.substeps]
+"""(system, substeps) of each emulator in its usual size."""
+
+WITHOUT_EMULATOR = tuple(name for name, system in SHIPPED_SYSTEMS.items() if not system.substeps)
 """Systems no emulator ships of: their physics costs less than one as exact (docs/decisions/0017-strides.md)."""
 
-LARGE = [
-    (system, 50)
-    for system in ("dolphin", "fish", "lander", "pendulum", "pendulum-passive", "truck")
-]
+LARGE = [(name, system.substeps[0]) for name, system in SHIPPED_SYSTEMS.items() if system.large]
 """(system, substeps) of those that ship in a large size too: slower and more exact."""
+
+POLICIES = tuple(name for name, system in SHIPPED_SYSTEMS.items() if system.has_policy)
+"""Systems whose policy ships, at 50 substeps."""
 
 
 def shipped_path(system: str, substeps: int = 50, size: str = "") -> Path:
     """Return where the shipped emulator of `system` at `substeps` lies; `size` is "large", or empty for the usual one."""
     name = emulator_name(system, substeps, size)
-    return (
-        Path(str(resources.files("neuroanimator"))) / "emulators" / f"{name}.emulator.safetensors"
-    )
+    return EMULATORS / f"{name}.emulator.safetensors"
 
 
 def emulator_name(system: str, substeps: int, size: str = "") -> str:
@@ -76,15 +115,9 @@ def find_emulator(name: str) -> Path:
     raise BadFileError(f"No emulator file '{name}', and none of that name ships. Shipped: {names}.")
 
 
-POLICIES = ("dolphin", "fish")
-"""Systems whose policy ships, at 50 substeps."""
-
-
 def shipped_policy(system: str) -> Path:
     """Return where the shipped policy of `system` lies."""
-    return (
-        Path(str(resources.files("neuroanimator"))) / "emulators" / f"{system}.policy.safetensors"
-    )
+    return EMULATORS / f"{system}.policy.safetensors"
 
 
 def find_policy(name: str) -> Path:
@@ -105,7 +138,7 @@ LICENCE = "Apache-2.0"
 
 def is_shipped(path: Path) -> bool:
     """Return whether the emulator or policy at `path` came with the package."""
-    return path.parent == shipped_path(*SHIPPED[0]).parent
+    return path.parent == EMULATORS
 
 
 def licence_of(path: Path) -> str:

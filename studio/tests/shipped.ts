@@ -2,7 +2,7 @@
 
 import { readFile } from "node:fs/promises";
 
-const BUNDLES = new URL("../../src/neuroanimator/studio/bundles/", import.meta.url);
+const BUNDLES = new URL("../neuroanimator_studio/bundles/", import.meta.url);
 
 /** Return the bytes of a shipped file, such as fish-50/bundle.json. */
 export async function shippedFile(path: string): Promise<Uint8Array<ArrayBuffer>> {

@@ -12,7 +12,7 @@ import { solveDamped } from "../src/synthesis/solve";
 import { Synthesiser, type WorkerPort } from "../src/synthesis/synthesiser";
 import cases from "./vectors/descents.json";
 
-const BUNDLES = new URL("../../src/neuroanimator/studio/bundles/", import.meta.url);
+const BUNDLES = new URL("../neuroanimator_studio/bundles/", import.meta.url);
 
 /** J may be off by so much of itself: sums of float32 in orders of their own make other iterations after many. */
 const EARLY = 0.03;

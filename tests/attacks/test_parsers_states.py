@@ -109,7 +109,8 @@ def test_a_list_on_the_command_line_is_refused_in_a_short_line(text: str):
 
 
 def test_no_parser_reads_around_the_guarded_places():
-    source = Path(__file__).parents[2] / "src" / "neuroanimator"
+    root = Path(__file__).parents[2]
+    sources = (root / "src" / "neuroanimator", root / "studio" / "neuroanimator_studio")
     readers = (
         "tomllib.load",
         "json.load",
@@ -122,7 +123,7 @@ def test_no_parser_reads_around_the_guarded_places():
     # What draws reads what its own parent wrote into its pipe; what runs without this package guards itself
     # (tests/export/programs/test_numpy.py); the others are the guarded places themselves.
     allowed = {"clip_bytes.py", "live_worker.py", "numpy_runtime.py"}
-    for path in source.rglob("*.py"):
+    for path in (path for source in sources for path in source.rglob("*.py")):
         if path.parent.name != "parsing" and path.name not in allowed:
             text = path.read_text(encoding="utf-8")
             assert not [reader for reader in readers if f"{reader}(" in text], path

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from neuroanimator_studio.requests import read_request, request_id
 
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.control.synthesis.objective_file import read_objective
@@ -22,7 +23,6 @@ from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.csv_file import read_table
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.storage.files import read_tensors, write_tensors
-from neuroanimator.studio.requests import read_request, request_id
 from neuroanimator.systems import load_system
 from neuroanimator.systems.loading import LOADERS, from_text
 from neuroanimator.systems.recorded.csv_file import read_csv

@@ -11,10 +11,10 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+from neuroanimator_studio.run import page_folder
 from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
 
 from neuroanimator.errors import ResourceError
-from neuroanimator.studio.run import page_folder
 
 ARGUMENTS = [
     "--no-sandbox",

@@ -13,15 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from neuroanimator_studio.guard import Gate
+from neuroanimator_studio.jobs import Jobs
+from neuroanimator_studio.library import Library
+from neuroanimator_studio.limits import USUAL, Limits
+from neuroanimator_studio.server import listen, make_server
+from neuroanimator_studio.studio import Studio
 from tally import Tally
 from websockets.sync.client import ClientConnection, connect
-
-from neuroanimator.studio.guard import Gate
-from neuroanimator.studio.jobs import Jobs
-from neuroanimator.studio.library import Library
-from neuroanimator.studio.limits import USUAL, Limits
-from neuroanimator.studio.server import listen, make_server
-from neuroanimator.studio.studio import Studio
 
 Headers = dict[str, str]
 

@@ -10,6 +10,15 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 import pytest
+from neuroanimator_studio.bundle import bundle_facts, digest, make_bundle, policy_beside
+from neuroanimator_studio.catalogue import (
+    PHYSICS_BUNDLES,
+    SHIPPED_BUNDLES,
+    catalogue,
+    shipped_bundles,
+    shipped_folder,
+)
+from neuroanimator_studio.description import unpacked
 
 from neuroanimator import load_emulator
 from neuroanimator.appearance.skeleton import Skeleton
@@ -18,15 +27,6 @@ from neuroanimator.control.objective.goals import is_reached
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.rotation import rotate
-from neuroanimator.studio.bundle import bundle_facts, digest, make_bundle, policy_beside
-from neuroanimator.studio.catalogue import (
-    PHYSICS_BUNDLES,
-    SHIPPED_BUNDLES,
-    catalogue,
-    shipped_bundles,
-    shipped_folder,
-)
-from neuroanimator.studio.description import unpacked
 from neuroanimator.zoo import find_emulator, shipped_policy
 
 MAX_FILE = 1 << 20
@@ -200,7 +200,7 @@ def test_a_policys_bundle_takes_the_programs_of_the_emulator_it_was_trained_thro
     def refuse(*_: object) -> None:
         raise AssertionError("compiled what was there")
 
-    monkeypatch.setattr("neuroanimator.studio.bundle._compile", refuse)
+    monkeypatch.setattr("neuroanimator_studio.bundle._compile", refuse)
     folder = make_bundle(str(shipped_policy("fish")), tmp_path / "own", known=shipped_bundles())
     fish = shipped_folder() / "fish-50"
     for name in ("emulator.wasm", "descent-1.wasm"):

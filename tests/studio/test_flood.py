@@ -12,12 +12,11 @@ from io import BytesIO
 from pathlib import Path
 
 import pytest
+from neuroanimator_studio.limits import Limits
 from serving import Serving, ask_page, each, serving
 from tally import Tally
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
-
-from neuroanimator.studio.limits import Limits
 
 MASK = b"\1\2\3\4"
 """What a browser hides its bytes with, so that no proxy takes them for something else."""

@@ -9,13 +9,12 @@ import time
 from pathlib import Path
 
 import pytest
+from neuroanimator_studio.guard import Gate
+from neuroanimator_studio.server import listen
+from neuroanimator_studio.words import public_words
 from serving import Serving, each, serving
 from tally import Tally
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-
-from neuroanimator.studio.guard import Gate
-from neuroanimator.studio.server import listen
-from neuroanimator.studio.words import public_words
 
 
 def test_s01_another_host_is_refused_on_http_and_on_websocket(studio: Serving, tally: Tally):
@@ -89,7 +88,7 @@ def test_s03_without_the_token_a_socket_is_closed(studio: Serving, tally: Tally)
 
 
 def test_s03_who_says_nothing_is_not_waited_for(tmp_path: Path):
-    from neuroanimator.studio.limits import Limits
+    from neuroanimator_studio.limits import Limits
 
     with serving(tmp_path, Limits(token_seconds=0.2)) as studio, studio.socket() as page:
         with pytest.raises(ConnectionClosed) as closing:

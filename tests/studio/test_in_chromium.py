@@ -11,11 +11,10 @@ from pathlib import Path
 
 import pytest
 from chromium import browsing, looking
+from neuroanimator_studio.catalogue import shipped_folder
+from neuroanimator_studio.run import page_folder
 from playwright.sync_api import Browser, Page, expect
 from serving import Serving, serving
-
-from neuroanimator.studio.catalogue import shipped_folder
-from neuroanimator.studio.run import page_folder
 
 PENDULUM = shipped_folder() / "pendulum-50"
 

@@ -8,24 +8,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from neuroanimator import load_emulator
-from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.export.programs.wasm_file import Module
-from neuroanimator.studio.catalogue import (
+from neuroanimator_studio.catalogue import (
     PHYSICS_BUNDLES,
     PHYSICS_WASM,
     SHIPPED_BUNDLES,
     shipped_folder,
 )
-from neuroanimator.studio.drive import checked_drive
-from neuroanimator.studio.exports import write_motion
-from neuroanimator.studio.judge import replay_physics
-from neuroanimator.studio.library import Library
-from neuroanimator.studio.limits import USUAL
-from neuroanimator.studio.physics import physics_facts
-from neuroanimator.studio.requests import Export, Replay
+from neuroanimator_studio.drive import checked_drive
+from neuroanimator_studio.exports import write_motion
+from neuroanimator_studio.judge import replay_physics
+from neuroanimator_studio.library import Library
+from neuroanimator_studio.limits import USUAL
+from neuroanimator_studio.physics import physics_facts
+from neuroanimator_studio.requests import Export, Replay
+
+from neuroanimator import load_emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.export.programs.wasm_file import Module
 from neuroanimator.systems import SYSTEMS, load_system
 from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.tasks.swimmers import gait_controls

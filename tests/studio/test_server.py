@@ -17,6 +17,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from neuroanimator_studio import run
+from neuroanimator_studio.bundle import load_models
+from neuroanimator_studio.catalogue import (
+    PHYSICS_BUNDLES,
+    SHIPPED_BUNDLES,
+    shipped_bundles,
+    shipped_folder,
+)
+from neuroanimator_studio.description import packed, unpacked
+from neuroanimator_studio.library import Library
+from neuroanimator_studio.static_site import export_site
+from neuroanimator_studio.studio import page_files
 from serving import Serving, ask_page, serving, write_page
 from websockets.sync.client import connect
 from websockets.typing import Origin
@@ -24,18 +36,6 @@ from websockets.typing import Origin
 import neuroanimator as na
 from neuroanimator.cli import studio as studio_verb
 from neuroanimator.export.csv_file import read_clip
-from neuroanimator.studio import run
-from neuroanimator.studio.bundle import load_models
-from neuroanimator.studio.catalogue import (
-    PHYSICS_BUNDLES,
-    SHIPPED_BUNDLES,
-    shipped_bundles,
-    shipped_folder,
-)
-from neuroanimator.studio.description import packed, unpacked
-from neuroanimator.studio.library import Library
-from neuroanimator.studio.static_site import export_site
-from neuroanimator.studio.studio import page_files
 from neuroanimator.zoo import find_emulator, shipped_policy
 
 
@@ -213,8 +213,8 @@ import sys
 from pathlib import Path
 from neuroanimator.cli import studio
 from neuroanimator.cli.main import main
-from neuroanimator.studio import run
-from neuroanimator.studio.bundle import load_models
+from neuroanimator_studio import run
+from neuroanimator_studio.bundle import load_models
 page = Path(sys.argv.pop())
 run.page_folder = lambda: page
 main()

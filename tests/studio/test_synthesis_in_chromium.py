@@ -9,12 +9,11 @@ from pathlib import Path
 
 import pytest
 from chromium import Looking, browsing, hosting, looking
+from neuroanimator_studio.catalogue import shipped_folder
+from neuroanimator_studio.run import page_folder
+from neuroanimator_studio.static_site import export_site
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 from serving import serving
-
-from neuroanimator.studio.catalogue import shipped_folder
-from neuroanimator.studio.run import page_folder
-from neuroanimator.studio.static_site import export_site
 
 PATIENCE = 120_000
 """A picture may take so long on a busy machine without a graphics card [ms]."""

@@ -1,13 +1,20 @@
-"""The verb `studio`: see, steer and compare emulators in the browser."""
+"""The verb `studio`: see, steer and compare emulators in the browser; the package neuroanimator-studio does it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 EXAMPLE = "neuroanimator studio"
+
+GROUP = "neuroanimator"
+"""Group of the entry points by which other packages add to this one."""
+
+ENTRY_POINT = "studio"
+"""Name of the entry point that serves the page."""
 
 
 def run(
@@ -27,18 +34,22 @@ def run(
 ) -> None:
     """Serve a page, for this machine alone, that shows every system and any emulator dropped on it; Ctrl-C ends it."""
     from neuroanimator.terminal import phase
-    from neuroanimator.text import print_line
 
     with phase("loading"):
-        from neuroanimator.studio.run import library_with, page_folder, serve_studio
-        from neuroanimator.studio.static_site import export_site
+        run_studio = installed_studio()
+    run_studio(emulators or [], host=host, port=port, opens_browser=not no_open, export=export)
 
-    if export is None:
-        serve_studio(emulators or [], host, port, opens_browser=not no_open, say=print_line)
-        return
-    page = page_folder()
-    files = export_site(page, library_with(emulators or []).bundles(), export)
-    size = sum(path.stat().st_size for path in files)
-    print_line(
-        f"{export}: {len(files)} files, {size / 1e6:.1f} MB. Put the folder on any web host."
-    )
+
+def installed_studio() -> Callable[..., None]:
+    """Return what runs the studio; ResourceError where its package is not installed."""
+    from importlib.metadata import entry_points
+
+    from neuroanimator.errors import ResourceError
+
+    found = list(entry_points(group=GROUP, name=ENTRY_POINT))
+    if not found:
+        raise ResourceError(
+            "The studio is a package of its own, which is not installed. "
+            "Install it with: pip install 'neuroanimator[studio]'"
+        )
+    return found[0].load()

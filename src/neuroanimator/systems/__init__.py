@@ -8,30 +8,20 @@ from typing import TYPE_CHECKING
 
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.text import quoted
+from neuroanimator.zoo import SHIPPED_SYSTEMS
 
 if TYPE_CHECKING:  # whoever asks for names waits for no physics
     from neuroanimator.systems.system import System
 
-SYSTEMS = {
-    "cube": "an elastic cube: 8 mass points, 28 springs, pushed about on hard ground",
-    "dolphin": "a dolphin: 23 mass points, 91 springs, 6 muscle actuators; swims and leaps",
-    "fish": "a fish: 23 mass points, 91 springs, 12 muscles",
-    "lander": "a lunar lander: one main thruster, three attitude jets, four feet",
-    "pendulum": "three links, a torque motor at each joint",
-    "pendulum-passive": "three links, no motors, pushed by outside forces",
-    "truck": "an off-road truck on a parking lot: rear-wheel drive, steered front wheels",
-}
-
-
-GOALS_IN_CODE = {"pendulum": ("upright",)}
-"""Goals of systems that no TOML file describes."""
+SYSTEMS = {name: system.about for name, system in SHIPPED_SYSTEMS.items()}
+"""What each system of the package is, by its name."""
 
 
 def goal_names(name: str) -> tuple[str, ...]:
     """Return the goals of the packaged system called `name`; no physics is made for it."""
     file = resources.files("neuroanimator.systems") / "assets" / f"{name}.toml"
     if not file.is_file():
-        return GOALS_IN_CODE.get(name, ())
+        return SHIPPED_SYSTEMS[name].goals
     return tuple(tomllib.loads(file.read_text()).get("goals", {}))
 
 

@@ -15,7 +15,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.systems.loading import USUAL_SUBSTEPS
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import Report, train
-from neuroanimator.zoo import emulator_name, shipped_path
+from neuroanimator.zoo import SHIPPED_SYSTEMS, emulator_name, shipped_path
 
 
 @dataclass(frozen=True)
@@ -73,78 +73,14 @@ class Recipe:
 
 
 RECIPES = {
-    "dolphin": Recipe(
-        (96, 64),
-        transitions=360_000,
-        updates=80_000,
-        samples_per_run=36,
-        idle_share=0.15,
-        modes=(28, 40),
-        aside=0.5,
-    ),
-    "fish": Recipe(
-        (64,),
-        transitions=504_000,
-        updates=100_000,
-        samples_per_run=36,
-        idle_share=0.15,
-        modes=(36, 48),
-        aside=0.5,
-    ),
-    "lander": Recipe(
-        (64, 48), transitions=1_440_000, updates=120_000, samples_per_run=36, rare_share=0.5
-    ),
-    "pendulum": Recipe((96, 64), transitions=300_000, updates=300_000),
-    "pendulum-passive": Recipe((64, 64), transitions=300_000, updates=300_000),
-    "truck": Recipe((128, 96), transitions=480_000, updates=100_000, samples_per_run=36),
+    name: Recipe(**system.recipe) for name, system in SHIPPED_SYSTEMS.items() if system.recipe
 }
-
+"""Those of the usual size, by system."""
 
 LARGE_RECIPES = {
-    "dolphin": Recipe(
-        (128, 96),
-        transitions=360_000,
-        updates=100_000,
-        samples_per_run=36,
-        idle_share=0.15,
-        modes=(63, 63),
-    ),
-    # As the dolphin: all the shapes there are. What few leave out is most of the usual size's error.
-    "fish": Recipe(
-        (128, 96),
-        transitions=184_320,
-        updates=50_000,
-        samples_per_run=36,
-        idle_share=0.15,
-        modes=(63, 63),
-    ),
-    "lander": Recipe(
-        (160, 96),
-        transitions=1_440_000,
-        updates=160_000,
-        samples_per_run=36,
-        rare_share=0.5,
-        idle_share=0.1,
-        longest_stride=25,
-    ),
-    "pendulum": Recipe(
-        (96, 64, 64),
-        transitions=900_000,
-        updates=300_000,
-        samples_per_run=36,
-        longest_stride=25,
-    ),
-    # The network of pendulum-passive-25, twice.
-    "pendulum-passive": replace(RECIPES["pendulum-passive"], longest_stride=25),
-    # Most of the usual size's error comes from one example in a hundred: wheels that let go in fast turns.
-    "truck": Recipe(
-        (160, 128),
-        transitions=960_000,
-        updates=120_000,
-        samples_per_run=36,
-        rare_share=0.5,
-        idle_share=0.1,
-    ),
+    name: replace(RECIPES[name], **system.large)
+    for name, system in SHIPPED_SYSTEMS.items()
+    if system.large
 }
 """Those of the large size."""
 

@@ -13,6 +13,8 @@ export interface CatalogueEntry {
 export interface Catalogue {
   readonly version: string;
   readonly has_server: boolean;
+  /** Systems of the package, which are known without a model of one's own. */
+  readonly systems: readonly string[];
   readonly entries: readonly CatalogueEntry[];
 }
 

@@ -80,6 +80,7 @@ export class App implements Workplace {
     this.#add(catalogue);
     if (catalogue.has_server) {
       this.#server = new Server(this.#page, this.#banners, {
+        systems: catalogue.systems,
         reloadCatalogue: () => this.#reloadCatalogue(),
         show: (id) => this.#showById(id),
       });

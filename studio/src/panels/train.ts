@@ -10,9 +10,6 @@ const SIZES = ["sketch", "usual", "large"] as const;
 /** Physics steps a leap is made of, to choose from. */
 const SUBSTEPS = [25, 50, 100] as const;
 
-/** Systems that are known without a model of one's own. */
-const SYSTEMS = ["pendulum", "pendulum-passive", "truck", "lander", "fish", "dolphin", "cube"] as const;
-
 /** A model is one of these files; anything else that is dropped is taken for an emulator. */
 const MODEL_FILES = /\.(xml|mjcf|urdf)$/i;
 
@@ -49,6 +46,7 @@ export class TrainPanel {
   constructor(
     private readonly live: Live,
     private readonly banners: Banners,
+    systems: readonly string[],
     private readonly onShow: (id: string) => void,
   ) {
     const { details, body } = panel("Train", false);
@@ -56,7 +54,7 @@ export class TrainPanel {
     const substeps = choice("Physics steps a leap", SUBSTEPS.map(String), "50");
     const size = choice("Size", SIZES, "usual");
     this.#system.setAttribute("aria-label", "System");
-    SYSTEMS.forEach((system) => this.#addSystem(system, system));
+    systems.forEach((system) => this.#addSystem(system, system));
     const begin = button({
       label: "Train",
       title: "Simulate, then train an emulator; it goes on if the page is closed",

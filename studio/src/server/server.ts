@@ -6,6 +6,8 @@ import { Live, type Answer } from "./live";
 
 /** What the page does when the server has something new. */
 export interface ServerUses {
+  /** Systems of the package. */
+  readonly systems: readonly string[];
   /** The catalogue has changed. */
   reloadCatalogue(): Promise<void>;
   /** Show the emulator of a bundle, which may be new. */
@@ -25,7 +27,7 @@ export class Server {
     this.live = new Live(page);
     this.live.onState = (isOpen) => this.#sayState(isOpen);
     this.live.onEvent = (event) => this.#told(event);
-    this.train = new TrainPanel(this.live, banners, (id) => void uses.show(id));
+    this.train = new TrainPanel(this.live, banners, uses.systems, (id) => void uses.show(id));
     this.live.connect();
   }
 

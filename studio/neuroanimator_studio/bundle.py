@@ -1,0 +1,182 @@
+"""A bundle: a folder with all that the page needs to show one emulator, and to run it without Python."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import neuroanimator
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator.emulator.c_emulator import facts_of_emulator
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.errors import BadFileError
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.export.programs.definition import definition_of
+from neuroanimator.export.programs.wasm_file import checked_wasm
+from neuroanimator.storage.files import write_whole
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.systems.system import System
+from neuroanimator.zoo import (
+    POLICIES,
+    find_emulator,
+    is_shipped,
+    licence_of,
+    shipped_path,
+    shipped_policy,
+)
+from neuroanimator_studio.catalogue import BUNDLE, EMULATOR_WASM, PHYSICS_WASM
+from neuroanimator_studio.descent_module import descent_module
+from neuroanimator_studio.descents import DESCENT_FILE, descent_of, describe_descent
+from neuroanimator_studio.description import describe_emulator, describe_policy, short_numbers
+from neuroanimator_studio.opening import opening_drive
+from neuroanimator_studio.physics import write_physics_beside
+
+
+def make_bundle(
+    reference: str,
+    folder: Path,
+    bundle_id: str = "",
+    progress: Callable[[str], None] = lambda phase: None,
+    known: Sequence[Path] = (),
+) -> Path:
+    """Write the bundle of the emulator `reference`, a name or a file, into `folder`; return it.
+
+    `progress` is told what is going on. What takes long is copied if one of the bundles `known` is of the same emulator,
+    as where a policy's file is dropped that was trained through one that ships.
+
+    Raises ResourceError without Zig and wasmtime, BadFileError for a file that is no emulator, and whatever else
+    `write_wasm` raises. What says it is a bundle is written last.
+    """
+    source = find_emulator(reference)
+    emulator, policy = load_models(source)
+    licence = licence_of(source)
+    folder.mkdir(parents=True, exist_ok=True)
+    progress("compiling")
+    drive = None
+    twin = _bundle_of(digest(emulator), known)
+    if twin is None:
+        _compile(emulator, folder, licence)
+    else:
+        drive = _copied(twin, folder)
+    if policy is not None:
+        progress("compiling its policy")
+        policy_wasm, _ = checked_wasm(policy, definition_of(policy, licence), "policy")
+        write_whole(folder / "policy.wasm", policy_wasm)
+    progress("looking for a motion worth a look")
+    name = bundle_id or source.name.split(".")[0]
+    write_facts(bundle_facts(source, emulator, policy, name, drive), folder)
+    return folder
+
+
+def digest(emulator: Emulator) -> str:
+    """Return the SHA-256 of all that `emulator` does: its facts and weights, whatever file they are in."""
+    return hashlib.sha256("\n".join(facts_of_emulator(emulator)).encode()).hexdigest()
+
+
+def _bundle_of(wanted: str, known: Sequence[Path]) -> Path | None:
+    """Return the folder of a bundle by this version of the emulator with the digest `wanted`; None if there is none."""
+    for folder in known:
+        facts = json.loads((folder / BUNDLE).read_text(encoding="ascii"))
+        is_current = facts.get("version") == neuroanimator.__version__
+        if is_current and facts.get("digest") == wanted:
+            return folder
+    return None
+
+
+def _copied(twin: Path, folder: Path) -> dict[str, Any]:
+    """Copy the programs of an emulator's bundle into `folder`, and return the motion it is shown with."""
+    for name in (EMULATOR_WASM, DESCENT_FILE, PHYSICS_WASM):
+        if (twin / name).is_file():
+            write_whole(folder / name, (twin / name).read_bytes())
+    facts = json.loads((twin / BUNDLE).read_text(encoding="ascii"))
+    return facts["default_motion"]
+
+
+def _compile(emulator: Emulator, folder: Path, licence: str) -> None:
+    """Write the programs of an emulator into `folder`: that of super steps, and beside it those of a descent and of physics."""
+    system = system_of(emulator)
+    with ThreadPoolExecutor() as pool:
+        others = [
+            pool.submit(_compile_descent, emulator, system, folder),
+            pool.submit(write_physics_beside, system, emulator.dt, folder),
+        ]
+        emulator_wasm, _ = checked_wasm(emulator, definition_of(emulator, licence), "emulator")
+        write_whole(folder / EMULATOR_WASM, emulator_wasm)
+        for other in others:
+            other.result()
+
+
+def _compile_descent(emulator: Emulator, system: System, folder: Path) -> None:
+    descent = descent_of(emulator, system)
+    if descent is not None:
+        write_whole(folder / DESCENT_FILE, descent_module(descent))
+
+
+def write_facts(facts: dict[str, Any], folder: Path) -> None:
+    """Write what a bundle says into its `folder`."""
+    text = json.dumps(facts, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    write_whole(folder / BUNDLE, text.encode("ascii"))
+
+
+class Models(NamedTuple):
+    """What a file has in it."""
+
+    emulator: Emulator
+    policy: Policy | None
+
+
+def load_models(source: Path) -> Models:
+    """Return the emulator in a file, and its policy: the one that ships with it, or all of a policy's file.
+
+    Raises BadFileError for a file that is neither; it says what is wrong with it as an emulator.
+    """
+    try:
+        emulator = Emulator.load(source)
+    except BadFileError:
+        try:
+            policy = load_policy(source)
+        except BadFileError:
+            policy = None
+        if policy is None:
+            raise
+        return Models(policy.emulator, policy)
+    return Models(emulator, policy_beside(source, emulator))
+
+
+def policy_beside(source: Path, emulator: Emulator) -> Policy | None:
+    """Return the policy that ships with the emulator at `source`; None where there is none."""
+    is_usual = is_shipped(source) and source == shipped_path(emulator.system)
+    if not is_usual or emulator.system not in POLICIES:
+        return None
+    return load_policy(shipped_policy(emulator.system))
+
+
+def bundle_facts(
+    source: Path,
+    emulator: Emulator,
+    policy: Policy | None,
+    bundle_id: str,
+    drive: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return what `bundle.json` says; `drive` is what to show first, found if not given."""
+    system = system_of(emulator)
+    facts: dict[str, Any] = {"id": bundle_id}
+    facts |= describe_emulator(emulator, system)
+    facts["sha256"] = hashlib.sha256(source.read_bytes()).hexdigest()
+    facts["digest"] = digest(emulator)
+    facts["licence"] = licence_of(source)
+    facts["policy"] = None if policy is None else describe_policy(policy)
+    if drive is None:
+        start, controls = opening_drive(emulator, system)
+        drive = {"start": short_numbers(start), "controls": short_numbers(controls)}
+    facts["default_motion"] = drive
+    facts["emulator"] = EMULATOR_WASM
+    facts["physics"] = PHYSICS_WASM if isinstance(system, DeformableSystem) else None
+    descent = descent_of(emulator, system)
+    facts["descents"] = [] if descent is None else [describe_descent(descent, system)]
+    return facts

@@ -1,0 +1,293 @@
+"""What the page needs to know of an emulator, as JSON: names and units, how it is drawn, its goals, what steers it."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+import neuroanimator
+from neuroanimator.appearance.skeleton import Skeleton
+from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
+from neuroanimator.control.objective.goals import goal_start, goal_state, is_reached
+from neuroanimator.control.policies.policy import COMMAND, Policy
+from neuroanimator.emulator.emulator import Emulator, latent_size
+from neuroanimator.emulator.spec import EmulatorSpec
+from neuroanimator.state.pose import read_pose
+from neuroanimator.state.pose_entries import describe_root
+from neuroanimator.state.segments import Position, first_of_each, moves_freely
+from neuroanimator.state.structure import Structure
+from neuroanimator.systems import SYSTEMS
+from neuroanimator.systems.goal import Goal
+from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
+from neuroanimator.systems.system import System
+from neuroanimator.zoo import SHIPPED_SYSTEMS
+
+DIGITS = 9
+"""Digits of the numbers of a motion: those of float32."""
+
+TARGET = "target"
+"""The goal of whatever moves freely and is given none: to be at a place."""
+
+TARGET_SECONDS = 3.0
+"""Time in which to get there [s]."""
+
+TARGET_AWAY = (0.77, 0.46, 0.0)
+"""Where that place is at first, from where the body is: ahead and to the left, over its length."""
+
+TARGET_WITHIN = 0.25
+"""How near counts as there, over the body's length."""
+
+BENEATH = 0.6
+"""How deep under the water's surface the middle of a swimmer begins, over its length."""
+
+
+def describe_emulator(emulator: Emulator, system: System) -> dict[str, Any]:
+    """Return what does not hang on motions or files: layouts, bounds, interpolation, appearance, place, goals."""
+    facts = _describe(emulator.spec, emulator.state_structure, system)
+    facts["model"] = "emulator"
+    facts["title"] = _title(emulator)
+    facts["latent"] = latent_size(emulator)
+    facts["goals"] = describe_goals(emulator, system)
+    return facts
+
+
+def describe_physics(spec: EmulatorSpec, system: System) -> dict[str, Any]:
+    """Return the same of a system whose physics the page runs itself; goals are reached through emulators alone."""
+    facts = _describe(spec, system.structure, system)
+    facts["model"] = "physics"
+    facts["title"] = spec.system
+    facts["latent"] = spec.state.size
+    facts["goals"] = []
+    return facts
+
+
+def _describe(spec: EmulatorSpec, structure: Structure, system: System) -> dict[str, Any]:
+    return {
+        "system": spec.system,
+        "about": _about(spec),
+        "version": neuroanimator.__version__,
+        "dt": spec.dt,
+        "physics_dt": system.physics_dt,
+        "substeps": spec.substeps,
+        "can_simulate": system.can_simulate,
+        "state": spec.state.to_json(),
+        "control": spec.control.to_json(),
+        "control_low": list(spec.bounds.low),
+        "control_high": list(spec.bounds.high),
+        "rest": list(spec.rest),
+        "rates": [list(pair) for pair in spec.rates],
+        "orientations": [list(pair) for pair in structure.orientations],
+        "skeleton": spec.skeleton.bones_to_json(),
+        "skin": describe_skin(spec.skeleton),
+        "root": describe_root(structure),
+        "size": body_size(spec),
+        "scene": describe_scene(spec, system),
+        "gait": _gait(spec),
+    }
+
+
+def describe_policy(policy: Policy) -> dict[str, Any]:
+    """Return what there is to command, [name, unit, low, high] each, and what the clock gains with a super step [rad]."""
+    command = []
+    for number, part in enumerate(COMMAND.slices):
+        command.append(
+            [part.name, part.unit, policy.ranges.low[number], policy.ranges.high[number]]
+        )
+    return {"wasm": "policy.wasm", "command": command, "phase_per_step": policy.tick}
+
+
+def describe_skin(skeleton: Skeleton) -> dict[str, Any] | None:
+    """Return the triangles of a skin at rest, sorted by part, its colours (sRGB), and what its points follow.
+
+    Each array is base64 of little-endian numbers: float32, and uint16 of `bones`, uint32 of `indices`. `uvs` are seen
+    from the side: from nose to tail, and from belly to back.
+    """
+    if skeleton.skin is None:
+        return None
+    mesh = skin_mesh(skeleton)
+    part_of = part_numbers(skeleton.skin, mesh)
+    order = np.argsort(part_of, kind="stable")
+    parts = []
+    for number, name in enumerate(PARTS):
+        count = int((part_of == number).sum())
+        if count:
+            first = int((part_of < number).sum())
+            parts.append([name, 3 * first, 3 * count])
+    return {
+        "positions": packed(mesh.points, "<f4"),
+        "normals": packed(mesh.normals, "<f4"),
+        "uvs": packed(_side_view(mesh.points), "<f4"),
+        "colours": packed(colours_of(skeleton.skin, mesh.shades), "<f4"),
+        "indices": packed(mesh.triangles[order], "<u4"),
+        "bones": packed(mesh.bones, "<u2"),
+        "weights": packed(mesh.weights, "<f4"),
+        "parts": parts,
+    }
+
+
+def short_numbers(numbers: np.ndarray) -> Any:
+    """Return `numbers` as lists, with the digits that float32 has."""
+    if numbers.ndim > 1:
+        return [short_numbers(row) for row in numbers]
+    return [float(f"{number:.{DIGITS}g}") for number in numbers]
+
+
+def packed(numbers: np.ndarray, kind: str) -> str:
+    """Return `numbers`, as NumPy calls the `kind`, in base64."""
+    return base64.b64encode(np.ascontiguousarray(numbers, kind).tobytes()).decode("ascii")
+
+
+def unpacked(text: str, kind: str) -> np.ndarray:
+    """Return what `packed` wrote."""
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+def body_size(spec: EmulatorSpec) -> float:
+    """Return the longest side [m] of the box around what moves, at rest; 1 where nothing is drawn."""
+    skeleton = spec.skeleton
+    if skeleton.skin is not None:
+        return float(np.ptp(skin_mesh(skeleton).points, axis=0).max())
+    positions, _ = skeleton.world_poses(np.array(spec.rest)[None])
+    corners = []
+    for number, bone in enumerate(skeleton.bones):
+        if not skeleton.is_moved(number):
+            continue
+        for shape in bone.shapes:
+            reach = max(shape.size) + float(np.linalg.norm(shape.position))
+            corners += [positions[0, number] - reach, positions[0, number] + reach]
+    if not corners:
+        return 1.0
+    return float(np.ptp(corners, axis=0).max())
+
+
+def describe_scene(spec: EmulatorSpec, system: System) -> dict[str, Any]:
+    """Return the kind of place, and how high the water's surface and the ground are [m]; None where there is none."""
+    is_own = bool(spec.definition)
+    kind = "plain" if is_own else SHIPPED_SYSTEMS[system.name].scenery
+    if is_in_water(system.structure):
+        kind = "water"
+    return {"kind": kind, "surface": system.water_surface, "floor": _floor(system)}
+
+
+def is_in_water(structure: Structure) -> bool:
+    """Return whether this is a body of mass points that no ground holds and no gravity pulls, or that water carries."""
+    if structure.cloud is None:
+        return False
+    return structure.is_immersed or not structure.has_gravity
+
+
+def _floor(system: System) -> float | None:
+    """Return the height of the ground [m]; None where there is none."""
+    if not isinstance(system, MujocoSystem):
+        return 0.0 if system.has_ground else None
+    import mujoco
+
+    model = system.model
+    is_plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    heights = model.geom_pos[is_plane & (model.geom_bodyid == 0), 2]
+    return float(heights.max()) if len(heights) else None
+
+
+def describe_goals(emulator: Emulator, system: System) -> list[dict[str, Any]]:
+    """Return every goal: what `system` names, and to be at a place where something moves freely and no goal is named."""
+    rows = []
+    for name, goal in system.goals.items():
+        rows.append(_named_goal(emulator, system, name, goal))
+    structure = emulator.state_structure
+    can_move = structure.cloud is not None or moves_freely(structure.segments)
+    if not rows and can_move:
+        rows.append(target_goal(emulator, system))
+    return rows
+
+
+def _named_goal(emulator: Emulator, system: System, name: str, goal: Goal) -> dict[str, Any]:
+    start = goal_start(system, name)
+    target = goal_state(system, goal)
+    within = []
+    for (entry, value), tolerance in zip(goal.values, goal.tolerances, strict=False):
+        within.append([entry, value, tolerance])
+    return {
+        "name": name,
+        "kind": "state",
+        "seconds": goal.seconds,
+        "start": start.tolist(),
+        "target": target.tolist(),
+        "is_at_start": is_reached(system, goal, start),
+        "movable": _movable(emulator, goal, target),
+        "within": within,
+    }
+
+
+def _movable(
+    emulator: Emulator, goal: Goal, target: Float[np.ndarray, " S"]
+) -> dict[str, Any] | None:
+    """Return the place that a goal's target may be dragged from; None where it says no place."""
+    segments = emulator.state_structure.segments
+    if not moves_freely(segments):
+        return None
+    entries = first_of_each(segments)[Position].entries
+    wanted = {entry for entry, _ in goal.values}
+    if not wanted.issuperset(range(entries.start, entries.stop)):
+        return None
+    return {"kind": "place", "entry": entries.start, "at": target[entries].tolist()}
+
+
+def target_goal(emulator: Emulator, system: System) -> dict[str, Any]:
+    """Return the goal to be at a place, which may be dragged anywhere."""
+    start = np.array(system.rest, float)
+    length = system.body_length or body_size(emulator.spec)
+    if system.water_surface is not None:
+        cloud = emulator.state_structure.cloud
+        assert cloud is not None
+        heights = start[2 : 3 * cloud.count : 3]
+        heights += system.water_surface - BENEATH * length - heights.mean()
+    position = np.asarray(read_pose(emulator.state_structure, start).position)
+    at = position + length * np.array(TARGET_AWAY)
+    return {
+        "name": TARGET,
+        "kind": "place",
+        "seconds": TARGET_SECONDS,
+        "start": start.tolist(),
+        "target": None,
+        "is_at_start": False,
+        "movable": {"kind": "place", "entry": None, "at": at.tolist()},
+        "within": {"distance": place_within(emulator.spec, system)},
+    }
+
+
+def place_within(spec: EmulatorSpec, system: System) -> float:
+    """Return how near to a place counts as there [m]."""
+    return TARGET_WITHIN * (system.body_length or body_size(spec))
+
+
+def _title(emulator: Emulator) -> str:
+    """Return what to call an emulator where there are several of one system."""
+    return f"{emulator.system}, {emulator.substeps} steps at a time"
+
+
+def _about(spec: EmulatorSpec) -> str:
+    if not spec.definition and spec.system in SYSTEMS:
+        return SYSTEMS[spec.system]
+    return f"{spec.system}: {spec.state.size} states, {spec.control.size} controls"
+
+
+def _side_view(points: Float[np.ndarray, "V 3"]) -> Float[np.ndarray, "V 2"]:
+    """Return texture coordinates from the side: 0 at the nose and at the belly."""
+    low = points.min(axis=0)
+    extent = np.ptp(points, axis=0)
+    share = (points - low) / extent
+    return np.stack([1 - share[:, 0], share[:, 2]], axis=1)
+
+
+def _gait(spec: EmulatorSpec) -> dict[str, Any] | None:
+    gait = spec.gait
+    if gait is None:
+        return None
+    return {
+        "period": gait.period,
+        "amplitudes": list(gait.amplitudes),
+        "lags": list(gait.lags),
+    }

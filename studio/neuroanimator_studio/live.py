@@ -1,0 +1,246 @@
+"""What a page and the server say to each other while the page is open: questions about the physics, answers, events.
+
+The first message of a page says the token. Whoever floods the server, asks what is no JSON or takes nothing in is left;
+the server waits for nobody.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from starlette.responses import JSONResponse
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+import neuroanimator
+from neuroanimator.errors import ArgumentError, NeuroAnimatorError
+from neuroanimator_studio.descents import judge_motion
+from neuroanimator_studio.description import packed
+from neuroanimator_studio.drive import checked_drive
+from neuroanimator_studio.job_plan import check_packaged, checked_plan
+from neuroanimator_studio.judge import judge, replay_physics
+from neuroanimator_studio.library import Shown
+from neuroanimator_studio.open_page import Budget, Page, RefusedError
+from neuroanimator_studio.requests import (
+    Asked,
+    Jobs,
+    Judge,
+    JudgeDescent,
+    OfJob,
+    Replay,
+    Train,
+    read_hello,
+    read_request,
+    request_id,
+)
+from neuroanimator_studio.studio import Studio
+from neuroanimator_studio.words import public_words, say_unexpected
+
+POLICY_VIOLATION = 1008
+"""The code with which a socket is closed that does what it may not (RFC 6455, 7.4.1)."""
+
+CLOSING_SECONDS = 1.0
+"""Time for a page to be told why it is left [s]."""
+
+Answer = dict[str, Any]
+
+
+async def serve_page(socket: WebSocket) -> None:
+    """Talk to one page until it is gone."""
+    studio: Studio = socket.app.state.studio
+    if len(studio.pages) >= studio.limits.sockets:
+        words = f"{studio.limits.sockets} pages are open already. Close one and reload."
+        await socket.send_denial_response(JSONResponse({"error": words}, 503))
+        return
+    page = Page(socket, studio.limits)
+    studio.pages.add(page)
+    try:
+        await socket.accept()
+        await _talk(studio, page)
+    except RefusedError as refused:
+        # Who takes nothing in may not take this in, either.
+        with contextlib.suppress(Exception):
+            async with asyncio.timeout(CLOSING_SECONDS):
+                await socket.close(POLICY_VIOLATION, str(refused))
+    except WebSocketDisconnect:
+        pass
+    finally:
+        studio.pages.discard(page)
+
+
+async def _talk(studio: Studio, page: Page) -> None:
+    limits = studio.limits
+    try:
+        async with asyncio.timeout(limits.token_seconds):
+            text = await page.receive()
+    except TimeoutError:
+        raise RefusedError("no token") from None
+    if not _says_token(studio, text):
+        raise RefusedError("wrong token")
+    page.tell({"event": "ready", "version": neuroanimator.__version__})
+    sending = asyncio.create_task(page.send_all())
+    reading = asyncio.create_task(_read(studio, page))
+    tasks = {sending, reading}
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _says_token(studio: Studio, text: str) -> bool:
+    try:
+        hello = read_hello(text, studio.limits.message_bytes)
+    except (ValueError, RecursionError):
+        return False
+    return studio.gate.is_token(hello.token)
+
+
+async def _read(studio: Studio, page: Page) -> None:
+    """Read requests and work on them, a few at a time."""
+    budget = Budget(studio.limits)
+    free = asyncio.Semaphore(studio.limits.requests_at_once)
+    working: set[asyncio.Task[None]] = set()
+    try:
+        while True:
+            text = await page.receive()
+            budget.spend()
+            await free.acquire()
+            task = asyncio.create_task(_work(studio, page, text))
+            working.add(task)
+            task.add_done_callback(working.discard)
+            task.add_done_callback(lambda _: free.release())
+            await asyncio.sleep(0)
+            _raise_refusals(working)
+    finally:
+        for task in working:
+            task.cancel()
+
+
+def _raise_refusals(tasks: set[asyncio.Task[None]]) -> None:
+    for task in tasks:
+        if task.done() and not task.cancelled() and task.exception() is not None:
+            task.result()
+
+
+async def _work(studio: Studio, page: Page, text: str) -> None:
+    """Answer one request; whatever is wrong with it is said in one line."""
+    await page.answer(await answer_to(studio, text))
+
+
+async def answer_to(studio: Studio, text: str) -> Answer:
+    """Return the answer to one request. Raises RefusedError for what is no JSON."""
+    limits = studio.limits
+    number = None
+    try:
+        number = request_id(text, limits.message_bytes)
+        request = read_request(text, limits.message_bytes)
+    except ArgumentError as error:
+        return {"id": number, "error": public_words(str(error))}
+    except (ValueError, RecursionError) as error:
+        raise RefusedError("no JSON") from error
+    try:
+        answer = await _carried_out(studio, request)
+    except NeuroAnimatorError as error:
+        return {"id": request.id, "error": public_words(str(error))}
+    except Exception as error:
+        return {"id": request.id, "error": say_unexpected(error)}
+    return {"id": request.id, **answer}
+
+
+async def _carried_out(studio: Studio, request: Asked) -> Answer:
+    """Return what was asked for, computed beside the server."""
+    if isinstance(request, Replay):
+        return await studio.in_physics(lambda: replayed(studio, request))
+    if isinstance(request, Judge):
+        return await studio.in_physics(lambda: judged(studio, request))
+    if isinstance(request, JudgeDescent):
+        return await studio.in_physics(lambda: descent_judged(studio, request))
+    return await studio.in_files(lambda: job_answer(studio, request))
+
+
+def replayed(studio: Studio, request: Replay) -> Answer:
+    """Return the answer to `replay`."""
+    shown = studio.library.load(request.bundle)
+    drive = checked_drive(shown.spec, request, studio.limits)
+    result = replay_physics(shown, drive, studio.limits)
+    return {
+        "states": packed(result.states, "<f4"),
+        "wall_s": result.wall_s,
+        "usual_wall_s": result.usual_wall_s,
+        "physics_steps": result.physics_steps,
+    }
+
+
+def judged(studio: Studio, request: Judge) -> Answer:
+    """Return the answer to `judge`."""
+    shown = studio.library.load(request.bundle)
+    verdict = judge(shown, request.goal, _last_state(shown, request), request.target)
+    return verdict._asdict()
+
+
+def descent_judged(studio: Studio, request: JudgeDescent) -> Answer:
+    """Return the answer to `judge_descent`."""
+    shown = studio.library.load(request.bundle)
+    states = _all_states(shown, request)
+    if shown.emulator is None:
+        raise ArgumentError(f"{shown.bundle_id} has no emulator, and so no descents to judge.")
+    return judge_motion(shown.emulator, shown.system, request.values, states)._asdict()
+
+
+def job_answer(studio: Studio, request: Train | Jobs | OfJob) -> Answer:
+    """Return the answer to what is asked of trainings: all of them, as they are then."""
+    answer: Answer = {}
+    if isinstance(request, Train):
+        answer["job"] = started(studio, request)
+    elif isinstance(request, OfJob):
+        actions = {
+            "stop": studio.jobs.stop,
+            "resume": studio.jobs.resume,
+            "forget": studio.jobs.forget,
+        }
+        actions[request.do](request.job)
+    answer["jobs"] = studio.jobs.list()
+    return answer
+
+
+def started(studio: Studio, request: Train) -> str:
+    """Return the id of the training that now runs."""
+    values = request.model_dump(include={"substeps", "size", "count", "updates"})
+    if (request.system is None) == (request.model is None):
+        raise ArgumentError("train: wanted a system or a model, one of them.")
+    if request.model is not None:
+        model = studio.models.find(request.model)
+        return studio.jobs.start(
+            checked_plan({"system": model.facts["system"], **values}), model.toml
+        )
+    check_packaged(request.system or "")
+    return studio.jobs.start(checked_plan({"system": request.system, **values}))
+
+
+def _last_state(shown: Shown, request: Judge) -> np.ndarray:
+    """Return the last of the states."""
+    return _all_states(shown, request)[-1]
+
+
+def _all_states(shown: Shown, request: Judge | JudgeDescent) -> Float[np.ndarray, "K S"]:
+    """Return the states, which came as rows or in base64."""
+    size = shown.spec.state.size
+    if not isinstance(request.states, str):
+        return shown.spec.state.check(request.states, "states")
+    try:
+        content = base64.b64decode(request.states, validate=True)
+    except ValueError as error:
+        raise ArgumentError("states: wanted base64 of float32 numbers.") from error
+    if not content or len(content) % (4 * size):
+        raise ArgumentError(
+            f"states: wanted rows of {size} float32 numbers, came {len(content)} bytes."
+        )
+    return np.frombuffer(content, "<f4").reshape(-1, size).astype(float)
