@@ -6,8 +6,8 @@ python benchmarks/reinforcement.py --seeds 1       other seeds than 0 to 2; writ
 python benchmarks/reinforcement.py --emulators     makes the emulators that are missing, and ends
 python benchmarks/reinforcement.py --cpu           counts processor time, on a machine with other work; writes no file
 
-Needs stable-baselines3: pip install "neuroanimator[rl]" "gymnasium[mujoco]". Emulators are kept in out/reinforcement and used
-again, with the processor time they took beside them.
+Needs stable-baselines3: pip install "neuroanimator[gym]" "gymnasium[mujoco]" stable-baselines3. Emulators are kept in
+out/reinforcement and used again, with the processor time they took beside them.
 
 The same algorithm (PPO of stable-baselines3), the same settings, the same task (rules of episodes), on
 
@@ -37,6 +37,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 import neuroanimator as na
 from neuroanimator.evaluation.csv_table import write_csv
@@ -60,8 +61,11 @@ try:
     from reinforcement_cases.policies import PlainPolicy, gymnasium_returns, play
     from reinforcement_cases.tasks import TASKS, Learning, LearningTask, with_rows
 except ImportError as error:
-    sys.exit(f'{error.name} is missing: pip install "neuroanimator[rl]" "gymnasium[mujoco]"')
+    sys.exit(
+        f'{error.name} is missing: pip install "neuroanimator[gym]" "gymnasium[mujoco]" stable-baselines3'
+    )
 
+AT_ONCE = AutoresetMode.SAME_STEP
 WORKPLACE = Path("out/reinforcement")
 RESULTS = Path(__file__).parent / "results"
 
@@ -114,11 +118,13 @@ class Arm(NamedTuple):
 def arms_of(task: LearningTask, made: Made, first: na.Emulator | None) -> list[Arm]:
     """Return the ways a task is learnt; `first` is its emulator before any round."""
     emulator = made.emulator
-    rules = task.rules_for(emulator)
+    rules = task.rules(emulator)
     rows = task.learning.rows
 
     def unguarded(used: na.Emulator) -> Callable[[], Any]:
-        return lambda: rows_world(EmulatorVectorEnv(used, rows, rules=rules))
+        return lambda: rows_world(
+            EmulatorVectorEnv(used, rows, rules=rules, autoreset_mode=AT_ONCE)
+        )
 
     arms = [
         Arm(
@@ -156,7 +162,9 @@ def arms_of(task: LearningTask, made: Made, first: na.Emulator | None) -> list[A
         Arm(
             "MuJoCo",
             SEEDS[: task.mujoco_seeds],
-            lambda: rows_world(PhysicsVectorEnv(emulator, rows, rules=rules)),
+            lambda: rows_world(
+                PhysicsVectorEnv(emulator, rows, rules=rules, autoreset_mode=AT_ONCE)
+            ),
             task.learning,
             task.mujoco_seconds,
             None,
@@ -194,7 +202,7 @@ def run(
     task: LearningTask, arm: Arm, seed: int, emulator: na.Emulator, clock: Callable[[], float]
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return the row of an arm and a seed, and its learning curve."""
-    rules = task.rules_for(emulator)
+    rules = task.rules(emulator)
     physics = PhysicsVectorEnv(emulator, JUDGED, rules=rules)
     inside = arm.inside and EmulatorVectorEnv(arm.inside, JUDGED, rules=rules)
 
@@ -288,14 +296,14 @@ def summary_of(rows: list[dict[str, Any]], curves: list[dict[str, Any]]) -> list
 
 def speed_rows(task: LearningTask, emulator: na.Emulator) -> list[dict[str, Any]]:
     """Return how many steps a second each world makes, by random actions, nothing learnt."""
-    rules = task.rules_for(emulator)
+    rules = task.rules(emulator)
     rows = task.learning.rows
     worlds = {
         f"emulator, {rows} rows": lambda: rows_world(
-            EmulatorVectorEnv(emulator, rows, rules=rules)
+            EmulatorVectorEnv(emulator, rows, rules=rules, autoreset_mode=AT_ONCE)
         ),
         f"mujoco.rollout, {rows} rows": lambda: rows_world(
-            PhysicsVectorEnv(emulator, rows, rules=rules)
+            PhysicsVectorEnv(emulator, rows, rules=rules, autoreset_mode=AT_ONCE)
         ),
     }
     if task.is_gymnasium:

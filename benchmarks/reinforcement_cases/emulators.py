@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 import neuroanimator as na
 from neuroanimator import control
@@ -142,7 +143,7 @@ def episodes_of_round(
     task: LearningTask, recipe: Recipe, emulator: na.Emulator, number: int
 ) -> list[control.Episode]:
     """Return what policies did on MuJoCo that a learner inside had, from its first to its last."""
-    rules = task.rules_for(emulator)
+    rules = task.rules(emulator)
     seed = FIRST_ROUND_SEED + number - 1
     noisy = np.arange(PLAYED) % 2 == 1
     physics = PhysicsVectorEnv(emulator, PLAYED, seconds=PLAYED_STEPS * emulator.dt, rules=rules)
@@ -183,7 +184,8 @@ def guarded(task: LearningTask, emulator: na.Emulator, rows: int) -> EmulatorVec
     return EmulatorVectorEnv(
         emulator,
         rows,
-        rules=task.rules_for(emulator),
+        rules=task.rules(emulator),
         trust_limit=task.trust_limit,
         trust_penalty=task.trust_penalty,
+        autoreset_mode=AutoresetMode.SAME_STEP,
     )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -21,10 +23,12 @@ from stable_baselines3.common.vec_env import (
     VecNormalize,
 )
 
-from neuroanimator.gym.stable_baselines import StableBaselinesEnv
 from neuroanimator.gym.state_env import StateVectorEnv
 from reinforcement_cases.policies import PlainPolicy
 from reinforcement_cases.tasks import Learning
+
+sys.path.append(str(Path(__file__).parents[2] / "examples" / "learning"))
+from ppo import Rows
 
 JUDGEMENTS = 16
 """How often a policy is judged in the time it has, at most."""
@@ -190,7 +194,7 @@ def learn(
 
 def rows_world(env: StateVectorEnv) -> VecEnv:
     """Return many rows at once as a world to learn in."""
-    return StableBaselinesEnv(env)
+    return Rows(env)
 
 
 def gymnasium_world(env_id: str, count: int, in_processes: bool = False) -> VecEnv:

@@ -6,13 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import gymnasium
 import numpy as np
 from jaxtyping import Bool, Float
 
 import neuroanimator as na
 from neuroanimator.gym import EpisodeRules
+from neuroanimator.state.layout import Layout
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.tasks.rigid import TRUCK_MARGIN, TRUCK_PROBES, lot_zones
+
+Rows = Float[np.ndarray, "B N"]
+Numbers = Float[np.ndarray, " B"]
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ class LearningTask:
     """A task, and how long everybody has for it."""
 
     name: str
-    rules: str | Callable[[na.Emulator], EpisodeRules]
+    rules: Callable[[na.Emulator], EpisodeRules]
     target: float
     """The fixed return."""
     learning: Learning
@@ -72,11 +77,7 @@ class LearningTask:
     @property
     def is_gymnasium(self) -> bool:
         """Whether Gymnasium has it."""
-        return isinstance(self.rules, str)
-
-    def rules_for(self, emulator: na.Emulator) -> str | EpisodeRules:
-        """Return what an environment takes as rules."""
-        return self.rules if isinstance(self.rules, str) else self.rules(emulator)
+        return self.name in gymnasium.registry
 
 
 BAY = np.array([-6.4, -7.3])
@@ -200,6 +201,74 @@ def parking_rules(emulator: na.Emulator) -> EpisodeRules:
     return EpisodeRules(reward, observe, is_over, draw_start, PARKING_STEPS)
 
 
+def swimmer_rules(emulator: na.Emulator) -> EpisodeRules:
+    """Return what Gymnasium's Swimmer-v5 pays, shows and ends, for an emulator that leaps one of its steps."""
+    layout = emulator.state
+    shown = shown_entries(layout, hidden=("slider1", "slider2"))
+
+    def reward(states: Rows, controls: Rows, following: Rows, dt: float) -> Numbers:
+        return forward_velocity(layout, "slider1", states, following, dt) - 1e-4 * squares(controls)
+
+    def observe(states: Rows) -> Rows:
+        return states[:, shown]
+
+    return EpisodeRules(reward, observe, draw_start=around(emulator.rest, 0.1), steps=1000)
+
+
+def hopper_rules(emulator: na.Emulator) -> EpisodeRules:
+    """Return what Gymnasium's Hopper-v5 pays, shows and ends, for an emulator that leaps one of its steps."""
+    layout = emulator.state
+    shown = shown_entries(layout, hidden=("rootx",))
+    limits = np.full(layout.size, np.inf)
+    for part in layout.slices:
+        if part.unit in ("m/s", "rad/s"):
+            limits[layout.index(part.name)] = 10.0
+
+    def is_fallen(states: Rows) -> Bool[np.ndarray, " B"]:
+        height = layout.part(states, "rootz")[:, 0]
+        angle = layout.part(states, "rooty")[:, 0]
+        others = np.delete(
+            states, [layout.index("rootx").start, layout.index("rootz").start], axis=1
+        )
+        is_sane = (np.abs(others) < 100).all(axis=1)
+        return np.asarray(~((height > 0.7) & (np.abs(angle) < 0.2) & is_sane))
+
+    def reward(states: Rows, controls: Rows, following: Rows, dt: float) -> Numbers:
+        forward = forward_velocity(layout, "rootx", states, following, dt)
+        return forward - 1e-3 * squares(controls) + ~is_fallen(following)
+
+    def observe(states: Rows) -> Rows:
+        return np.clip(states, -limits, limits)[:, shown]
+
+    return EpisodeRules(reward, observe, is_fallen, around(emulator.rest, 0.005), 1000)
+
+
+def shown_entries(layout: Layout, hidden: tuple[str, ...]) -> list[int]:
+    """Return the entries of the state of all parts but the `hidden` ones."""
+    left_out = {entry for part in hidden for entry in range(layout.size)[layout.index(part)]}
+    return [entry for entry in range(layout.size) if entry not in left_out]
+
+
+def forward_velocity(
+    layout: Layout, part: str, states: Rows, following: Rows, dt: float
+) -> Numbers:
+    """Return how fast the one number of a part grew over a step."""
+    moved = layout.part(following, part)[:, 0].astype(float) - layout.part(states, part)[:, 0]
+    return moved / dt
+
+
+def squares(controls: Rows) -> Numbers:
+    """Return the sum of the squared controls of each row."""
+    return (np.asarray(controls, float) ** 2).sum(axis=1)
+
+
+def around(
+    rest: Float[np.ndarray, " S"], noise: float
+) -> Callable[[np.random.Generator], Float[np.ndarray, " S"]]:
+    """Return what draws starts uniformly within ± `noise` of rest."""
+    return lambda rng: rest + rng.uniform(-noise, noise, len(rest))
+
+
 MANY_ROWS: dict[str, Any] = {"n_epochs": 4, "batch_size": 2048, "learning_rate": 1e-3}
 """What suits hundreds of rows: large batches, few epochs."""
 
@@ -213,7 +282,7 @@ TASKS = {
     for task in (
         LearningTask(
             "Swimmer-v5",
-            "Swimmer-v5",
+            swimmer_rules,
             target=200.0,
             learning=Learning(256, 0.9999, MANY_ROWS | {"n_steps": 128, "policy_kwargs": SMALL}),
             trust_limit=3.0,
@@ -238,7 +307,7 @@ TASKS = {
         ),
         LearningTask(
             "Hopper-v5",
-            "Hopper-v5",
+            hopper_rules,
             target=1000.0,
             learning=Learning(256, 0.995, MANY_ROWS | {"n_steps": 64, "policy_kwargs": CAUTIOUS}),
             trust_limit=3.0,

@@ -1,23 +1,19 @@
-"""Rules of episodes: a task declared in TOML or Python is the environment's own, in an emulator and on the physics."""
+"""Rules of episodes: a task in functions is the environment's own, in an emulator and on the physics."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
+from reinforcement_cases.tasks import TASKS
 
 from neuroanimator import DatasetConfig, Emulator, NeuroAnimatorError, TrainingConfig
 from neuroanimator.control.planning.environments import mujoco_state
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.gym import EmulatorVectorEnv, EpisodeRules, PhysicsVectorEnv, mjcf_of
-from neuroanimator.gym.rules_table import find_rules
-from neuroanimator.gym.same_step import SameStepRows
 from neuroanimator.systems.loading import resolve
 from neuroanimator.training.initialise import build_emulator
 
@@ -48,26 +44,6 @@ DEFINITIONS = {
 }
 """Physics step [s] and kinds of joints; `neuroanimator new` writes more, and takes longer."""
 
-TABLE = """
-steps = 20
-
-[reward]
-forward = { part = "angle", entry = 1, weight = 2.0 }
-control_cost = 0.01
-healthy = 0.5
-
-[healthy]
-angle = [-1.0, inf]
-
-[observation]
-leave_out = ["angle"]
-clip_velocities = 0.1
-
-[start]
-parts = { velocity = [0.1, 0.2, 0.3] }
-noise = 0.05
-"""
-
 
 @pytest.fixture(scope="module", params=list(DEFINITIONS))
 def task(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
@@ -88,22 +64,6 @@ def task(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return request.param, emulator
 
 
-@pytest.fixture
-def table(tmp_path: Path) -> Callable[..., Path]:
-    """Write `TABLE` with some of its text exchanged."""
-
-    def write(*exchanged: tuple[str, str]) -> Path:
-        text = TABLE
-        for old, new in exchanged:
-            assert old in text
-            text = text.replace(old, new)
-        path = tmp_path / "task.toml"
-        path.write_text(text)
-        return path
-
-    return write
-
-
 def played(env_id: str, seed: int) -> list[tuple[Any, ...]]:
     """Return (state, action, state after it, observation, reward, terminated) of steps of the environment itself."""
     env = gymnasium.make(env_id)
@@ -121,9 +81,9 @@ def played(env_id: str, seed: int) -> list[tuple[Any, ...]]:
     return rows
 
 
-def test_the_table_of_an_environment_pays_shows_and_ends_what_the_environment_does(task: Any):
+def test_the_rules_of_an_environment_pay_show_and_end_what_the_environment_does(task: Any):
     env_id, emulator = task
-    rules = find_rules(env_id, emulator)
+    rules = TASKS[env_id].rules(emulator)
     rows = [row for seed in range(4) for row in played(env_id, seed)]
     states, actions, following, observations, rewards, terminated = map(
         np.array, zip(*rows, strict=True)
@@ -139,7 +99,7 @@ def test_the_table_of_an_environment_pays_shows_and_ends_what_the_environment_do
 def test_on_the_physics_the_rules_are_the_environment(task: Any):
     env_id, emulator = task
     rows = played(env_id, 3)
-    env = PhysicsVectorEnv(emulator, rules=env_id)
+    env = PhysicsVectorEnv(emulator, rules=TASKS[env_id].rules(emulator))
     env.reset(options={"state": rows[0][0]})
     for _, action, following, observation, reward, terminated in rows:
         shown, paid, is_over, _, _ = env.step(action[None])
@@ -151,7 +111,7 @@ def test_on_the_physics_the_rules_are_the_environment(task: Any):
 
 def test_starts_are_drawn_as_the_environment_draws_them(task: Any):
     env_id, emulator = task
-    rules = find_rules(env_id, emulator)
+    rules = TASKS[env_id].rules(emulator)
     random = np.random.default_rng(0)
     drawn = np.stack([rules.draw_start(random) for _ in range(400)])
     env = gymnasium.make(env_id)
@@ -167,7 +127,7 @@ def test_starts_are_drawn_as_the_environment_draws_them(task: Any):
 
 def test_an_emulator_with_rules_has_the_spaces_of_the_environment(task: Any):
     env_id, emulator = task
-    ours = EmulatorVectorEnv(emulator, 3, rules=env_id)
+    ours = EmulatorVectorEnv(emulator, 3, rules=TASKS[env_id].rules(emulator))
     theirs = gymnasium.make(env_id)
     assert ours.single_observation_space.shape == theirs.observation_space.shape
     assert ours.single_action_space == theirs.action_space
@@ -175,61 +135,10 @@ def test_an_emulator_with_rules_has_the_spaces_of_the_environment(task: Any):
     theirs.close()
 
 
-def test_a_table_says_what_a_function_says(shipped: Emulator, table: Callable[..., Path]):
-    def reward(states, controls, following, dt):
-        speed = (following[:, 1] - states[:, 1]) / dt
-        return 2 * speed - 0.01 * (controls**2).sum(axis=1) + 0.5 * (following[:, :3] > -1).all(1)
-
-    def is_over(states):
-        return ~(states[:, :3] > -1).all(axis=1)
-
-    rules = EpisodeRules(
-        reward, lambda states: np.clip(states[:, 3:], -0.1, 0.1), is_over, steps=20
-    )
-    start = np.array([0.1, 0.2, -0.9, 1.0, 2.0, -3.0])
-    declared = EmulatorVectorEnv(shipped, 2, rules=table())
-    written = EmulatorVectorEnv(shipped, 2, rules=rules)
-    firsts = [env.reset(options={"state": start})[0] for env in (declared, written)]
-    np.testing.assert_array_equal(*firsts)
-    action = np.array([[5.0, 1.0, -2.0], [-20.0, 0.0, 9.0]])
-    has_ended = np.zeros(2, bool)
-    while not has_ended.any():
-        one, other = (env.step(action) for env in (declared, written))
-        for ours, theirs in zip(one[:4], other[:4], strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-4)
-        has_ended = one[2] | one[3]
-    assert one[2].any()
-    start_of_table = declared.reset(seed=1)[0]
-    assert (np.abs(start_of_table) <= 0.1).all()
-    velocities = declared.shown_states()[:, 3:]
-    assert (np.abs(velocities - [0.1, 0.2, 0.3]) <= 0.05).all()
-
-
-@pytest.mark.parametrize(
-    ("exchanged", "message"),
-    [
-        (("entry = 1", "entry = 3"), "task.toml: reward.forward: 'angle' has 3 numbers.*came 3"),
-        (('part = "angle"', 'part = "angel"'), "task.toml: No part called 'angel'. Parts: angle"),
-        (("[-1.0, inf]", "[1.0, -1.0]"), "healthy.angle: wanted the least value below the largest"),
-        (("control_cost", "effort"), "task.toml: reward.effort: extra inputs"),
-        (("steps = 20", "steps = 0"), "task.toml: steps"),
-        (("noise = 0.05", "noise = nan"), "task.toml: start.noise"),
-        (('["angle"]', '["angle", "velocity"]'), "observation.leave_out: nothing is left"),
-        (("[0.1, 0.2, 0.3]", "[0.1]"), "start: 'velocity' has 3 numbers"),
-    ],
-)
-def test_a_table_that_makes_no_sense_is_refused(
-    shipped: Emulator, table: Callable[..., Path], exchanged: tuple[str, str], message: str
-):
-    with pytest.raises(NeuroAnimatorError, match=message):
-        EmulatorVectorEnv(shipped, rules=table(exchanged))
-
-
-def test_rules_that_do_not_exist_are_answered_with_those_that_do(shipped: Emulator):
-    with pytest.raises(NeuroAnimatorError, match="No rules called 'Swimer-v5'.*Swimmer-v5"):
-        EmulatorVectorEnv(shipped, rules="Swimer-v5")
+def test_rules_and_a_reward_together_are_refused(shipped: Emulator):
+    rules = EpisodeRules(lambda states, controls, following, dt: states[:, 0])
     with pytest.raises(NeuroAnimatorError, match="reward and rules: both came. Give one"):
-        EmulatorVectorEnv(shipped, rules="Swimmer-v5", reward=max)
+        EmulatorVectorEnv(shipped, rules=rules, reward=max)
 
 
 def test_a_step_beyond_the_trust_limit_ends_the_episode_and_no_other_does(shipped: Emulator):
@@ -275,47 +184,37 @@ def test_on_the_physics_and_in_its_emulator_episodes_begin_alike_and_stay_close(
     assert np.abs(np.array(ends[0][1]) - ends[1][1]).max() < 0.1 * np.ptp(ends[1][1])
 
 
-def test_rows_that_end_start_anew_in_the_same_step_and_say_what_they_came_to(shipped: Emulator):
-    rows = SameStepRows(EmulatorVectorEnv(shipped, 2, seconds=3 * shipped.dt))
-    plain = EmulatorVectorEnv(shipped, 2, seconds=3 * shipped.dt)
-    first = rows.reset(seed=7)
-    np.testing.assert_array_equal(first, plain.reset(seed=7)[0])
-    action = np.full((2, 3), 0.5, np.float32)
-    control = 0.5 * np.array(shipped.bounds.high)
-    earned = np.zeros(2)
+def test_rows_that_end_start_anew_in_the_same_step_if_asked_to(shipped: Emulator):
+    seconds = 3 * shipped.dt
+    at_once = EmulatorVectorEnv(shipped, 2, seconds=seconds, autoreset_mode=AutoresetMode.SAME_STEP)
+    plain = EmulatorVectorEnv(shipped, 2, seconds=seconds)
+    assert at_once.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    np.testing.assert_array_equal(at_once.reset(seed=7)[0], plain.reset(seed=7)[0])
+    control = np.tile(0.5 * np.array(shipped.bounds.high), (2, 1))
     for step in range(3):
-        stepped = rows.step(action)
-        observations, rewards, *_ = plain.step(np.tile(control, (2, 1)))
-        earned += rewards
-        np.testing.assert_allclose(stepped.rewards, rewards, rtol=1e-6)
-        assert stepped.has_ended.all() == (step == 2)
-    for row, info in enumerate(stepped.infos):
-        np.testing.assert_array_equal(info["terminal_observation"], observations[row])
-        assert info["TimeLimit.truncated"]
-        assert info["episode"] == {"r": pytest.approx(earned[row]), "l": 3}
-        assert info["trust"] < 1
-    following, *_ = plain.step(np.tile(control, (2, 1)))
-    np.testing.assert_array_equal(stepped.observations, following)
-    assert rows.step(action).infos == [{}, {}]
-
-
-def test_without_stable_baselines3_one_line_says_how_to_install_it():
-    code = "import sys; sys.modules['stable_baselines3'] = None; import neuroanimator.gym.stable_baselines"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
-    last = run.stderr.strip().splitlines()[-1]
-    assert last.endswith(
-        "stable-baselines3 is missing. Install it with: pip install 'neuroanimator[rl]'"
-    )
+        ours = at_once.step(control)
+        theirs = plain.step(control)
+        for one, other in zip(ours[1:4], theirs[1:4], strict=True):
+            np.testing.assert_array_equal(one, other)
+        has_ended = ours[2] | ours[3]
+        assert has_ended.all() == (step == 2)
+        assert ("final_obs" in ours[4]) == (step == 2)
+    assert ours[4]["_final_obs"].all()
+    np.testing.assert_array_equal(np.stack(ours[4]["final_obs"]), theirs[0])
+    following, *_ = plain.step(control)
+    np.testing.assert_array_equal(ours[0], following)
+    with pytest.raises(NeuroAnimatorError, match="wanted NEXT_STEP or SAME_STEP"):
+        EmulatorVectorEnv(shipped, autoreset_mode=AutoresetMode.DISABLED)
 
 
 def test_stable_baselines3_learns_in_an_emulator(shipped: Emulator):
-    pytest.importorskip("stable_baselines3", reason="stable-baselines3 is missing: an extra, [rl]")
+    pytest.importorskip("stable_baselines3", reason="pip install stable-baselines3")
+    from ppo import Rows
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecNormalize
 
-    from neuroanimator.gym.stable_baselines import StableBaselinesEnv
-
-    env = VecNormalize(StableBaselinesEnv(EmulatorVectorEnv(shipped, 16, seconds=0.5)))
+    inside = EmulatorVectorEnv(shipped, 16, seconds=0.5, autoreset_mode=AutoresetMode.SAME_STEP)
+    env = VecNormalize(Rows(inside))
     model = PPO("MlpPolicy", env, n_steps=16, batch_size=128, n_epochs=1, seed=0, device="cpu")
     model.learn(512)
     assert model.num_timesteps == 512

@@ -8,8 +8,6 @@ env = gymnasium.make("neuroanimator/fish-reach-v0")
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from neuroanimator.errors import ResourceError
 
 try:
@@ -23,11 +21,7 @@ from neuroanimator.gym.envs import EmulatorEnv, EmulatorVectorEnv, RunningCost
 from neuroanimator.gym.models import mjcf_of
 from neuroanimator.gym.physics_env import PhysicsVectorEnv
 from neuroanimator.gym.rules import EpisodeRules
-from neuroanimator.lazy import lazy_names
 from neuroanimator.zoo import SHIPPED
-
-if TYPE_CHECKING:
-    from neuroanimator.gym.stable_baselines import StableBaselinesEnv as StableBaselinesEnv
 
 __all__ = [
     "EmulatorEnv",
@@ -67,9 +61,6 @@ def _register(name: str, single_env: str, vector_env: str, **arguments: str) -> 
         kwargs=arguments,
     )
 
-
-# What it needs is an extra of its own, so that neither `import *` nor anybody else asks for it unasked.
-__getattr__, _ = lazy_names(__name__, {"StableBaselinesEnv": "stable_baselines"})
 
 # Gymnasium's convention: `make("neuroanimator.gym:neuroanimator/...")` imports this package and expects its names.
 register()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from jaxtyping import Bool, Float
 
 from neuroanimator.control.objective.objective import Objective
@@ -16,7 +17,6 @@ from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.rows import step_rows
 from neuroanimator.gym.rules import EpisodeRules, RowReward
-from neuroanimator.gym.rules_table import find_rules
 from neuroanimator.gym.single_env import SingleEnv
 from neuroanimator.gym.state_env import NOISE, Leap, StateVectorEnv
 from neuroanimator.jax_later import Array, eqx, filter_jit, jnp
@@ -73,7 +73,7 @@ def rules_by(
     emulator: Emulator,
     objective: Objective | None,
     reward: Reward | None,
-    rules: EpisodeRules | str | Path | None,
+    rules: EpisodeRules | None,
 ) -> EpisodeRules:
     """Return the rules by which episodes go: those given, or what an objective or a reward alone makes."""
     given = {"objective": objective, "reward": reward, "rules": rules}
@@ -81,7 +81,7 @@ def rules_by(
     if len(names) > 1:
         raise ArgumentError(f"{names[0]} and {names[1]}: both came. Give one of them.")
     if rules is not None:
-        return find_rules(rules, emulator)
+        return rules
     return EpisodeRules(_of_rows(reward or RunningCost.of(emulator, objective)))
 
 
@@ -115,7 +115,8 @@ def _rewards(
 class EmulatorVectorEnv(StateVectorEnv):
     """`num_envs` emulated systems in one compiled call; row i is an `EmulatorEnv` reset with seed + i.
 
-    A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero.
+    A row that has ended starts anew in the next step, whose action it ignores and whose reward is zero; or in the same
+    step, as Gymnasium's `AutoresetMode.SAME_STEP` has it: `info["final_obs"]` is then the last observation.
     """
 
     def __init__(
@@ -128,11 +129,12 @@ class EmulatorVectorEnv(StateVectorEnv):
         noise: float = NOISE,
         render_mode: str | None = None,
         *,
-        rules: EpisodeRules | str | Path | None = None,
+        rules: EpisodeRules | None = None,
         trust_limit: float = np.inf,
         trust_penalty: float = 0.0,
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
     ):
-        """Make it from what an `EmulatorEnv` is made from."""
+        """Make it from what an `EmulatorEnv` is made from; `autoreset_mode` says when a row that ended starts anew."""
         emulator = as_emulator(emulator)
         super().__init__(
             emulator,
@@ -141,6 +143,7 @@ class EmulatorVectorEnv(StateVectorEnv):
             seconds,
             noise,
             render_mode,
+            autoreset_mode,
         )
         if not trust_limit > 0 or not 0 <= trust_penalty < np.inf:
             raise ArgumentError(
@@ -193,15 +196,14 @@ class EmulatorEnv(SingleEnv):
         noise: float = NOISE,
         render_mode: str | None = None,
         *,
-        rules: EpisodeRules | str | Path | None = None,
+        rules: EpisodeRules | None = None,
         trust_limit: float = np.inf,
         trust_penalty: float = 0.0,
     ):
         """Make it from an emulator, its file, or a shipped one's name.
 
         The reward is the `RunningCost` of `objective`, or what `reward` returns. `rules` say more than a reward: what is
-        observed, where episodes begin and end; they come as a TOML file, by the name of an environment of Gymnasium
-        such as `Swimmer-v5`, or as `EpisodeRules`. An episode is also terminated by a step whose score is above
+        observed, where episodes begin and end. An episode is also terminated by a step whose score is above
         `trust_limit`, and each step loses `trust_penalty` times how far its score is beyond the edge of training, 1.
         """
         self._row = EmulatorVectorEnv(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from jaxtyping import Bool, Float
 
 from neuroanimator.control.objective.objective import Objective
@@ -35,8 +36,9 @@ class PhysicsVectorEnv(StateVectorEnv):
         noise: float = NOISE,
         render_mode: str | None = None,
         *,
-        rules: EpisodeRules | str | Path | None = None,
+        rules: EpisodeRules | None = None,
         scheme: Scheme | None = None,
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
     ):
         """Make it from what an `EmulatorEnv` is made from.
 
@@ -53,6 +55,7 @@ class PhysicsVectorEnv(StateVectorEnv):
             seconds,
             noise,
             render_mode,
+            autoreset_mode,
         )
 
     def begin_rows(

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode
 from jaxtyping import Bool, Float, Shaped
 from numpy.typing import ArrayLike
 
@@ -47,6 +48,7 @@ class StateVectorEnv(EmulatedVectorEnv):
         seconds: float | None,
         noise: float,
         render_mode: str | None,
+        autoreset_mode: AutoresetMode,
     ):
         """`emulator` names the state and its super step; the rules' length of episodes holds unless `seconds` are given."""
         super().__init__(emulator, num_envs, render_mode)
@@ -58,6 +60,10 @@ class StateVectorEnv(EmulatedVectorEnv):
             raise ArgumentError(
                 f"seconds: wanted at least one super step of {emulator.dt:g} s, came {seconds:g}."
             )
+        if autoreset_mode is AutoresetMode.DISABLED:
+            raise ArgumentError("autoreset_mode: wanted NEXT_STEP or SAME_STEP, came DISABLED.")
+        self.metadata = self.metadata | {"autoreset_mode": autoreset_mode}
+        self._restarts_at_once = autoreset_mode is AutoresetMode.SAME_STEP
         self.rules = rules
         self.noise = noise
         self.steps = round(seconds / emulator.dt)
@@ -115,12 +121,10 @@ class StateVectorEnv(EmulatedVectorEnv):
         if "covered" in info:
             info["covered"] &= ~is_new
         info |= {f"_{name}": ~is_new for name in list(info)}
+        if self._restarts_at_once and self._has_ended.any():
+            info |= self._final_info()
+            self._restart(self._has_ended)
         return self._observe(), np.where(is_new, 0.0, rewards), terminated, truncated, info
-
-    def restart(self, rows: Bool[np.ndarray, " B"]) -> Float[np.ndarray, "B O"]:
-        """Begin new episodes in `rows` at once, not in the next step; return the observations of all."""
-        self._restart(rows)
-        return self._observe()
 
     def draw_starts(self, random: Sequence[np.random.Generator]) -> Float[np.ndarray, "B S"]:
         """Return a random start by each of `random`."""
@@ -131,6 +135,14 @@ class StateVectorEnv(EmulatedVectorEnv):
 
     def shown_states(self) -> Float[np.ndarray, "B S"]:
         return self._states
+
+    def _final_info(self) -> dict[str, Any]:
+        """Return the last observations of rows that have ended, as Gymnasium's vector environments say them."""
+        last = np.full(self.num_envs, None, object)
+        observations = self._observe()
+        for row in np.flatnonzero(self._has_ended):
+            last[row] = observations[row]
+        return {"final_obs": last, "_final_obs": self._has_ended.copy()}
 
     def _observe(self) -> Float[np.ndarray, "B O"]:
         """Return what a policy is shown, as a new array."""
