@@ -38,6 +38,11 @@ def test_the_core_knows_nothing_of_the_studio():
         assert "neuroanimator_studio" not in path.read_text(), path
 
 
+def test_temporary_folders_are_made_where_it_is_known_that_they_must_go():
+    for path in [*SOURCE.rglob("*.py"), *STUDIO.rglob("*.py")]:
+        assert not re.search("TemporaryDirectory|mkdtemp", path.read_text()), path
+
+
 def test_everything_after_the_emulator_file_works_without_mujoco():
     for stage in (
         "animation",

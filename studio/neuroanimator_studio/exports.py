@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-import tempfile
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from neuroanimator.export.film.video import write_video
 from neuroanimator.export.gltf.scene import write_glb
 from neuroanimator.export.usd.scene import write_usd
 from neuroanimator.storage.files import write_whole
-from neuroanimator.storage.unfinished import remove_at_exit
+from neuroanimator.storage.unfinished import folder_until_exit
 from neuroanimator_studio.drive import checked_drive
 from neuroanimator_studio.judge import replay_physics
 from neuroanimator_studio.library import Shown
@@ -55,8 +54,7 @@ class Downloads:
 
     def __init__(self, most: int):
         self._most = most
-        self._folder = Path(tempfile.mkdtemp(prefix="neuroanimator-"))
-        remove_at_exit(self._folder)
+        self._folder = folder_until_exit()
         self._downloads: OrderedDict[str, Download] = OrderedDict()
 
     def write(self, shown: Shown, wanted: Export, limits: Limits) -> str:

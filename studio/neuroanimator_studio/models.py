@@ -6,14 +6,13 @@ import re
 import secrets
 import subprocess
 import sys
-import tempfile
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.storage.unfinished import remove_at_exit
+from neuroanimator.storage.unfinished import folder_until_exit
 from neuroanimator.tables import read_toml
 
 KEPT = 8
@@ -61,8 +60,7 @@ class Models:
     """Dropped models by ids nobody can guess."""
 
     def __init__(self) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="neuroanimator-"))
-        remove_at_exit(self._folder)
+        self._folder = folder_until_exit()
         self._models: OrderedDict[str, Model] = OrderedDict()
 
     def add(self, content: bytes, name: str) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError, ResourceError
+from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.terminal import watched_progress
 from neuroanimator_studio.catalogue import BUNDLE, PROGRAMS, catalogue
 from neuroanimator_studio.exports import described_drive
@@ -143,8 +144,8 @@ async def _take_emulator(request: Request) -> Response:
     def say(phase: str) -> None:
         loop.call_soon_threadsafe(studio.tell_pages, {"event": "emulator", "phase": phase})
 
-    with tempfile.TemporaryDirectory(prefix="neuroanimator-") as folder:
-        file = Path(folder) / "dropped.emulator.safetensors"
+    with temporary_folder() as folder:
+        file = folder / "dropped.emulator.safetensors"
         with open(file, "wb") as target:
             await _receive(request, studio.limits.upload_bytes, target)
         bundle_id = await studio.in_making(lambda: studio.library.add(file, say))

@@ -78,7 +78,5 @@ def killed_at_random(rng: random.Random, longest: float, *arguments: object) -> 
 
 
 def leftovers(folder: Path) -> list[Path]:
-    """Return every unfinished file under `folder`."""
-    return [
-        path for path in folder.rglob("*") if "tmp-" in path.name or path.name.startswith("build-")
-    ]
+    """Return every unfinished file and temporary folder under `folder`."""
+    return [path for path in folder.rglob("*") if "tmp-" in path.name]

@@ -22,6 +22,7 @@ from neuroanimator.codegen import kept
 from neuroanimator.compiler import build, compiler
 from neuroanimator.compiler.compiler import compiled_library, compiler_facts, find_compiler
 from neuroanimator.compiler.zig import zig_cc
+from neuroanimator.storage.unfinished import UNFINISHED, remove_stale
 from neuroanimator.systems import load_system
 from neuroanimator.terminal import warn_once
 
@@ -239,19 +240,16 @@ def test_what_a_killed_compile_left_is_removed_next_time(
     slow.chmod(0o700)
     process = subprocess.Popen([sys.executable, "-c", COMPILE], env={**os.environ, "CC": str(slow)})
     folder = home / "neuroanimator" / "compiled"
-    while not list(folder.glob("build-*/program.c")):
+    while not list(folder.glob(f"{UNFINISHED}*/program.c")):
         time.sleep(0.01)
-    (position,) = folder.glob("build-*")
-    os.utime(position, (0, 0))
+    (position,) = folder.glob(f"{UNFINISHED}*")
     assert does_it(*program())
     assert position.exists(), "it belongs to a process that lives"
     process.send_signal(signal.SIGKILL)
     process.wait()
-    time.sleep(0.1)
-    os.utime(position, (0, 0))
-    own = folder / "building plans"
+    own = folder / f"{UNFINISHED}plans"
     own.mkdir()
-    assert does_it(*program())
+    remove_stale(folder)
     assert not position.exists()
     assert own.exists()
 

@@ -132,5 +132,7 @@ def test_what_is_no_file_is_never_replaced(tmp_path: Path):
     for name in ("pipe", "folder"):
         with pytest.raises(ResourceError, match=f"{name}: it is there, and is no file"):
             write_whole(tmp_path / name, b"x")
+    with pytest.raises(ResourceError, match="pipe: it is there, and is no file"):
+        append_line(tmp_path / "pipe", "{}")
     with pytest.raises(ResourceError, match="metrics"):
         append_line(tmp_path / "nowhere" / "metrics.jsonl", "{}")

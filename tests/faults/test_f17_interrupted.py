@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end every verb within seconds: 130 or 143, one line, nothing half-written."""
+"""Ctrl-C, SIGTERM and SIGHUP end every verb within seconds: one line, nothing half-written."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import pytest
 from processes import GENERATE, leftovers, run, start, stopped_after
 from tally import Tally
 
+from neuroanimator.cli.stop import SIGNALS
 from neuroanimator.storage.unfinished import is_running
 
 LONGEST = 8.0
@@ -43,7 +44,8 @@ VERBS: dict[str, tuple[list[object], str]] = {
 def stop_once(folder: Path, verb: str, seconds: float, number: int, tally: Tally) -> None:
     """Stop the verb after `seconds` and check how it ends; one that ended before counts as not tried."""
     arguments, line = VERBS[verb]
-    code, errors, took = stopped_after(start(folder, *arguments), seconds, number)
+    process = start(folder, *arguments, TMPDIR=str(folder))
+    code, errors, took = stopped_after(process, seconds, number)
     if code == 0:
         return
     tally.tried += 1
@@ -58,10 +60,17 @@ def stop_once(folder: Path, verb: str, seconds: float, number: int, tally: Tally
 
 
 @pytest.mark.parametrize(
-    ("verb", "seconds"), [("control", 0.0), ("generate", 3.0), ("train", 0.5), ("new", 0.2)]
+    ("verb", "seconds", "number"),
+    [
+        ("control", 0.0, signal.SIGINT),
+        ("generate", 3.0, signal.SIGHUP),
+        ("train", 0.5, signal.SIGTERM),
+        ("new", 0.2, signal.SIGINT),
+    ],
 )
-def test_f17_a_verb_ends_with_one_line(verb: str, seconds: float, tmp_path: Path, tally: Tally):
-    number = signal.SIGTERM if verb == "train" else signal.SIGINT
+def test_f17_a_verb_ends_with_one_line(
+    verb: str, seconds: float, number: int, tmp_path: Path, tally: Tally
+):
     stop_once(tmp_path, verb, seconds, number, tally)
 
 
@@ -72,9 +81,7 @@ def test_f17_a_verb_ends_at_any_moment(verb: str, tmp_path: Path, tally: Tally):
     for number in range(20):
         folder = tmp_path / str(number)
         folder.mkdir()
-        stop_once(
-            folder, verb, rng.uniform(0, 20), rng.choice([signal.SIGINT, signal.SIGTERM]), tally
-        )
+        stop_once(folder, verb, rng.uniform(0, 20), rng.choice(SIGNALS), tally)
 
 
 IN_A_CALLBACK = """
@@ -109,6 +116,45 @@ def test_f17_what_swallows_ctrl_c_does_not_keep_it(program: str):
     command = ["env", "--default-signal=INT", sys.executable, "-c", program]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert (ended.returncode, ended.stderr.splitlines()) == (130, [WHOLE])
+
+
+HALF_DONE = """
+import time
+from neuroanimator.storage.unfinished import temporary_folder
+def work(task):
+    with temporary_folder() as folder:
+        (folder / "half").touch()
+        time.sleep(60)
+class Task:
+    label = "task"
+"""
+
+BY_WORKERS = """
+import half_done
+from neuroanimator.cli import main
+from neuroanimator.executor.local import LocalExecutor
+tasks = [half_done.Task(), half_done.Task()]
+main._run = lambda: LocalExecutor(2).map(half_done.work, tasks, longest=60)
+main.main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_f17_what_workers_have_temporarily_goes_too(number: int, tmp_path: Path):
+    (tmp_path / "half_done.py").write_text(HALF_DONE)
+    (tmp_path / "temporary").mkdir()
+    surroundings = {
+        **os.environ,
+        "TMPDIR": str(tmp_path / "temporary"),
+        "PYTHONPATH": str(tmp_path),
+    }
+    command = ["env", "--default-signal=INT", sys.executable, "-c", BY_WORKERS]
+    process = subprocess.Popen(command, env=surroundings, stderr=subprocess.DEVNULL)
+    while process.poll() is None and len(list(tmp_path.rglob("half"))) < 2:
+        time.sleep(0.01)
+    process.send_signal(number)
+    assert process.wait(LONGEST) == 128 + number
+    assert not list((tmp_path / "temporary").iterdir())
 
 
 IN_A_COMPILER = """

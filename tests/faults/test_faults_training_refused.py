@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,9 @@ from conftest import Cli
 from neuroanimator import NeuroAnimatorError, TrainingConfig, load_system, train
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.networks import MAX_LAYER, check_widths
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.state.layout import Layout, Slice
+from neuroanimator.training.train import run_folder
 
 
 def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(
@@ -25,6 +27,21 @@ def test_a_layer_wider_than_a_file_may_have_is_refused_before_any_work(
         f"wanted at most {MAX_LAYER} units in a hidden layer, came {MAX_LAYER + 2}" in result.stderr
     )
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("is_begun", [False, True])
+def test_a_pipe_as_its_log_is_refused_and_not_waited_for(
+    is_begun: bool, transitions: Transitions, tmp_path: Path
+):
+    out = tmp_path / "e.safetensors"
+    log = run_folder(out) / "metrics.jsonl"
+    if is_begun:
+        train(transitions, TrainingConfig(updates=250, widths=(8,)), out)
+        log.unlink()
+    log.parent.mkdir(exist_ok=True)
+    os.mkfifo(log)
+    with pytest.raises(BadFileError, match="metrics.jsonl is not a file"):
+        train(transitions, TrainingConfig(updates=250, widths=(8,)), out)
 
 
 def test_the_widest_layer_that_is_read_may_be_trained():

@@ -13,7 +13,13 @@ from tally import Tally
 
 from neuroanimator import DatasetConfig, NeuroAnimatorError, generate
 from neuroanimator.storage.files import write_whole
-from neuroanimator.storage.unfinished import MAX_WRITE, UNFINISHED, remove_stale, unfinished
+from neuroanimator.storage.unfinished import (
+    MAX_WRITE,
+    UNFINISHED,
+    remove_stale,
+    temporary_folder,
+    unfinished,
+)
 
 OWN = [
     "notes.tmp-1",
@@ -29,6 +35,16 @@ from pathlib import Path
 from neuroanimator.storage.unfinished import unfinished
 with unfinished(Path("a.bin")) as path:
     path.write_bytes(b"half")
+    os._exit(9)
+"""
+
+DIES_AT_WORK = """
+import os
+from pathlib import Path
+from neuroanimator.storage.unfinished import remove_leftovers, temporary_folder
+with temporary_folder(Path()) as killed, temporary_folder(Path()) as known:
+    (killed / "half").mkdir()
+    {before}
     os._exit(9)
 """
 
@@ -55,6 +71,25 @@ def test_what_a_dead_process_left_goes_and_what_a_living_one_writes_stays(tmp_pa
         remove_stale(tmp_path)
         assert list(tmp_path.iterdir()) == [ours]
     assert not list(tmp_path.iterdir())
+
+
+def test_a_temporary_folder_is_the_users_own_and_goes_with_the_work(tmp_path: Path):
+    with temporary_folder(tmp_path) as folder:
+        assert folder.stat().st_mode & 0o777 == 0o700
+        (folder / "made").mkdir()
+        (folder / "made" / "half").touch()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("before", "left"), [("remove_leftovers()", 0), ("", 2)])
+def test_a_temporary_folder_goes_with_a_stop_and_after_a_kill_with_the_next(
+    before: str, left: int, tmp_path: Path
+):
+    program = DIES_AT_WORK.format(before=before)
+    assert subprocess.run([sys.executable, "-c", program], cwd=tmp_path).returncode == 9
+    assert len(list(tmp_path.iterdir())) == left
+    with temporary_folder(tmp_path) as folder:
+        assert list(tmp_path.iterdir()) == [folder]
 
 
 def test_what_another_machine_began_is_given_up_after_a_day(tmp_path: Path):

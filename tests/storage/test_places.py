@@ -124,8 +124,20 @@ def test_of_two_that_claim_a_folder_one_alone_succeeds(s3: str, url: str):
 
 def test_a_url_of_this_machine_is_a_folder(tmp_path: Path):
     assert place_of(f"file://{tmp_path}/set") == tmp_path / "set"
+    assert place_of(f"file://localhost{tmp_path}/set") == tmp_path / "set"
+    for url in ("file://elsewhere/set", "file://set", "file://localhost", "file://localhost/"):
+        with pytest.raises(ArgumentError, match=f"'{url}': wanted a folder of this machine"):
+            place_of(url)
     assert place_of("a/folder") == Path("a/folder")
     assert place_of(tmp_path) == tmp_path
+
+
+def test_a_command_keeps_nothing_in_its_own_memory(cli):
+    refused = cli("generate", "pendulum", "--count", 12, "--out", "memory://bucket/set")
+    assert refused.returncode == 2
+    assert (
+        "out: what is put into memory://bucket/set is lost when this command ends" in refused.stderr
+    )
 
 
 def test_what_is_not_there_is_said(s3: str):

@@ -53,13 +53,19 @@ def run(
         from neuroanimator.data.config import DatasetConfig
         from neuroanimator.data.diverged_runs import PATTERN
         from neuroanimator.data.recorded_segments import limited_to_recordings
-        from neuroanimator.storage.places import place_of
+        from neuroanimator.errors import ArgumentError
+        from neuroanimator.storage.places import FLEETING_SCHEME, UrlPath, place_of
         from neuroanimator.systems.loading import resolve, trust_files
 
         if system.endswith(".toml"):
             trust_files(system)
         name, definition, usual_substeps = resolve(system)
     place = place_of(out)
+    if isinstance(place, UrlPath) and place.scheme == FLEETING_SCHEME:
+        raise ArgumentError(
+            f"out: what is put into {place} is lost when this command ends. Give a folder, or a URL such as "
+            "s3://bucket/folder."
+        )
     if substeps is None:
         substeps = usual_substeps
     settings: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: one line says so, and the process ends at once, wherever it is.
+"""Ctrl-C, SIGTERM and SIGHUP: one line says so, and the process ends at once, wherever it is.
 
 No exception is raised for it. One would have to come through libraries that swallow it (JAX's callback at garbage
 collection does), make another one of it (modules that are being imported do) or crash; and one long compiled call
@@ -20,8 +20,8 @@ from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
-"""These signals end the process: Ctrl-C, and what `kill` sends."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""These signals end the process: Ctrl-C, what `kill` sends, and what a terminal sends that is closed."""
 
 STDERR = 2
 """The file descriptor of stderr."""

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-import shutil
 import signal
 import subprocess
-import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -16,18 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from neuroanimator.compiler.zig import zig_cc, zig_folders
+from neuroanimator.storage.unfinished import temporary_folder
 
 PATIENCE = 120
 """Time a compiler may take [s]: the largest program takes ten on one slow core."""
 
 VERSION_PATIENCE = 10
 """Time a compiler may take to say which one it is [s]."""
-
-BUILD = "build-"
-"""How the names of these folders begin."""
-
-SETTLED = 10
-"""Time after which a builder has surely locked its folder [s]."""
 
 
 class CompilerError(Exception):
@@ -42,7 +33,7 @@ def build_library(
     text: str, command: list[str], flag_sets: tuple[tuple[str, ...], ...], folder: Path
 ) -> bytes:
     """Return the shared library of the C program `text`, made in `folder` with the first flags the compiler knows."""
-    with build_folder(folder) as work_folder:
+    with temporary_folder(folder) as work_folder:
         source = work_folder / "program.c"
         unlinked = work_folder / "program.o"
         library = work_folder / "program.so"
@@ -114,38 +105,3 @@ def _started(command: list[str], **options: Any) -> Iterator[subprocess.Popen[by
         if isinstance(error, subprocess.TimeoutExpired):
             raise NoCompilerError(f"{command[0]} did not end within {error.timeout:g} s") from error
         raise
-
-
-@contextmanager
-def build_folder(folder: Path) -> Iterator[Path]:
-    """Yield a folder to build in. While its builder lives it is locked, so that nobody else removes it."""
-    temporary = tempfile.TemporaryDirectory(prefix=BUILD, dir=folder, ignore_cleanup_errors=True)
-    with temporary as work_folder:
-        handle = os.open(work_folder, os.O_RDONLY)
-        try:
-            # A disk of another machine may know no locks: there, age decides.
-            with suppress(OSError):
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield Path(work_folder)
-        finally:
-            os.close(handle)
-
-
-def remove_abandoned_builds(folder: Path) -> None:
-    """Remove what killed builders left in `folder`."""
-    for work_folder in folder.glob(f"{BUILD}*"):
-        with suppress(OSError):
-            age = time.time() - work_folder.stat().st_mtime
-            if age > SETTLED and _is_unlocked(work_folder):
-                shutil.rmtree(work_folder, ignore_errors=True)
-
-
-def _is_unlocked(work_folder: Path) -> bool:
-    handle = os.open(work_folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    finally:
-        os.close(handle)
-    return True

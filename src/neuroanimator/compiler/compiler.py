@@ -21,7 +21,6 @@ from neuroanimator.compiler.build import (
     NoCompilerError,
     build_library,
     compiler_version,
-    remove_abandoned_builds,
 )
 from neuroanimator.compiler.zig import zig_cc
 from neuroanimator.storage.private_folder import private_folders
@@ -166,7 +165,6 @@ def _found(folder: Path, key: str) -> ctypes.CDLL | None:
 
 def _make(text: str, command: list[str], flag_sets: FlagSets, folder: Path, key: str) -> Path:
     """Compile `text` to a library in `folder` and return its path: whole on the disk, and named for what is in it."""
-    remove_abandoned_builds(folder)
     content = build_library(text, command, flag_sets, folder)
     path = _path(folder, key, content)
     replace_whole(path, content)

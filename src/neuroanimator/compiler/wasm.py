@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from neuroanimator.compiler.build import CompilerError, build_folder, succeeds
+from neuroanimator.compiler.build import CompilerError, succeeds
 from neuroanimator.compiler.zig import zig_cc, zig_folders
 from neuroanimator.errors import ResourceError
 from neuroanimator.storage.private_folder import kept_folder, private_folders
+from neuroanimator.storage.unfinished import temporary_folder
 
 STACK = 4 << 20
 """Room for the arrays of functions [bytes]; what needs more ends with a trap, not with wrong numbers."""
@@ -51,7 +52,7 @@ def wasm_module(text: str, exports: list[str]) -> bytes:
 
 
 def _built(text: str, exports: list[str], zig: list[str], folder: Path) -> bytes:
-    with build_folder(folder) as work_folder:
+    with temporary_folder(folder) as work_folder:
         source = work_folder / "program.c"
         module = work_folder / "program.wasm"
         source.write_text(text, encoding="utf-8")

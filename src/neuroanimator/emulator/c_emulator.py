@@ -23,9 +23,10 @@ from neuroanimator.codegen.program import WIDTH, Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.compiler.compiler import find_compiler
 from neuroanimator.cores import in_parts
+from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.compiled import is_traced
 from neuroanimator.emulator.description import describe
-from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, latent_size
+from neuroanimator.emulator.emulator import Emulator, latent_size
 from neuroanimator.emulator.probes import Probes, probes_of
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.jax_later import Array
@@ -156,7 +157,7 @@ class CEmulator:
     def step(
         self, state: Float[np.ndarray, " S"], control: Float[np.ndarray, " C"]
     ) -> tuple[Float[np.ndarray, " S"], bool]:
-        """Return (the state one super step later, whether what went in is finite)."""
+        """Return (the state one super step later, whether it and what went in are sound)."""
         following = np.empty(self._state_size, np.float32)
         is_sound = self._step(
             self._constants_at, address(state), address(control), address(following)
@@ -197,10 +198,12 @@ class CEmulator:
         """Return (the trajectories from each of `states`, whether all are sound), sixteen at a time."""
         lanes = self._lanes() if len(states) >= FEWEST_LANES else None
         if lanes is None:
-            pairs = zip(states, controls, strict=True)
-            motions = [self.rollout(state, held) for state, held in pairs]
-            are_sound = all(is_sound for _, is_sound in motions)
-            return np.stack([motion for motion, _ in motions]), are_sound
+            motions = np.empty((len(states), controls.shape[1] + 1, self._state_size), np.float32)
+            are_sound = True
+            for row, (state, held) in enumerate(zip(states, controls, strict=True)):
+                motions[row], is_sound = self.rollout(state, held)
+                are_sound &= is_sound
+            return motions, are_sound
         return _rollouts(lanes, states, controls)
 
     def rollouts_trusted(

@@ -16,6 +16,12 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.arrays import as_float32, is_plain
+from neuroanimator.emulator.checks import (
+    MAX_CONTROL,
+    MAX_MAGNITUDE,
+    check_motion,
+    check_numbers,
+)
 from neuroanimator.errors import ArgumentError
 from neuroanimator.jax_later import Array, eqx, is_imported, is_jax_array, is_traced_array, jax
 from neuroanimator.state.arrays import AnyArray
@@ -160,7 +166,7 @@ class Step:
 
         Of arrays of JAX it is one of JAX, and differentiable; of all else it is one of NumPy, computed by the `backend`.
 
-        Raises ArgumentError for wrong shapes, and for numbers that are not finite where they do not come from JAX.
+        Raises ArgumentError for wrong shapes, and of arrays that are not JAX's for what `rollout` refuses.
         """
         emulator = self._emulator
         if is_plain(state) and is_plain(control):
@@ -170,17 +176,20 @@ class Step:
                 if is_sound:
                     return following
         is_for_jax = is_jax_array(state) or is_jax_array(control)
-        state = self._checked(state, emulator.state, "state")
-        control = self._checked(control, emulator.control, "control")
+        state = self._checked(state, emulator.state, "state", MAX_MAGNITUDE)
+        control = self._checked(control, emulator.control, "control", MAX_CONTROL)
         if is_for_jax:
             return call_compiled(self._function, emulator, state, control)
         program = self._program_of(emulator)
         if program is None:
-            return as_numpy(call_compiled(self._function, emulator, state, control))
-        following, _ = program.step(state, control)
+            following = as_numpy(call_compiled(self._function, emulator, state, control))
+        else:
+            following, _ = program.step(state, control)
+        if not is_traced_array(following):
+            check_motion(np.stack([state, following]), emulator.state)
         return following
 
-    def _checked(self, vector: ArrayLike, layout: Layout, label: str) -> Any:
+    def _checked(self, vector: ArrayLike, layout: Layout, label: str, most: float) -> Any:
         shape = (layout.size,)
         if is_jax_array(vector) and np.shape(vector) == shape:
             return vector  # Looking at its numbers would wait for them, and a tracer has none.
@@ -189,4 +198,5 @@ class Step:
                 f"{label}: wanted {shape[0]} numbers, came shape {np.shape(vector)}. "
                 "For many at once use jax.vmap(emulator.step), or rollout."
             )
-        return layout.check(vector, label).astype(self._emulator.normaliser.change_scale.dtype)
+        dtype = self._emulator.normaliser.change_scale.dtype
+        return check_numbers(vector, layout, label, most, dtype)

@@ -13,6 +13,12 @@ from numpy.typing import ArrayLike
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.backend import backend
 from neuroanimator.emulator.arrays import as_float32, as_jax, is_plain
+from neuroanimator.emulator.checks import (
+    MAX_CONTROL,
+    MAX_MAGNITUDE,
+    check_motion,
+    check_numbers,
+)
 from neuroanimator.emulator.compiled import Step, as_numpy, call_compiled, is_traced
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
@@ -22,7 +28,7 @@ from neuroanimator.emulator.networks.network import Network, Units
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.trust import EDGE, TrustMeter
-from neuroanimator.errors import ArgumentError, DivergedError, ResourceError
+from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.jax_later import Array, filter_jit, is_jax_array, jax, jnp
 from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
@@ -38,9 +44,6 @@ UNROLL = 4
 
 MAX_STRIDES = 16
 """Most strides of a super step: each is compiled one by one."""
-
-MAX_MAGNITUDE = 1e6
-"""Largest number of a state: beyond it a super step's change is lost in the rounding of float32."""
 
 
 class Emulator(Module):
@@ -291,7 +294,7 @@ class Emulator(Module):
             return start[..., None, :]
         trajectory = _rollout(self, start, held)
         if not may_diverge:
-            _check_finite(self, np.asarray(trajectory))
+            check_motion(np.asarray(trajectory), self.state)
         return trajectory
 
     def rollout_trusted(
@@ -306,7 +309,7 @@ class Emulator(Module):
         start, held = (np.ascontiguousarray(part) for part in _checked(self, state, controls))
         trajectory, scores = _rollout_trusted(self, start, held)
         if not may_diverge:
-            _check_finite(self, trajectory)
+            check_motion(trajectory, self.state)
         return trajectory, np.where(np.isfinite(scores), scores, np.inf)
 
     def trust(self, state: ArrayLike, control: ArrayLike) -> Float[np.ndarray, " *B"]:
@@ -483,45 +486,17 @@ def _trust_of_rows(
     return jax.vmap(lambda state, control: trust(emulator, state, control))(states, controls)
 
 
-def _check_finite(emulator: Emulator, trajectory: Float[np.ndarray, "*B F S"]) -> None:
-    """Refuse a trajectory (..., T+1, S) with numbers that are not finite, by the first of them."""
-    broken = np.argwhere(~np.isfinite(trajectory))
-    if not len(broken):
-        return
-    first = broken[np.argmin(broken[:, -2])]
-    step = first[-2]
-    entry = first[-1]
-    name = emulator.state.names[entry]
-    if step <= 1:
-        raise ArgumentError(
-            f"state: no motion follows from it: after one super step {name} is not finite. Give a state that the "
-            "system can be in, such as its rest; `covers` says which the emulator knows."
-        )
-    raise DivergedError(
-        f"The motion diverged: {name} is not finite from super step {step} on. Start nearer to what the emulator "
-        "was trained on (`covers` says what that is), or train it longer."
-    )
-
-
 def _checked(
     emulator: Emulator, state: ArrayLike, controls: ArrayLike
 ) -> tuple[Float[AnyArray, "*B S"], Float[AnyArray, "*B T C"]]:
     """Return both in the emulator's own numbers: as arrays of JAX where one of them is, else of NumPy."""
-    is_for_jax = is_jax_array(state) or is_jax_array(controls)
-    state = emulator.state.check(state, "state")
-    controls = emulator.control.check(controls, "control")
-    _check_shapes(emulator, state.shape, controls.shape)
-    too_large = np.abs(state) > MAX_MAGNITUDE
-    if too_large.any():
-        index = tuple(np.argwhere(too_large)[0])
-        raise ArgumentError(
-            f"state: {emulator.state.names[index[-1]]} is {state[index]:g}; wanted a magnitude of at most "
-            f"{MAX_MAGNITUDE:g}. Start nearer to where you look."
-        )
     dtype = emulator.normaliser.change_scale.dtype
-    if is_for_jax:
-        return as_jax(state, dtype), as_jax(controls, dtype)
-    return np.ascontiguousarray(state, dtype), np.ascontiguousarray(controls, dtype)
+    start = check_numbers(state, emulator.state, "state", MAX_MAGNITUDE, dtype)
+    held = check_numbers(controls, emulator.control, "controls", MAX_CONTROL, dtype)
+    _check_shapes(emulator, start.shape, held.shape)
+    if is_jax_array(state) or is_jax_array(controls):
+        return as_jax(start, dtype), as_jax(held, dtype)
+    return start, held
 
 
 def _check_shapes(emulator: Emulator, state: tuple[int, ...], controls: tuple[int, ...]) -> None:

@@ -1,11 +1,13 @@
 /* What callers of one emulator use. Numbers are in the units of its state and control; arrays are in C's order. */
 
-/* The state (S,) one super step after `state` (S,) under `control` (C,); returns whether both are finite. */
+/* The state (S,) one super step after `state` (S,) under `control` (C,); returns whether `state` is
+   small enough and all else is finite. */
 int step(const float *k, const float *state, const float *control, float *next) {
     NA_ALIGNED float latent[LATENT];
     encode(k, state, latent);
     super_step(k, latent, control, latent, next);
-    return all_finite(state, STATE) & all_finite(control, CONTROL);
+    const int is_given_sound = all_below(state, STATE, MAX_MAGNITUDE) & all_finite(control, CONTROL);
+    return is_given_sound & all_finite(next, STATE);
 }
 
 /* `states` (T+1, S): `state` (S,), and the ones after each of `steps` super steps under `controls` (T, C). Returns

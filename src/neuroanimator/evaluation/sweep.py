@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from neuroanimator.evaluation.speed import measure_emulator
 from neuroanimator.executor.executor import TRAINING_SECONDS, Executor
 from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.storage.files import write_whole
+from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.systems.loading import resolve
 from neuroanimator.systems.trusted_files import trust_as_told, trusted_so_far
 from neuroanimator.training.config import TrainingConfig
@@ -129,7 +129,7 @@ def _path(out: Path, config: DatasetConfig) -> Path:
 def run_sweep_task(task: SweepTask) -> Swept:
     """Return the emulator of one n and its errors: a function of the task alone."""
     trust_as_told(task.trusted)
-    with tempfile.TemporaryDirectory(prefix="neuroanimator-") as folder:
+    with temporary_folder() as folder:
         dataset = Path(task.dataset or f"{folder}/data")
         path = Path(task.path or f"{folder}/e.emulator.safetensors")
         if not task.dataset:

@@ -11,7 +11,9 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from typing import Any
 
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError, ResourceError
@@ -26,6 +28,7 @@ from neuroanimator.executor.executor import (
 )
 from neuroanimator.executor.worker import Answer, pack, worker_environment
 from neuroanimator.executor.worker_process import READY
+from neuroanimator.storage.unfinished import folder_until_exit
 
 MAX_WORKERS = 1024
 """More processes on one machine are a mistake."""
@@ -165,6 +168,7 @@ class _Process:
         number = theirs.fileno()
         command = [sys.executable, "-m", "neuroanimator.executor.worker_process", str(number)]
         try:
+            environment["TMPDIR"] = str(_workers_folder())
             popen = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -242,6 +246,12 @@ class _Process:
         if code < 0:
             how = f"of signal {-code}"
         self.fate = f"its worker died {how}"
+
+
+@cache
+def _workers_folder() -> Path:
+    """Return the folder for the temporary files of workers: one that is ended at once leaves them to this process."""
+    return folder_until_exit()
 
 
 def _one_after_another(

@@ -14,6 +14,7 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.csv_text import csv_rows
+from neuroanimator.parsing.numbers import number_in
 from neuroanimator.state.layout import Layout
 from neuroanimator.storage.files import one_line, read_bounded, write_whole
 from neuroanimator.systems.recorded.columns import MAX_MAGNITUDE
@@ -77,7 +78,7 @@ def read_table(
 def _numbers(where: str, cells: list[str], count: int) -> list[float]:
     """Return the `count` finite numbers of a row; BadFileError says `where` there are others."""
     try:
-        values = [float(cell) for cell in cells]
+        values = [number_in(cell) for cell in cells]
     except ValueError as error:
         raise BadFileError(f"{where}: {one_line(error)}.") from error
     if len(values) != count or not all(abs(value) < MAX_MAGNITUDE for value in values):

@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from neuroanimator.animation.clip import Clip, make_clip
 from neuroanimator.animation.gauges import drawable
-from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator
+from neuroanimator.emulator.checks import MAX_MAGNITUDE
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.inspection import Inspection
 from neuroanimator.evaluation.plots import svg_text

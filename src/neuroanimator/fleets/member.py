@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from neuroanimator.evaluation.accuracy import one_step_error, rollout_error, roo
 from neuroanimator.evaluation.held_out import held_out_runs, recorded_runs
 from neuroanimator.fleets.fleet_file import Member
 from neuroanimator.storage.places import Place, place_of
+from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.systems.trusted_files import trust_as_told
 from neuroanimator.training.train import train
 
@@ -91,8 +91,8 @@ def _workplace(task: MemberTask) -> Iterator[Path]:
     if task.workplace:
         yield Path(task.workplace)
         return
-    with tempfile.TemporaryDirectory(prefix="neuroanimator-") as folder:
-        yield Path(folder)
+    with temporary_folder() as folder:
+        yield folder
 
 
 def _holds(place: Place, config: DatasetConfig) -> bool:

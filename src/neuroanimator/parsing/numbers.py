@@ -34,6 +34,13 @@ def number(
     return float(value)
 
 
+def number_in(text: str) -> float:
+    """Return the number that `text` says; ValueError also for what Python alone calls one: 1_0, digits of other scripts."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"wanted a number, came {quoted(text)}")
+    return float(text)
+
+
 def flag(value: Any, what: str) -> bool:
     """Return `value` if it is true or false."""
     if not isinstance(value, bool):

@@ -20,7 +20,7 @@ import safetensors.numpy
 from neuroanimator.errors import BadFileError, ResourceError
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.storage.places import Place, UrlPath
-from neuroanimator.storage.unfinished import replace_whole
+from neuroanimator.storage.unfinished import refuse_other_than_file, replace_whole
 
 METADATA_KEY = "na"
 """The one metadata key; with two or more, safetensors' bytes differ from run to run."""
@@ -102,6 +102,7 @@ def write_first(path: Place, content: bytes) -> bool:
 def append_line(path: Path, line: str) -> None:
     """Append `line` to a log; ResourceError names the file if that fails."""
     try:
+        refuse_other_than_file(path)
         with open(path, "a", encoding="utf-8") as file:
             file.write(line + "\n")
     except OSError as error:

@@ -20,8 +20,14 @@ from neuroanimator.text import printable, quoted
 SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/")
 """How a URL begins; a drive of one letter is none."""
 
-FOLDER_SCHEME = "file://"
+FOLDER_SCHEME = "file"
 """A URL of this scheme is a folder of this machine, and is used as one: with locks, and flushed to the disk."""
+
+THIS_MACHINE = ("", "localhost")
+"""Names of this machine in a URL of a folder (RFC 8089)."""
+
+FLEETING_SCHEME = "memory"
+"""Objects of this scheme lie in the process that wrote them, and are lost with it."""
 
 EXTRAS = {"s3": "'neuroanimator[s3]'", "s3a": "'neuroanimator[s3]'"}
 """What pip installs for a scheme, where an extra of ours has it."""
@@ -63,6 +69,11 @@ class UrlPath:
     def name(self) -> str:
         """What comes behind the last slash."""
         return self.url.rpartition("/")[2]
+
+    @property
+    def scheme(self) -> str:
+        """What comes before the colon: the kind of store."""
+        return self.url.partition("://")[0]
 
     def exists(self) -> bool:
         """Return whether there is such an object."""
@@ -113,7 +124,7 @@ class UrlPath:
     @property
     def _store(self) -> Any:
         """The driver of the URL's scheme."""
-        scheme = self.url.partition("://")[0]
+        scheme = self.scheme
         try:
             import fsspec
 
@@ -184,6 +195,10 @@ def place_of(reference: str | Path | UrlPath) -> Place:
         )
     if "::" in reference or "#" in rest or not rest.strip("/") or not printable(rest) == rest:
         raise ArgumentError(f"{shown}: wanted a URL such as s3://bucket/folder.")
-    if reference.startswith(FOLDER_SCHEME):
-        return Path(reference.removeprefix(FOLDER_SCHEME))
+    if scheme == FOLDER_SCHEME:
+        if host not in THIS_MACHINE or not path.strip("/"):
+            raise ArgumentError(
+                f"{shown}: wanted a folder of this machine, such as file:///home/me/folder."
+            )
+        return Path(slash + path)
     return UrlPath(reference.rstrip("/"))

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 import stat
-import tempfile
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from neuroanimator.storage.unfinished import remove_at_exit
+from neuroanimator.storage.unfinished import folder_until_exit
 
 NAME = "neuroanimator"
-"""Name of our folder in the user's cache, and how temporary ones begin."""
+"""Name of our folder in the user's cache."""
 
 WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 """What a folder's mode must not say: that its group, or anybody, may write to it."""
@@ -93,8 +92,6 @@ def _is_safe_above(folder: Path) -> bool:
 def _temporary_folder() -> Path | None:
     """Return a folder that is removed when this process ends; None where nothing temporary can be written."""
     try:
-        folder = Path(tempfile.mkdtemp(prefix=f"{NAME}-"))
+        return folder_until_exit()
     except OSError:
         return None
-    remove_at_exit(folder)
-    return folder

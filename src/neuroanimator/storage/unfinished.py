@@ -10,6 +10,7 @@ import platform
 import re
 import secrets
 import shutil
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,15 +18,15 @@ from functools import cache
 from pathlib import Path
 
 UNFINISHED = ".neuroanimator-tmp-"
-"""How the name of a file begins while it is written: hidden, and nobody else's."""
+"""How the name of a file begins while it is written, and that of a temporary folder: hidden, and nobody else's."""
 
 UNFINISHED_NAME = re.compile(
     re.escape(UNFINISHED) + r"([0-9a-f]{8})-([0-9]{1,10})-[0-9a-f]{8}(?:\.[a-z0-9]{1,5})?"
 )
-"""The name of a file while it is written: the machine, the process, a random number. Nobody else's looks like it."""
+"""The whole name: the machine, the process, a random number. Nobody else's looks like it."""
 
 MAX_WRITE = 24 * 3600
-"""Time after which a file that a process on another machine began is given up [s]."""
+"""Time after which what a process on another machine began is given up [s]."""
 
 
 @contextmanager
@@ -36,17 +37,41 @@ def unfinished(path: Path, suffix: str = "") -> Iterator[Path]:
     """
     folder = path.parent
     folder.mkdir(parents=True, exist_ok=True)
-    if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "it is there, and is no file")
-    _remove_stale_once(folder)
-    # As short whatever `path` is called: a name has 255 bytes at most.
-    temporary = folder / f"{UNFINISHED}{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{suffix}"
-    _leftovers[temporary] = os.getpid()
+    refuse_other_than_file(path)
+    temporary = _new_name(folder, suffix)
     try:
         yield temporary
     finally:
         temporary.unlink(missing_ok=True)
         _leftovers.pop(temporary, None)
+
+
+@contextmanager
+def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
+    """Yield a new folder in `parent`, or where the system keeps what is temporary; only this user can look into it.
+
+    It goes with all in it when the block ends, and also when the process is stopped in the middle of it; after a kill
+    the next process that makes one in `parent` removes it. OSError if it cannot be made.
+    """
+    folder = folder_until_exit(parent)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        _leftovers.pop(folder, None)
+
+
+def folder_until_exit(parent: Path | None = None) -> Path:
+    """Return a new folder as `temporary_folder` yields it, which goes when this process ends."""
+    folder = _new_name(parent or Path(tempfile.gettempdir()))
+    folder.mkdir(mode=0o700)
+    return folder
+
+
+def refuse_other_than_file(path: Path) -> None:
+    """Raise OSError if `path` is there and cannot be written to as a file: a folder, a pipe that nobody reads."""
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is there, and is no file")
 
 
 def finish(temporary: Path, path: Path) -> None:
@@ -81,21 +106,29 @@ _leftovers: dict[Path, int] = {}
 """What must not be left behind, and the process that began it: a forked one inherits this table, not the duty."""
 
 
-def remove_at_exit(folder: Path) -> None:
-    """Remove `folder` and all in it when this process ends."""
-    _leftovers[folder] = os.getpid()
-    atexit.register(remove_leftovers)
+def _new_name(folder: Path, suffix: str = "") -> Path:
+    """Return a name in `folder` for what must not be left behind; what dead processes left there is removed first."""
+    _remove_stale_once(folder)
+    # As short whatever it will be called: a name has 255 bytes at most.
+    path = folder / f"{UNFINISHED}{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{suffix}"
+    _leftovers[path] = os.getpid()
+    return path
 
 
+@atexit.register
 def remove_leftovers() -> None:
-    """Remove what this process began and did not finish: called before an end that unwinds nothing."""
+    """Remove what this process began and did not finish: called before an end that unwinds nothing, too."""
     for path, process in list(_leftovers.items()):
         if process != os.getpid():
             continue
-        if path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
+        _remove(path)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 @cache
@@ -109,13 +142,13 @@ def _machine() -> str:
 
 
 def remove_stale(folder: Path) -> None:
-    """Remove the unfinished files that killed processes left in `folder`, and nothing else.
+    """Remove the unfinished files and the temporary folders that killed processes left in `folder`, and nothing else.
 
     They are known by their name, which holds the machine and the process; those of living ones are left alone.
     """
     for entry in os.scandir(folder):
         named = UNFINISHED_NAME.fullmatch(entry.name)
-        if named and entry.is_file(follow_symlinks=False):
+        if named and not entry.is_symlink():
             with suppress(OSError):  # gone meanwhile, or not ours to remove
                 _remove_if_abandoned(entry, *named.groups())
 
@@ -137,7 +170,7 @@ def _remove_if_abandoned(entry: os.DirEntry[str], machine: str, process: str) ->
     else:
         is_abandoned = time.time() - entry.stat(follow_symlinks=False).st_mtime > MAX_WRITE
     if is_abandoned:
-        os.unlink(entry)
+        _remove(Path(entry))
 
 
 def is_running(process: int) -> bool:

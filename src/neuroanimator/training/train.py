@@ -231,7 +231,7 @@ def _trim_metrics(folder: Path, update: int) -> None:
     path = folder / "metrics.jsonl"
     if not path.exists():
         return
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
     logged = [line + "\n" for line in lines if _logged_by(line, update)]
     write_whole(path, "".join(logged).encode())
 

@@ -182,6 +182,14 @@ def test_an_emulator_of_a_function_is_accurate_and_measured_against_that_functio
             ("import numpy as np", "import numpy as np\nimport sys\nsys.exit(4)"),
             "broken.py, line 3: SystemExit: 4",
         ),
+        (
+            ("import numpy as np", "import numpy as np\nraise GeneratorExit(4)"),
+            "broken.py, line 2: GeneratorExit: 4",
+        ),
+        (
+            ("    speed = ", "    raise BaseException('tired')\n    speed = "),
+            "broken.py, line 13: BaseException: tired",
+        ),
     ],
 )
 def test_a_fault_in_the_file_is_told_in_one_line(
@@ -191,6 +199,15 @@ def test_a_fault_in_the_file_is_told_in_one_line(
         system_from(tmp_path, SPRING.replace(*change), "broken")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_ctrl_c_in_a_step_is_no_fault_of_its(tmp_path: Path):
+    with pytest.raises(KeyboardInterrupt):
+        system_from(
+            tmp_path,
+            SPRING.replace("    speed = ", "    raise KeyboardInterrupt\n    speed = "),
+            "slow",
+        )
 
 
 def test_a_function_that_answers_batches_otherwise_is_refused(tmp_path: Path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,9 +13,10 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.executor.executor import TRAINING_SECONDS, Executor
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.storage.files import SIZE_LIMIT, read_bounded, write_whole
+from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.trusted_files import trust_as_told, trusted_so_far
-from neuroanimator.training.train import MAX_LINE, run_folder
+from neuroanimator.training.train import MAX_LINE, MAX_METRICS, run_folder
 from neuroanimator.zoo import find_emulator
 
 
@@ -59,8 +59,8 @@ class PolicyRow(NamedTuple):
 def run_policy_task(task: PolicyTask) -> TrainedPolicy:
     """Return a trained policy: a function of the task alone."""
     trust_as_told(task.trusted)
-    with tempfile.TemporaryDirectory(prefix="neuroanimator-") as folder:
-        source = Path(folder) / "trained.emulator.safetensors"
+    with temporary_folder() as folder:
+        source = folder / "trained.emulator.safetensors"
         source.write_bytes(task.emulator)
         emulator = Emulator.load(source)
         system = carried_system(emulator.spec.system, emulator.spec.definition)
@@ -106,5 +106,6 @@ def train_policies(
 
 def _least_validation(path: Path) -> float:
     """Return the least validation loss that the training of the policy at `path` has logged."""
-    lines = (run_folder(path) / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
-    return min(float(parse_json_object(line, MAX_LINE)["validation"]) for line in lines)
+    log = read_bounded(run_folder(path) / "metrics.jsonl", MAX_METRICS).decode()
+    reports = [parse_json_object(line, MAX_LINE) for line in log.splitlines()]
+    return min(float(report["validation"]) for report in reports)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -14,6 +12,7 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.body_frame import Frame
+from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.systems.system import System
 from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import train
@@ -82,8 +81,8 @@ def train_on(emulator: Emulator, data: Transitions, updates: int = REFINING_UPDA
         learning_rate=REFINING_RATE,
         unroll_share=UNROLLED_SHARE,
     )
-    with TemporaryDirectory() as folder:  # seconds of training: not worth resuming
-        path = Path(folder) / "refined.emulator.safetensors"
+    with temporary_folder() as folder:  # seconds of training: not worth resuming
+        path = folder / "refined.emulator.safetensors"
         return train(data, config, path, start_from=emulator)
 
 

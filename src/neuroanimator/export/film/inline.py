@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import tempfile
 from pathlib import Path
 
 from neuroanimator.animation.clip import Clip, make_clip
@@ -14,6 +13,7 @@ from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.film.video import write_video
+from neuroanimator.storage.unfinished import temporary_folder
 
 SIZE = (640, 360)
 """Width and height of a film in a page [pixels]: a few hundred kilobytes, drawn in seconds."""
@@ -58,8 +58,8 @@ def motion_html(emulator: Emulator) -> str:
 
 def _drawn_html(clip: Clip, words: str, ghost: Clip | None = None) -> str:
     """Return the film of `clip`, drawn for a page; where nothing can be drawn, a line that says so."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "motion.mp4"
+    with temporary_folder() as folder:
+        path = folder / "motion.mp4"
         try:
             write_video(clip, path, ghost=ghost, size=SIZE)
         except ResourceError as error:

@@ -21,7 +21,8 @@ from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.c_emulator import encode, super_step, super_step_trusted
-from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, latent_size, step
+from neuroanimator.emulator.checks import MAX_MAGNITUDE
+from neuroanimator.emulator.emulator import Emulator, latent_size, step
 from neuroanimator.export.programs.definition import Definition
 from neuroanimator.jax_later import Array, jax
 from neuroanimator.state.layout import Layout

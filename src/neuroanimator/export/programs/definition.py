@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float
 
 import neuroanimator
 from neuroanimator.control.policies.policy import COMMAND, Policy
-from neuroanimator.emulator.emulator import MAX_MAGNITUDE, Emulator, step
+from neuroanimator.emulator.checks import MAX_MAGNITUDE
+from neuroanimator.emulator.emulator import Emulator, step
 from neuroanimator.jax_later import Array, jnp
 from neuroanimator.state.layout import Layout, Slice
 

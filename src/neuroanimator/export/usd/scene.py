@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -44,6 +43,7 @@ from neuroanimator.export.usd.prims import (
 )
 from neuroanimator.state.rotation import rotation_matrices
 from neuroanimator.storage.files import write_whole
+from neuroanimator.storage.unfinished import temporary_folder
 
 DRY_ROUGHNESS = 0.6
 """How rough the surfaces of simple shapes are."""
@@ -356,14 +356,14 @@ def _converted(text: bytes, suffix: str) -> bytes:
             f"A {suffix} file is made by usd-core, which is missing. Install it with: pip install 'neuroanimator[usd]'; "
             "or write .usda, which needs nothing."
         ) from None
-    with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder) / "scene.usda"
+    with temporary_folder() as folder:
+        source = folder / "scene.usda"
         source.write_bytes(text)
         layer = Sdf.Layer.FindOrOpen(str(source))
-        crate = Path(folder) / "scene.usdc"
+        crate = folder / "scene.usdc"
         layer.Export(str(crate))
         if suffix == ".usdc":
             return crate.read_bytes()
-        package = Path(folder) / "scene.usdz"
+        package = folder / "scene.usdz"
         UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(crate)), str(package))
         return package.read_bytes()

@@ -69,7 +69,9 @@ def run_file(digest: str, name: str) -> ModuleType:
         exec(compile(source, name, "exec"), module.__dict__)
     except SyntaxError as error:
         raise BadFileError(f"{name}, line {error.lineno}: {error.msg}.") from error
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise fault(error, name) from error
     if not callable(getattr(module, "step", None)):
         raise BadFileError(
@@ -89,9 +91,11 @@ def call_step(
     try:
         with np.errstate(all="ignore"):
             answer = function(state.copy(), control.copy(), dt)
-    except (Exception, SystemExit) as error:
+            following = _as_numbers(answer)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise fault(error, name) from error
-    following = _as_numbers(answer)
     if following is None or following.shape != state.shape:
         raise BadFileError(
             f"{name}: step returned {_form(answer)}; wanted numbers of shape {state.shape}, like the state."

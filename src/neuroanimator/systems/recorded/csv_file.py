@@ -15,6 +15,7 @@ import numpy as np
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.csv_text import csv_rows
+from neuroanimator.parsing.numbers import number_in
 from neuroanimator.storage.files import one_line
 from neuroanimator.systems.recorded.columns import (
     MAX_COLUMNS,
@@ -179,7 +180,7 @@ def _row(cells: list[str], columns: list[int], header: _Header, where: str) -> l
 
 def _number(cell: str, where: str) -> float:
     try:
-        value = float(cell)
+        value = number_in(cell)
     except ValueError:
         value = math.nan
     if not abs(value) < MAX_MAGNITUDE:  # true for NaN too

@@ -1,0 +1,59 @@
+"""What an emulator is given, and the motion it makes of it, held against what it can do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from neuroanimator.errors import ArgumentError, DivergedError
+from neuroanimator.state.layout import Layout
+
+MAX_MAGNITUDE = 1e6
+"""Largest number of a state: beyond it a super step's change is lost in the rounding of float32."""
+
+MAX_CONTROL = float(np.finfo(np.float32).max)
+"""Largest number of a control: that of float32."""
+
+
+def check_numbers(
+    vector: ArrayLike, layout: Layout, label: str, most: float, dtype: Any
+) -> Float[np.ndarray, " ..."]:
+    """Return `vector` (..., S) as numbers of the type `dtype`, in C's order.
+
+    Raises ArgumentError for a last axis of another length, and for what is no number, not finite or of a magnitude above
+    `most`.
+    """
+    numbers = layout.check(vector, label)
+    too_large = np.abs(numbers) > most
+    if too_large.any():
+        index = tuple(np.argwhere(too_large)[0])
+        raise ArgumentError(
+            f"{label}: {layout.names[index[-1]]} is {numbers[index]:g}; wanted a magnitude of at most {most:g}. "
+            "Give a smaller one."
+        )
+    return np.ascontiguousarray(numbers, dtype)
+
+
+def check_motion(trajectory: Float[np.ndarray, "*B F S"], layout: Layout) -> None:
+    """Refuse a trajectory (..., T+1, S) with numbers that are not finite, by the first of them.
+
+    Raises ArgumentError if they come with the first super step, and DivergedError if they come later.
+    """
+    broken = np.argwhere(~np.isfinite(trajectory))
+    if not len(broken):
+        return
+    first = broken[np.argmin(broken[:, -2])]
+    step = first[-2]
+    name = layout.names[first[-1]]
+    if step <= 1:
+        raise ArgumentError(
+            f"state: no motion follows from it: after one super step {name} is not finite. Give a state that the "
+            "system can be in, such as its rest; `covers` says which the emulator knows."
+        )
+    raise DivergedError(
+        f"The motion diverged: {name} is not finite from super step {step} on. Start nearer to what the emulator "
+        "was trained on (`covers` says what that is), or train it longer."
+    )
