@@ -71,18 +71,23 @@ class Rows(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
+def mean_return(model: PPO, normaliser: VecNormalize, judge: Rows) -> float:
+    """Return what the policy's mean actions earn in an episode of each row."""
+    observations, returns = judge.reset(), []
+    while len(returns) < judge.num_envs:
+        actions, _ = model.predict(normaliser.normalize_obs(observations), deterministic=True)
+        observations, _, _, infos = judge.step(actions)
+        returns += [info["episode"]["r"] for info in infos if "episode" in info]
+    return float(np.mean(returns))
+
+
 if __name__ == "__main__":
     upright = na.Objective.of(na.effort(), na.goal(na.load_system("pendulum"), "upright"))
     mode = AutoresetMode.SAME_STEP
     inside = EmulatorVectorEnv("pendulum", 256, upright, trust_limit=3.0, autoreset_mode=mode)
     env = VecNormalize(Rows(inside))
-    model = PPO("MlpPolicy", env, n_steps=64, batch_size=2048, n_epochs=4, device="cpu")
-    model.learn(1_000_000, progress_bar=False)
-
     judge = Rows(PhysicsVectorEnv("pendulum", 64, upright, autoreset_mode=mode))
-    observations, returns = judge.reset(), []
-    while len(returns) < 64:
-        actions, _ = model.predict(env.normalize_obs(observations), deterministic=True)
-        observations, _, _, infos = judge.step(actions)
-        returns += [info["episode"]["r"] for info in infos if "episode" in info]
-    print(f"mean return on MuJoCo: {np.mean(returns):.2f}")
+    model = PPO("MlpPolicy", env, n_steps=64, batch_size=2048, n_epochs=4, device="cpu")
+    print(f"mean return on MuJoCo before learning: {mean_return(model, env, judge):.1f}")
+    model.learn(1_000_000)
+    print(f"mean return on MuJoCo after learning: {mean_return(model, env, judge):.1f}")
