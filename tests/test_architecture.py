@@ -32,6 +32,11 @@ def test_a_stage_imports_only_stages_above_it():
         assert imported_stages(path) <= set(allowed), f"{path} imports downstream"
 
 
+def test_temporary_folders_are_made_where_it_is_known_that_they_must_go():
+    for path in SOURCE.rglob("*.py"):
+        assert not re.search("TemporaryDirectory|mkdtemp", path.read_text()), path
+
+
 def test_everything_after_the_emulator_file_works_without_mujoco():
     for stage in (
         "animation",

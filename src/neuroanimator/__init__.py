@@ -57,7 +57,6 @@ if TYPE_CHECKING:
     from neuroanimator.export.csv_file import read_clip, write_clip
     from neuroanimator.export.film.video import write_video
     from neuroanimator.export.gltf.scene import write_glb
-    from neuroanimator.export.minari_dataset import write_minari
     from neuroanimator.export.programs.c_file import write_c_header
     from neuroanimator.export.programs.numpy_file import write_numpy
     from neuroanimator.export.programs.onnx_file import write_onnx
@@ -155,7 +154,6 @@ _HOMES = {
     "write_worst": "export.worst_cases",
     "write_c_header": "export.programs.c_file",
     "write_numpy": "export.programs.numpy_file",
-    "write_minari": "export.minari_dataset",
     "write_onnx": "export.programs.onnx_file",
     "write_wasm": "export.programs.wasm_file",
     "NeuroAnimatorError": "errors",
@@ -241,7 +239,6 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     # Use elsewhere.
     "write_c_header",
     "write_numpy",
-    "write_minari",
     "write_onnx",
     "write_wasm",
     # Errors.

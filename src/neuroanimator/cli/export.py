@@ -1,4 +1,4 @@
-"""The verb `export`: write an emulator or a policy for another program, its episodes, or a stored clip in another format."""
+"""The verb `export`: write an emulator or a policy for another program, or a stored clip in another format."""
 
 from __future__ import annotations
 
@@ -10,12 +10,6 @@ import typer
 from neuroanimator.cli.animate import CAMERA_HELP, SIZE, SIZE_HELP
 
 EXAMPLE = "neuroanimator export fish-50 --out fish.onnx"
-
-FORMAT_HELP = (
-    "minari: episodes of the emulator as a Minari dataset, into the new folder --out, such as "
-    "'export lander --format minari --episodes 100 --out episodes'."
-)
-"""The help of `--format`."""
 
 
 def run(
@@ -39,29 +33,11 @@ def run(
     ] = None,
     size: Annotated[str, typer.Option(help=SIZE_HELP)] = SIZE,
     camera: Annotated[str, typer.Option(help=CAMERA_HELP)] = "follow",
-    file_format: Annotated[
-        str | None,
-        typer.Option("--format", help=FORMAT_HELP),
-    ] = None,
-    episodes: Annotated[
-        int | None, typer.Option(help="Of a Minari dataset: how many; 20 if not given.")
-    ] = None,
-    seconds: Annotated[
-        float | None,
-        typer.Option(help="Of a Minari dataset: length of an episode [s]; 5 if not given."),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Of a Minari dataset: seed of the controls.")] = 0,
-    physics: Annotated[
-        bool,
-        typer.Option("--physics", help="Of a Minari dataset: replay on the true physics."),
-    ] = False,
 ) -> None:
-    """Export an emulator or a policy as a program that needs no Python, checked against JAX; episodes; a clip as GLB or MP4."""
+    """Export an emulator or a policy as a program that needs no Python, checked against JAX; a clip as GLB or MP4."""
     from neuroanimator.export.formats import is_clip
 
-    if file_format is not None:
-        _export_dataset(source, out, file_format, episodes, seconds, seed, physics)
-    elif is_clip(source):
+    if is_clip(source):
         _export_clip(Path(source), emulator, out, size, camera)
     else:
         _export_programs(source, out, policy)
@@ -77,48 +53,6 @@ def _export_programs(reference: str, out: list[Path], is_policy: bool) -> None:
         every = export_programs(reference, out, is_policy=is_policy)
     for written in every:
         print_line(written.summary())
-
-
-def _export_dataset(
-    reference: str,
-    out: list[Path],
-    file_format: str,
-    episodes: int | None,
-    seconds: float | None,
-    seed: int,
-    on_physics: bool,
-) -> None:
-    from neuroanimator.errors import ArgumentError
-    from neuroanimator.export.minari_dataset import (
-        FOLDER_VARIABLE,
-        FORMAT,
-        USUAL_EPISODES,
-        write_minari,
-    )
-    from neuroanimator.terminal import phase, print_rows
-
-    if file_format != FORMAT:
-        raise ArgumentError(
-            f"No format called '{file_format[:40]}'. Formats: {FORMAT}; of others the ending of --out says it."
-        )
-    if len(out) != 1:
-        raise ArgumentError(f"out: a dataset is one new folder, came {len(out)}.")
-    with phase("rolling out"):
-        written = write_minari(
-            reference,
-            out[0],
-            episodes=USUAL_EPISODES if episodes is None else episodes,
-            seconds=seconds,
-            seed=seed,
-            on_physics=on_physics,
-        )
-    rows: list[tuple[str, object]] = [
-        ("episodes", written.episodes),
-        ("steps", written.steps),
-        ("dataset", written.id),
-        ("to load it", f"{FOLDER_VARIABLE}={written.folder}, minari.load_dataset('{written.id}')"),
-    ]
-    print_rows(rows)
 
 
 def _export_clip(clip: Path, emulator: str | None, out: list[Path], size: str, camera: str) -> None:
