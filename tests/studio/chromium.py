@@ -92,6 +92,12 @@ def looking(
         context.close()
 
 
+def enter(page: Page, address: str) -> None:
+    """Open the address that the server prints, and wait until the page has the one without the token."""
+    page.goto(address)
+    page.wait_for_url(lambda url: "token=" not in url)
+
+
 @contextmanager
 def hosting(folder: Path) -> Iterator[str]:
     """Serve a folder as any web host does."""

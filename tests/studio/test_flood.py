@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import socket
 import time
 import zipfile
@@ -12,7 +11,7 @@ from io import BytesIO
 from pathlib import Path
 
 import pytest
-from serving import Serving, ask_page, each, serving
+from serving import Serving, ask_page, each, serving, status_of
 from tally import Tally
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
@@ -46,21 +45,11 @@ def head_of_upload(studio: Serving, *lines: str) -> bytes:
         "POST /api/emulators HTTP/1.1",
         f"Host: 127.0.0.1:{studio.gate.port}",
         f"Origin: {studio.origin}",
-        f"X-Token: {studio.gate.token}",
+        f"Cookie: {studio.cookie}",
         "Content-Type: application/octet-stream",
         *lines,
     ]
     return "\r\n".join([*own, "", ""]).encode()
-
-
-def status_of(connection: socket.socket) -> int:
-    """Return the status of the answer; 0 if the connection was cut."""
-    connection.settimeout(10)
-    try:
-        line = connection.recv(100)
-    except ConnectionError:
-        return 0
-    return int(line.split()[1]) if line else 0
 
 
 def test_s06_a_body_of_a_gigabyte_is_refused_by_what_it_says_of_itself(studio: Serving):
@@ -138,27 +127,17 @@ def closed_with(page: ClientConnection) -> int | None:
 
 
 def raw_page(studio: Serving) -> socket.socket:
-    """Open a page byte by byte, so that nothing is read or sent that a test does not ask for."""
-    connection = studio.raw(
-        f"GET /live HTTP/1.1\r\nHost: 127.0.0.1:{studio.gate.port}\r\nOrigin: {studio.origin}\r\n"
-        "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
-    )
-    assert b" 101 " in connection.recv(1000)
-    connection.sendall(frame(json.dumps({"token": studio.gate.token})))
+    """Open a page byte by byte."""
+    connection = studio.raw_socket()
+    came = b""
+    while b"ready" not in came:
+        came += connection.recv(1000)
+        assert b" 101 " in came
     return connection
-
-
-def frame(text: str) -> bytes:
-    """Return a WebSocket frame with `text`, masked as a browser's are (RFC 6455, 5.2)."""
-    content = text.encode()
-    masked = bytes(byte ^ MASK[number % 4] for number, byte in enumerate(content))
-    return bytes([0x81, 0x80 | len(content)]) + MASK + masked
 
 
 def test_s07_a_message_of_sixteen_megabytes_closes_the_socket(studio: Serving):
     with raw_page(studio) as page:
-        assert b"ready" in page.recv(1000)
         # What it says of itself is enough; nobody waits for the rest.
         page.sendall(b"\x81\xff" + (16 << 20).to_bytes(8, "big") + MASK)
         closing = page.recv(1000)
@@ -260,7 +239,8 @@ def test_s13_who_takes_nothing_in_is_left_and_nobody_waits(hurried: Serving):
 
 def test_s13_half_a_download_holds_up_nobody(studio: Serving):
     request = (
-        f"GET /bundles/fish-50/emulator.wasm HTTP/1.1\r\nHost: 127.0.0.1:{studio.gate.port}\r\n\r\n"
+        f"GET /bundles/fish-50/emulator.wasm HTTP/1.1\r\nHost: 127.0.0.1:{studio.gate.port}\r\n"
+        f"Cookie: {studio.cookie}\r\n\r\n"
     )
     with ExitStack() as stack:
         for _ in range(10):

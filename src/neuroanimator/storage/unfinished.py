@@ -81,9 +81,9 @@ _leftovers: dict[Path, int] = {}
 """What must not be left behind, and the process that began it: a forked one inherits this table, not the duty."""
 
 
-def remove_at_exit(folder: Path) -> None:
-    """Remove `folder` and all in it when this process ends."""
-    _leftovers[folder] = os.getpid()
+def remove_at_exit(path: Path) -> None:
+    """Remove a file, or a folder and all in it, when this process ends."""
+    _leftovers[path] = os.getpid()
     atexit.register(remove_leftovers)
 
 

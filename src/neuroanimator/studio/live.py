@@ -1,7 +1,6 @@
 """What a page and the server say to each other while the page is open: questions about the physics, answers, events.
 
-The first message of a page says the token. Whoever floods the server, asks what is no JSON or takes nothing in is left;
-the server waits for nobody.
+A page that floods the server, asks what is no JSON or takes nothing in is left; the server waits for nobody.
 """
 
 from __future__ import annotations
@@ -33,7 +32,6 @@ from neuroanimator.studio.requests import (
     OfJob,
     Replay,
     Train,
-    read_hello,
     read_request,
     request_id,
 )
@@ -73,14 +71,6 @@ async def serve_page(socket: WebSocket) -> None:
 
 
 async def _talk(studio: Studio, page: Page) -> None:
-    limits = studio.limits
-    try:
-        async with asyncio.timeout(limits.token_seconds):
-            text = await page.receive()
-    except TimeoutError:
-        raise RefusedError("no token") from None
-    if not _says_token(studio, text):
-        raise RefusedError("wrong token")
     page.tell({"event": "ready", "version": neuroanimator.__version__})
     sending = asyncio.create_task(page.send_all())
     reading = asyncio.create_task(_read(studio, page))
@@ -93,14 +83,6 @@ async def _talk(studio: Studio, page: Page) -> None:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-
-
-def _says_token(studio: Studio, text: str) -> bool:
-    try:
-        hello = read_hello(text, studio.limits.message_bytes)
-    except (ValueError, RecursionError):
-        return False
-    return studio.gate.is_token(hello.token)
 
 
 async def _read(studio: Studio, page: Page) -> None:

@@ -32,12 +32,6 @@ Pushes = Annotated[list[tuple[Number, Vector]], Field(max_length=MAX_ROWS)]
 """What somebody's mouse did to the state: before super step [0], so much was added to it [1]."""
 
 
-class Hello(Table):
-    """The first message of a page."""
-
-    token: Name
-
-
 class Replay(Table):
     """What do these controls do on the true physics?"""
 
@@ -125,7 +119,6 @@ class Export(Table):
 DOES = ("replay", "judge", "judge_descent", "train", "jobs", "stop", "resume", "forget")
 """What a page may ask for."""
 
-HELLO = TypeAdapter(Hello)
 EXPORT = TypeAdapter(Export)
 
 
@@ -137,11 +130,6 @@ def read_request(text: str, largest: int) -> Asked:
             f"do: nothing is called {quoted(values.get('do'))}. There are: {', '.join(DOES)}."
         )
     return _checked(REQUEST, values)
-
-
-def read_hello(text: str, largest: int) -> Hello:
-    """Return a page's first message; errors are those of `read_request`."""
-    return _checked(HELLO, parse_json_object(text, largest))
 
 
 def read_export(content: bytes, largest: int) -> Export:
