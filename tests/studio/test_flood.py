@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import socket
 import time
+import tracemalloc
 import zipfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from io import BytesIO
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 from serving import Serving, ask_page, each, serving, status_of
 from tally import Tally
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
+from neuroanimator.errors import ArgumentError
 from neuroanimator.studio.limits import Limits
+from neuroanimator.studio.requests import Export, read_export
+from neuroanimator.tables import first_fault
 
 MASK = b"\1\2\3\4"
 """What a browser hides its bytes with, so that no proxy takes them for something else."""
@@ -164,6 +170,59 @@ def test_s07_no_more_than_eight_sockets_open(tmp_path: Path, tally: Tally):
                 studio.socket().close()
             assert refusal.value.response.status_code == 503
         assert studio.ask("/").status == 200
+
+
+ROWS = {
+    "texts": (b"[" + b'"",' * 129 + b'""]', 19_000),
+    "nothing": (b"[" + b"null," * 79 + b"null]", 19_000),
+}
+"""What controls are made of that are not wanted, and how many fit in a request."""
+
+
+def large_request(filling: str) -> bytes:
+    """Return a request of 8 MB, about, that takes long to read."""
+    if filling == "names":
+        return b"{" + b",".join(b'"%d":0' % number for number in range(700_000)) + b"}"
+    row, count = ROWS[filling]
+    controls = b",".join([row] * count)
+    return b'{"bundle":"fish-50","format":"csv","start":[0],"controls":[%s]}' % controls
+
+
+@pytest.mark.parametrize("filling", ["names", *ROWS])
+def test_s07_while_a_large_request_is_read_others_are_answered(filling: str, studio: Serving):
+    request = large_request(filling)
+    longest = 0.0
+    with ThreadPoolExecutor(1) as pool:
+        reply = pool.submit(studio.post, "/api/exports", request, "application/json")
+        while not reply.done():
+            began = time.perf_counter()
+            assert studio.ask("/").status == 200
+            longest = max(longest, time.perf_counter() - began)
+            time.sleep(0.02)
+    assert reply.result().status == 400
+    assert len(reply.result().json["error"]) < 200
+    assert longest < 1
+
+
+def test_s07_of_a_million_faults_the_first_is_enough():
+    """All of them took half a minute and 3 GB."""
+    with pytest.raises(ArgumentError, match=r"^controls\.0\.0: .* came 'None'") as refusal:
+        read_export(large_request("nothing"), 8 << 20)
+    assert isinstance(refusal.value.__cause__, ValidationError)
+    assert refusal.value.__cause__.error_count() == 1
+
+
+def test_s07_what_is_too_long_is_not_written_out_to_show_its_beginning():
+    motion = {"bundle": "fish-50", "format": "csv", "start": [0.0]}
+    with pytest.raises(ValidationError) as refusal:
+        Export.model_validate({**motion, "controls": [[0.5]] * 1_000_000})
+    tracemalloc.start()
+    try:
+        assert "came '[[0.5], [0.5], " in first_fault(refusal.value)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 100_000
 
 
 def test_s07_what_is_no_json_closes_the_socket(studio: Serving, tally: Tally):

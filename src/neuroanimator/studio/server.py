@@ -169,11 +169,11 @@ async def _export(request: Request) -> Response:
     _check_type(request, JSON)
     content = await _body(request)
     try:
-        wanted = read_export(content, studio.limits.body_bytes)
+        wanted = await asyncio.to_thread(read_export, content, studio.limits.body_bytes)
     except ArgumentError:
         raise
-    except (ValueError, RecursionError):
-        raise HTTPException(400, "The request is no JSON.") from None
+    except (ValueError, RecursionError) as error:
+        raise HTTPException(400, f"The request cannot be read: {error}.") from None
 
     loop = asyncio.get_running_loop()
 
