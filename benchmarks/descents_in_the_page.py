@@ -19,9 +19,6 @@ from tempfile import TemporaryDirectory
 from typing import IO, Any
 
 import numpy as np
-from neuroanimator_studio.catalogue import shipped_folder
-from neuroanimator_studio.descent_module import ITERATIONS, PageDescent
-from neuroanimator_studio.descents import WITH_DESCENT, descent_of, judge_motion
 
 from neuroanimator import load_emulator
 from neuroanimator.control.descent.evaluators import evaluator_of
@@ -30,6 +27,9 @@ from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import print_table
+from neuroanimator_studio.catalogue import shipped_folder
+from neuroanimator_studio.descent_module import ITERATIONS, PageDescent
+from neuroanimator_studio.descents import WITH_DESCENT, descent_of, judge_motion
 
 STUDIO = Path(__file__).parents[1] / "studio"
 

@@ -19,12 +19,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from neuroanimator_studio.run import page_folder
 from playwright.sync_api import Page, sync_playwright
 
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar
+from neuroanimator_studio.run import page_folder
 
 RESULTS = Path(__file__).parent / "results" / "studio_page.csv"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -59,8 +60,10 @@ def first_fault(error: ValidationError) -> str:
     fault = error.errors()[0]
     key = ".".join(str(part) for part in fault["loc"])
     shown_key = printable(key[:MAX_SHOWN])
-    came = str(fault["input"])[:MAX_SHOWN]
-    return f"{shown_key}: {fault['msg'].lower()}, came {came!r}"
+    came = fault["input"]
+    if isinstance(came, list | dict):
+        came = reprlib.repr(came)  # of millions of numbers only those that are shown
+    return f"{shown_key}: {fault['msg'].lower()}, came {str(came)[:MAX_SHOWN]!r}"
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -1,24 +1,23 @@
-"""Who may ask the server anything: its own page on this machine, and nobody whom a foreign page sends.
+"""Who may ask the server anything: its own page, in the browser of somebody who was told the token, and nobody else.
 
-A page of another site can reach a server on this machine, by a form, an image or a name that it makes mean 127.0.0.1.
-So every request must name this server as its host, what changes anything must come from this server's page
-and say the token, and no answer may be read by, shown in, or run with anything of another site.
+Other users of this machine can reach a server on it, and a page of another site can, by a form, an image or a name that
+it makes mean 127.0.0.1. So every request must say the token, in a cookie that browsers send for this server's own page
+alone; what changes anything must come from a page of the very address that is asked; and no answer may be read by,
+shown in, or run with anything of another site.
 """
 
 from __future__ import annotations
 
 import hmac
-import ipaddress
 import secrets
-import socket
 from dataclasses import dataclass, field
-from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import JSONResponse
+from starlette.requests import HTTPConnection
+from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+LOOPBACK = ["127.0.0.1", "localhost", "[::1]"]
 """The names of this machine that only this machine can mean."""
 
 EVERYWHERE = ("0.0.0.0", "::")
@@ -30,8 +29,14 @@ TOKEN_BYTES = 16
 SAFE_METHODS = ("GET", "HEAD")
 """Requests that change nothing."""
 
-TOKEN_HEADER = "x-token"
-"""Where a request says the token."""
+ENTRY = "/"
+"""Path at which a browser that says the token is given the cookie, and from then on the page."""
+
+TOKEN = "token"
+"""The part of an address that says the token."""
+
+WELCOME = '<!doctype html><title>NeuroAnimator Studio</title><link rel="icon" href="data:,">'
+"""What a browser shows for the moment in which it is given the cookie; it asks for no icon."""
 
 POLICY = (
     "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "
@@ -67,53 +72,37 @@ class Gate:
 
     @property
     def url(self) -> str:
-        """What to open in a browser: the token is in the fragment, which no request carries."""
-        shown = "127.0.0.1" if self.host in EVERYWHERE else self.host
-        if ":" in shown:
-            shown = f"[{shown}]"
-        return f"http://{shown}:{self.port}/#{self.token}"
+        """What to open in a browser."""
+        shown = "127.0.0.1" if self.host in EVERYWHERE else self._name
+        return f"http://{shown}:{self.port}{ENTRY}?{TOKEN}={self.token}"
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie that says the token; servers at other ports of a machine have others."""
+        return f"neuroanimator-{self.port}"
+
+    @property
+    def names(self) -> list[str]:
+        """Names by which the server may be asked: any, where it listens on networks that give it names of their own."""
+        if self.host in EVERYWHERE:
+            return ["*"]
+        return LOOPBACK if self.is_loopback else [self._name]
 
     @property
     def is_loopback(self) -> bool:
         """Whether only this machine can reach the server."""
         return self.host in ("127.0.0.1", "localhost", "::1")
 
-    def is_token(self, said: object) -> bool:
+    @property
+    def _name(self) -> str:
+        """The host as addresses have it."""
+        return f"[{self.host}]" if ":" in self.host else self.host
+
+    def is_token(self, said: str | None) -> bool:
         """Return whether `said` is the token, in a time that says nothing about it."""
-        if not isinstance(said, str):
+        if said is None:
             return False
         return hmac.compare_digest(said.encode("utf-8", "replace"), self.token.encode())
-
-    def is_own_host(self, said: str) -> bool:
-        """Return whether a Host header means this server: by a name nobody else can make mean it, and its port."""
-        name, _, port = said.rpartition(":")
-        if not port.isdecimal() or name == "":  # without a port a browser means 80
-            name, port = said, "80"
-        if int(port) != self.port:
-            return False
-        return name.lower() in LOOPBACK or self._is_named_host(name.lower())
-
-    def is_own_origin(self, said: str) -> bool:
-        """Return whether an Origin header means a page of this server."""
-        scheme, separator, host = said.partition("://")
-        return scheme == "http" and separator != "" and self.is_own_host(host)
-
-    def _is_named_host(self, name: str) -> bool:
-        """Return whether `name` is what `--host` said; where that is everywhere, an address or this machine's name."""
-        if self.is_loopback:
-            return False
-        if self.host not in EVERYWHERE:
-            return name.strip("[]") == self.host.lower()
-        return is_address(name.strip("[]")) or name == socket.gethostname().lower()
-
-
-def is_address(name: str) -> bool:
-    """Return whether `name` is an address in numbers, which no foreign name server can make mean another machine."""
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True
 
 
 class Guard:
@@ -136,46 +125,43 @@ class Guard:
                     headers[name] = value
             await send(message)
 
-        refusal = self._refusal(scope)
-        if refusal is not None:
-            await refusal(scope, receive, send_with_headers)
+        answer = self._answer(HTTPConnection(scope))
+        if answer is not None:
+            await answer(scope, receive, send_with_headers)
             return
         # One part of a file is never wanted, and a thousand parts take long to sort.
         scope["headers"] = [pair for pair in scope["headers"] if pair[0] != b"range"]
         await self.app(scope, receive, send_with_headers)
 
-    def _refusal(self, scope: Scope) -> JSONResponse | None:
-        headers = Headers(scope=scope)
-        hosts = headers.getlist("host")
-        if len(hosts) != 1 or not self.gate.is_own_host(hosts[0]):
-            return refused(
-                400, "This server answers to its own address only. Open the address it printed."
-            )
-        is_socket = scope["type"] == "websocket"
-        if not is_socket and scope["method"] in SAFE_METHODS:
-            return None
-        origins = headers.getlist("origin")
-        is_own_page = len(origins) == 1 and self.gate.is_own_origin(origins[0])
-        if is_socket:
-            return None if is_own_page else refused(403, "Only this server's own page may connect.")
-        return self._refusal_of_change(headers, is_own_page=is_own_page or not origins)
-
-    def _refusal_of_change(self, headers: Headers, *, is_own_page: bool) -> JSONResponse | None:
-        """Return why a request that may change something is refused; a browser always says the origin of one."""
-        site = headers.get("sec-fetch-site", "same-origin")
-        if not is_own_page or site != "same-origin":
-            return refused(403, "Only this server's own page may ask that.")
-        if not self.gate.is_token(headers.get(TOKEN_HEADER)):
+    def _answer(self, asked: HTTPConnection) -> Response | None:
+        """Return the answer to what goes no further; None for what this server's own page asks."""
+        is_reading = asked.scope["type"] == "http" and asked.scope["method"] in SAFE_METHODS
+        is_entry = is_reading and asked.scope["path"] == ENTRY
+        if is_entry and self.gate.is_token(asked.query_params.get(TOKEN)):
+            return welcome(asked, self.gate)
+        if not self.gate.is_token(asked.cookies.get(self.gate.cookie)):
             return refused(403, "Wrong or missing token. Open the address the server printed.")
+        if not is_reading and not is_own_page(asked.headers):
+            return refused(403, "Only this server's own page may ask that.")
         return None
+
+
+def is_own_page(headers: Headers) -> bool:
+    """Return whether a page of the address that is asked asks: browsers say the origin of what may change anything."""
+    return headers.getlist("origin") == [f"http://{headers.get('host')}"]
+
+
+def welcome(asked: HTTPConnection, gate: Gate) -> Response:
+    """Return an answer that gives a browser the cookie, and leads it to the same address without the token.
+
+    It is no redirect: where a file has led a browser here, a redirect would count as another site's and carry no cookie.
+    """
+    clean = asked.url.remove_query_params(TOKEN)
+    response = HTMLResponse(WELCOME, headers={"Refresh": f"0; url={clean}"})
+    response.set_cookie(gate.cookie, gate.token, path="/", httponly=True, samesite="strict")
+    return response
 
 
 def refused(code: int, why: str) -> JSONResponse:
     """Return an answer that says why not, after which the connection is closed."""
     return JSONResponse({"error": why}, code, headers={"Connection": "close"})
-
-
-def own_origin(url: str) -> str:
-    """Return the origin of `url`, as a browser says it."""
-    parts = urlsplit(url)
-    return f"{parts.scheme}://{parts.netloc}"

@@ -25,8 +25,6 @@ class Limits:
     """Connections held open at once; a browser opens six."""
     sockets: int = 8
     """Pages that are connected at once."""
-    token_seconds: float = 5.0
-    """Time for the first message of a page, which says the token [s]."""
     message_bytes: int = 1 << 20
     """The longest message of a page [bytes]."""
     messages_a_second: float = 60.0

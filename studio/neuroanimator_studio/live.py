@@ -1,7 +1,6 @@
 """What a page and the server say to each other while the page is open: questions about the physics, answers, events.
 
-The first message of a page says the token. Whoever floods the server, asks what is no JSON or takes nothing in is left;
-the server waits for nobody.
+A page that floods the server, asks what is no JSON or takes nothing in is left; the server waits for nobody.
 """
 
 from __future__ import annotations
@@ -33,7 +32,6 @@ from neuroanimator_studio.requests import (
     OfJob,
     Replay,
     Train,
-    read_hello,
     read_request,
     request_id,
 )
@@ -61,73 +59,35 @@ async def serve_page(socket: WebSocket) -> None:
     try:
         await socket.accept()
         await _talk(studio, page)
-    except RefusedError as refused:
+    except* RefusedError as refusals:
         # Who takes nothing in may not take this in, either.
         with contextlib.suppress(Exception):
             async with asyncio.timeout(CLOSING_SECONDS):
-                await socket.close(POLICY_VIOLATION, str(refused))
-    except WebSocketDisconnect:
+                await socket.close(POLICY_VIOLATION, str(refusals.exceptions[0]))
+    except* WebSocketDisconnect:
         pass
     finally:
         studio.pages.discard(page)
 
 
 async def _talk(studio: Studio, page: Page) -> None:
-    limits = studio.limits
-    try:
-        async with asyncio.timeout(limits.token_seconds):
-            text = await page.receive()
-    except TimeoutError:
-        raise RefusedError("no token") from None
-    if not _says_token(studio, text):
-        raise RefusedError("wrong token")
+    """Send, read and work until one of them ends by an error, which ends the others."""
     page.tell({"event": "ready", "version": neuroanimator.__version__})
-    sending = asyncio.create_task(page.send_all())
-    reading = asyncio.create_task(_read(studio, page))
-    tasks = {sending, reading}
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+    async with asyncio.TaskGroup() as tasks:
+        tasks.create_task(page.send_all())
+        tasks.create_task(_read(studio, page, tasks))
 
 
-def _says_token(studio: Studio, text: str) -> bool:
-    try:
-        hello = read_hello(text, studio.limits.message_bytes)
-    except (ValueError, RecursionError):
-        return False
-    return studio.gate.is_token(hello.token)
-
-
-async def _read(studio: Studio, page: Page) -> None:
-    """Read requests and work on them, a few at a time."""
+async def _read(studio: Studio, page: Page, tasks: asyncio.TaskGroup) -> None:
+    """Read requests and have them worked on, a few at a time."""
     budget = Budget(studio.limits)
     free = asyncio.Semaphore(studio.limits.requests_at_once)
-    working: set[asyncio.Task[None]] = set()
-    try:
-        while True:
-            text = await page.receive()
-            budget.spend()
-            await free.acquire()
-            task = asyncio.create_task(_work(studio, page, text))
-            working.add(task)
-            task.add_done_callback(working.discard)
-            task.add_done_callback(lambda _: free.release())
-            await asyncio.sleep(0)
-            _raise_refusals(working)
-    finally:
-        for task in working:
-            task.cancel()
-
-
-def _raise_refusals(tasks: set[asyncio.Task[None]]) -> None:
-    for task in tasks:
-        if task.done() and not task.cancelled() and task.exception() is not None:
-            task.result()
+    while True:
+        text = await page.receive()
+        budget.spend()
+        await free.acquire()
+        task = tasks.create_task(_work(studio, page, text))
+        task.add_done_callback(lambda _: free.release())
 
 
 async def _work(studio: Studio, page: Page, text: str) -> None:
@@ -137,12 +97,12 @@ async def _work(studio: Studio, page: Page, text: str) -> None:
 
 async def answer_to(studio: Studio, text: str) -> Answer:
     """Return the answer to one request. Raises RefusedError for what is no JSON."""
-    limits = studio.limits
-    number = None
+    most = studio.limits.message_bytes
     try:
-        number = request_id(text, limits.message_bytes)
-        request = read_request(text, limits.message_bytes)
+        # Beside the server: a message may be long.
+        request = await asyncio.to_thread(read_request, text, most)
     except ArgumentError as error:
+        number = await asyncio.to_thread(request_id, text, most)
         return {"id": number, "error": public_words(str(error))}
     except (ValueError, RecursionError) as error:
         raise RefusedError("no JSON") from error

@@ -18,6 +18,9 @@ MAX_STATE = 4096
 MAX_ROWS = 20_000
 """Rows of controls or states."""
 
+MAX_TEXTS = 1_000
+"""Names and texts in a request: what takes most time and memory to read, and a request of numbers has few."""
+
 MAX_TEXT = 1 << 20
 """Characters of states in base64."""
 
@@ -25,17 +28,11 @@ Name = Annotated[str, Field(min_length=1, max_length=200)]
 Number = Annotated[int, Field(ge=0, le=2**53)]
 """What a page counts its requests by: JavaScript's whole numbers."""
 
-Vector = Annotated[list[Finite], Field(min_length=1, max_length=MAX_STATE)]
-Rows = Annotated[list[Vector], Field(min_length=1, max_length=MAX_ROWS)]
+Vector = Annotated[list[Finite], Field(min_length=1, max_length=MAX_STATE, fail_fast=True)]
+Rows = Annotated[list[Vector], Field(min_length=1, max_length=MAX_ROWS, fail_fast=True)]
 Point = tuple[Finite, Finite, Finite]
-Pushes = Annotated[list[tuple[Number, Vector]], Field(max_length=MAX_ROWS)]
+Pushes = Annotated[list[tuple[Number, Vector]], Field(max_length=MAX_ROWS, fail_fast=True)]
 """What somebody's mouse did to the state: before super step [0], so much was added to it [1]."""
-
-
-class Hello(Table):
-    """The first message of a page."""
-
-    token: Name
 
 
 class Replay(Table):
@@ -125,13 +122,12 @@ class Export(Table):
 DOES = ("replay", "judge", "judge_descent", "train", "jobs", "stop", "resume", "forget")
 """What a page may ask for."""
 
-HELLO = TypeAdapter(Hello)
 EXPORT = TypeAdapter(Export)
 
 
 def read_request(text: str, largest: int) -> Asked:
     """Return what a page asks; ValueError for what is no JSON, ArgumentError for JSON that asks nothing known."""
-    values = parse_json_object(text, largest)
+    values = parse_json_object(text, largest, MAX_TEXTS)
     if str(values.get("do")) not in DOES:
         raise ArgumentError(
             f"do: nothing is called {quoted(values.get('do'))}. There are: {', '.join(DOES)}."
@@ -139,19 +135,14 @@ def read_request(text: str, largest: int) -> Asked:
     return _checked(REQUEST, values)
 
 
-def read_hello(text: str, largest: int) -> Hello:
-    """Return a page's first message; errors are those of `read_request`."""
-    return _checked(HELLO, parse_json_object(text, largest))
-
-
 def read_export(content: bytes, largest: int) -> Export:
     """Return what a page wants exported; errors are those of `read_request`."""
-    return _checked(EXPORT, parse_json_object(content, largest))
+    return _checked(EXPORT, parse_json_object(content, largest, MAX_TEXTS))
 
 
 def request_id(text: str, largest: int) -> int | None:
     """Return the number of a request that asks nothing known; None if it has none."""
-    number = parse_json_object(text, largest).get("id")
+    number = parse_json_object(text, largest, MAX_TEXTS).get("id")
     return number if isinstance(number, int) and not isinstance(number, bool) else None
 
 

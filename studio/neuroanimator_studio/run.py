@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import os
 import sys
+import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 
 from neuroanimator.errors import ResourceError
+from neuroanimator.storage.unfinished import remove_at_exit
 from neuroanimator.terminal import hide_progress, phase
 from neuroanimator.text import print_line
 from neuroanimator.zoo import find_emulator
@@ -20,6 +22,14 @@ from neuroanimator_studio.limits import USUAL, Limits
 from neuroanimator_studio.server import INDEX, listen, make_server
 from neuroanimator_studio.static_site import export_site
 from neuroanimator_studio.studio import Studio
+
+ENTRY_FILE = """<!doctype html>
+<meta charset="utf-8">
+<meta http-equiv="refresh" content="0; url={url}">
+<title>NeuroAnimator Studio</title>
+<a href="{url}">To the studio</a>
+"""
+"""The file that leads a browser to the page."""
 
 Say = Callable[[str], None]
 
@@ -82,12 +92,25 @@ def serve_studio(
     sys.stdout.flush()
     hide_progress()
     if opens_browser and has_display():
+        entry = write_entry(gate)
         # A browser may take its time, and some never come back.
-        threading.Thread(target=webbrowser.open, args=(gate.url,), daemon=True).start()
+        threading.Thread(target=webbrowser.open, args=(entry.as_uri(),), daemon=True).start()
     try:
         asyncio.run(make_server(studio).serve(sockets=[listener]))
     finally:
         studio.close()
+
+
+def write_entry(gate: Gate) -> Path:
+    """Return a file that leads a browser to the page, until this process ends.
+
+    Only this user can read it; the command line of a browser, where the address would be, can be read by all users.
+    """
+    handle, name = tempfile.mkstemp(prefix="neuroanimator-", suffix=".html")
+    remove_at_exit(Path(name))
+    with open(handle, "w") as file:
+        file.write(ENTRY_FILE.format(url=gate.url))
+    return Path(name)
 
 
 def has_display() -> bool:

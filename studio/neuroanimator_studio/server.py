@@ -15,6 +15,8 @@ from urllib.parse import unquote
 import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
@@ -67,7 +69,8 @@ def make_app(studio: Studio) -> ASGIApp:
         WebSocketRoute("/live", serve_page),
         Route("/{path:path}", _answering(_page_file)),
     ]
-    app = Starlette(routes=routes)
+    own_names = Middleware(TrustedHostMiddleware, allowed_hosts=studio.gate.names)
+    app = Starlette(routes=routes, middleware=[own_names])
     app.state.studio = studio
     return Guard(app, studio.gate)
 
@@ -97,7 +100,7 @@ def _studio(request: Request) -> Studio:
 
 async def _page_file(request: Request) -> Response:
     """Return a file of the page, by its exact path and no other way."""
-    path = request.url.path
+    path = request.scope["path"]
     if path == "/":
         path = INDEX
     file = _studio(request).page_files.get(path)
@@ -167,11 +170,11 @@ async def _export(request: Request) -> Response:
     _check_type(request, JSON)
     content = await _body(request)
     try:
-        wanted = read_export(content, studio.limits.body_bytes)
+        wanted = await asyncio.to_thread(read_export, content, studio.limits.body_bytes)
     except ArgumentError:
         raise
-    except (ValueError, RecursionError):
-        raise HTTPException(400, "The request is no JSON.") from None
+    except (ValueError, RecursionError) as error:
+        raise HTTPException(400, f"The request cannot be read: {error}.") from None
 
     loop = asyncio.get_running_loop()
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from neuroanimator_studio.requests import read_request, request_id
 
 from neuroanimator.cli.numbers import whole_numbers
 from neuroanimator.control.synthesis.objective_file import read_objective
@@ -32,6 +31,7 @@ from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model
 from neuroanimator.systems.system import System
 from neuroanimator.tables import check_table, read_toml
 from neuroanimator.zoo import shipped_path
+from neuroanimator_studio.requests import read_request, request_id
 
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 

@@ -11,10 +11,10 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
-from neuroanimator_studio.run import page_folder
 from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
 
 from neuroanimator.errors import ResourceError
+from neuroanimator_studio.run import page_folder
 
 ARGUMENTS = [
     "--no-sandbox",
@@ -90,6 +90,12 @@ def looking(
         yield Looking(context.new_page())
     finally:
         context.close()
+
+
+def enter(page: Page, address: str) -> None:
+    """Open the address that the server prints, and wait until the page has the one without the token."""
+    page.goto(address)
+    page.wait_for_url(lambda url: "token=" not in url)
 
 
 @contextmanager

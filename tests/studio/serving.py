@@ -13,14 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from tally import Tally
+from websockets.sync.client import ClientConnection, connect
+
 from neuroanimator_studio.guard import Gate
 from neuroanimator_studio.jobs import Jobs
 from neuroanimator_studio.library import Library
 from neuroanimator_studio.limits import USUAL, Limits
 from neuroanimator_studio.server import listen, make_server
 from neuroanimator_studio.studio import Studio
-from tally import Tally
-from websockets.sync.client import ClientConnection, connect
 
 Headers = dict[str, str]
 
@@ -58,13 +59,17 @@ class Serving:
     def origin(self) -> str:
         return f"http://127.0.0.1:{self.gate.port}"
 
+    @property
+    def cookie(self) -> str:
+        return f"{self.gate.cookie}={self.gate.token}"
+
     def ask(
         self, path: str, method: str = "GET", body: Any = None, headers: Headers | None = None
     ) -> Reply:
-        """Send a request as its own page would, but for `headers`; the path goes as it is."""
+        """Send a request as a browser that has the cookie would, but for `headers`; the path goes as it is."""
         connection = http.client.HTTPConnection("127.0.0.1", self.gate.port, timeout=20)
         try:
-            said = {"Host": f"127.0.0.1:{self.gate.port}"} | (headers or {})
+            said = {"Host": f"127.0.0.1:{self.gate.port}", "Cookie": self.cookie} | (headers or {})
             connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
             for name, value in said.items():
                 connection.putheader(name, value)
@@ -78,8 +83,8 @@ class Serving:
             connection.close()
 
     def post(self, path: str, body: bytes, kind: str, headers: Headers | None = None) -> Reply:
-        """Post as its own page would, token and all."""
-        own = {"Origin": self.origin, "X-Token": self.gate.token, "Content-Type": kind}
+        """Post as its own page would."""
+        own = {"Origin": self.origin, "Content-Type": kind}
         return self.ask(path, "POST", body, own | (headers or {}))
 
     def post_json(self, path: str, value: Any) -> Reply:
@@ -89,15 +94,27 @@ class Serving:
     def page(self) -> Iterator[ClientConnection]:
         """Yield the socket of an open page."""
         with self.socket() as socket:
-            socket.send(json.dumps({"token": self.gate.token}))
             assert json.loads(socket.recv(10))["event"] == "ready"
             yield socket
 
-    def socket(self, origin: str | None = "", **options: Any) -> ClientConnection:
+    def socket(self, origin: str | None = "", headers: Headers | None = None) -> ClientConnection:
         """Connect a WebSocket: of its own page if no origin is said, without any for None."""
         said = self.origin if origin == "" else origin
         return connect(
-            f"ws://127.0.0.1:{self.gate.port}/live", origin=said, compression=None, **options
+            f"ws://127.0.0.1:{self.gate.port}/live",
+            origin=said,
+            compression=None,
+            additional_headers={"Cookie": self.cookie} | (headers or {}),
+        )
+
+    def raw_socket(self, host: str | None = None, origin: str | None = None) -> socket.socket:
+        """Connect, and ask for a WebSocket byte by byte: nothing is read or sent that a test does not ask for."""
+        host = f"127.0.0.1:{self.gate.port}" if host is None else host
+        origin = self.origin if origin is None else origin
+        return self.raw(
+            f"GET /live HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nCookie: {self.cookie}\r\n"
+            "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
         )
 
     def raw(self, content: bytes = b"") -> socket.socket:
@@ -105,6 +122,16 @@ class Serving:
         connection = socket.create_connection(("127.0.0.1", self.gate.port), timeout=20)
         connection.sendall(content)
         return connection
+
+
+def status_of(connection: socket.socket) -> int:
+    """Return the status of the answer; 0 if the connection was cut."""
+    connection.settimeout(10)
+    try:
+        line = connection.recv(100)
+    except ConnectionError:
+        return 0
+    return int(line.split()[1]) if line else 0
 
 
 def ask_page(page: ClientConnection, **request: Any) -> Any:
@@ -125,13 +152,15 @@ def write_page(folder: Path) -> Path:
 
 
 @contextmanager
-def serving(folder: Path, limits: Limits = USUAL, page: Path | None = None) -> Iterator[Serving]:
+def serving(
+    folder: Path, limits: Limits = USUAL, page: Path | None = None, host: str = "127.0.0.1"
+) -> Iterator[Serving]:
     """Run a studio whose own bundles and trainings are in `folder`; so is its page if none is given."""
     page = page or write_page(folder / "page")
     own = folder / "bundles"
     own.mkdir(exist_ok=True)
-    listener = listen("127.0.0.1", 0)
-    gate = Gate("127.0.0.1", listener.getsockname()[1])
+    listener = listen(host, 0)
+    gate = Gate(host, listener.getsockname()[1])
     trainings = folder / "jobs"
     trainings.mkdir(exist_ok=True)
     studio = Studio(gate, page, Library(own), limits, Jobs(own, trainings))

@@ -10,15 +10,6 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 import pytest
-from neuroanimator_studio.bundle import bundle_facts, digest, make_bundle, policy_beside
-from neuroanimator_studio.catalogue import (
-    PHYSICS_BUNDLES,
-    SHIPPED_BUNDLES,
-    catalogue,
-    shipped_bundles,
-    shipped_folder,
-)
-from neuroanimator_studio.description import unpacked
 
 from neuroanimator import load_emulator
 from neuroanimator.appearance.skeleton import Skeleton
@@ -28,6 +19,15 @@ from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.state.pose import Pose, read_heights, read_pose
 from neuroanimator.state.rotation import rotate
 from neuroanimator.zoo import find_emulator, shipped_policy
+from neuroanimator_studio.bundle import bundle_facts, digest, make_bundle, policy_beside
+from neuroanimator_studio.catalogue import (
+    PHYSICS_BUNDLES,
+    SHIPPED_BUNDLES,
+    catalogue,
+    shipped_bundles,
+    shipped_folder,
+)
+from neuroanimator_studio.description import unpacked
 
 MAX_FILE = 1 << 20
 """No file of a bundle that ships is larger [bytes]."""

@@ -9,9 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import wasmtime
-from neuroanimator_studio.catalogue import shipped_folder
-from neuroanimator_studio.descent_module import PageDescent, check_module
-from neuroanimator_studio.descents import BAY, DESCENT_FILE, WITH_DESCENT, descent_of, judge_motion
 
 from neuroanimator import load_emulator
 from neuroanimator.control.descent.evaluators import evaluator_of
@@ -20,6 +17,9 @@ from neuroanimator.control.objective.goals import goal_state
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.wasm_file import Module
+from neuroanimator_studio.catalogue import shipped_folder
+from neuroanimator_studio.descent_module import PageDescent, check_module
+from neuroanimator_studio.descents import BAY, DESCENT_FILE, WITH_DESCENT, descent_of, judge_motion
 
 
 def made(name: str) -> PageDescent:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import socket
 import time
+import tracemalloc
 import zipfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from io import BytesIO
 from pathlib import Path
 
 import pytest
-from neuroanimator_studio.limits import Limits
-from serving import Serving, ask_page, each, serving
+from pydantic import ValidationError
+from serving import Serving, ask_page, each, serving, status_of
 from tally import Tally
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
+
+from neuroanimator.errors import ArgumentError
+from neuroanimator.tables import first_fault
+from neuroanimator_studio.limits import Limits
+from neuroanimator_studio.requests import Export, read_export
 
 MASK = b"\1\2\3\4"
 """What a browser hides its bytes with, so that no proxy takes them for something else."""
@@ -45,21 +51,11 @@ def head_of_upload(studio: Serving, *lines: str) -> bytes:
         "POST /api/emulators HTTP/1.1",
         f"Host: 127.0.0.1:{studio.gate.port}",
         f"Origin: {studio.origin}",
-        f"X-Token: {studio.gate.token}",
+        f"Cookie: {studio.cookie}",
         "Content-Type: application/octet-stream",
         *lines,
     ]
     return "\r\n".join([*own, "", ""]).encode()
-
-
-def status_of(connection: socket.socket) -> int:
-    """Return the status of the answer; 0 if the connection was cut."""
-    connection.settimeout(10)
-    try:
-        line = connection.recv(100)
-    except ConnectionError:
-        return 0
-    return int(line.split()[1]) if line else 0
 
 
 def test_s06_a_body_of_a_gigabyte_is_refused_by_what_it_says_of_itself(studio: Serving):
@@ -95,6 +91,13 @@ def test_s06_a_dripping_body_is_not_waited_for(hurried: Serving, tally: Tally):
         assert status_of(connection) in (408, 0)
     assert time.monotonic() - began < 10
     tally.tried = 2
+
+
+def test_s06_a_piece_of_a_body_ends_where_it_says(studio: Serving):
+    """What a proxy takes for one request must not be two (CVE-2025-43859)."""
+    with studio.raw(head_of_upload(studio, "Transfer-Encoding: chunked")) as connection:
+        connection.sendall(b"3\r\nabcXX0\r\n\r\n")
+        assert b"Invalid HTTP request" in connection.recv(1000)
 
 
 def test_s06_a_dripping_head_is_not_waited_for(hurried: Serving):
@@ -137,27 +140,17 @@ def closed_with(page: ClientConnection) -> int | None:
 
 
 def raw_page(studio: Serving) -> socket.socket:
-    """Open a page byte by byte, so that nothing is read or sent that a test does not ask for."""
-    connection = studio.raw(
-        f"GET /live HTTP/1.1\r\nHost: 127.0.0.1:{studio.gate.port}\r\nOrigin: {studio.origin}\r\n"
-        "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
-    )
-    assert b" 101 " in connection.recv(1000)
-    connection.sendall(frame(json.dumps({"token": studio.gate.token})))
+    """Open a page byte by byte."""
+    connection = studio.raw_socket()
+    came = b""
+    while b"ready" not in came:
+        came += connection.recv(1000)
+        assert b" 101 " in came
     return connection
-
-
-def frame(text: str) -> bytes:
-    """Return a WebSocket frame with `text`, masked as a browser's are (RFC 6455, 5.2)."""
-    content = text.encode()
-    masked = bytes(byte ^ MASK[number % 4] for number, byte in enumerate(content))
-    return bytes([0x81, 0x80 | len(content)]) + MASK + masked
 
 
 def test_s07_a_message_of_sixteen_megabytes_closes_the_socket(studio: Serving):
     with raw_page(studio) as page:
-        assert b"ready" in page.recv(1000)
         # What it says of itself is enough; nobody waits for the rest.
         page.sendall(b"\x81\xff" + (16 << 20).to_bytes(8, "big") + MASK)
         closing = page.recv(1000)
@@ -184,6 +177,59 @@ def test_s07_no_more_than_eight_sockets_open(tmp_path: Path, tally: Tally):
                 studio.socket().close()
             assert refusal.value.response.status_code == 503
         assert studio.ask("/").status == 200
+
+
+ROWS = {
+    "texts": (b"[" + b'"",' * 129 + b'""]', 19_000),
+    "nothing": (b"[" + b"null," * 79 + b"null]", 19_000),
+}
+"""What controls are made of that are not wanted, and how many fit in a request."""
+
+
+def large_request(filling: str) -> bytes:
+    """Return a request of 8 MB, about, that takes long to read."""
+    if filling == "names":
+        return b"{" + b",".join(b'"%d":0' % number for number in range(700_000)) + b"}"
+    row, count = ROWS[filling]
+    controls = b",".join([row] * count)
+    return b'{"bundle":"fish-50","format":"csv","start":[0],"controls":[%s]}' % controls
+
+
+@pytest.mark.parametrize("filling", ["names", *ROWS])
+def test_s07_while_a_large_request_is_read_others_are_answered(filling: str, studio: Serving):
+    request = large_request(filling)
+    longest = 0.0
+    with ThreadPoolExecutor(1) as pool:
+        reply = pool.submit(studio.post, "/api/exports", request, "application/json")
+        while not reply.done():
+            began = time.perf_counter()
+            assert studio.ask("/").status == 200
+            longest = max(longest, time.perf_counter() - began)
+            time.sleep(0.02)
+    assert reply.result().status == 400
+    assert len(reply.result().json["error"]) < 200
+    assert longest < 1
+
+
+def test_s07_of_a_million_faults_the_first_is_enough():
+    """All of them took half a minute and 3 GB."""
+    with pytest.raises(ArgumentError, match=r"^controls\.0\.0: .* came 'None'") as refusal:
+        read_export(large_request("nothing"), 8 << 20)
+    assert isinstance(refusal.value.__cause__, ValidationError)
+    assert refusal.value.__cause__.error_count() == 1
+
+
+def test_s07_what_is_too_long_is_not_written_out_to_show_its_beginning():
+    motion = {"bundle": "fish-50", "format": "csv", "start": [0.0]}
+    with pytest.raises(ValidationError) as refusal:
+        Export.model_validate({**motion, "controls": [[0.5]] * 1_000_000})
+    tracemalloc.start()
+    try:
+        assert "came '[[0.5], [0.5], " in first_fault(refusal.value)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 100_000
 
 
 def test_s07_what_is_no_json_closes_the_socket(studio: Serving, tally: Tally):
@@ -259,7 +305,8 @@ def test_s13_who_takes_nothing_in_is_left_and_nobody_waits(hurried: Serving):
 
 def test_s13_half_a_download_holds_up_nobody(studio: Serving):
     request = (
-        f"GET /bundles/fish-50/emulator.wasm HTTP/1.1\r\nHost: 127.0.0.1:{studio.gate.port}\r\n\r\n"
+        f"GET /bundles/fish-50/emulator.wasm HTTP/1.1\r\nHost: 127.0.0.1:{studio.gate.port}\r\n"
+        f"Cookie: {studio.cookie}\r\n\r\n"
     )
     with ExitStack() as stack:
         for _ in range(10):

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import time
 from pathlib import Path
 
 import pytest
+from serving import Serving, each, serving, status_of
+from tally import Tally
+from websockets.exceptions import InvalidStatus
+
 from neuroanimator_studio.guard import Gate
 from neuroanimator_studio.server import listen
 from neuroanimator_studio.words import public_words
-from serving import Serving, each, serving
-from tally import Tally
-from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 
 def test_s01_another_host_is_refused_on_http_and_on_websocket(studio: Serving, tally: Tally):
@@ -22,20 +22,18 @@ def test_s01_another_host_is_refused_on_http_and_on_websocket(studio: Serving, t
     hosts = (
         "evil.example",
         f"evil.example:{port}",
-        "127.0.0.1",
-        "127.0.0.1:1",
         f"127.0.0.1.evil.example:{port}",
         "",
         f"0.0.0.0:{port}",
         f"127.0.0.1@evil.example:{port}",
+        f"evil.example:{'9' * 5000}",
     )
     for host in each(tally, hosts):
         reply = studio.ask("/", headers={"Host": host})
         assert reply.status == 400, host
         assert b"title" not in reply.body
-        with pytest.raises(InvalidStatus) as refusal:
-            studio.socket(additional_headers={"Host": host}).close()
-        assert refusal.value.response.status_code == 400, host
+        with studio.raw_socket(host, f"http://{host}") as connection:
+            assert status_of(connection) == 400, host
 
 
 def test_s01_its_own_names_are_welcome(studio: Serving):
@@ -66,60 +64,72 @@ def test_s02_a_socket_of_another_origin_is_refused_before_it_opens(studio: Servi
         assert refusal.value.response.status_code == 403, origin
 
 
-def test_s03_without_the_token_a_socket_is_closed(studio: Serving, tally: Tally):
-    token = studio.gate.token
-    wrong = (token[:-1], token + "0", token.upper() + "x", "", "0" * 32)
-    firsts = [json.dumps({"token": said}) for said in wrong]
-    firsts += [
-        '{"token": null}',
-        '{"token": ["a"]}',
-        "{}",
-        "[]",
-        "token",
-        '{"id": 1, "do": "replay"}',
-    ]
-    for first in each(tally, firsts):
-        with studio.socket() as page:
-            page.send(first)
-            with pytest.raises(ConnectionClosed) as closing:
-                page.recv(10)
-        assert closing.value.rcvd is not None
-        assert closing.value.rcvd.code == 1008, first
+def wrong_cookies(studio: Serving) -> list[str]:
+    """Return what does not say the token."""
+    name, token = studio.gate.cookie, studio.gate.token
+    wrong = (token[:-1], token + "0", token.upper() + "x", "", "0" * 32, "\xe9" * 32)
+    return ["", token, f"token={token}", *(f"{name}={said}" for said in wrong)]
 
 
-def test_s03_who_says_nothing_is_not_waited_for(tmp_path: Path):
-    from neuroanimator_studio.limits import Limits
-
-    with serving(tmp_path, Limits(token_seconds=0.2)) as studio, studio.socket() as page:
-        with pytest.raises(ConnectionClosed) as closing:
-            page.recv(10)
-        assert closing.value.rcvd is not None
-        assert closing.value.rcvd.code == 1008
+def test_s03_without_the_token_no_socket_opens(studio: Serving, tally: Tally):
+    for cookie in each(tally, wrong_cookies(studio)):
+        with pytest.raises(InvalidStatus) as refusal:
+            studio.socket(headers={"Cookie": cookie}).close()
+        assert refusal.value.response.status_code == 403, cookie
 
 
-def test_s03_the_token_is_in_the_fragment_and_of_128_bits(studio: Serving):
-    assert studio.gate.url == f"{studio.origin}/#{studio.gate.token}"
+def test_s03_without_the_token_nothing_can_be_read(studio: Serving, tally: Tally):
+    paths = (
+        "/",
+        "/index.html",
+        "/assets/main.js",
+        "/catalogue.json",
+        "/bundles/fish-50/bundle.json",
+        "/bundles/fish-50/emulator.wasm",
+        "/api/downloads/x",
+        "/?token=",
+        f"/?token={'0' * 32}",
+        f"/catalogue.json?token={studio.gate.token}",
+    )
+    for path in each(tally, paths):
+        for cookie in wrong_cookies(studio):
+            reply = studio.ask(path, headers={"Cookie": cookie})
+            assert reply.status == 403, (path, cookie)
+            assert "set-cookie" not in reply.headers
+            assert reply.json == {
+                "error": "Wrong or missing token. Open the address the server printed."
+            }
+
+
+def test_s03_the_address_gives_a_cookie_of_128_bits_that_no_other_site_sends(studio: Serving):
+    address = studio.gate.url.removeprefix(studio.origin)
+    assert address == f"/?token={studio.gate.token}"
+    reply = studio.ask(f"{address}&show=fish-50", headers={"Cookie": ""})
+    assert reply.status == 200
+    assert reply.headers["refresh"] == f"0; url={studio.origin}/?show=fish-50"
+    cookie, *attributes = reply.headers["set-cookie"].split("; ")
+    assert sorted(attributes) == ["HttpOnly", "Path=/", "SameSite=strict"]
+    assert studio.ask("/catalogue.json", headers={"Cookie": cookie}).status == 200
     assert len(bytes.fromhex(studio.gate.token)) == 16
     assert Gate("127.0.0.1", 1).token != Gate("127.0.0.1", 1).token
+    assert Gate("127.0.0.1", 1).cookie != Gate("127.0.0.1", 2).cookie
 
 
 @pytest.mark.parametrize("path", ["/api/emulators", "/api/exports"])
 def test_s04_what_another_site_can_send_changes_nothing(path: str, studio: Serving, tally: Tally):
-    own = {
-        "Origin": studio.origin,
-        "X-Token": studio.gate.token,
-        "Content-Type": "application/json",
-    }
+    own = {"Origin": studio.origin, "Content-Type": "application/json"}
     attacks = {
         "form": own | {"Content-Type": "application/x-www-form-urlencoded"},
         "plain text": own | {"Content-Type": "text/plain"},
         "no type": own | {"Content-Type": ""},
         "other site": own | {"Origin": "http://evil.example"},
+        "no origin": {"Content-Type": "application/json"},
         "no origin to say": own | {"Origin": "null"},
-        "said by the browser": own | {"Sec-Fetch-Site": "cross-site"},
-        "another port": own | {"Sec-Fetch-Site": "same-site"},
-        "no token": own | {"X-Token": ""},
-        "wrong token": own | {"X-Token": "0" * 32},
+        "another port": own | {"Origin": "http://127.0.0.1:1"},
+        "another of its names": own | {"Origin": f"http://localhost:{studio.gate.port}"},
+        "a port of 5,000 digits": own | {"Origin": f"http://127.0.0.1:{'1' * 5000}"},
+        "no token": own | {"Cookie": ""},
+        "wrong token": own | {"Cookie": f"{studio.gate.cookie}={'0' * 32}"},
     }
     before = studio.ask("/catalogue.json").body
     for name, headers in each(tally, list(attacks.items())):
@@ -260,11 +270,24 @@ def test_s12_only_this_machine_is_listened_to(studio: Serving):
         socket.create_connection(("127.0.0.2", studio.gate.port), timeout=5)
 
 
-def test_s12_who_asks_for_more_still_needs_the_token():
-    gate = Gate("0.0.0.0", 80)
-    assert not gate.is_loopback
-    assert gate.token
-    assert gate.is_own_host("192.168.1.7:80")
-    assert not gate.is_own_host("evil.example:80")
-    assert Gate("192.168.1.7", 81).is_own_host("192.168.1.7:81")
-    assert not Gate("192.168.1.7", 81).is_own_host("192.168.1.8:81")
+def test_s12_on_all_networks_the_token_and_the_pages_own_address_are_still_asked_for(
+    tmp_path: Path, tally: Tally
+):
+    with serving(tmp_path, host="0.0.0.0") as studio:
+        port = studio.gate.port
+        assert not studio.gate.is_loopback
+        for host in each(tally, ["192.168.1.7", "127.0.0.1", "workshop.example", "[::1]"]):
+            asked = {"Host": f"{host}:{port}"}
+            assert studio.ask("/catalogue.json", headers=asked).status == 200
+            assert studio.ask("/catalogue.json", headers=asked | {"Cookie": ""}).status == 403
+            for origin in (host, "6.6.6.6", "evil.example"):  # all at the same port
+                with studio.raw_socket(asked["Host"], f"http://{origin}:{port}") as connection:
+                    wanted = 101 if origin == host else 403
+                    assert status_of(connection) == wanted, (host, origin)
+
+
+def test_s12_a_network_of_its_own_is_asked_by_its_own_name():
+    assert Gate("192.168.1.7", 81).names == ["192.168.1.7"]
+    assert Gate("fe80::1", 81).names == ["[fe80::1]"]
+    assert Gate("fe80::1", 81).url.startswith("http://[fe80::1]:81/?token=")
+    assert Gate("0.0.0.0", 81).url.startswith("http://127.0.0.1:81/?token=")

@@ -10,11 +10,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from chromium import browsing, looking
-from neuroanimator_studio.catalogue import shipped_folder
-from neuroanimator_studio.run import page_folder
+from chromium import browsing, enter, hosting, looking
 from playwright.sync_api import Browser, Page, expect
 from serving import Serving, serving
+
+from neuroanimator_studio.catalogue import shipped_folder
+from neuroanimator_studio.run import page_folder, write_entry
 
 PENDULUM = shipped_folder() / "pendulum-50"
 
@@ -64,6 +65,58 @@ def test_one_file_shows_a_motion_without_any_server(browser: Browser, tmp_path: 
         assert is_something_drawn(look.page)
         assert look.complaints == []
         assert all(url == file.as_uri() or url.startswith(("blob:", "data:")) for url in look.asked)
+
+
+def test_a_private_file_leads_a_browser_in_and_leaves_no_token_in_its_reach(
+    browser: Browser, tmp_path: Path
+):
+    with serving(tmp_path, page=page_folder()) as studio, looking(browser) as look:
+        gate = with_pendulum_alone(studio).gate
+        page = look.page
+        page.goto(write_entry(gate).as_uri())
+        shown = page.locator('nav button[aria-current="true"]')
+        expect(shown).to_have_text("Pendulum", timeout=PATIENCE)
+        expect(page.locator(".banner.error")).to_have_count(0)
+        assert gate.token not in page.url
+        within_reach = "document.cookie + document.referrer + JSON.stringify({...localStorage, ...sessionStorage})"
+        assert gate.token not in page.evaluate(within_reach)
+        (cookie,) = page.context.cookies()
+        assert cookie["sameSite"] == "Strict"
+        assert cookie["httpOnly"]
+        assert page.evaluate("async () => (await fetch('/catalogue.json')).status") == 200
+        assert look.complaints == []
+
+
+def test_s04_a_page_of_another_port_reads_and_changes_nothing(browser: Browser, tmp_path: Path):
+    """The browser sends the cookie there, for to it all ports of a machine are one site."""
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "index.html").write_text("<!doctype html>")
+    ask = """async ([address, options]) => {
+        try { return (await (await fetch(address, options)).text()) } catch { return "refused" }
+    }"""
+    open_socket = """(address) => new Promise((resolve) => {
+        const socket = new WebSocket(address);
+        socket.onmessage = () => resolve("open");
+        socket.onerror = () => resolve("refused");
+    })"""
+    with (
+        serving(tmp_path) as studio,
+        hosting(tmp_path / "other") as other,
+        looking(browser) as look,
+    ):
+        enter(look.page, studio.gate.url)
+        assert "entries" in look.page.evaluate(ask, ["/catalogue.json", {}])
+        assert look.page.evaluate(open_socket, "/live") == "open"
+        look.page.goto(other)
+        for path, options in (
+            ("/catalogue.json", {"credentials": "include"}),
+            ("/catalogue.json", {"credentials": "include", "mode": "no-cors"}),
+            ("/api/exports", {"credentials": "include", "mode": "no-cors", "method": "POST"}),
+        ):
+            said = look.page.evaluate(ask, [studio.origin + path, options])
+            assert said in ("refused", ""), (path, options)
+        address = studio.origin.replace("http", "ws", 1) + "/live"
+        assert look.page.evaluate(open_socket, address) == "refused"
 
 
 def take(page: Page, label: str) -> bytes:
@@ -127,9 +180,7 @@ def test_when_the_server_goes_the_page_says_so_and_goes_on(browser: Browser, tmp
     with looking(browser) as look:
         with serving(tmp_path, page=page_folder()) as studio:
             look.page.goto(with_pendulum_alone(studio).gate.url)
-            expect(look.page.locator('nav button[aria-current="true"]')).to_be_visible(
-                timeout=PATIENCE
-            )
+            assert is_something_drawn(look.page)
         expect(look.page.get_by_text("The server does not answer")).to_be_visible(timeout=PATIENCE)
         assert is_something_drawn(look.page)
         assert not [line for line in look.complaints if line.startswith("uncaught")]

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from neuroanimator_studio.job_plan import checked_plan
-from neuroanimator_studio.job_settings import data_of
-from neuroanimator_studio.job_worker import OUT, RUN
-from neuroanimator_studio.jobs import Jobs, running_process
 from serving import Serving, ask_page, serving
 
 from neuroanimator import load_emulator
 from neuroanimator.training.train import run_folder
+from neuroanimator_studio.job_plan import checked_plan
+from neuroanimator_studio.job_settings import data_of
+from neuroanimator_studio.job_worker import OUT, RUN
+from neuroanimator_studio.jobs import Jobs, running_process
 
 ARM = b"""<mujoco><worldbody><body><joint name="hinge" type="hinge" axis="0 1 0" damping="0.1"/>
 <geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.04"/></body></worldbody>

@@ -8,6 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+from neuroanimator import load_emulator
+from neuroanimator.errors import ArgumentError
+from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.export.programs.wasm_file import Module
+from neuroanimator.systems import SYSTEMS, load_system
+from neuroanimator.systems.deformable.deformable_system import DeformableSystem
+from neuroanimator.tasks.swimmers import gait_controls
+from neuroanimator.zoo import SHIPPED
 from neuroanimator_studio.catalogue import (
     PHYSICS_BUNDLES,
     PHYSICS_WASM,
@@ -21,15 +30,6 @@ from neuroanimator_studio.library import Library
 from neuroanimator_studio.limits import USUAL
 from neuroanimator_studio.physics import physics_facts
 from neuroanimator_studio.requests import Export, Replay
-
-from neuroanimator import load_emulator
-from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.export.programs.wasm_file import Module
-from neuroanimator.systems import SYSTEMS, load_system
-from neuroanimator.systems.deformable.deformable_system import DeformableSystem
-from neuroanimator.tasks.swimmers import gait_controls
-from neuroanimator.zoo import SHIPPED
 
 wasmtime = pytest.importorskip("wasmtime")
 

@@ -8,8 +8,10 @@ import re
 import shutil
 import signal
 import socket
+import stat
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +19,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from serving import Serving, ask_page, serving, write_page
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+import neuroanimator as na
+from neuroanimator.cli import studio as studio_verb
+from neuroanimator.export.csv_file import read_clip
+from neuroanimator.zoo import find_emulator, shipped_policy
 from neuroanimator_studio import run
 from neuroanimator_studio.bundle import load_models
 from neuroanimator_studio.catalogue import (
@@ -29,14 +39,6 @@ from neuroanimator_studio.description import packed, unpacked
 from neuroanimator_studio.library import Library
 from neuroanimator_studio.static_site import export_site
 from neuroanimator_studio.studio import page_files
-from serving import Serving, ask_page, serving, write_page
-from websockets.sync.client import connect
-from websockets.typing import Origin
-
-import neuroanimator as na
-from neuroanimator.cli import studio as studio_verb
-from neuroanimator.export.csv_file import read_clip
-from neuroanimator.zoo import find_emulator, shipped_policy
 
 
 def bundle(name: str) -> dict[str, Any]:
@@ -223,15 +225,24 @@ main()
 
 
 @contextmanager
-def command(tmp_path: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+def command(
+    tmp_path: Path, *arguments: str, browser: Path | None = None
+) -> Iterator[subprocess.Popen[str]]:
+    """Run the studio, which opens `browser` if there is one."""
+    environment = dict(os.environ)
+    opening = ["--no-open"]
+    if browser is not None:
+        environment |= {"BROWSER": f"{browser} %s", "DISPLAY": ":0"}
+        opening = []
     page = tmp_path / "page"
     if not page.exists():
         write_page(page)
     with subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, "studio", "--no-open", *arguments, str(page)],
+        [sys.executable, "-c", PROGRAM, "studio", *opening, *arguments, str(page)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        env=environment,
     ) as process:
         try:
             yield process
@@ -246,11 +257,12 @@ def test_the_command_line_prints_the_address_listens_on_this_machine_alone_and_s
         assert process.stdout is not None
         assert process.stderr is not None
         line = process.stdout.readline().strip()
-        match = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#[0-9a-f]{32}", line)
+        match = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/\?token=[0-9a-f]{32}", line)
         assert match, line + process.stderr.read()
         port = int(match[1])
         with socket.create_connection(("127.0.0.1", port), timeout=20) as connection:
-            connection.sendall(f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
+            path = line.removeprefix(f"http://127.0.0.1:{port}")
+            connection.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
             assert b" 200 " in connection.recv(100)
         table = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
         listening = re.findall(rf" ([0-9A-F]+):{port:04X} [0-9A-F:]+ 0A ", table)
@@ -260,16 +272,44 @@ def test_the_command_line_prints_the_address_listens_on_this_machine_alone_and_s
         assert process.stderr.read().strip().endswith("Stopped. No file was left half-written.")
 
 
+def test_the_browser_is_led_in_by_a_file_that_only_this_user_can_read(tmp_path: Path):
+    said = tmp_path / "said"
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$@" > {said}.part\nmv {said}.part {said}\n')
+    browser.chmod(0o700)
+    with command(tmp_path, browser=browser) as process:
+        assert process.stdout is not None
+        address = process.stdout.readline().strip()
+        deadline = time.monotonic() + 10
+        while not said.exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        words = said.read_text().strip()
+        assert "token" not in words
+        assert address.partition("token=")[2] not in words
+        entry = Path(words.removeprefix("file://"))
+        assert stat.S_IMODE(entry.stat().st_mode) == 0o600
+        assert f'content="0; url={address}"' in entry.read_text()
+        process.send_signal(signal.SIGINT)
+        process.wait(20)
+    assert not entry.exists()
+
+
 def test_f18_a_hundred_pages_come_and_go_and_leave_no_memory_behind(tmp_path: Path):
     with command(tmp_path) as process:
         assert process.stdout is not None
-        address, _, token = process.stdout.readline().strip().partition("/#")
+        address, _, token = process.stdout.readline().strip().partition("/?token=")
+        cookie = f"neuroanimator-{address.rpartition(':')[2]}={token}"
 
         def come_and_go(times: int) -> None:
             socket_address = address.replace("http", "ws", 1) + "/live"
             for _ in range(times):
-                with connect(socket_address, origin=Origin(address), compression=None) as page:
-                    page.send(json.dumps({"token": token}))
+                with connect(
+                    socket_address,
+                    origin=Origin(address),
+                    compression=None,
+                    additional_headers={"Cookie": cookie},
+                ) as page:
                     assert "ready" in str(page.recv(10))
                     assert "jobs" in ask_page(page, do="jobs")
 

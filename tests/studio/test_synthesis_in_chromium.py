@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 from chromium import Looking, browsing, hosting, looking
+from playwright.sync_api import Browser, Page, ViewportSize, expect
+from serving import serving
+
 from neuroanimator_studio.catalogue import shipped_folder
 from neuroanimator_studio.run import page_folder
 from neuroanimator_studio.static_site import export_site
-from playwright.sync_api import Browser, Page, ViewportSize, expect
-from serving import serving
 
 PATIENCE = 120_000
 """A picture may take so long on a busy machine without a graphics card [ms]."""

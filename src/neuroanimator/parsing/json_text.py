@@ -31,8 +31,10 @@ HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 """An escape that is half of a character beyond 16 bits: alone it is none, and cannot be written out again."""
 
 
-def parse_json_object(content: bytes | str, largest: int) -> dict[str, Any]:
-    """Return the object `content` holds, at most `largest` characters of UTF-8.
+def parse_json_object(
+    content: bytes | str, largest: int, most_texts: int | None = None
+) -> dict[str, Any]:
+    """Return the object `content` holds: at most `largest` characters of UTF-8, and `most_texts` texts, names included.
 
     Raises ValueError in one line, also for names that occur twice, NaN, infinite numbers and whole numbers
     beyond 64 bits.
@@ -40,6 +42,8 @@ def parse_json_object(content: bytes | str, largest: int) -> dict[str, Any]:
     if len(content) > largest:
         raise ValueError(f"{len(content):,} characters of JSON; wanted at most {largest:,}")
     raw = content.encode() if isinstance(content, str) else content
+    if most_texts is not None and raw.count(b'"') > 2 * most_texts:
+        raise ValueError(f"more than {most_texts:,} names and texts in JSON")
     text = raw.decode()
     _refuse_depth(raw)
     value = json.loads(

@@ -115,6 +115,11 @@ def _new_name(folder: Path, suffix: str = "") -> Path:
     return path
 
 
+def remove_at_exit(path: Path) -> None:
+    """Remove a file, or a folder and all in it, when this process ends."""
+    _leftovers[path] = os.getpid()
+
+
 @atexit.register
 def remove_leftovers() -> None:
     """Remove what this process began and did not finish: called before an end that unwinds nothing, too."""

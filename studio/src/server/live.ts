@@ -1,7 +1,5 @@
 // The line to the server, where there is one: requests and answers, events, and coming back after it was cut.
 
-const TOKEN_KEY = "neuroanimator-token";
-
 /** Waits before coming back, one after the other; the last is repeated [s]. */
 const WAITS = [0.5, 1, 2, 4, 8];
 
@@ -21,16 +19,13 @@ export class Live {
   /** Called with what the server says unasked. */
   onEvent: (event: Answer) => void = () => undefined;
 
-  readonly token: string;
   #socket: WebSocket | null = null;
   #next = 1;
   #tries = 0;
   #isClosed = false;
   readonly #waiting = new Map<number, Waiting>();
 
-  constructor(private readonly page: URL) {
-    this.token = takeToken();
-  }
+  constructor(private readonly page: URL) {}
 
   get isOpen(): boolean {
     return this.#socket?.readyState === WebSocket.OPEN;
@@ -44,7 +39,6 @@ export class Live {
     this.#socket = socket;
     socket.onopen = () => {
       this.#tries = 0;
-      socket.send(JSON.stringify({ token: this.token }));
       this.onState(true);
     };
     socket.onmessage = (message) => this.#receive(String(message.data));
@@ -74,7 +68,7 @@ export class Live {
   async post(path: string, body: BodyInit, type: string, headers: Record<string, string> = {}): Promise<Answer> {
     const response = await fetch(new URL(path, this.page), {
       method: "POST",
-      headers: { ...headers, "Content-Type": type, "X-Token": this.token },
+      headers: { ...headers, "Content-Type": type },
       body,
     });
     const answer = (await response.json().catch(() => ({}))) as Answer;
@@ -118,15 +112,4 @@ export class Live {
     this.#tries += 1;
     setTimeout(() => this.connect(), 1000 * wait);
   }
-}
-
-/** Take the token from the address, where it would be copied along, into what the tab alone remembers. */
-function takeToken(): string {
-  const fromAddress = location.hash.slice(1);
-  if (fromAddress) {
-    history.replaceState(null, "", location.pathname + location.search);
-    sessionStorage.setItem(TOKEN_KEY, fromAddress);
-    return fromAddress;
-  }
-  return sessionStorage.getItem(TOKEN_KEY) ?? "";
 }

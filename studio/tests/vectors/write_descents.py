@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from neuroanimator_studio.descent_module import ITERATIONS, PageDescent
-from neuroanimator_studio.descents import WITH_DESCENT, descent_of
 
 from neuroanimator import load_emulator
 from neuroanimator.control.descent.evaluators import evaluator_of
 from neuroanimator.control.descent.methods import METHODS
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator_studio.descent_module import ITERATIONS, PageDescent
+from neuroanimator_studio.descents import WITH_DESCENT, descent_of
 
 CASES = 3
 """Of each bundle; the first one is what the page begins with."""

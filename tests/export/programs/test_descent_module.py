@@ -7,6 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import wasmtime
+
+import neuroanimator as na
+from neuroanimator.control.descent.descend import pose_problem
+from neuroanimator.control.descent.evaluators import evaluator_of
+from neuroanimator.control.descent.parametrisation import Spline
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.export.programs.wasm_file import Module
 from neuroanimator_studio.descent_module import (
     Movable,
     PageDescent,
@@ -15,13 +22,6 @@ from neuroanimator_studio.descent_module import (
     descent_module,
     entries_of,
 )
-
-import neuroanimator as na
-from neuroanimator.control.descent.descend import pose_problem
-from neuroanimator.control.descent.evaluators import evaluator_of
-from neuroanimator.control.descent.parametrisation import Spline
-from neuroanimator.errors import NeuroAnimatorError
-from neuroanimator.export.programs.wasm_file import Module
 
 STEPS = 6
 
