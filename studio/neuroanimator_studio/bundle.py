@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import neuroanimator
-from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.policy_file import load_policy
+from neuroanimator import Emulator, Policy, load_policy
 from neuroanimator.emulator.c_emulator import facts_of_emulator
-from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.export.programs.definition import definition_of

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 import neuroanimator
+from neuroanimator import Emulator, NeuroAnimatorError, Objective
 from neuroanimator.codegen.c_function import c_function
 from neuroanimator.codegen.c_map import FORMS, MapDefinition, c_map, callers
 from neuroanimator.codegen.c_text import c_number
@@ -37,11 +38,9 @@ from neuroanimator.control.descent.methods import (
 )
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import MotionShape, ObjectiveForm
-from neuroanimator.control.objective.objective import Objective
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_emulator import encode
-from neuroanimator.emulator.emulator import Emulator, latent_size
-from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.emulator.emulator import latent_size
 from neuroanimator.export.programs.c_header import SharedConstants
 from neuroanimator.export.programs.wasm_file import Module, import_wasmtime
 from neuroanimator.jax_later import Array

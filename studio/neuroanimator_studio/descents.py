@@ -10,6 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator import (
+    Emulator,
+    Objective,
+    avoid,
+    effort,
+    is_reached,
+    reach_position,
+    read_pose,
+    smoothness,
+    stay_upright,
+)
 from neuroanimator.control.descent.descend import pose_problem, random_guesses
 from neuroanimator.control.descent.parametrisation import (
     EachStep,
@@ -17,24 +28,9 @@ from neuroanimator.control.descent.parametrisation import (
     Spline,
     Steered,
 )
-from neuroanimator.control.objective.costs import (
-    effort,
-    reach_position,
-    smoothness,
-    stay_upright,
-)
-from neuroanimator.control.objective.goals import (
-    goal_start,
-    goal_state,
-    is_reached,
-    reach_goal,
-)
-from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.objective.obstacles import avoid
+from neuroanimator.control.objective.goals import goal_start, goal_state, reach_goal
 from neuroanimator.control.objective.terms import Moments
-from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.state.pose import read_pose
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.rigid.mujoco_system import MujocoSystem
 from neuroanimator.systems.system import System

@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 import neuroanimator
+from neuroanimator import Emulator, Policy, is_reached, read_pose
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin_mesh import PARTS, colours_of, part_numbers, skin_mesh
-from neuroanimator.control.objective.goals import goal_start, goal_state, is_reached
-from neuroanimator.control.policies.policy import COMMAND, Policy
-from neuroanimator.emulator.emulator import Emulator, latent_size
+from neuroanimator.control.objective.goals import goal_start, goal_state
+from neuroanimator.control.policies.policy import COMMAND
+from neuroanimator.emulator.emulator import latent_size
 from neuroanimator.emulator.spec import EmulatorSpec
-from neuroanimator.state.pose import read_pose
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
 from neuroanimator.state.structure import Structure

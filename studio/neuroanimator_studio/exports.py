@@ -10,13 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from neuroanimator.animation.clip import Clip, clip_of, make_clip
+from neuroanimator import Clip, make_clip, write_clip, write_glb, write_usd, write_video
+from neuroanimator.animation.clip import clip_of
 from neuroanimator.animation.gauges import drawable
 from neuroanimator.errors import DivergedError
-from neuroanimator.export.csv_file import write_clip
-from neuroanimator.export.film.video import write_video
-from neuroanimator.export.gltf.scene import write_glb
-from neuroanimator.export.usd.scene import write_usd
 from neuroanimator.storage.files import write_whole
 from neuroanimator.storage.unfinished import folder_until_exit
 from neuroanimator_studio.drive import checked_drive

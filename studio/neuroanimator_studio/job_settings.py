@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from neuroanimator.data.config import DatasetConfig
+from neuroanimator import DatasetConfig, TrainingConfig
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.loading import resolve
-from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.recipes import LARGE_RECIPES, RECIPES, Recipe
 from neuroanimator_studio.job_plan import MIN_COUNT, MIN_UPDATES, MODEL, Plan
 

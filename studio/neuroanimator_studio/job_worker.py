@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator import NeuroAnimatorError
 from neuroanimator.storage.files import canonical_json, locked, write_whole
 
 STATUS = "status.json"

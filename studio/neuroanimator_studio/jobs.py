@@ -16,7 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from neuroanimator.errors import ArgumentError, NeuroAnimatorError, ResourceError
+from neuroanimator import NeuroAnimatorError
+from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.storage.files import write_whole
 from neuroanimator.storage.private_folder import private_folders
 from neuroanimator_studio.job_plan import MODEL, PLAN, Plan, read_plan, write_plan

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator import read_pose
 from neuroanimator.control.objective.goals import errors_over_tolerances, find_goal, judged_parts
 from neuroanimator.errors import ArgumentError, DivergedError
-from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import Scheme, System

@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.animation.motion import Drive
-from neuroanimator.control.descent.options import DescentOptions
-from neuroanimator.control.descent.parametrisation import Steered
-from neuroanimator.control.objective.costs import (
+from neuroanimator import (
+    Bounds,
+    DescentOptions,
+    Emulator,
+    Objective,
     effort,
     reach_heading,
     reach_height,
     smoothness,
     stay_upright,
+    synthesise,
 )
-from neuroanimator.control.objective.objective import Objective
-from neuroanimator.control.synthesis.synthesise import synthesise
-from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.state.layout import Bounds
+from neuroanimator.animation.motion import Drive
+from neuroanimator.control.descent.parametrisation import Steered
 from neuroanimator.systems.system import System
 
 DEPTH = 4.2

@@ -13,12 +13,11 @@ from functools import lru_cache
 from pathlib import Path
 from threading import Lock, Timer
 
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator import Emulator, NeuroAnimatorError, load_system
 from neuroanimator.emulator.spec import EmulatorSpec
-from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError, ResourceError
+from neuroanimator.errors import ArgumentError, BadFileError, ResourceError
 from neuroanimator.evaluation.held_out import system_of
 from neuroanimator.storage.private_folder import private_folders
-from neuroanimator.systems import load_system
 from neuroanimator.systems.system import System
 from neuroanimator.zoo import find_emulator
 from neuroanimator_studio.bundle_worker import FAULT, PHASE

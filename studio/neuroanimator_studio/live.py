@@ -16,7 +16,8 @@ from starlette.responses import JSONResponse
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import neuroanimator
-from neuroanimator.errors import ArgumentError, NeuroAnimatorError
+from neuroanimator import NeuroAnimatorError
+from neuroanimator.errors import ArgumentError
 from neuroanimator_studio.descents import judge_motion
 from neuroanimator_studio.description import packed
 from neuroanimator_studio.drive import checked_drive

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from neuroanimator import Emulator, NeuroAnimatorError, is_reached
 from neuroanimator.animation.motion import Drive, random_drive
-from neuroanimator.control.objective.goals import goal_start, is_reached
+from neuroanimator.control.objective.goals import goal_start
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
-from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.systems.system import System
 from neuroanimator_studio.leap import leap_drive
 

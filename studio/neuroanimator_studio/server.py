@@ -24,7 +24,8 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-from neuroanimator.errors import ArgumentError, NeuroAnimatorError, ResourceError
+from neuroanimator import NeuroAnimatorError
+from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.terminal import watched_progress
 from neuroanimator_studio.catalogue import BUNDLE, PROGRAMS, catalogue

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import sys
 
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator import Emulator
 from neuroanimator.text import print_line
 from neuroanimator.zoo import find_emulator
 from neuroanimator_studio.bundle import (
