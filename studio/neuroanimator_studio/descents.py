@@ -184,7 +184,9 @@ def judge_landing(
     gap = float(np.linalg.norm(states[-1, :2] - values["place"][:2]))
     is_soft = is_soft_landing(system, states - moved)
     how = "softly" if is_soft else "not softly, or not on it"
-    words = f"comes down {gap:.2f} m from the middle of the pad ({PAD_RADIUS:g} m wide), {how}"
+    words = (
+        f"comes down {gap:.2f} m from the middle of the pad (within {PAD_RADIUS:g} m counts), {how}"
+    )
     return Verdict(is_soft, gap, words)
 
 

@@ -1,25 +1,10 @@
 // Physics goes on where the emulator is lost, and gives way again. The "physics" here is the pendulum's own emulator.
 
 import { expect, test } from "vitest";
-import type { Bundle } from "../src/bundle/bundle";
-import { sizeOf } from "../src/bundle/layout";
-import { Emulator } from "../src/emulator/emulator";
-import { Player } from "../src/motion/player";
+import type { Emulator } from "../src/emulator/emulator";
 import { HandOver } from "../src/physics/hand_over";
 import type { Drive, Physics } from "../src/physics/physics";
-import { SliderPilot } from "../src/steering/pilots";
-import { shippedFile } from "./shipped";
-
-async function pendulum(): Promise<{ player: Player; facts: Bundle; emulator: Emulator }> {
-  const text = new TextDecoder().decode(await shippedFile("pendulum-50/bundle.json"));
-  const facts = JSON.parse(text) as Bundle;
-  const module = await WebAssembly.compile(await shippedFile("pendulum-50/emulator.wasm"));
-  const sizes = { state: sizeOf(facts.state), control: sizeOf(facts.control), latent: facts.latent };
-  const emulator = await Emulator.start(module, sizes);
-  const player = new Player(emulator, facts);
-  player.pilot = new SliderPilot(facts);
-  return { player, facts, emulator };
-}
+import { pendulum } from "./shipped";
 
 function physicsBy(emulator: Emulator): { physics: Physics; asked: number[][] } {
   const asked: number[][] = [];

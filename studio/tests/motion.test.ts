@@ -2,6 +2,7 @@
 
 import { expect, test } from "vitest";
 import { Motion } from "../src/motion/motion";
+import { pendulum } from "./shipped";
 
 const STRUCTURE = { rates: [[0, 1]] as const, orientations: [] };
 
@@ -70,4 +71,18 @@ test("a push at the start is another start", () => {
   motion.append([1], [1, 0], 0.5);
   expect(motion.state(0)[0]).toBe(1);
   expect(motion.pushes()).toEqual([]);
+});
+
+test("what was found stands on its last frame, and the default motion begins again", async () => {
+  const { player } = await pendulum();
+  player.isPlaying = true;
+  player.seek(player.motion.duration - 0.01);
+  player.advance(0.05);
+  expect(player.time).toBeCloseTo(0.04, 5);
+  player.show(player.motion.upTo(10));
+  player.isPlaying = true;
+  player.seek(player.motion.duration - 0.01);
+  player.advance(0.05);
+  expect(player.time).toBe(player.motion.duration);
+  expect(player.isPlaying).toBe(false);
 });

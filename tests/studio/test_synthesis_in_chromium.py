@@ -1,30 +1,48 @@
-"""Somebody looks for controls in the page: one button, iterations, the proof, and the gap that is closed."""
+"""Somebody's first press in the page: controls are found, corrected and proved, and all of it is in sight, on any screen."""
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import matplotlib.image
+import numpy as np
 import pytest
 from chromium import Looking, browsing, hosting, looking
-from playwright.sync_api import Browser, Page, ViewportSize, expect
-from serving import serving
+from jaxtyping import Float
+from playwright.sync_api import Browser, Locator, Page, Route, ViewportSize, expect
+from serving import Serving, serving
 
-from neuroanimator_studio.catalogue import shipped_folder
+from neuroanimator_studio.catalogue import WITH_DESCENT, shipped_folder
 from neuroanimator_studio.run import page_folder
 from neuroanimator_studio.static_site import export_site
 
 PATIENCE = 120_000
-"""A picture may take so long on a busy machine without a graphics card [ms]."""
+"""Time a picture may take on a busy machine without a graphics card [ms]."""
 
 WINDOW: ViewportSize = {"width": 1000, "height": 380}
 """Wide enough for the panels."""
 
+SCREENS: dict[str, ViewportSize] = {
+    "laptop": {"width": 1280, "height": 720},
+    "tablet": {"width": 820, "height": 1180},
+    "phone": {"width": 390, "height": 844},
+}
+
 MAX_ITERATIONS = 20
 
-PROVE = "Replay the controls on the true physics"
+ORANGE = (0.75, 0.45, 0.1)
+"""Of the last link of the pendulum, in daylight."""
+
+IS_IN_SIGHT = """(one) => {
+    const { left, right, top, bottom } = one.getBoundingClientRect();
+    const isInside = left >= 0 && right <= innerWidth && top >= 0 && bottom <= innerHeight;
+    return isInside && [left + 2, right - 2].every((x) => one.contains(document.elementFromPoint(x, (top + bottom) / 2)));
+}"""
+"""Whether an element is inside the window, and nothing lies on it."""
 
 
 @pytest.fixture(scope="module")
@@ -33,71 +51,160 @@ def browser() -> Iterator[Browser]:
         yield opened
 
 
-def open_panel(page: Page) -> None:
-    """Open "Reach a goal", which is open where nothing else steers."""
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serving]:
+    with serving(tmp_path_factory.mktemp("studio"), page=page_folder()) as running:
+        yield running
+
+
+@contextmanager
+def showing(
+    browser: Browser, studio: Serving, name: str, window: ViewportSize
+) -> Iterator[Looking]:
+    """Open the studio with one system on its stage."""
+    with looking(browser, window) as look:
+        look.page.goto(studio.gate.url.replace("#", f"?show={name}#"))
+        look.page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE)
+        yield look
+
+
+@contextmanager
+def without_server(browser: Browser, name: str, folder: Path) -> Iterator[Looking]:
+    """Look at the page of one system as a web host has it."""
+    export_site(page_folder(), [shipped_folder() / name], folder / "site")
+    with hosting(folder) as origin, looking(browser, WINDOW) as look:
+        look.page.goto(f"{origin}/site/")
+        yield look
+
+
+def find_button(page: Page) -> Locator:
+    """Open "Reach a goal", which is open where nothing else steers, and return its button."""
     find = page.get_by_role("button", name="Find controls")
     expect(page.locator("summary", has_text="Reach a goal")).to_be_visible(timeout=PATIENCE)
     if not find.is_visible():
         page.locator("summary", has_text="Reach a goal").click(timeout=PATIENCE)
+    return find
 
 
-def find_controls(page: Page) -> int:
-    """Press the button and wait for the result; return how many iterations it took."""
-    page.get_by_role("button", name="Find controls").click(timeout=PATIENCE)
-    expect(page.locator(".results button").last).to_be_visible(timeout=PATIENCE)
-    said = page.locator(".said").inner_text()
-    match = re.fullmatch(r"(\d+) iterations, \d+ ms", said)
-    assert match, said
-    return int(match[1])
+def press(page: Page) -> Locator:
+    """Press the one button, wait until all is done, and return the verdict."""
+    find_button(page).click(timeout=PATIENCE)
+    expect(page.locator(".results button")).to_be_visible(timeout=PATIENCE)
+    return page.locator(".verdict")
 
 
-@pytest.mark.endurance
-def test_what_the_physics_does_not_do_at_once_it_does_when_the_gap_is_closed(
-    browser: Browser, tmp_path: Path
+def to_the_end(page: Page) -> None:
+    """Go to the last frame, and wait until it is drawn."""
+    page.locator("canvas").first.focus()
+    page.keyboard.press("End")
+    frames = int(page.locator("html").get_attribute("data-frames") or 0)
+    page.locator(f'html:not([data-frames="{frames}"])').wait_for(state="attached", timeout=PATIENCE)
+    page.wait_for_timeout(1_000)
+
+
+def stage_picture(page: Page) -> Float[np.ndarray, "H W 3"]:
+    """Return the picture of the stage alone."""
+    content = page.locator("canvas").first.screenshot(timeout=PATIENCE)
+    return matplotlib.image.imread(io.BytesIO(content), format="png")[..., :3]
+
+
+def check_first_press(look: Looking, name: str) -> None:
+    """Hold one press against what a person would call success, with everything in sight."""
+    page = look.page
+    for one in page.locator("nav button, .tools button, .timeline button, .timeline select").all():
+        if one.is_visible():
+            assert one.evaluate(IS_IN_SIGHT), f"cut off or covered: {one.text_content()}"
+    verdict = press(page)
+    expect(verdict).to_have_class("verdict success")
+    expect(verdict).to_contain_text("Success: the physics")
+    expect(verdict).to_be_in_viewport()
+    expect(page.locator(".hud")).to_contain_text("the true physics", timeout=PATIENCE)
+    to_the_end(page)
+    if name == "pendulum-50":
+        check_upright(stage_picture(page))
+    assert look.complaints == []
+
+
+def check_upright(picture: Float[np.ndarray, "H W 3"]) -> None:
+    """Hold the picture against a last link that stands above the middle, and inside."""
+    rows = np.flatnonzero((np.abs(picture - ORANGE) < 0.15).all(axis=2).any(axis=1))
+    assert len(rows) > 0.05 * len(picture), "the last link is not in the picture"
+    assert rows.min() > 0.02 * len(picture), "the last link leaves the picture"
+    assert rows.max() < 0.5 * len(picture), "the last link does not stand"
+
+
+@pytest.mark.parametrize(
+    ("screen", "name"),
+    [
+        ("laptop", "pendulum-50"),
+        ("phone", "pendulum-50"),
+        *(
+            pytest.param(screen, name, marks=pytest.mark.endurance)
+            for screen in SCREENS
+            for name in WITH_DESCENT
+            if (screen, name) not in (("laptop", "pendulum-50"), ("phone", "pendulum-50"))
+        ),
+    ],
+)
+def test_the_first_press_ends_in_success_in_sight(
+    browser: Browser, studio: Serving, screen: str, name: str
 ):
-    with serving(tmp_path, page=page_folder()) as studio, looking(browser) as look:
-        studio.studio.library.bundles = lambda: [shipped_folder() / "pendulum-50"]
+    with showing(browser, studio, name, SCREENS[screen]) as look:
+        check_first_press(look, name)
+
+
+def test_a_stage_that_is_not_there_yet_says_so(browser: Browser, studio: Serving):
+    held: list[Route] = []
+    with looking(browser, SCREENS["phone"]) as look:
         page = look.page
-        page.set_viewport_size(WINDOW)
-        page.goto(studio.gate.url)
-        open_panel(page)
-        assert find_controls(page) <= MAX_ITERATIONS
-        page.get_by_role("button", name="Replay the controls").click()
-        verdict = page.locator(".verdict")
-        expect(verdict).to_contain_text("Not yet: the physics ends", timeout=PATIENCE)
-        page.get_by_role("button", name="Learn from the replay").click()
-        expect(verdict).to_contain_text("Success: the physics ends", timeout=PATIENCE)
-        results = page.locator(".results button")
-        assert results.count() >= 2
-        results.first.click()
-        expect(verdict).to_contain_text("Not yet")
-        assert look.complaints == []
+        page.route("**/emulator.wasm", lambda route: held.append(route))
+        page.goto(studio.gate.url.replace("#", "?show=pendulum-50#"))
+        expect(page.get_by_text("Loading …")).to_be_visible(timeout=PATIENCE)
+        page.wait_for_timeout(100)
+        held[0].continue_()
+        expect(page.get_by_text("Loading …")).to_be_hidden(timeout=PATIENCE)
+        assert page.locator("html[data-frames]").count() == 1
 
 
+@pytest.mark.parametrize("name", ["pendulum-passive-50", "cube"])
 @pytest.mark.endurance
-@contextmanager
-def without_server(browser: Browser, name: str, folder: Path) -> Iterator[Looking]:
-    """Look at the page of one system as a web host has it, with the panel of goals open."""
-    export_site(page_folder(), [shipped_folder() / name], folder / "site")
-    with hosting(folder) as origin, looking(browser, WINDOW) as look:
-        look.page.goto(f"{origin}/site/")
-        open_panel(look.page)
-        yield look
+def test_what_has_no_goal_says_so(browser: Browser, studio: Serving, name: str):
+    with showing(browser, studio, name, SCREENS["phone"]) as look:
+        panel = look.page.locator("details", has_text="Reach a goal")
+        expect(panel).to_contain_text(re.compile("no goal|none of the cube"))
+        assert look.complaints == []
 
 
 def test_a_fish_finds_its_way_in_a_page_without_a_server(browser: Browser, tmp_path: Path):
     with without_server(browser, "fish-50", tmp_path) as look:
-        assert find_controls(look.page) <= MAX_ITERATIONS
-        look.page.get_by_role("button", name=PROVE).click(timeout=PATIENCE)
-        expect(look.page.locator(".verdict.success")).to_contain_text(
-            "body lengths", timeout=PATIENCE
-        )
-        look.page.keyboard.press("g")
-        expect(look.page.locator(".chip.ghost")).to_contain_text("physics: gap", timeout=PATIENCE)
+        verdict = press(look.page)
+        said = look.page.locator(".said").inner_text()
+        match = re.fullmatch(r"(\d+) iterations", said)
+        assert match, said
+        assert int(match[1]) <= MAX_ITERATIONS
+        expect(verdict).to_contain_text("Success: the physics ends")
+        expect(verdict).to_contain_text("body lengths")
         assert look.complaints == []
 
 
-def test_what_mujoco_moves_is_proven_by_a_server_alone(browser: Browser, tmp_path: Path):
+def test_what_mujoco_moves_is_found_without_a_server_and_said_to_be_unproved(
+    browser: Browser, tmp_path: Path
+):
     with without_server(browser, "pendulum-50", tmp_path) as look:
-        expect(look.page.get_by_title("The proof of this system needs the server")).to_be_disabled()
+        verdict = press(look.page)
+        expect(verdict).to_contain_text("Found on the emulator, not proved: the true physics")
+        expect(verdict).to_contain_text("start it with 'neuroanimator studio'")
         assert look.complaints == []
+
+
+def test_what_a_lost_server_does_not_prove_is_kept(browser: Browser, tmp_path: Path):
+    with looking(browser, WINDOW) as look:
+        page = look.page
+        with serving(tmp_path, page=page_folder()) as studio:
+            page.goto(studio.gate.url.replace("#", "?show=pendulum-50#"))
+            find = find_button(page)
+            with page.expect_response(re.compile("worker"), timeout=PATIENCE):
+                find.hover(timeout=PATIENCE)
+        expect(page.get_by_text("The server does not answer")).to_be_visible(timeout=PATIENCE)
+        expect(press(page)).to_contain_text("not proved: the server does not answer")
+        assert not [line for line in look.complaints if line.startswith("uncaught")]

@@ -31,6 +31,16 @@ export function poseBones(skeleton: readonly Bone[], state: ArrayLike<number>, p
   });
 }
 
+/** Return the pose a skin was made in, around bones that hang from the world: the body at rest may be elsewhere, as the dolphin under water. */
+export function skinPose(skeleton: readonly Bone[]): Pose {
+  const pose = emptyPose(skeleton.length);
+  skeleton.forEach(({ offset, orientation }, number) => {
+    pose.positions.set(offset, 3 * number);
+    pose.orientations.set(orientation, 4 * number);
+  });
+  return pose;
+}
+
 /** Return where bone `number` is [m]. */
 export function positionOf(pose: Pose, number: number): number[] {
   return Array.from(pose.positions.subarray(3 * number, 3 * number + 3));

@@ -1,6 +1,8 @@
-// Bones of many swimmers at once: matrices from the rest pose to the present one, without new arrays.
+// Bones of many swimmers at once: matrices from the pose their skin was made in to the present one, without new arrays.
 
 import type { Bone, Weights } from "../bundle/bundle";
+import { orientationOf, positionOf, skinPose, type Pose } from "./pose";
+import { rotate } from "./quaternion";
 
 /** Numbers of a bone's matrix: three rows of four. */
 export const MATRIX_SIZE = 12;
@@ -14,7 +16,7 @@ interface FlatBone {
   readonly position: FlatWeights;
   readonly forward: FlatWeights;
   readonly up: FlatWeights;
-  /** From the world at rest into the bone: rotation by rows, then the translation. */
+  /** From the skin as it was made into the bone: rotation by rows, then the translation. */
   readonly inverse: Float64Array;
 }
 
@@ -23,10 +25,11 @@ export class SwimmerBones {
   readonly #bones: FlatBone[];
   readonly #frame = new Float64Array(MATRIX_SIZE);
 
-  /** All bones must follow mass points; `rest` (S) is the state their skin is bound in. */
-  constructor(skeleton: readonly Bone[], rest: ArrayLike<number>) {
+  /** All bones must follow mass points. */
+  constructor(skeleton: readonly Bone[]) {
     this.count = skeleton.length;
-    this.#bones = skeleton.map((bone) => {
+    const made = skinPose(skeleton);
+    this.#bones = skeleton.map((bone, number) => {
       if (!bone.binding) {
         throw new Error(`bone '${bone.name}' follows no mass points`);
       }
@@ -35,9 +38,7 @@ export class SwimmerBones {
         forward: flattened(bone.binding.forward),
         up: flattened(bone.binding.up),
       };
-      const frame = new Float64Array(MATRIX_SIZE);
-      writeFrame(flat, rest, frame);
-      return { ...flat, inverse: inverseOf(frame) };
+      return { ...flat, inverse: inverseOf(made, number) };
     });
   }
 
@@ -110,16 +111,11 @@ function weightedSum({ entries, weights }: FlatWeights, state: ArrayLike<number>
   return sum;
 }
 
-/** The inverse of a rotation and a translation. */
-function inverseOf(frame: Float64Array): Float64Array {
-  const inverse = new Float64Array(MATRIX_SIZE);
-  for (let row = 0; row < 3; row++) {
-    let moved = 0;
-    for (let column = 0; column < 3; column++) {
-      inverse[4 * row + column] = frame[4 * column + row]!;
-      moved += frame[4 * column + row]! * frame[4 * column + 3]!;
-    }
-    inverse[4 * row + 3] = -moved;
-  }
-  return inverse;
+/** Return what takes a point of the world into the frame of bone `number` in `pose`. */
+function inverseOf(pose: Pose, number: number): Float64Array {
+  const position = positionOf(pose, number);
+  const orientation = orientationOf(pose, number);
+  const axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => rotate(orientation, axis));
+  const rows = axes.map((axis) => [...axis, -axis.reduce((sum, number, i) => sum + number * position[i]!, 0)]);
+  return Float64Array.from(rows.flat());
 }

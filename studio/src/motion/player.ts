@@ -20,7 +20,7 @@ export interface Pilot {
   control(state: Float32Array, step: number): ArrayLike<number>;
 }
 
-export type PlayerEvent = "motion" | "lost" | "ended";
+export type PlayerEvent = "motion" | "lost";
 
 export class Player {
   motion: Motion;
@@ -29,7 +29,7 @@ export class Player {
   /** Seconds of the motion a second: 1 is real time. */
   speed = 1;
   isPlaying = false;
-  /** Whether the emulator goes on where the motion ends; else it begins again. */
+  /** Whether the emulator goes on where the motion ends; else it stands there, and the default motion begins again. */
   isLive = false;
   /** Whether more of the motion comes from elsewhere: at its end the playhead waits. */
   isHeld = false;
@@ -44,6 +44,7 @@ export class Player {
 
   readonly #structure: StateStructure;
   readonly #state: Float32Array;
+  readonly #default: Motion;
   readonly #past: { motion: Motion; isLive: boolean; time: number }[] = [];
 
   constructor(
@@ -52,7 +53,9 @@ export class Player {
   ) {
     this.#structure = { rates: facts.rates, orientations: facts.orientations };
     this.#state = new Float32Array(facts.rest.length);
-    this.motion = this.#defaultMotion();
+    const { start, controls, pushes } = facts.default_motion;
+    this.#default = this.motionFrom(start, controls.flat(), pushes);
+    this.motion = this.#default;
   }
 
   /** Return the motion from a state (S) under controls (T * C), by the emulator; pushed in between, if it was. */
@@ -86,12 +89,7 @@ export class Player {
 
   /** Show the system's default motion. */
   showDefault(): void {
-    this.show(this.#defaultMotion());
-  }
-
-  #defaultMotion(): Motion {
-    const { start, controls, pushes } = this.facts.default_motion;
-    return this.motionFrom(start, controls.flat(), pushes);
+    this.show(this.#default);
   }
 
   /** Bring back the motion shown before. */
@@ -199,12 +197,12 @@ export class Player {
 
   #reachEnd(): void {
     const { duration } = this.motion;
-    if (this.isHeld) {
+    if (this.isHeld || this.motion !== this.#default) {
       this.time = duration;
+      this.isPlaying &&= this.isHeld;
       return;
     }
     this.time = duration > 0 ? this.time % duration : 0;
-    this.onEvent("ended");
   }
 
   #middle(): number[] {

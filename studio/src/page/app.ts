@@ -32,6 +32,8 @@ export class App implements Workplace {
   readonly #banners = new Banners();
   readonly #hud = new Hud();
   readonly #canvas = element("canvas");
+  /** Covers the stage until it shows something. */
+  readonly #loading = document.querySelector<HTMLElement>(".loading")!;
   readonly #stageBox: HTMLElement;
   readonly #side = element("aside", "side");
   readonly #help = makeHelp();
@@ -54,7 +56,7 @@ export class App implements Workplace {
     this.#canvas.tabIndex = 0;
     this.#canvas.setAttribute("aria-label", "The stage");
     this.#pointer = new Pointer(this.#canvas, () => this.showing?.grabbables ?? [], (isHeld) => this.#held(isHeld));
-    this.#stageBox = element("main", "stage", [this.#canvas, this.#hud.element, this.#banners.element]);
+    this.#stageBox = element("main", "stage", [this.#canvas, this.#hud.element, this.#loading, this.#banners.element]);
     document.body.append(this.#bar.element, this.#stageBox, this.#side, this.#help);
     followTheme(() => this.#redecorate());
     listenForFiles((file) => this.#take(file));
@@ -66,7 +68,7 @@ export class App implements Workplace {
     try {
       this.#stage = new Stage(this.#canvas, asked.has("fine"));
     } catch {
-      this.#banners.say("webgl", "This browser shows no WebGL: switch on hardware acceleration, or open the page in another browser.", "error");
+      this.#fail("webgl", "This browser shows no WebGL: switch on hardware acceleration, or open the page in another browser.");
       return;
     }
     this.#listen(this.#stage);
@@ -74,7 +76,7 @@ export class App implements Workplace {
     try {
       catalogue = await loadCatalogue(this.#page);
     } catch (error) {
-      this.#banners.say("load", `The list of systems did not come: ${lineOf(error)}. Reload the page; is the server running?`, "error");
+      this.#fail("load", `The list of systems did not come: ${lineOf(error)}. Reload the page; is the server running?`);
       return;
     }
     this.#add(catalogue);
@@ -101,11 +103,12 @@ export class App implements Workplace {
     }
     const opening = ++this.#opening;
     this.#picker.select(entry.id);
+    this.#loading.hidden = false;
     let session: Session | null;
     try {
       session = await Session.open(entry, this.#page, stage, isDark(), () => opening === this.#opening);
     } catch (error) {
-      this.#banners.say("load", `${entry.id} was not loaded: ${lineOf(error)}`, "error");
+      this.#fail("load", `${entry.id} was not loaded: ${lineOf(error)}`);
       if (this.showing) {
         this.#picker.select(this.showing.session.entry.id);
       }
@@ -151,6 +154,14 @@ export class App implements Workplace {
     }
     this.#bar.showCamera(session.world.camera.mode);
     this.#remember(session.entry);
+    this.#last = performance.now();
+    this.#image();
+    this.#loading.hidden = true;
+  }
+
+  #fail(topic: string, line: string): void {
+    this.#loading.hidden = true;
+    this.#banners.say(topic, line, "error");
   }
 
   // A reload, and whoever the address is given to, sees the same.

@@ -1,5 +1,7 @@
 // Elements of the page. Text is set as text and never as markup: names may come from strangers.
 
+import { DEGREES } from "../body/heading";
+
 type Children = readonly (Node | string)[];
 
 /** Return a new element with a class and children. */
@@ -43,6 +45,7 @@ export function setPressed(made: HTMLButtonElement, isPressed: boolean): void {
 
 export interface SliderOptions {
   readonly label: string;
+  /** Of its numbers; angles [rad] are shown in degrees. */
   readonly unit: string;
   readonly low: number;
   readonly high: number;
@@ -65,7 +68,12 @@ export function slider(options: SliderOptions): Slider {
   input.value = String(options.value);
   const shown = element("output");
   const show = (): void => {
-    shown.textContent = `${shortNumber(Number(input.value))}${options.unit ? ` ${options.unit}` : ""}`;
+    const value = Number(input.value);
+    if (options.unit === "rad") {
+      shown.textContent = `${(DEGREES * value).toFixed(0)}°`;
+    } else {
+      shown.textContent = `${shortNumber(value)} ${options.unit}`;
+    }
   };
   show();
   input.addEventListener("input", () => {

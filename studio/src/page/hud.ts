@@ -20,7 +20,7 @@ export class Hud {
 
   /** Say where the motion comes from. */
   showMode(player: Player): void {
-    setText(this.#mode, player.isHeld ? "physics" : player.isLive ? "live" : "recorded");
+    setText(this.#mode, player.motion.source === "physics" ? "physics" : player.isLive ? "live" : "recorded");
   }
 
   /** Say how far the motion lies from what training showed, 1 is the edge; null is the true physics. */

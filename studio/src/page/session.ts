@@ -12,6 +12,9 @@ import type { Stage } from "../scene/stage";
 import { PolicyPilot, SliderPilot } from "../steering/pilots";
 import { School } from "../steering/school";
 
+/** Time in which a browser shows what a page says, before a new stage keeps it busy [ms]. */
+const PAINTING = 30;
+
 /** Super steps made to measure how quick the emulator is. */
 const TIMED_STEPS = 200;
 
@@ -58,6 +61,7 @@ export class Session {
     const [emulatorModule, policyModule] = await Promise.all([
       fetchModule(new URL(facts.emulator, folder)),
       facts.policy ? fetchModule(new URL(facts.policy.wasm, folder)) : null,
+      new Promise((resume) => setTimeout(resume, PAINTING)),
     ]);
     const emulator = await Emulator.start(emulatorModule, sizes);
     const policy = policyModule && (await Policy.start(policyModule, state, control));

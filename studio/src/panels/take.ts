@@ -59,16 +59,25 @@ function rowOf(time: number, numbers: Float32Array): string {
 
 /** Return the command line and the Python that make the shown motion, given its controls in a file. */
 export function equivalentLines(session: Session): string {
-  const { id } = session.facts;
+  const { id, system } = session.facts;
   if (isPhysics(session.facts)) {
-    return physicsLines(session);
+    const train = `neuroanimator train ${system} --out ${system}.emulator.safetensors`;
+    return [...physicsLines(session), "", "# shell: an emulator of it, to animate, export and control", train].join("\n");
   }
-  return [
+  const isByPhysics = session.player.motion.source === "physics";
+  const shell = [
     "# shell",
     `neuroanimator animate ${id} --controls controls.csv \\`,
     ...startOptions(session).map((option) => `  --start ${option} \\`),
+    ...(isByPhysics ? ["  --hybrid --threshold 0 \\"] : []),
     "  --out motion.glb",
     "",
+  ];
+  return [...shell, ...(isByPhysics ? physicsLines(session) : emulatorLines(id))].join("\n");
+}
+
+function emulatorLines(id: string): string[] {
+  return [
     "# Python",
     "from pathlib import Path",
     "",
@@ -82,11 +91,11 @@ export function equivalentLines(session: Session): string {
     "states = emulator.rollout(start, controls)",
     'clip = na.make_clip(emulator, states, rate=60, source="emulator")',
     'na.write_glb(clip, Path("motion.glb"))',
-  ].join("\n");
+  ];
 }
 
-/** The same where there is no emulator: the physics makes the motion. */
-function physicsLines(session: Session): string {
+/** The same where the physics makes the motion. */
+function physicsLines(session: Session): string[] {
   const { system, dt } = session.facts;
   return [
     "# Python",
@@ -99,10 +108,7 @@ function physicsLines(session: Session): string {
     'controls = np.loadtxt("controls.csv", delimiter=",", skiprows=1, ndmin=2)[:, 1:]',
     `runs = system.simulate(start[None], controls[None], dt=${dt})`,
     "states = runs.states[0]",
-    "",
-    "# shell: an emulator of it, to animate, export and control",
-    `neuroanimator train ${system} --out ${system}.emulator.safetensors`,
-  ].join("\n");
+  ];
 }
 
 /** Parts of the start that are not as at rest, as `--start` takes them; of a body of many points nothing: Python has them all. */

@@ -49,7 +49,7 @@ export function makeSchoolView(facts: Bundle, school: School, ground: ShadowGrou
   const object = new Object3DGroup();
   object.name = "school";
   const skin = skinGeometry(facts.skin!);
-  const bones = new SwimmerBones(facts.skeleton, facts.rest);
+  const bones = new SwimmerBones(facts.skeleton);
   const kind = { facts, skin, bones, ground, patches };
   const views = school.groups.map((group) => makeGroupView(kind, group));
   object.add(...views.flatMap((view) => view.meshes));

@@ -36,15 +36,15 @@ const VIEWS: Record<Bundle["scene"]["kind"], View> = {
   plain: { azimuth: -1.35, elevation: 0.1, distance: 2.2 },
 };
 
+/** What hangs is seen all around where it hangs: it may swing up. */
+const HUNG_VIEW: View = { ...VIEWS.plain, distance: 3 };
+
 /** A thrown body is seen from further away, and the camera stays at this height over the ground while it bounces; over its size. */
 const THROWN_VIEW: View = { azimuth: -1.1, elevation: 0.2, distance: 5.2 };
 const THROWN_HEIGHT = 1.1;
 
 /** A state is never drawn if one of its numbers is larger [m, rad, …]: it is lost. */
 const MAX_NUMBER = 1e5;
-
-/** The camera looks so far below where a body hangs, over its size. */
-const LOOK_BELOW = 0.12;
 
 /** A body that reaches so far out of the water leaps, and is then looked at from so high over it; over its size. */
 const EMERGED = 0.1;
@@ -114,7 +114,7 @@ export class World {
     if (mount) {
       this.#objects.push(mount.object);
       // What hangs in one place is looked at there: a camera that went along would swing.
-      this.#fixedFocus = toThree(mount.pivot).add(new Vector3(0, -LOOK_BELOW * this.size, 0));
+      this.#fixedFocus = toThree(mount.pivot);
       this.#locate();
     }
     for (const still of [this.#body.scenery, this.#body.goalPaint]) {
@@ -130,9 +130,16 @@ export class World {
 
   /** Bring the camera back to where it began. */
   home(): void {
-    const view = this.#isTumbling ? THROWN_VIEW : VIEWS[this.facts.scene.kind];
+    const view = this.#view();
     this.#aim();
     this.camera.frame(this.#lookAt, this.size, this.#heading, view.azimuth, view.elevation, view.distance);
+  }
+
+  #view(): View {
+    if (this.#isTumbling) {
+      return THROWN_VIEW;
+    }
+    return this.#fixedFocus ? HUNG_VIEW : VIEWS[this.facts.scene.kind];
   }
 
   /** Show the body in `state` (S); a state that is lost is not shown, and false is returned: the last good pose stays. */

@@ -7,9 +7,6 @@ import { makeTarget, type TargetHandle } from "../scene/handle";
 import type { World } from "../scene/world";
 import type { DescentFacts, Movable } from "./facts";
 
-/** What is shown of an angle [degrees]. */
-const DEGREES = 180 / Math.PI;
-
 export class Aim {
   readonly element = element("div", "aim");
   /** Called when something was moved and let go. */
@@ -124,8 +121,8 @@ export class Aim {
     const scale = scaleOf(movable);
     const isHeading = movable.kind === "heading";
     const made = slider({
-      label: isHeading ? movable.name : `${movable.name} weighs`,
-      unit: isHeading ? "°" : "×",
+      label: isHeading ? movable.name : `${movable.name} cost`,
+      unit: isHeading ? movable.unit : "×",
       low: movable.low[0]! * scale,
       high: movable.high[0]! * scale,
       value: movable.value[0]! * scale,
@@ -168,7 +165,7 @@ export class Aim {
   }
 }
 
-/** Return by what a value is multiplied to be shown: angles in degrees, weights as shares of what they are at first. */
+/** Return by what a value is multiplied for its slider: weights are shares of what they are at first. */
 function scaleOf(movable: Movable): number {
-  return movable.kind === "heading" ? DEGREES : 1 / movable.value[0]!;
+  return movable.kind === "heading" ? 1 : 1 / movable.value[0]!;
 }

@@ -1,5 +1,6 @@
 // Whether a swimmer has got to its target, back up: what studio/descents.py says of it, for pages without a server.
 
+import { DEGREES } from "../body/heading";
 import { rootPose } from "../body/root";
 import type { Root } from "../bundle/bundle";
 import type { Judged } from "./facts";
@@ -12,8 +13,6 @@ export interface Verdict {
   /** One line for people. */
   readonly words: string;
 }
-
-const DEGREES = 180 / Math.PI;
 
 /** Judge `states` (rows * S) of the physics: whether they end at `place` (x, y, z) [m]. */
 export function judgeSwimming(root: Root, judged: Judged, place: readonly number[], states: Float32Array, size: number): Verdict {

@@ -6,13 +6,11 @@ import type { Physics } from "../physics/physics";
 import type { Live } from "../server/live";
 import type { DescentFacts, Values } from "./facts";
 import { judgeSwimming, type Verdict } from "./judge";
-import type { Result } from "./result";
+import type { EmulatedMotion } from "./module";
 
 export interface Proof extends Verdict {
   /** (T + 1, S) what physics did. */
   readonly states: Float32Array;
-  /** Time the physics took [s]. */
-  readonly seconds: number;
 }
 
 /** What a proof is made of. */
@@ -29,12 +27,11 @@ export function canJudge({ bundle, descent, live }: Omit<Court, "physics">): boo
   return live !== null || (descent.judged !== null && bundle.root !== null);
 }
 
-/** Replay the controls of `result` and judge what came of it; the error is one clear line. */
-export async function prove(court: Court, result: Result): Promise<Proof> {
-  const { motion, values } = result;
-  const drive = { start: motion.state(0), controls: motion.controls(), pushes: [] };
-  const { states, seconds } = await court.physics.replay(drive);
-  return { ...(await judge(court, values, states)), states, seconds };
+/** Replay the controls of an emulated motion and judge what the physics makes of them; the error is one clear line. */
+export async function prove(court: Court, { states, controls }: EmulatedMotion, values: Values): Promise<Proof> {
+  const start = states.subarray(0, court.descent.state);
+  const replay = await court.physics.replay({ start, controls, pushes: [] });
+  return { ...(await judge(court, values, replay.states)), states: replay.states };
 }
 
 async function judge({ bundle, descent, live }: Court, values: Values, states: Float32Array): Promise<Verdict> {

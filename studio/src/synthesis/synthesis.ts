@@ -4,7 +4,6 @@ import type { Bundle, LoadedBundle } from "../bundle/bundle";
 import { rootPose } from "../body/root";
 import type { Emulator } from "../emulator/emulator";
 import { fetchModule } from "../emulator/instance";
-import { Motion } from "../motion/motion";
 import type { Player } from "../motion/player";
 import { button, element, shortNumber } from "../page/dom";
 import { lineOf, type Banners } from "../page/banner";
@@ -15,10 +14,10 @@ import type { Physics } from "../physics/physics";
 import type { Live } from "../server/live";
 import { Aim } from "./aim";
 import type { Iteration } from "./descend";
-import type { DescentFacts } from "./facts";
-import { canJudge, prove } from "./proof";
-import { motionOf, pathOf, type Result } from "./result";
-import type { Wanted } from "./serve";
+import type { DescentFacts, Values } from "./facts";
+import { canJudge, type Court, type Proof } from "./proof";
+import { motionOf, pathOf, physicsMotion, type Result } from "./result";
+import { MAX_CORRECTIONS, search, type Progress } from "./search";
 import { Siblings } from "./siblings";
 import { Synthesiser } from "./synthesiser";
 
@@ -28,16 +27,30 @@ import { Synthesiser } from "./synthesiser";
  */
 const PACE = 40;
 
-/** The gap to physics is closed within so many rounds, or it is not. */
-const ROUNDS = 3;
-
 /** So many results are kept side by side. */
 const MAX_RESULTS = 6;
 
 /** Colour of paths that are not shown at present. */
 const OTHER_OPACITY = 0.25;
 
-const PROVE = "Replay the controls on the true physics";
+const FIND = "Find controls";
+
+/** Why nothing is proved where there is no server. */
+const NO_PHYSICS = "the true physics of this system runs on the server alone; start it with 'neuroanimator studio'";
+
+/** What is looked for. */
+interface Sought {
+  readonly start: readonly number[];
+  readonly values: Values;
+}
+
+/** What a descent came to, with what the physics makes of it, or without. */
+interface Found {
+  readonly iteration: Iteration;
+  readonly proof: Proof | null;
+}
+
+type Proved = Found & { readonly proof: Proof };
 
 export interface SynthesisContext {
   readonly bundle: LoadedBundle;
@@ -97,13 +110,11 @@ async function until(time: number): Promise<void> {
 
 class GoalPanel implements Synthesis {
   readonly #aim: Aim;
-  readonly #curve = new Curve("J over iterations (logarithmic)");
+  readonly #curve = new Curve("cost, lower is better (logarithmic)");
   readonly #said = element("p", "said", ["Drag the target, then press the button."]);
   readonly #verdict = element("p", "verdict");
   readonly #list = element("div", "results");
   readonly #find: HTMLButtonElement;
-  readonly #prove: HTMLButtonElement;
-  readonly #close: HTMLButtonElement;
   readonly #fromHere = element("input");
   readonly #beside = element("input");
   readonly #besideRow = element("label", "row", [this.#beside, "all side by side"]);
@@ -117,8 +128,6 @@ class GoalPanel implements Synthesis {
   #made = 0;
   #costs: number[] = [];
   #isDrawn = false;
-  #ghost: Motion | null = null;
-  #ghostState: Float32Array;
   #isGone = false;
 
   constructor(
@@ -128,18 +137,13 @@ class GoalPanel implements Synthesis {
     const { world, bundle } = context;
     this.#aim = new Aim(facts, bundle, world);
     this.#aim.onChange = () => this.#again();
-    this.#ghostState = new Float32Array(facts.state);
     this.#siblings = new Siblings(bundle.facts, world);
     this.#beside.type = "checkbox";
     this.#beside.addEventListener("change", () => this.#showOthers());
     this.#besideRow.hidden = true;
     this.#line = this.#addLine(0.9);
-    this.#find = button({ label: "Find controls", className: "primary", title: "Find controls by descent through the emulator", onClick: () => this.#toggle() });
-    const proof = this.#canProve ? PROVE : "The proof of this system needs the server: run 'neuroanimator studio'";
-    this.#prove = button({ label: "Prove it", title: proof, onClick: () => void this.#proveShown() });
-    this.#close = button({ label: "Close the gap", title: "Learn from the replay and descend again", onClick: () => void this.#closeGap() });
-    this.#prove.disabled = true;
-    this.#close.hidden = true;
+    const proving = this.#court ? ", and prove them on the true physics" : "";
+    this.#find = button({ label: FIND, className: "primary", title: `Find controls by descent through the emulator${proving}`, onClick: () => this.#toggle() });
     this.#verdict.setAttribute("role", "status");
     this.#fromHere.type = "checkbox";
     this.#fromHere.addEventListener("change", () => this.#moveStart());
@@ -153,10 +157,10 @@ class GoalPanel implements Synthesis {
       element("p", "", [facts.about]),
       this.#aim.element,
       from,
-      element("div", "row", [this.#find, this.#prove, this.#close]),
-      this.#curve.element,
+      element("div", "row", [this.#find]),
       this.#said,
       this.#verdict,
+      this.#curve.element,
       this.#list,
       this.#besideRow,
     );
@@ -169,12 +173,7 @@ class GoalPanel implements Synthesis {
       const length = Math.max(logs.length, this.facts.settings.iterations / 2);
       this.#curve.draw([{ values: logs, colour: "--accent" }], length, Math.min(...logs, 0), Math.max(...logs, 1));
     }
-    const { player, world } = this.context;
-    if (this.#ghost && this.#shown && player.motion === this.#shown.motion) {
-      this.#ghost.sample(player.time, this.#ghostState);
-      world.showGhost(this.#ghostState);
-    }
-    this.#siblings.update(player.time);
+    this.#siblings.update(this.context.player.time);
   }
 
   grab(x: number, y: number): boolean {
@@ -204,16 +203,16 @@ class GoalPanel implements Synthesis {
   #toggle(): void {
     if (this.#running) {
       this.#running.abort();
-      return;
+    } else {
+      void this.#search({ start: this.#start(), values: this.#aim.values });
     }
-    void this.#descend({ start: this.#start(), values: this.#aim.values });
   }
 
   /** Something was moved: whoever has looked for controls before wants others. */
   #again(): void {
     if (this.#made > 0) {
       this.#running?.abort();
-      void this.#descend({ start: this.#start(), values: this.#aim.values });
+      void this.#search({ start: this.#start(), values: this.#aim.values });
     }
   }
 
@@ -231,60 +230,70 @@ class GoalPanel implements Synthesis {
     }
   }
 
-  /** Descend, and show every iteration; return the result, or null where it was stopped. */
-  async #descend(wanted: Wanted & { readonly start: number[] }): Promise<Result | null> {
-    const { player, bundle, emulator, banners } = this.context;
+  /** Find controls and prove them, and show every iteration; what comes nearest on the physics is kept. */
+  async #search(wanted: Sought): Promise<void> {
+    const court = this.#court;
     const running = new AbortController();
     this.#running = running;
     this.#find.textContent = "Stop";
-    this.#prove.disabled = true;
-    this.#verdict.textContent = "";
-    this.#close.hidden = true;
-    this.#ghost = null;
+    this.#showVerdict(null);
     this.#costs = [];
-    const before = player.motion;
-    let began = 0;
-    let last: Iteration | null = null;
-    let isFirst = true;
+    let iterations = 0;
+    let latest: Progress | null = null;
+    let best: Proved | null = null;
+    let unproved = NO_PHYSICS;
     try {
       const synthesiser = await this.#opened();
-      for await (const iteration of synthesiser.descend(wanted, running.signal)) {
-        last = iteration;
-        began ||= performance.now();
-        this.#costs.push(iteration.cost);
-        this.#isDrawn = false;
-        this.#tell(iteration);
-        this.#line.show(pathOf(bundle.facts, iteration.states));
-        const motion = motionOf(bundle.facts, emulator, iteration);
-        if (isFirst) {
-          // What was there before comes back with one step of undo, not with one for each iteration.
-          player.show(motion);
-          isFirst = false;
-        } else {
-          player.motion = motion;
+      let due = performance.now();
+      for await (const progress of search(synthesiser, court, wanted, running.signal)) {
+        const { iteration, proof } = progress;
+        if (proof) {
+          best = nearer({ iteration, proof }, best);
+          due = performance.now();
+          continue;
         }
-        player.isPlaying = true;
-        await until(began + PACE * (iteration.iteration + 1));
+        this.#showIteration(iteration, latest === null);
+        latest = progress;
+        iterations += Math.min(iteration.iteration, 1);
+        const isReplayed = court !== null && iteration.isDone;
+        this.#said.textContent = isReplayed ? "Replaying on the true physics …" : sayProgress(progress, iterations);
+        due += PACE;
+        await until(due);
       }
     } catch (error) {
-      this.#synthesiser = null;
-      banners.say("synthesis", `No controls were found: ${lineOf(error)}`, "error");
-    } finally {
-      if (this.#running === running) {
-        this.#running = null;
-        this.#find.textContent = "Find controls";
+      unproved = lineOf(error);
+      if (!latest?.iteration.isDone) {
+        this.#synthesiser = null;
+        this.context.banners.say("synthesis", `No controls were found: ${unproved}`, "error");
       }
     }
-    if (!last || running.signal.aborted || this.#isGone) {
-      if (!isFirst && player.motion !== before) {
-        this.#said.textContent = "Stopped; the best so far is shown.";
-      }
-      return null;
+    if (this.#running !== running || this.#isGone) {
+      return;
     }
-    const result = this.#keep(wanted, last, player.motion);
-    player.seek(0);
-    this.#select(result, false);
-    return result;
+    this.#running = null;
+    this.#find.textContent = FIND;
+    if (running.signal.aborted) {
+      this.#said.textContent = "Stopped; the latest is shown.";
+    } else if (latest?.iteration.isDone) {
+      this.#said.textContent = sayProgress(latest, iterations);
+      this.#keep(wanted, best ?? { iteration: latest.iteration, proof: null }, unproved);
+    }
+  }
+
+  #showIteration(iteration: Iteration, isFirst: boolean): void {
+    const { player, bundle, emulator } = this.context;
+    this.#costs.push(iteration.cost);
+    this.#curve.note = shortNumber(iteration.cost);
+    this.#isDrawn = false;
+    this.#line.show(pathOf(bundle.facts, iteration.states));
+    const motion = motionOf(bundle.facts, emulator, iteration);
+    if (isFirst) {
+      // What was there before comes back with one step of undo, not with one for each iteration.
+      player.show(motion);
+    } else {
+      player.motion = motion;
+    }
+    player.isPlaying = true;
   }
 
   #opened(): Promise<Synthesiser> {
@@ -297,48 +306,52 @@ class GoalPanel implements Synthesis {
     return new Synthesiser(this.facts, module);
   }
 
-  #tell(iteration: Iteration): void {
-    const count = iteration.iteration === 1 ? "1 iteration" : `${iteration.iteration} iterations`;
-    this.#curve.note = `J ${shortNumber(iteration.cost)}`;
-    this.#said.textContent = `${count}, ${iteration.milliseconds.toFixed(0)} ms`;
-  }
-
-  #keep(wanted: Wanted & { readonly start: number[] }, last: Iteration, motion: Motion): Result {
+  /** Keep what was found and show it from its start: what the physics does, where it is proved. */
+  #keep(wanted: Sought, { iteration, proof }: Found, unproved: string): void {
+    const { player, bundle, emulator } = this.context;
+    const states = proof?.states ?? iteration.states;
+    const motion = proof ? physicsMotion(bundle.facts, states, iteration.controls) : motionOf(bundle.facts, emulator, iteration);
     const result: Result = {
       number: ++this.#made,
       start: wanted.start,
-      values: wanted.values ?? {},
-      z: last.z,
-      iterations: last.iteration,
-      cost: last.cost,
-      milliseconds: last.milliseconds,
+      values: wanted.values,
+      cost: iteration.cost,
       motion,
-      path: pathOf(this.context.bundle.facts, last.states),
-      proof: null,
+      path: pathOf(bundle.facts, states),
+      isSuccess: proof?.isSuccess ?? null,
+      verdict: proof ? sayVerdict(proof) : `Found on the emulator, not proved: ${unproved}.`,
     };
     this.#results = [...this.#results, result].slice(-MAX_RESULTS);
-    return result;
+    player.motion = motion;
+    player.seek(0);
+    player.isPlaying = true;
+    this.#select(result);
   }
 
   /** Show a result: its motion, its path among the others', what is known of it. */
-  #select(result: Result, isPlayed = true): void {
+  #select(result: Result): void {
     const { player } = this.context;
     this.#shown = result;
     this.#aim.restore(result.values);
-    if (isPlayed && player.motion !== result.motion) {
+    if (player.motion !== result.motion) {
       player.show(result.motion);
       player.isPlaying = true;
     }
-    this.#prove.disabled = !this.#canProve;
-    this.#showProof();
+    this.#showVerdict(result);
     this.#showOthers();
     this.#list.replaceChildren(...this.#results.map((one) => this.#chip(one)));
   }
 
+  #showVerdict(result: Result | null): void {
+    const isSuccess = result?.isSuccess ?? null;
+    this.#verdict.className = isSuccess === null ? "verdict" : `verdict ${isSuccess ? "success" : "failure"}`;
+    this.#verdict.textContent = result?.verdict ?? "";
+    this.#verdict.scrollIntoView({ block: "nearest" });
+  }
+
   #chip(result: Result): HTMLElement {
-    const proof = result.proof;
-    const mark = proof === null ? "" : proof.isSuccess ? " ✓" : " ✗";
-    const label = `${result.number}: J ${shortNumber(result.cost)}${mark}`;
+    const mark = result.isSuccess === null ? "" : result.isSuccess ? " ✓" : " ✗";
+    const label = `${result.number}: cost ${shortNumber(result.cost)}${mark}`;
     const made = button({ label, title: `Show result ${result.number}`, onClick: () => this.#select(result) });
     made.setAttribute("aria-current", String(result === this.#shown));
     return made;
@@ -360,66 +373,29 @@ class GoalPanel implements Synthesis {
     return line;
   }
 
-  get #canProve(): boolean {
+  /** What proves a motion; null where the physics is not at hand. */
+  get #court(): Court | null {
     const { bundle, physics, live } = this.context;
-    return physics !== null && canJudge({ bundle: bundle.facts, descent: this.facts, live });
+    const court = { bundle: bundle.facts, descent: this.facts, live };
+    return physics !== null && canJudge(court) ? { ...court, physics } : null;
   }
+}
 
-  async #proveShown(): Promise<void> {
-    const { bundle, physics, live, banners } = this.context;
-    const result = this.#shown;
-    if (!physics || !result) {
-      return;
-    }
-    this.#prove.disabled = true;
-    this.#verdict.textContent = "The physics runs …";
-    try {
-      result.proof = await prove({ bundle: bundle.facts, descent: this.facts, physics, live }, result);
-    } catch (error) {
-      this.#verdict.textContent = "";
-      banners.say("synthesis", `No proof: ${lineOf(error)}`, "error");
-    }
-    if (result === this.#shown && !this.#isGone) {
-      this.#select(result);
-      this.context.player.seek(0);
-    }
-  }
+/** Return whichever comes nearer to what was asked for, on the physics. */
+function nearer(one: Proved, other: Proved | null): Proved {
+  const isNearer = other === null || one.proof.isSuccess || one.proof.gap < other.proof.gap;
+  return isNearer ? one : other;
+}
 
-  // What physics did goes along as the ghost.
-  #showProof(): void {
-    const proof = this.#shown?.proof ?? null;
-    this.#ghost = null;
-    this.#close.hidden = proof === null || proof.isSuccess;
-    this.#verdict.textContent = "";
-    this.#verdict.className = "verdict";
-    if (!proof || !this.#shown) {
-      return;
-    }
-    const { motion } = this.#shown;
-    const structure = { rates: this.context.bundle.facts.rates, orientations: this.context.bundle.facts.orientations };
-    const size = motion.stateSize;
-    this.#ghost = new Motion(motion.dt, size, motion.controlSize, structure, proof.states.subarray(0, size));
-    for (let step = 0; step < motion.steps; step++) {
-      this.#ghost.append(motion.control(step), proof.states.subarray((step + 1) * size, (step + 2) * size), 0);
-    }
-    this.#verdict.classList.add(proof.isSuccess ? "success" : "failure");
-    this.#verdict.textContent = `${proof.isSuccess ? "Success" : "Not yet"}: the physics ${proof.words}.`;
-  }
+function sayProgress({ corrections }: Progress, iterations: number): string {
+  const corrected = corrections === 0 ? "" : `, ${counted(corrections, "correction")}`;
+  return `${counted(iterations, "iteration")}${corrected}`;
+}
 
-  /** Descend again with what the emulator got wrong added to it, and prove that, a few times over. */
-  async #closeGap(): Promise<void> {
-    for (let round = 0; round < ROUNDS; round++) {
-      const from = this.#shown;
-      if (!from?.proof || from.proof.isSuccess || this.#running || this.#isGone) {
-        return;
-      }
-      const synthesiser = await this.#opened();
-      const defects = await synthesiser.correct(from.proof.states, from.motion.controls());
-      const wanted = { start: [...from.start], values: from.values, guess: from.z, defects };
-      if (!(await this.#descend(wanted))) {
-        return;
-      }
-      await this.#proveShown();
-    }
-  }
+function counted(count: number, noun: string): string {
+  return `${count} ${noun}${count === 1 ? "" : "s"}`;
+}
+
+function sayVerdict({ isSuccess, words }: Proof): string {
+  return isSuccess ? `Success: the physics ${words}.` : `Not reached in ${MAX_CORRECTIONS} corrections: the physics ${words}.`;
 }

@@ -57,7 +57,7 @@ export function makeGhost(facts: Bundle, size: number, colour?: Color): BodyView
 }
 
 function skinnedBody(facts: Bundle, geometry: BufferGeometry, material: Material, doubt: Doubt): BodyView {
-  const skin: SkinView = makeSkin(geometry, material, facts.skeleton, facts.rest);
+  const skin: SkinView = makeSkin(geometry, material, facts.skeleton);
   return {
     object: skin.object,
     scenery: null,

@@ -17,7 +17,7 @@ import {
 } from "three";
 import { floatsOf, uint16Of, uint32Of } from "../../bundle/base64";
 import type { Bone as BoneFacts, SkinArrays } from "../../bundle/bundle";
-import { emptyPose, poseBones, type Pose } from "../../body/pose";
+import { skinPose, type Pose } from "../../body/pose";
 
 /** Bones a point follows, as glTF has them. */
 export const INFLUENCES = 4;
@@ -66,10 +66,9 @@ function linear(colours: Float32Array<ArrayBuffer>): Float32Array<ArrayBuffer> {
   return colours;
 }
 
-/** Return, bone by bone, what takes a point from the world at rest into the bone's frame. */
-export function inverseRestPoses(bones: readonly BoneFacts[], rest: ArrayLike<number>): Matrix4[] {
-  const pose = emptyPose(bones.length);
-  poseBones(bones, rest, pose);
+/** Return, bone by bone, what takes a point of the skin as it was made into the bone's frame. */
+function inverseSkinPoses(bones: readonly BoneFacts[]): Matrix4[] {
+  const pose = skinPose(bones);
   return bones.map((_, i) => boneMatrix(pose, i, new Matrix4()).invert());
 }
 
@@ -100,7 +99,6 @@ export function makeSkin(
   geometry: BufferGeometry,
   material: Material,
   bones: readonly BoneFacts[],
-  rest: ArrayLike<number>,
 ): SkinView {
   const mesh = new SkinnedMesh(geometry, material);
   const drawnBones = bones.map(() => {
@@ -109,7 +107,7 @@ export function makeSkin(
     bone.matrixWorldAutoUpdate = false;
     return bone;
   });
-  const skeleton = new Skeleton(drawnBones, inverseRestPoses(bones, rest));
+  const skeleton = new Skeleton(drawnBones, inverseSkinPoses(bones));
   // Bones are given in the mesh's own axes, so neither the mesh's place nor its parent's counts.
   mesh.bindMode = DetachedBindMode;
   mesh.bind(skeleton, new Matrix4());
