@@ -52,6 +52,8 @@ class Clip:
     """What made the motion, as exports say it: 'emulator', 'physics' or 'hybrid'; empty if not known."""
     trust: Float[np.ndarray, " F"] | None = None
     """In each frame, the score of the super step it lies in (`Emulator.trust`), where films shall show it; else None."""
+    verdict: str = ""
+    """The word of `Emulator.verdict`, where films shall show the scores; empty if nothing is known."""
 
     def __repr__(self) -> str:
         return f'Clip("{self.name}", {len(self.times)} frames, {self.times[-1]:.2f} s)'
@@ -115,7 +117,8 @@ def make_clip(
             f"trust: wanted a score for each of {len(np.asarray(states)) - 1} super steps, came {scores.shape}."
         )
     steps = np.minimum(clip.times / emulator.dt + STEP_ROUNDING, len(scores) - 1).astype(int)
-    return replace(clip, trust=scores[steps])
+    verdict = emulator.verdict
+    return replace(clip, trust=scores[steps], verdict=verdict.word if verdict else "")
 
 
 def clip_of(

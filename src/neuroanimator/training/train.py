@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +34,7 @@ from neuroanimator.training.loss import squared_error
 from neuroanimator.training.optimizer import make_optimizer
 from neuroanimator.training.survey import MAX_VALIDATION
 from neuroanimator.training.trust_fitting import with_meter
+from neuroanimator.training.validation import validation_errors
 
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""
@@ -109,6 +110,8 @@ class _Run:
     feed: Feed
     validation_states: Float[Array, "N T I"]
     validation_controls: Float[Array, "N H C"]
+    noise: Float[np.ndarray, " S"] | None
+    """Standard deviation of the noise in the states, where they were recorded and it is known."""
     folder: Path
     checkpoints: Place
     fingerprint: str
@@ -136,6 +139,7 @@ class _Run:
             feed=lesson.feed,
             validation_states=as_jax(lesson.validation.states[:MAX_VALIDATION]),
             validation_controls=as_jax(lesson.validation.controls[:MAX_VALIDATION]),
+            noise=data.noise,
             folder=folder,
             checkpoints=checkpoints,
             fingerprint=lesson.fingerprint,
@@ -155,8 +159,12 @@ class _Run:
 
     @property
     def known_best(self) -> Emulator:
-        """`best`, with the meter of what it knows."""
-        return with_meter(self.best, self.validation_states, self.validation_controls)
+        """`best`, with the meter of what it knows, and with its errors there."""
+        states = self.validation_states
+        controls = self.validation_controls
+        known = with_meter(self.best, states, controls)
+        errors = validation_errors(known, np.asarray(states), np.asarray(controls), self.noise)
+        return replace(known, validation=errors)
 
     def advance(self) -> Report:
         """Train until the next report, then validate, log and checkpoint."""
