@@ -45,6 +45,11 @@ class Pose(NamedTuple):
         return xp.atan2(left[..., 2], above[..., 2])
 
 
+def has_pose(structure: Structure) -> bool:
+    """Return whether states have a pose: of a freely moving root, or of mass points."""
+    return structure.cloud is not None or moves_freely(structure.segments)
+
+
 def read_pose(structure: Structure, states: Float[AnyArray, "... S"]) -> Pose:
     """Return the poses of `states` (..., S).
 
@@ -55,7 +60,7 @@ def read_pose(structure: Structure, states: Float[AnyArray, "... S"]) -> Pose:
     """
     if structure.cloud is not None:
         return _cloud_pose(structure, states)
-    if moves_freely(structure.segments):
+    if has_pose(structure):
         return _root_pose(structure, states)
     raise ArgumentError(
         "position, speed and heading: wanted a system with a free root or mass points, came one without. "

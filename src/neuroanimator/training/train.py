@@ -67,6 +67,7 @@ def train(
     start_from: Emulator | None = None,
     checkpoints: Place | None = None,
     on_report: Callable[[Report], None] = lambda report: None,
+    on_chunk: Callable[[int], None] = lambda update: None,
 ) -> Emulator:
     """Train on `data`, write the best emulator by validation to `out` and return it.
 
@@ -84,7 +85,7 @@ def train(
         check_readable(run.problem.base, folder, provenance)
         with closing(run.feed):
             while not run.is_over:
-                on_report(run.advance())
+                on_report(run.advance(on_chunk))
         emulator = run.known_best
         save(emulator, out, provenance)
     return emulator
@@ -166,7 +167,7 @@ class _Run:
         errors = validation_errors(known, np.asarray(states), np.asarray(controls), self.noise)
         return replace(known, validation=errors)
 
-    def advance(self) -> Report:
+    def advance(self, on_chunk: Callable[[int], None]) -> Report:
         """Train until the next report, then validate, log and checkpoint."""
         config = self.problem.config
         progress = self.progress
@@ -179,6 +180,7 @@ class _Run:
             progress = progress._replace(
                 network=network, optimizer_state=optimizer_state, chunk=progress.chunk + 1
             )
+            on_chunk(progress.chunk * UPDATES_PER_CHUNK)
             if progress.chunk % CHUNKS_PER_REPORT == 0 or progress.chunk >= config.chunks:
                 break
         errors = self._validation_errors(progress.network)

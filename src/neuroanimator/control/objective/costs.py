@@ -32,7 +32,7 @@ from neuroanimator.control.objective.terms import (
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import as_numbers
-from neuroanimator.state.pose import read_pose
+from neuroanimator.state.pose import has_pose, read_pose
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import System
 
@@ -185,6 +185,12 @@ def travel(
     unit = _unit("direction", direction)
     wanted = _positive("distance", distance)
     sizeable = _positive("within", within)
+    names = [bone.name for bone in system.skeleton.bones]
+    if body is None and names and not has_pose(system.structure):
+        raise ArgumentError(
+            f'travel: {system.name} has no free root. Say which body is to come forward: body = "{names[0]}", '
+            f"or another of {', '.join(names)}."
+        )
     if body is None:
         return Travel(term_weight, when, unit, wanted, sizeable, _posed(system))
     chain = system.skeleton.chain_to(body)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from neuroanimator.control.synthesis.attempt import is_gap_large
+import math
+
+from neuroanimator.control.synthesis.attempt import SearchCost, is_gap_large
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
+
+MINUTES_SPARE = 2.0
+"""So many times the time that was estimated is enough: updates that look further ahead take longer than those timed."""
 
 SMALL_GAP = 0.05
 """Share of J by which two values of it may differ and still be called the same."""
@@ -26,7 +31,7 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
         return rows + _unproved_rows(synthesis)
     rows += [
         ("corrections by replay", spent.corrections),
-        ("refinements by training", spent.refinements),
+        ("refinements by training", _refinements_in_words(spent)),
         ("physics steps taken", spent.physics_steps),
     ]
     if synthesis.trust is not None:
@@ -42,6 +47,16 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
         answer = "yes" if synthesis.is_reached else "no"
         rows.append(("goal reached on the true physics", answer))
     return rows
+
+
+def _refinements_in_words(spent: SearchCost) -> str:
+    """Return how often the emulator learnt the physics around a motion, and how to allow what was given up."""
+    if not spent.minutes_wanted:
+        return str(spent.refinements)
+    enough = math.ceil(MINUTES_SPARE * spent.minutes_wanted)
+    return (
+        f"{spent.refinements}; another one would have taken too long: --minutes {enough} allows it"
+    )
 
 
 def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
