@@ -76,6 +76,7 @@ def run(
         from neuroanimator.cli.generate import ensure_data
         from neuroanimator.cli.numbers import whole_numbers
         from neuroanimator.data.stored import open_transitions
+        from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, IN_WORDS, NO_CHANGE
         from neuroanimator.errors import ArgumentError
         from neuroanimator.fleets.fleet_file import is_fleet
         from neuroanimator.tables import read_toml
@@ -132,6 +133,8 @@ def run(
     assert emulator.validation is not None
     rows += [
         ("one-step error (validation)", f"{float(emulator.validation.emulator):.4f}"),
+        (IN_WORDS[NO_CHANGE], f"{float(emulator.validation.no_change):.4f}"),
+        (IN_WORDS[CONSTANT_VELOCITY], f"{float(emulator.validation.constant_velocity):.4f}"),
         ("verdict", emulator.verdict),
     ]
     if error_bounds:

@@ -36,11 +36,12 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
     ]
     if synthesis.trust is not None:
         rows.append(("gradient against the physics'", f"cosine {synthesis.trust.cosine:.2f}"))
+    words = gap_in_words(outcome.cost_emulator, outcome.cost_physics, synthesis.is_reached)
     rows += [
         ("J on emulator", f"{outcome.cost_emulator:.3f}"),
         ("J on physics", f"{outcome.cost_physics:.3f}"),
         ("gap", f"{outcome.gap:+.3f}"),
-        ("in words", gap_in_words(outcome.cost_emulator, outcome.cost_physics)),
+        ("in words", words),
         ("trust in the emulator's motion", trust_along(synthesis)),
     ]
     if synthesis.is_reached is not None:
@@ -80,11 +81,16 @@ def trust_along(synthesis: Synthesis) -> TrustSummary:
     return summary_of(emulator, scores)
 
 
-def gap_in_words(cost_emulator: float, cost_physics: float) -> str:
+def gap_in_words(cost_emulator: float, cost_physics: float, is_reached: bool | None = None) -> str:
     """Return what J says of a controller: how far it is from what was asked for, foretold and on the physics."""
     meaning = "J adds up how far the motion is from what was asked for, so lower is better; "
+    is_missed = is_reached is False
+    if is_missed:
+        meaning += "the goal is missed: "
     gap = cost_physics - cost_emulator
     if abs(gap) <= SMALL_GAP * max(cost_emulator, cost_physics):
+        if is_missed:
+            return meaning + "the emulator foretold as high a J"
         return meaning + "the physics does what the emulator foretold"
     if gap < 0:
         return meaning + "the physics does even better than the emulator foretold"
