@@ -6,6 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.text import did_you_mean
 
 SHIPPED = [
     (system, substeps)
@@ -73,7 +74,10 @@ def find_emulator(name: str) -> Path:
                 f"Make one with 'neuroanimator train {system} --out {system}.emulator.safetensors' and name that file."
             )
     names = ", ".join(sorted(shipped))
-    raise BadFileError(f"No emulator file '{name}', and none of that name ships. Shipped: {names}.")
+    like = did_you_mean(name, shipped | usual)
+    raise BadFileError(
+        f"No emulator file '{name}', and none of that name ships. {like}Shipped: {names}."
+    )
 
 
 POLICIES = ("dolphin", "fish")
@@ -95,7 +99,8 @@ def find_policy(name: str) -> Path:
     if name in POLICIES and shipped_policy(name).is_file():
         return shipped_policy(name)
     raise BadFileError(
-        f"No policy file '{name}', and none of that name ships. Shipped: {', '.join(POLICIES)}."
+        f"No policy file '{name}', and none of that name ships. {did_you_mean(name, POLICIES)}"
+        f"Shipped: {', '.join(POLICIES)}."
     )
 
 

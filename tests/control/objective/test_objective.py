@@ -645,7 +645,7 @@ REFUSED_ARGUMENTS = {
     ),
     "since: wanted a time of at least 0 s, came -1": lambda s: stay_upright(s, since=-1.0),
     "distance: wanted a finite number above 0": lambda s: travel(s, [1, 0, 0], -1.0, within=1),
-    "body: none is called 'wheel'. Bodies: ": lambda s: travel(
+    "body: none is called 'wheel'. Did you mean wheel_rr? Bodies: ": lambda s: travel(
         s, [1, 0, 0], 1.0, within=1, body="wheel"
     ),
     "direction: wanted a direction, came zeros": lambda s: keep_heading(s, [0, 0, 0], within=1),

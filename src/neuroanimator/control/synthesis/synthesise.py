@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.control.descent.descend import Descent
 from neuroanimator.control.descent.gradient_check import GradientTrust, gradient_trust
-from neuroanimator.control.descent.options import DescentOptions
+from neuroanimator.control.descent.options import DescentOptions, check_steps
 from neuroanimator.control.objective.goals import (
     find_goal,
     goal_objective,
@@ -71,7 +71,8 @@ def synthesise(
     objective: Objective,
     start: ArrayLike,
     *,
-    steps: int,
+    steps: int | None = None,
+    seconds: float | None = None,
     options: DescentOptions = DescentOptions(),
     corrections: int = 5,
     restarts: int = 0,
@@ -82,7 +83,7 @@ def synthesise(
     measures_trust: bool = False,
     on_refine: Callable[[float], None] = lambda gap: None,
 ) -> Synthesis:
-    """Return the best controller for `steps` super steps from the state `start` (S,), by its J on the physics.
+    """Return the best controller for `steps` super steps, or for `seconds`, from the state `start` (S,), by its J on the physics.
 
     A motion replayed on the physics shows what the emulator gets wrong along it. These defects are added to the
     emulator, and the descent goes on from there, up to `corrections` times. Where that is not good enough, all begins
@@ -100,6 +101,11 @@ def synthesise(
     Raises ArgumentError for an objective that cannot be descended, NeuroAnimatorError where the physics blows up.
     """
     state = emulator.state.check(start, "state")
+    if seconds is not None and steps is None:
+        steps = steps_in(seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))
+    elif steps is None or seconds is not None:
+        raise ArgumentError("steps and seconds: wanted one of them, the length of the motion.")
+    check_steps(steps)
     if not system.can_simulate:
         corrections = 0
         refinements = 0
