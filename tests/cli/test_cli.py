@@ -52,7 +52,7 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (
             ["generate", "pendlum", "--out", "d"],
             2,
-            "No system called 'pendlum'. Systems: cube, dolphin, fish, ",
+            "No system called 'pendlum'. Did you mean pendulum? Systems: cube, dolphin, fish, ",
         ),
         (["generate", "pendulum", "--out", "d", "--substeps", "0"], 2, "substeps: "),
         (["generate", "pendulum", "--out", "d", "--substeps", "7"], 2, "whole number"),
