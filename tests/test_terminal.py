@@ -1,4 +1,4 @@
-"""What goes on is said on a terminal, and nowhere else; how long it took is counted once."""
+"""What goes on is said on a terminal, and in lines on a pipe; how long it took is counted once."""
 
 from __future__ import annotations
 
@@ -55,9 +55,29 @@ def test_a_terminal_shows_phases_and_bars_side_by_side():
     assert "fleeting" not in shown
 
 
-def test_nothing_is_shown_where_there_is_no_terminal_or_no_command_line():
-    piped = subprocess.run([sys.executable, "-c", PHASES], capture_output=True, text=True)
-    assert (piped.stderr, piped.stdout) == ("", "done\n")
+def piped(code: str) -> str:
+    """Return what a process writes to its stderr if that is a pipe."""
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert process.stdout == "done\n"
+    return process.stderr
+
+
+def test_a_pipe_is_told_now_and_then_how_far_it_is():
+    often = PHASES.replace("import terminal\n", "import terminal\nterminal.LINE_EVERY = 0.3\n")
+    lines = piped(
+        often.replace("bar.advance_to(2)", "bar.advance_to(1, 'J 3')\n        time.sleep(0.7)")
+    )
+    assert "settling ... 0 s" in lines
+    assert "compiling ... 0 s" in lines
+    bars = often.replace(', terminal.phase("compiling")', "").replace(
+        "time.sleep(0.8)\n        bar.advance_to(2)",
+        "bar.advance_to(1, 'J 3')\n        time.sleep(0.8)",
+    )
+    assert "rounds: 1 of 2 after 0 s, about 0 s left (J 3)" in piped(bars)
+
+
+def test_nothing_is_shown_of_what_is_quick_or_has_no_command_line():
+    assert piped(PHASES) == ""
     quiet = on_terminal(
         PHASES.replace("terminal.show_phases()", "")
         .replace('terminal.progress_bar("rounds", 2) as bar, ', "")

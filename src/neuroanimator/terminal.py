@@ -1,4 +1,4 @@
-"""What people see: progress bars and phases on stderr, and only on a terminal; plain tables on stdout."""
+"""What people see: progress on stderr, as bars on a terminal and as a line now and then elsewhere; plain tables on stdout."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from functools import cache
-from threading import Timer
+from threading import Event, Thread, Timer
 
 from rich.console import Console
 from rich.progress import (
@@ -28,6 +29,9 @@ from neuroanimator.text import print_line, printable
 SHOWN_AFTER = 0.3
 """A phase shorter than this is not shown [s]: it would only flicker."""
 
+LINE_EVERY = 10.0
+"""Time between two lines of progress where there is no terminal [s]."""
+
 
 Watcher = Callable[[int, int], None]
 """Is told how much of how much is done."""
@@ -46,9 +50,9 @@ def watched_progress(watcher: Watcher) -> Iterator[None]:
 
 
 class Bar:
-    """One bar; does nothing where there is no terminal."""
+    """One bar; does nothing where nobody looks."""
 
-    def __init__(self, progress: Progress | None, title: str, total: int):
+    def __init__(self, progress: Display | None, title: str, total: int):
         self._progress = progress
         self._watcher = _watcher.get()
         self._total = total
@@ -63,17 +67,29 @@ class Bar:
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=done, note=printable(note))
 
+    def end(self) -> None:
+        """Leave the bar as it is: nothing more will come."""
+        if self._progress is not None and self._task is not None:
+            self._progress.stop_task(self._task)
+
 
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Bar]:
-    """Show a bar of `total` units with rate and time left while the block runs."""
+    """Show a bar of `total` units with rate and time left while the block runs.
+
+    Where a command line runs without a terminal, a line says every `LINE_EVERY` seconds how far it is.
+    """
     with _screen.shown() as progress:
-        yield Bar(progress, title, total)
+        bar = Bar(progress, title, total)
+        try:
+            yield bar
+        finally:
+            bar.end()
 
 
 @contextmanager
 def phase(name: str) -> Iterator[None]:
-    """Say what is going on while the block runs, on a terminal and where a command line runs (`show_phases`).
+    """Say what is going on while the block runs, where a command line runs (`show_phases`).
 
     How long each phase took is in `phase_seconds`; a phase within another counts for itself alone.
     """
@@ -101,7 +117,7 @@ def phase_seconds() -> dict[str, float]:
 
 
 @contextmanager
-def _spinning(progress: Progress | None, name: str) -> Iterator[None]:
+def _spinning(progress: Display | None, name: str) -> Iterator[None]:
     """Show `name` with a bar of unknown length, soon."""
     if progress is None:
         yield
@@ -141,23 +157,103 @@ class _Clock:
                 self._within[-1] += took
 
 
+class _PlainDisplay:
+    """Bars and phases where there is no terminal: every `LINE_EVERY` seconds a line on the innermost of them."""
+
+    def __init__(self):
+        self._tasks: dict[TaskID, _PlainTask] = {}
+        self._is_over = Event()
+        self._thread = Thread(target=self._run, daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._is_over.set()
+        self._thread.join()
+
+    def add_task(
+        self, description: str, *, total: float | None, note: str, visible: bool = True
+    ) -> TaskID:
+        task = TaskID(max(self._tasks, default=-1) + 1)
+        self._tasks[task] = _PlainTask(description, total, note, visible)
+        return task
+
+    def update(
+        self,
+        task: TaskID,
+        *,
+        completed: float | None = None,
+        note: str | None = None,
+        visible: bool | None = None,
+    ) -> None:
+        shown = self._tasks[task]
+        if completed is not None:
+            shown.completed = completed
+        if note is not None:
+            shown.note = note
+        if visible is not None:
+            shown.is_visible = visible
+
+    def stop_task(self, task: TaskID) -> None:
+        del self._tasks[task]
+
+    remove_task = stop_task
+
+    def _run(self) -> None:
+        while not self._is_over.wait(LINE_EVERY):
+            shown = [task for task in list(self._tasks.values()) if task.is_visible]
+            if shown:
+                print_line(str(shown[-1]), to_stderr=True)
+
+
+@dataclass
+class _PlainTask:
+    """A bar or a phase where there is no terminal."""
+
+    description: str
+    total: float | None
+    """None for a phase, whose length nobody knows."""
+    note: str
+    is_visible: bool
+    completed: float = 0.0
+    began: float = field(default_factory=time.monotonic)
+    """When it began [s]."""
+
+    def __str__(self) -> str:
+        """Return how far it is, and how long it still takes if it goes on like that."""
+        spent = time.monotonic() - self.began
+        if self.total is None:
+            return f"{self.description} ... {spent:.0f} s"
+        told = f"{self.description}: {self.completed:,.0f} of {self.total:,.0f} after {spent:.0f} s"
+        if self.completed:
+            left = spent * (self.total / self.completed - 1)
+            told += f", about {left:.0f} s left"
+        return f"{told} ({self.note})" if self.note else told
+
+
+Display = Progress | _PlainDisplay
+"""Where bars and phases are shown."""
+
+
 class _Screen:
     """The one live display of a process: bars and phases are lines of it."""
 
     def __init__(self):
         self.shows_phases = False
         self.is_hidden = False
-        self._progress: Progress | None = None
+        self._progress: Display | None = None
         self._users = 0
 
     @contextmanager
-    def shown(self) -> Iterator[Progress | None]:
-        """Yield the display, which is there as long as somebody uses it; None where there is no terminal."""
-        if self.is_hidden or not sys.stderr.isatty():
+    def shown(self) -> Iterator[Display | None]:
+        """Yield the display, which is there as long as somebody uses it; None where nobody looks."""
+        is_terminal = sys.stderr.isatty()
+        if self.is_hidden or not (is_terminal or self.shows_phases):
             yield None
             return
         if self._progress is None:
-            self._progress = _new_display()
+            self._progress = _new_display() if is_terminal else _PlainDisplay()
             self._progress.start()
         self._users += 1
         try:

@@ -9,6 +9,7 @@ import io
 import math
 import sys
 from collections.abc import Iterable
+from difflib import get_close_matches
 
 MAX_QUOTE = 60
 """Characters of foreign text an error shows at most."""
@@ -50,6 +51,12 @@ def listed(names: Iterable[str]) -> str:
     if len(every) > MAX_LISTED:
         return f"{shown} and {len(every) - MAX_LISTED} more"
     return shown
+
+
+def did_you_mean(name: str, names: Iterable[str]) -> str:
+    """Return a question with the one of `names` that is most like `name`, and a blank; nothing where none is like it."""
+    like = get_close_matches(name, [*names], n=1)
+    return f"Did you mean {like[0]}? " if like else ""
 
 
 def short_number(number: float) -> str:

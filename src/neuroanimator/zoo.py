@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.text import did_you_mean
 
 EMULATORS = Path(str(resources.files("neuroanimator"))) / "emulators"
 """The folder of everything that ships."""
@@ -112,7 +113,10 @@ def find_emulator(name: str) -> Path:
                 f"Make one with 'neuroanimator train {system} --out {system}.emulator.safetensors' and name that file."
             )
     names = ", ".join(sorted(shipped))
-    raise BadFileError(f"No emulator file '{name}', and none of that name ships. Shipped: {names}.")
+    like = did_you_mean(name, shipped | usual)
+    raise BadFileError(
+        f"No emulator file '{name}', and none of that name ships. {like}Shipped: {names}."
+    )
 
 
 def shipped_policy(system: str) -> Path:
@@ -128,7 +132,8 @@ def find_policy(name: str) -> Path:
     if name in POLICIES and shipped_policy(name).is_file():
         return shipped_policy(name)
     raise BadFileError(
-        f"No policy file '{name}', and none of that name ships. Shipped: {', '.join(POLICIES)}."
+        f"No policy file '{name}', and none of that name ships. {did_you_mean(name, POLICIES)}"
+        f"Shipped: {', '.join(POLICIES)}."
     )
 
 

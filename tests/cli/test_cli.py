@@ -52,7 +52,7 @@ def test_each_verb_has_help_with_an_example(verb: str, cli: Cli):
         (
             ["generate", "pendlum", "--out", "d"],
             2,
-            "No system called 'pendlum'. Systems: cube, dolphin, fish, ",
+            "No system called 'pendlum'. Did you mean pendulum? Systems: cube, dolphin, fish, ",
         ),
         (["generate", "pendulum", "--out", "d", "--substeps", "0"], 2, "substeps: "),
         (["generate", "pendulum", "--out", "d", "--substeps", "7"], 2, "whole number"),
@@ -200,3 +200,10 @@ def test_a_gap_is_told_in_words():
     assert "a little worse" in gap_in_words(0.3, 0.5)
     assert "much worse" in gap_in_words(0.3, 1.4)
     assert "lower is better" in gap_in_words(0.3, 1.4)
+
+
+def test_of_a_missed_goal_nobody_says_that_the_physics_does_what_was_foretold():
+    told = gap_in_words(3.0, 3.05, is_reached=False)
+    assert told.endswith("the goal is missed: the emulator foretold as high a J")
+    assert "the goal is missed: the physics does a little worse" in gap_in_words(0.3, 0.5, False)
+    assert "missed" not in gap_in_words(0.3, 0.5, is_reached=True)

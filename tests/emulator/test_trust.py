@@ -172,7 +172,9 @@ def test_scores_have_gradients_everywhere_that_are_those_of_finite_differences(s
 def test_a_motion_is_summed_up_in_a_line(shipped: Emulator):
     scores = np.array([0.2, 0.4, 2.5, 0.1])
     told = str(summary_of(shipped, scores))
-    assert told == "75% of it within training, highest score 2.50 at 0.10 s (edge 1)"
+    share, _, judged = told.partition("; ")
+    assert share == "75% of it within training, highest score 2.50 at 0.10 s (edge 1)"
+    assert judged == f"there the emulator is {shipped.verdict}"
     assert "all of it within training" in str(summary_of(shipped, scores[:2]))
     old = replace(shipped, meter=None)
     assert "75% of it within the ranges of training (the file is from" in str(

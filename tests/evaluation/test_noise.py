@@ -19,9 +19,9 @@ from neuroanimator import (
 )
 from neuroanimator.data.recorded_noise import noise_of
 from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.verdict import beyond_noise, judge
 from neuroanimator.evaluation.baselines import CONSTANT_VELOCITY, NO_CHANGE
 from neuroanimator.evaluation.evaluate import EvaluationBudget
-from neuroanimator.evaluation.verdict import beyond_noise, judge
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.systems.loading import resolve

@@ -8,16 +8,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Cli
 
-from neuroanimator import DatasetConfig, Emulator, evaluate, generate, read_transitions, train
+from neuroanimator import (
+    DatasetConfig,
+    Emulator,
+    NeuroAnimatorError,
+    evaluate,
+    generate,
+    load_emulator,
+    read_transitions,
+    train,
+)
 from neuroanimator.data.store import Transitions
+from neuroanimator.emulator.trust_summary import summary_of
+from neuroanimator.emulator.verdict import judge
 from neuroanimator.evaluation.baselines import CONSTANT_VELOCITY, NO_CHANGE
-from neuroanimator.evaluation.evaluate import EvaluationBudget, judge_training
+from neuroanimator.evaluation.evaluate import EvaluationBudget
 from neuroanimator.evaluation.report import write_report
-from neuroanimator.evaluation.verdict import judge
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.training.config import TrainingConfig
+from neuroanimator.training.lesson import base_windows
+from neuroanimator.training.train import Report
+from neuroanimator.training.validation import validation_errors
+from neuroanimator.zoo import shipped_emulators
 
 FAST = EvaluationBudget(runs=4, transitions=100, repeats=1, starts=20, steps=50)
 TRAINING = {"updates": 500, "widths": (24, 24), "batch": 128}
@@ -66,7 +81,7 @@ def with_target(
 
 
 def test_what_never_moves_is_left_out_of_errors_and_diverged_rollouts(with_target):
-    emulator, data, config = with_target
+    emulator, data, _ = with_target
     found = evaluate(emulator, data=data, budget=FAST)
     assert found.one_step_error < 0.2
     assert found.rollout_error_at(1.0) < 0.6
@@ -79,7 +94,8 @@ def test_what_never_moves_is_left_out_of_errors_and_diverged_rollouts(with_targe
     ]
     assert "left out of all errors, for it never moves: target_x[0] m" in found.note
     assert found.verdict.word in ("usable", "good")
-    assert judge_training(emulator, data, config).word in ("usable", "good")
+    assert emulator.verdict is not None
+    assert emulator.verdict.word in ("usable", "good")
 
 
 def test_what_never_moves_stands_still_whatever_the_network_says(with_target):
@@ -103,18 +119,80 @@ def test_what_stands_still_is_kept_within_the_range_of_training(with_target):
 
 
 def test_a_useless_emulator_gets_no_speed_up(with_target, tmp_path: Path):
-    emulator, data, config = with_target
+    emulator, data, _ = with_target
     scale = emulator.normaliser.change_scale
     wild = replace(emulator, normaliser=replace(emulator.normaliser, change_scale=20 * scale))
     found = evaluate(wild, data=data, budget=FAST)
     assert found.verdict.word == "useless"
     assert found.row()["equal_error_speedup"] == "none"
     assert found.equal_error_text == "none: it is worse than predicting no change"
-    assert judge_training(wild, data, config).is_useless
     write_report([found], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert "useless: it is worse than predicting no change" in text
     assert "at equal error the emulator" not in text
+
+
+def test_the_error_that_training_reports_is_the_one_that_is_judged_and_stays_in_the_file(
+    with_target, tmp_path: Path
+):
+    emulator, data, config = with_target
+    path = tmp_path / "m.emulator.safetensors"
+    reports: list[Report] = []
+    train(data, config, path, on_report=reports.append)
+    again = Emulator.load(path)
+    assert again.validation is not None
+    assert again.verdict is not None
+    error = float(again.validation.emulator)
+    assert error in [pytest.approx(report.error, rel=1e-3) for report in reports]
+    assert str(again.verdict) == str(emulator.verdict)
+    assert f"off by {error:.2g} of" in str(again.verdict)
+    assert repr(again).endswith(f", {again.verdict.word})")
+
+
+def test_what_is_useless_where_it_was_trained_is_called_so_wherever_its_trust_is_told(
+    with_target, tmp_path: Path, cli: Cli
+):
+    emulator, data, _ = with_target
+    scale = emulator.normaliser.change_scale
+    wild = replace(emulator, normaliser=replace(emulator.normaliser, change_scale=20 * scale))
+    windows = base_windows(wild, data)
+    errors = validation_errors(wild, windows.states, windows.controls)
+    path = tmp_path / "wild.emulator.safetensors"
+    replace(wild, validation=errors).save(path)
+    useless = "useless: it is worse than predicting no change"
+    told = str(summary_of(Emulator.load(path), np.array([0.2, 0.3])))
+    assert told.startswith("all of it within training")
+    assert f"there the emulator is {useless}" in told
+    for arguments in (
+        ["info", path],
+        ["animate", path, "--out", tmp_path / "m.csv", "--seconds", "1"],
+    ):
+        done = cli(*arguments)
+        assert useless in done.stdout, done.stderr
+
+
+def test_what_ships_is_judged_by_its_error_bounds():
+    for name in shipped_emulators():
+        verdict = load_emulator(name).verdict
+        assert verdict is not None
+        assert verdict.word == "good", name
+
+
+def test_a_file_that_tells_no_errors_says_so(with_target):
+    emulator, _, _ = with_target
+    silent = replace(emulator, validation=None)
+    assert silent.verdict is None
+    assert "how good it is there the file does not tell" in str(summary_of(silent, np.zeros(2)))
+
+
+@pytest.mark.parametrize("errors", [-1.0, np.inf, np.nan])
+def test_errors_of_validation_that_are_none_are_refused(with_target, tmp_path: Path, errors: float):
+    emulator, _, _ = with_target
+    assert emulator.validation is not None
+    forged = replace(emulator.validation, emulator=np.asarray(errors, np.float32))
+    replace(emulator, validation=forged).save(tmp_path / "forged.safetensors")
+    with pytest.raises(NeuroAnimatorError, match="validation"):
+        Emulator.load(tmp_path / "forged.safetensors")
 
 
 def test_a_model_in_which_nothing_moves_is_refused(tmp_path: Path):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Cli
 
 from neuroanimator import (
     DatasetConfig,
@@ -112,6 +113,18 @@ def test_gymnasiums_models_are_proposed_with_their_symmetries(name: str, tmp_pat
     starts = system.sample_starts(np.random.default_rng(0), 4)
     runs = system.simulate(starts, np.zeros((4, 5, system.control.size)), 0.2)
     assert not runs.has_diverged.any()
+
+
+def test_files_are_named_after_what_was_typed(cart: Path, cli: Cli, tmp_path: Path):
+    told = cli("new", "Swimmer-v5", cwd=tmp_path)
+    assert (tmp_path / "Swimmer-v5.toml").exists()
+    assert "system      swimmer-v5\n" in told.stdout
+    assert "train Swimmer-v5.toml --out Swimmer-v5.emulator.safetensors" in told.stdout
+    named = cart.with_name("My Cart.xml")
+    named.write_text(cart.read_text())
+    told = cli("new", named.name, cwd=cart.parent)
+    assert "--out 'My Cart.emulator.safetensors'" in told.stdout
+    assert (cart.parent / "My Cart.toml").exists()
 
 
 def test_the_command_line_goes_all_the_way(cart: Path, cli, tmp_path: Path):

@@ -52,6 +52,8 @@ class Clip:
     """What made the motion, as exports say it: 'emulator', 'physics' or 'hybrid'; empty if not known."""
     trust: Float[np.ndarray, " F"] | None = None
     """In each frame, the score of the super step it lies in (`Emulator.trust`), where films shall show it; else None."""
+    verdict: str = ""
+    """The word of `Emulator.verdict`, where films shall show the scores; empty if nothing is known."""
 
     def __repr__(self) -> str:
         return f'Clip("{self.name}", {len(self.times)} frames, {self.times[-1]:.2f} s)'
@@ -72,6 +74,10 @@ def check_drawable(clip: Clip) -> None:
 
 def together(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[Clip]:
     """Return the clips that go into one file; ArgumentError if they cannot, or the `ghost` is of another body."""
+    if not isinstance(clips, Clip | Sequence):
+        raise ArgumentError(
+            f"clips: wanted a clip or several, came {clips!r}. na.make_clip(emulator, states) makes one."
+        )
     every = [clips] if isinstance(clips, Clip) else list(clips)
     if not 1 <= len(every) <= MAX_CLIPS:
         raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} in one file, came {len(every)}.")
@@ -115,7 +121,8 @@ def make_clip(
             f"trust: wanted a score for each of {len(np.asarray(states)) - 1} super steps, came {scores.shape}."
         )
     steps = np.minimum(clip.times / emulator.dt + STEP_ROUNDING, len(scores) - 1).astype(int)
-    return replace(clip, trust=scores[steps])
+    verdict = emulator.verdict
+    return replace(clip, trust=scores[steps], verdict=verdict.word if verdict else "")
 
 
 def clip_of(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.slowness import slowness
-from neuroanimator.state.start import start_state
+from neuroanimator.state.start import Start, start_state
 from neuroanimator.zoo import SHIPPED, shown_motion_path
 
 MAX_SECONDS = 3600.0
@@ -150,9 +149,7 @@ def _free_hinges(emulator: Emulator) -> Int[np.ndarray, " H"]:
     return np.intersect1d(at_zero, positions)
 
 
-def named_start(
-    emulator: Emulator, parts: Mapping[str, Sequence[float]]
-) -> Float[np.ndarray, " S"]:
+def named_start(emulator: Emulator, parts: Start) -> Float[np.ndarray, " S"]:
     """Return the state of rest with the numbers of each of `parts` in their places; see `start_state`."""
     structure = emulator.state_structure
     orientations = [entry for entry, _ in structure.orientations]

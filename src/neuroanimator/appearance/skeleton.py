@@ -18,7 +18,7 @@ from neuroanimator.parsing.names import check_label
 from neuroanimator.parsing.numbers import number, numbers, whole
 from neuroanimator.state.links import JOINT_KINDS, JOINT_SIZES, Joint, Link, Numbers
 from neuroanimator.state.rotation import multiply, rotate
-from neuroanimator.text import quoted
+from neuroanimator.text import did_you_mean, quoted
 
 Poses = tuple[Float[np.ndarray, "T B 3"], Float[np.ndarray, "T B 4"]]
 """Positions [m] and orientations wxyz of B bones in T states."""
@@ -146,7 +146,10 @@ class Skeleton:
         """Return the links from the world to the bone `name`; ArgumentError if there is none, or mass points move it."""
         by_name = {bone.name: bone for bone in self.bones}
         if name not in by_name:
-            raise ArgumentError(f"body: none is called '{name}'. Bodies: {', '.join(by_name)}.")
+            like = did_you_mean(name, by_name)
+            raise ArgumentError(
+                f"body: none is called '{name}'. {like}Bodies: {', '.join(by_name)}."
+            )
         bone = by_name[name]
         if bone.binding is not None:
             raise ArgumentError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -29,6 +28,10 @@ CLOSED_LOOP_HELP = (
     "Plan again at every super step, from where the physics really is, and so hold the goal."
 )
 THRESHOLD_HELP = "Keep the motion to a goal where the emulator's score is at most this: 1 is the edge of training. Takes longer."
+MINUTES_HELP = (
+    "Longest time for learning the physics around a motion, which is done where emulator and physics disagree; "
+    "half a minute if not given, 0 for none."
+)
 METHOD_HELP = "One of adam, gauss-newton, lbfgs, or momentum as in 1998."
 
 
@@ -86,6 +89,7 @@ def run(
     log: Annotated[
         Path | None, typer.Option(help="JSON Lines file for J of every iteration.")
     ] = None,
+    minutes: Annotated[float | None, typer.Option(help=MINUTES_HELP)] = None,
     glb: Annotated[
         Path | None,
         typer.Option(help="GLB file for the motion on the physics, the emulator's as a ghost."),
@@ -105,6 +109,7 @@ def run(
         from neuroanimator.control.descent.options import DescentOptions
         from neuroanimator.control.synthesis.progress import watching
         from neuroanimator.control.synthesis.summary import outcome_rows, warnings_of
+        from neuroanimator.control.synthesis.synthesise import REFINING_MINUTES
         from neuroanimator.data.store import read_transitions
         from neuroanimator.export.formats import emulator_for
         from neuroanimator.systems import load_system
@@ -119,6 +124,7 @@ def run(
                 log=log,
                 report=report,
                 threshold=threshold,
+                minutes=minutes,
             )
         elif horizon is not None:
             raise ArgumentError("horizon: goes with --closed-loop only. Leave it out.")
@@ -135,6 +141,8 @@ def run(
         return search.closed_loop(seconds=seconds, horizon=horizon, out=out, glb=glb, began=began)
     if search.nothing_to_find:
         return print_line(search.nothing_to_find)
+    if minutes is None:
+        minutes = REFINING_MINUTES
     with watching(log, iterations) as on_iteration:
         options = DescentOptions(
             method=method,
@@ -146,7 +154,8 @@ def run(
             options=options,
             data=read_transitions(data) if data else None,
             measures_trust=True,
-            on_refine=_say_gap,
+            minutes=minutes,
+            on_refine=partial(_say_gap, minutes),
         )
     for warning in warnings_of(synthesis):
         print_line(f"neuroanimator: {warning}", to_stderr=True)
@@ -160,8 +169,14 @@ def run(
     return print_rows(rows)
 
 
-def _say_gap(gap: float) -> None:
-    print(f"gap {gap:.2f}: learning the physics around the motion ...", file=sys.stderr)
+def _say_gap(minutes: float, gap: float) -> None:
+    from neuroanimator.text import print_line
+
+    print_line(
+        f"gap {gap:.2f}: learning the physics around the motion, for at most {60 * minutes:g} s in all "
+        "(--minutes allows more, or none) ...",
+        to_stderr=True,
+    )
 
 
 class _Search(NamedTuple):

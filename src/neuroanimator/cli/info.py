@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from neuroanimator.emulator.emulator import Emulator
     from neuroanimator.state.layout import Layout
 
 EXAMPLE = "neuroanimator info pendulum-50"
@@ -100,13 +101,13 @@ def _read(file: str) -> tuple[dict[str, Any], Rows]:
 
 def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
     from neuroanimator.backend import backend_in_words
-    from neuroanimator.state.layout import Layout
+    from neuroanimator.emulator.artifact import load
+    from neuroanimator.emulator.trust_summary import UNJUDGED
     from neuroanimator.storage.files import read_tensors
-    from neuroanimator.zoo import find_emulator, is_shipped
+    from neuroanimator.zoo import find_emulator
 
     path = find_emulator(file)
-    if not is_shipped(path):
-        _check_emulator(path)
+    emulator = load(path)
     tensors, metadata = read_tensors(path, "emulator")
     network = metadata["network"]
     widths = "x".join(map(str, network["widths"]))
@@ -115,12 +116,13 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("file", path.name),
         ("system", metadata["system"]),
         ("super step", f"{metadata['dt'] * 1e3:g} ms ({metadata['substeps']} physics steps)"),
-        ("state", summary_of(Layout.from_json(metadata["state"], "state"))),
-        ("control", summary_of(Layout.from_json(metadata["control"], "control"))),
+        ("state", summary_of(emulator.state)),
+        ("control", summary_of(emulator.control)),
         ("control bounds", bounds_of(*metadata["bounds"])),
         ("network", f"{network['kind']} {widths}{_strides(metadata.get('strides', 1))}"),
         ("numbers stored", f"{stored_numbers:,}"),
-        ("goes astray", _error_bounds(tensors, metadata)),
+        ("verdict", emulator.verdict or UNJUDGED),
+        ("goes astray", _error_bounds(emulator)),
         ("runs in", backend_in_words()),
         ("sha256", metadata["sha256"]),
         ("where it is weak", "--errors measures that, in some seconds"),
@@ -128,23 +130,13 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
     return metadata, rows
 
 
-def _error_bounds(tensors: dict[str, Any], metadata: dict[str, Any]) -> str:
+def _error_bounds(emulator: Emulator) -> str:
     """Return the bounds of the errors of usual motions after a while, if there are any."""
-    from neuroanimator.emulator.description import errors_of_file
-    from neuroanimator.emulator.error_bounds import USUAL_LEVEL, bounds_in_words
+    from neuroanimator.emulator.error_bounds import bounds_in_words
 
-    bounds = errors_of_file(tensors, metadata)
-    if bounds is None:
+    if emulator.calibration is None:
         return "nobody measured how far: na.fit_error_bounds(emulator) does"
-    return bounds_in_words(bounds, metadata["dt"], USUAL_LEVEL)
-
-
-def _check_emulator(path: Path) -> None:
-    """Raise BadFileError for what is no emulator. To find that out it is loaded, which takes longer."""
-
-    from neuroanimator.emulator.artifact import load
-
-    load(path)
+    return bounds_in_words(emulator.calibration, emulator.dt)
 
 
 def _strides(count: int) -> str:

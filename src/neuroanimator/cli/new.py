@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -58,7 +59,8 @@ def run(
         )
     definition = proposal.definition
     dt = definition.substeps * definition.physics.step
-    following = f"edit {path}, then: neuroanimator train {path} --out {definition.name}.emulator.safetensors"
+    made = quote(f"{path.stem}.emulator.safetensors")
+    following = f"edit {path}, then: neuroanimator train {quote(str(path))} --out {made}"
     for warning in proposal.warnings:
         print_line(f"warning: {warning}", to_stderr=True)
     rows: list[tuple[str, object]] = [

@@ -76,8 +76,8 @@ def run(
         from neuroanimator.cli.generate import ensure_data
         from neuroanimator.cli.numbers import whole_numbers
         from neuroanimator.data.stored import open_transitions
+        from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, IN_WORDS, NO_CHANGE
         from neuroanimator.errors import ArgumentError
-        from neuroanimator.evaluation.evaluate import judge_training
         from neuroanimator.fleets.fleet_file import is_fleet
         from neuroanimator.tables import read_toml
         from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
@@ -129,11 +129,14 @@ def run(
         ("metrics", run_folder(out) / "metrics.jsonl"),
     ]
     if last:
-        rows += [
-            ("one-step error (validation)", f"{last[0].error:.4f}"),
-            ("updates", last[0].update),
-        ]
-    rows += [("verdict", judge_training(emulator, transitions, checked))]
+        rows += [("updates", last[0].update)]
+    assert emulator.validation is not None
+    rows += [
+        ("one-step error (validation)", f"{float(emulator.validation.emulator):.4f}"),
+        (IN_WORDS[NO_CHANGE], f"{float(emulator.validation.no_change):.4f}"),
+        (IN_WORDS[CONSTANT_VELOCITY], f"{float(emulator.validation.constant_velocity):.4f}"),
+        ("verdict", emulator.verdict),
+    ]
     if error_bounds:
         rows += [("goes astray", _bound_errors(emulator, transitions, out))]
     print_rows(rows)

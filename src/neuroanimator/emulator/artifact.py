@@ -74,6 +74,8 @@ def check_arrays(emulator: Emulator) -> None:
     emulator.encoding.check()
     if emulator.calibration is not None:
         emulator.calibration.check()
+    if emulator.validation is not None:
+        emulator.validation.check()
     for scale in (emulator.normaliser.change_scale, emulator.normaliser.unit):
         if (np.asarray(scale) >= 0).all():  # zero: what never moves stands still
             continue

@@ -316,7 +316,7 @@ def facts_of_emulator(emulator: Emulator) -> list[str]:
 
     What is known of its errors changes nothing of what it does.
     """
-    emulator = replace(emulator, calibration=None)
+    emulator = replace(emulator, calibration=None, validation=None)
     return [canonical_json(describe(emulator)), digest(emulator_tensors(emulator))]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -22,6 +21,7 @@ from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.shape_modes import ShapeModes
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.trust import TrustMeter
+from neuroanimator.emulator.verdict import ValidationErrors, blank_errors
 from neuroanimator.parsing.names import check_system_name
 from neuroanimator.parsing.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.body_frame import Frame
@@ -78,6 +78,7 @@ def describe(emulator: Emulator) -> dict[str, Any]:
         **_describe_strides(emulator.strides),
         **_describe_meter(emulator.meter),
         **_describe_errors(emulator.calibration),
+        **_describe_validation(emulator.validation),
     }
 
 
@@ -98,6 +99,11 @@ def _describe_errors(bounds: ErrorBounds | None) -> dict[str, Any]:
             "numbers": len(bounds.unit),
         }
     }
+
+
+def _describe_validation(errors: ValidationErrors | None) -> dict[str, bool]:
+    """Return that there are errors of validation if there are: files from before there were stay what they are."""
+    return {} if errors is None else {"validation": True}
 
 
 def _describe_strides(strides: int) -> dict[str, int]:
@@ -185,6 +191,7 @@ def blank(metadata: dict[str, Any]) -> Emulator:
     meter = None
     if "trust" in metadata:
         meter = _meter(metadata["trust"], network)
+    has_validation = flag(metadata.get("validation", False), "validation")
     return Emulator(
         frame=frame,
         features=features,
@@ -195,6 +202,7 @@ def blank(metadata: dict[str, Any]) -> Emulator:
         encoding=encoding,
         meter=meter,
         calibration=_errors(metadata["errors"]) if "errors" in metadata else None,
+        validation=blank_errors() if has_validation else None,
     )
 
 
@@ -205,20 +213,6 @@ def _meter(described: Any, network: Network) -> TrustMeter:
         raise ValueError("trust: wanted a direction or more")
     odd_units, even_units = network.unit_counts
     return TrustMeter(zeros(odd_units, odd), zeros(even_units, even), zeros(even_units))
-
-
-def errors_of_file(
-    tensors: Mapping[str, np.ndarray], metadata: dict[str, Any]
-) -> ErrorBounds | None:
-    """Return the error bounds that a file's tensors and metadata hold, without the rest of the emulator; None without."""
-    if "errors" not in metadata:
-        return None
-    return replace(
-        _errors(metadata["errors"]),
-        unit=tensors["errors.unit"],
-        weights=tensors["errors.weights"],
-        centre=tensors["errors.centre"],
-    )
 
 
 def _errors(described: dict[str, Any]) -> ErrorBounds:

@@ -28,6 +28,7 @@ from neuroanimator.emulator.networks.network import Network, Units
 from neuroanimator.emulator.normaliser import Normaliser
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.emulator.trust import EDGE, TrustMeter
+from neuroanimator.emulator.verdict import ValidationErrors, Verdict, judge_bounds
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.jax_later import Array, filter_jit, is_jax_array, jax, jnp
 from neuroanimator.pytrees import Module
@@ -61,6 +62,8 @@ class Emulator(Module):
     """Tells how far an input lies from what training showed; None in files from before there was one."""
     calibration: ErrorBounds | None = None
     """How far rollouts go astray; None where nobody measured it: see `error_bounds`."""
+    validation: ValidationErrors | None = None
+    """How far one super step goes astray where it was trained; None in files from before training told it."""
 
     @property
     def system(self) -> str:
@@ -126,6 +129,18 @@ class Emulator(Module):
     def state_structure(self) -> Structure:
         """What a pose needs to know of states: their segments, or the mass points they are of."""
         return self.encoding.state_structure(self.frame.segments)
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Whether it is of any use where it was trained, and why, from what its file tells; None where that tells nothing.
+
+        `trust` says how near that is.
+        """
+        if self.validation is not None:
+            return self.validation.verdict
+        if self.calibration is not None:
+            return judge_bounds(self.calibration)
+        return None
 
     @property
     def step(self) -> Step:
@@ -217,7 +232,7 @@ class Emulator(Module):
         # Neighbouring strides change the state alike, so that their changes add up.
         normaliser = replace(self.normaliser, unit=self.normaliser.unit * count)
         # What was measured of single strides says nothing of super steps.
-        return replace(self, spec=spec, normaliser=normaliser, calibration=None)
+        return replace(self, spec=spec, normaliser=normaliser, calibration=None, validation=None)
 
     def rest_streams(self) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
         """Return what the network sees at rest without control; left and right are alike there, to the last bit."""
@@ -402,9 +417,10 @@ class Emulator(Module):
         network = type(self.network).__name__.lower()
         widths = "x".join(map(str, self.network.widths))
         strides = f" in {spec.strides} strides" if spec.strides > 1 else ""
+        verdict = f", {self.verdict.word}" if self.verdict else ""
         return (
             f'Emulator("{spec.system}", {spec.substeps} substeps, dt {spec.dt:g} s, '
-            f"{spec.state.size} states, {spec.control.size} controls, {network} {widths}{strides})"
+            f"{spec.state.size} states, {spec.control.size} controls, {network} {widths}{strides}{verdict})"
         )
 
 

@@ -31,6 +31,7 @@ def emulator_leaves(emulator: Emulator) -> dict[str, Any]:
         **prefixed("network", emulator.network.leaves()),
         **_meter_leaves(emulator),
         **_calibration_leaves(emulator),
+        **_validation_leaves(emulator),
     }
 
 
@@ -50,6 +51,12 @@ def _calibration_leaves(emulator: Emulator) -> dict[str, Any]:
         "errors.weights": bounds.weights,
         "errors.centre": bounds.centre,
     }
+
+
+def _validation_leaves(emulator: Emulator) -> dict[str, Any]:
+    if emulator.validation is None:
+        return {}
+    return prefixed("validation", emulator.validation.leaves())
 
 
 def emulator_tensors(emulator: Emulator) -> dict[str, np.ndarray]:

@@ -9,6 +9,10 @@ from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
+from neuroanimator.emulator.verdict import Verdict
+
+UNJUDGED = "how good it is there the file does not tell; 'neuroanimator evaluate' does"
+"""What is said of a file that tells no errors."""
 
 NO_METER = "the file is from before there were scores; na.fit_trust(emulator, data) gives it one"
 """What is said of a file without a meter."""
@@ -22,10 +26,19 @@ class TrustSummary(NamedTuple):
     highest: float
     highest_at: float
     """When the one with the highest score begins [s]."""
+    verdict: Verdict | None = None
+    """Whether the emulator is of any use within training; None where its file tells nothing."""
     has_meter: bool = True
     """Whether they are scores, and not the ranges that are all that a file from before there were scores knows."""
 
     def __str__(self) -> str:
+        """Return how much lies within training, and how good the emulator is there."""
+        if self.verdict is None:
+            return f"{self._share_in_words}; {UNJUDGED}"
+        return f"{self._share_in_words}; there the emulator is {self.verdict}"
+
+    @property
+    def _share_in_words(self) -> str:
         if not self.has_meter:
             return f"{self.share_within:.0%} of it within the ranges of training ({NO_METER})"
         if self.share_within == 1:
@@ -43,5 +56,6 @@ def summary_of(emulator: Emulator, scores: Float[np.ndarray, " T"]) -> TrustSumm
         share_within=float(np.mean(scores <= EDGE)),
         highest=float(scores[highest]),
         highest_at=highest * emulator.dt,
+        verdict=emulator.verdict,
         has_meter=emulator.meter is not None,
     )

@@ -7,14 +7,10 @@ from jaxtyping import Float
 
 from neuroanimator.data.store import Transitions
 from neuroanimator.data.stored import StoredTransitions, super_steps
+from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, NO_CHANGE
 from neuroanimator.evaluation.accuracy import root_mean_square
 from neuroanimator.evaluation.held_out import HeldOut
-
-NO_CHANGE = "persistence"
-"""The predictor by which nothing changes; it needs no data."""
-
-CONSTANT_VELOCITY = "constant velocity"
-"""The predictor by which all velocities stay; it needs no data."""
+from neuroanimator.training.validation import coasted
 
 RIDGE_REGRESSION = "ridge regression"
 """The predictor that is linear in the state's features and the control, fitted to a dataset."""
@@ -27,7 +23,9 @@ def baselines(data: Transitions | StoredTransitions | None, test: HeldOut) -> di
     """Return the one-step errors of cheap predictors: nothing changes, velocities stay, ridge regression on `data`."""
     guesses = {
         NO_CHANGE: test.transitions.states,
-        CONSTANT_VELOCITY: _coasted(test),
+        CONSTANT_VELOCITY: coasted(
+            test.frame, test.system.structure.rates, test.transitions.states
+        ),
     }
     if data is not None:
         guesses[RIDGE_REGRESSION] = _regressed(data, test)
@@ -37,20 +35,6 @@ def baselines(data: Transitions | StoredTransitions | None, test: HeldOut) -> di
 def _error(test: HeldOut, guess: Float[np.ndarray, "N S"]) -> float:
     errors = test.frame.difference(test.transitions.next_states, guess)
     return float(root_mean_square(test.relative(errors), axis=(0, 1)))
-
-
-def _coasted(test: HeldOut) -> Float[np.ndarray, "N S"]:
-    """Return the states a super step later if all velocities stayed as they are."""
-    frame = test.frame
-    states = test.transitions.states
-    coasting = np.array(states)
-    for position, rate in test.system.structure.rates:
-        coasting[:, position] += test.dt * states[:, rate]
-    if frame.segments:  # the frame coasts the root, its plain entries coast as above
-        no_change = np.zeros((len(states), len(test.change_scale)))
-        moved = frame.apply(states, no_change)
-        coasting = np.where(moved == states, coasting, moved)
-    return coasting
 
 
 def _regressed(data: Transitions | StoredTransitions, test: HeldOut) -> Float[np.ndarray, "N S"]:

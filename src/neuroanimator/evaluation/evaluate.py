@@ -10,6 +10,7 @@ from jaxtyping import Float
 from neuroanimator.data.store import Transitions
 from neuroanimator.data.stored import StoredTransitions
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.verdict import NOISE_TOLD, Verdict, beyond_noise, judge
 from neuroanimator.errors import ArgumentError
 from neuroanimator.evaluation.accuracy import (
     one_step_error,
@@ -23,7 +24,6 @@ from neuroanimator.evaluation.held_out import (
     HELD_OUT_RUNS,
     MAX_TRANSITIONS,
     held_out_runs,
-    make_test,
     recorded_runs,
     system_of,
 )
@@ -34,13 +34,9 @@ from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, mea
 from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
 from neuroanimator.evaluation.speed_mass_spring import JAX, NO_COMPILER
 from neuroanimator.evaluation.stability import count_diverged
-from neuroanimator.evaluation.verdict import NOISE_TOLD, Verdict, beyond_noise, judge
 from neuroanimator.evaluation.weak_spots import WeakSpot
 from neuroanimator.terminal import phase
 from neuroanimator.text import listed
-from neuroanimator.training.config import TrainingConfig
-from neuroanimator.training.lesson import validation_mask
-from neuroanimator.training.survey import validation_of
 
 MAX_NAMED = 6
 """So many state entries are named in a note; of the others only the number is told."""
@@ -340,23 +336,3 @@ def evaluate(
         bounded=bounded_errors(emulator, test, emulated),
         hybrid=hybrid,
     )
-
-
-def judge_training(
-    emulator: Emulator, data: Transitions | StoredTransitions, config: TrainingConfig
-) -> Verdict:
-    """Return the verdict on the windows of `data` that training with `config` kept for validation: one step each."""
-    if isinstance(data, StoredTransitions):
-        validation = validation_of(data, config)
-    else:
-        validation = data.where(validation_mask(data.run, config))
-    states = np.asarray(validation.states[:, :2], float)
-    controls = np.asarray(validation.controls[:, :1], float)
-    test = make_test(data.system, emulator.dt, states, controls)
-    if emulator.encoding.is_identity:  # the same unit as in the error that training reports
-        test = replace(test, change_scale=np.asarray(emulator.normaliser.unit, float))
-    test = replace(test, noise=data.noise)
-    error = float(root_mean_square(one_step_error(emulator, test)))
-    by_noise = noise_error(emulator, test)
-    noise = 0.0 if by_noise is None else float(root_mean_square(by_noise))
-    return judge(error, baselines(None, test), noise=noise)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.accuracy import root_mean_square
 from neuroanimator.evaluation.held_out import HeldOut
-
-NOISE_SEED = 3
-"""The noise that is added is drawn from this seed."""
+from neuroanimator.training.validation import noise_differences
 
 
 def noise_error(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, " M"] | None:
@@ -23,18 +23,13 @@ def noise_error(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, " M"] | 
     if test.noise is None:
         return None
     states, controls, truth = test.transitions
-    rng = np.random.default_rng(NOISE_SEED)
-    at_start = rng.normal(size=states.shape) * test.noise
-    at_end = rng.normal(size=states.shape) * test.noise
-    usual = _following(emulator, states, controls)
-    moved = _following(emulator, states + at_start, controls)
-    carried = root_mean_square(test.relative(test.frame.difference(usual, moved)))
-    seen = root_mean_square(test.relative(test.frame.difference(truth, truth + at_end)))
-    return np.hypot(carried, seen)
+    following = partial(_following, emulator, controls=controls)
+    carried, seen = noise_differences(test.frame, following, states, truth, test.noise)
+    return np.hypot(*(root_mean_square(test.relative(part)) for part in (carried, seen)))
 
 
 def _following(
-    emulator: Emulator, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
+    emulator: Emulator, states: Float[np.ndarray, "N S"], *, controls: Float[np.ndarray, "N C"]
 ) -> Float[np.ndarray, "N S"]:
     """Return the states one super step later."""
     return np.asarray(emulator.rollout(states, controls[:, None], may_diverge=True)[:, 1], float)

@@ -1,9 +1,10 @@
 """Emulators and tasks as Gymnasium environments. Needs the extra `[gym]`; importing this package registers them.
 
 import gymnasium
-import neuroanimator.gym
 
-env = gymnasium.make("neuroanimator/fish-reach-v0")
+env = gymnasium.make("neuroanimator.gym:neuroanimator/fish-reach-v0")
+
+What stands before the colon is imported first. Gymnasium 1 no longer looks for packages itself.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ TASK_NAMES = (
 def register() -> None:
     """Let `gymnasium.make` make environments of shipped emulators and of tasks: `neuroanimator/fish-reach-v0`."""
     for system, substeps in SHIPPED:
-        name = f"{system}-{substeps}"
-        _register(name, "envs:EmulatorEnv", "envs:EmulatorVectorEnv", emulator=name)
+        for name in (system, f"{system}-{substeps}"):
+            _register(name, "envs:EmulatorEnv", "envs:EmulatorVectorEnv", emulator=name)
     for name in TASK_NAMES:
         _register(name, "task_envs:TaskEnv", "task_envs:TaskVectorEnv", task=name)
 

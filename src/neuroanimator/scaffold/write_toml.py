@@ -11,6 +11,7 @@ from typing import Any, Literal
 from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.parsing.names import SYSTEM_PATTERN
+from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.function import propose_function
 from neuroanimator.scaffold.model import Proposal, propose
 from neuroanimator.scaffold.recording import propose_recording
@@ -98,16 +99,17 @@ def write_definition(
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
     run to see what it does. `keyframe`, `base` and `tree` are as in `propose`; the system is called `name`, or after the
-    file. Beside the model or above it `out` names it by its path from there, elsewhere by its absolute path.
+    file or the id. Beside the model or above it `out` names it by its path from there, elsewhere by its absolute path.
 
     Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside a step function or
     recordings, or if `name` is none or taken; BadFileError for what cannot be emulated.
     """
     _check_name(name)
     source = Path(model)
-    if not source.suffix:
-        source = _copy_from_gymnasium(model, out.parent if out else Path())
     path = out or source.with_suffix(".toml")
+    if not source.suffix:
+        source = _copy_from_gymnasium(model, path.parent)
+        name = name or usual_name(Path(model))
     if path.exists() and not force:
         raise ArgumentError(
             f"{path} exists, and may hold your edits. --force overwrites it; --out names another."

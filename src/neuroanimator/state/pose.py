@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -34,6 +34,12 @@ class Pose(NamedTuple):
     """Unit vector along the body's Z."""
 
     @property
+    def heading(self) -> Float[AnyArray, " ..."]:
+        """Where (...) [rad] the body points, seen from above, from the world's X axis."""
+        xp = self.forward.__array_namespace__()
+        return xp.atan2(self.forward[..., 1], self.forward[..., 0])
+
+    @property
     def roll(self) -> Float[AnyArray, " ..."]:
         """How far (...) [rad] the body is rolled over to its right about its own axis: 0 upright, ±π belly up.
 
@@ -45,17 +51,34 @@ class Pose(NamedTuple):
         return xp.atan2(left[..., 2], above[..., 2])
 
 
-def read_pose(structure: Structure, states: Float[AnyArray, "... S"]) -> Pose:
-    """Return the poses of `states` (..., S).
+def has_pose(structure: Structure) -> bool:
+    """Return whether states have a pose: of a freely moving root, or of mass points."""
+    return structure.cloud is not None or moves_freely(structure.segments)
+
+
+@runtime_checkable
+class HasStructure(Protocol):
+    """What has states of a structure, such as a system."""
+
+    @property
+    def structure(self) -> Structure:
+        """How its states may be looked at."""
+        ...
+
+
+def read_pose(structure: Structure | HasStructure, states: Float[AnyArray, "... S"]) -> Pose:
+    """Return the poses of `states` (..., S) of this structure, or of a system's.
 
     A deformable body points along the first moment of its mass points about their centroid, weighted by
     where each lies at rest along X (or Z): for a stiff symmetric body exactly its own axis, and smooth for all.
 
     Raises ArgumentError for a system without a freely moving root or mass points.
     """
+    if isinstance(structure, HasStructure):
+        structure = structure.structure
     if structure.cloud is not None:
         return _cloud_pose(structure, states)
-    if moves_freely(structure.segments):
+    if has_pose(structure):
         return _root_pose(structure, states)
     raise ArgumentError(
         "position, speed and heading: wanted a system with a free root or mass points, came one without. "

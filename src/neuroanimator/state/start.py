@@ -9,11 +9,13 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import facing, rotate
+from neuroanimator.text import did_you_mean, quoted
 
 BODY = {
     "body.position": Slice("body.position", 3, "m"),
@@ -26,21 +28,30 @@ SHORTEST = 1e-9
 """Length of a quaternion below which it turns nowhere."""
 
 
+Start = Mapping[str, ArrayLike] | Sequence[str]
+"""Parts of a state with their numbers; or texts that say the same, as on the command line."""
+
+
 def start_state(
     layout: Layout,
     rest: Iterable[float],
-    parts: Mapping[str, Sequence[float]],
+    parts: Start,
     *,
     orientations: Sequence[int] = (),
     cloud: Cloud | None = None,
 ) -> np.ndarray:
-    """Return `rest` (S,) with the numbers of each of `parts` in their places.
+    """Return `rest` (S,) with the numbers of each of `parts` in their places: a mapping, or texts as `read_starts` takes.
 
     A part is one of the layout's; `<root>.heading` [rad] turns a free root about Z. A mass-spring body (`cloud`) can
     also be moved as a whole, by the parts of `BODY`. `orientations` are the first entries of quaternions.
 
     Raises ArgumentError for parts that do not exist, listing those that do, and for a wrong count of numbers.
     """
+    if isinstance(parts, str):
+        parts = [parts]
+    if not isinstance(parts, Mapping):
+        parts = read_starts(parts)
+    parts = {name: _as_numbers(name, numbers) for name, numbers in parts.items()}
     start = np.array(rest, float)
     known = _known_parts(layout, cloud)
     for name in parts:
@@ -60,6 +71,16 @@ def start_state(
             )
         orientation /= length
     return start
+
+
+def _as_numbers(name: str, numbers: ArrayLike) -> tuple[float, ...]:
+    """Return a part's numbers, which may be one alone."""
+    try:
+        return tuple(np.atleast_1d(np.asarray(numbers, float)).tolist())
+    except (TypeError, ValueError):
+        raise ArgumentError(
+            f"start: '{name[:60]}': wanted a number or several, came {quoted(numbers)}."
+        ) from None
 
 
 def read_starts(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:
@@ -103,7 +124,7 @@ def _check_name(name: str, known: Mapping[str, Slice]) -> None:
         return
     valid = ", ".join(f"{part.name} ({part.size}, {part.unit})" for part in known.values())
     raise ArgumentError(
-        f"start: no part called '{name[:60]}'. Parts, how many numbers and their unit: {valid}."
+        f"start: no part called '{name[:60]}'. {did_you_mean(name, known)}Parts, how many numbers and their unit: {valid}."
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from neuroanimator.parsing.numbers import entries
 from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.reference_shape import Cloud
-from neuroanimator.state.segments import Segment, orientations_of
+from neuroanimator.state.segments import Segment, moves_freely, orientations_of
 
 Probe = tuple[float, float, float, float]
 """Centre [m] in the root's frame and radius [m] of a round part that may touch the ground."""
@@ -93,6 +93,21 @@ class Structure:
     external_forces: tuple[tuple[float, ...], ...] = ()
     is_immersed: bool = False
     contacts: Contacts | None = None
+
+    def __str__(self) -> str:
+        """Return what it has, by number; `repr` says all of it, and names what is compiled for it."""
+        counts = {
+            "angles": len(self.angles),
+            "plain numbers": len(self.plain),
+            "rates": len(self.rates),
+            "mass points": self.cloud.count if self.cloud else 0,
+            "probes": len(self.probes),
+            "groups": len(self.groups),
+        }
+        told = [f"{count} {name}" for name, count in counts.items() if count]
+        if moves_freely(self.segments):
+            told.insert(0, "a free root")
+        return f"Structure({', '.join(told)})"
 
     @property
     def orientations(self) -> tuple[tuple[int, int], ...]:

@@ -7,7 +7,7 @@ from importlib import resources
 from typing import TYPE_CHECKING
 
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.text import quoted
+from neuroanimator.text import did_you_mean, quoted
 from neuroanimator.zoo import SHIPPED_SYSTEMS
 
 if TYPE_CHECKING:  # whoever asks for names waits for no physics
@@ -57,7 +57,7 @@ def carried_system(name: str, definition: str = "") -> System:
         return system
     if name not in SYSTEMS:
         raise ArgumentError(
-            f"No system called {quoted(name)}. Systems: {', '.join(sorted(SYSTEMS))}."
+            f"No system called {quoted(name)}. {did_you_mean(name, SYSTEMS)}Systems: {', '.join(sorted(SYSTEMS))}."
         )
     pendulums = {
         "pendulum": pendulum.active_pendulum,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import Layout
+from neuroanimator.text import listed
 
 if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulator does not need it
     from neuroanimator.definitions.goal import GoalTable
@@ -33,6 +34,13 @@ class Goal:
     vertical is the sum of those of the joints above it. Where they are angles of the structure, whole turns are none."""
     scales: tuple[float, ...] = ()
     """Errors that count as one in a cost; a third of the tolerances if empty."""
+
+    def __str__(self) -> str:
+        """Return which state entries are to be where, and in what time."""
+        wanted = []
+        for (entry, value), tolerance in zip(self.values, self.tolerances, strict=True):
+            wanted.append(f"state[{entry}] = {value:.4g} ± {tolerance:.2g}")
+        return f"Goal({listed(wanted)}; in {self.seconds:g} s)"
 
 
 def goal_in_layout(layout: Layout, name: str, table: GoalTable) -> Goal:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,7 +14,7 @@ from neuroanimator.cores import core_count
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
-from neuroanimator.state.start import start_state
+from neuroanimator.state.start import Start, start_state
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.goal import Goal, goal_in_layout
@@ -124,8 +124,11 @@ class System(abc.ABC):
         """Return what makes of every motion another one that is as true, tried from `states` (N, S) under `controls` (N, C)."""
         return ()
 
-    def start_at(self, parts: Mapping[str, Sequence[float]]) -> np.ndarray:
-        """Return the state of rest (S,) with the numbers of each of `parts` in their places; see `start_state`."""
+    def start_at(self, parts: Start) -> np.ndarray:
+        """Return the state of rest (S,) with the numbers of each of `parts` in their places; see `start_state`.
+
+        `{"root.heading": 0.6}` and `"root.position=3,-2,8"` are parts.
+        """
         orientations = [entry for entry, _ in self.structure.orientations]
         return start_state(
             self.state, self.rest, parts, orientations=orientations, cloud=self.structure.cloud

@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +34,7 @@ from neuroanimator.training.loss import squared_error
 from neuroanimator.training.optimizer import make_optimizer
 from neuroanimator.training.survey import MAX_VALIDATION
 from neuroanimator.training.trust_fitting import with_meter
+from neuroanimator.training.validation import validation_errors
 
 CHUNKS_PER_REPORT = 4
 """Chunks between two validations, lines of metrics and checkpoints."""
@@ -66,6 +67,7 @@ def train(
     start_from: Emulator | None = None,
     checkpoints: Place | None = None,
     on_report: Callable[[Report], None] = lambda report: None,
+    on_chunk: Callable[[int], None] = lambda update: None,
 ) -> Emulator:
     """Train on `data`, write the best emulator by validation to `out` and return it.
 
@@ -83,7 +85,7 @@ def train(
         check_readable(run.problem.base, folder, provenance)
         with closing(run.feed):
             while not run.is_over:
-                on_report(run.advance())
+                on_report(run.advance(on_chunk))
         emulator = run.known_best
         save(emulator, out, provenance)
     return emulator
@@ -109,6 +111,8 @@ class _Run:
     feed: Feed
     validation_states: Float[Array, "N T I"]
     validation_controls: Float[Array, "N H C"]
+    noise: Float[np.ndarray, " S"] | None
+    """Standard deviation of the noise in the states, where they were recorded and it is known."""
     folder: Path
     checkpoints: Place
     fingerprint: str
@@ -136,6 +140,7 @@ class _Run:
             feed=lesson.feed,
             validation_states=as_jax(lesson.validation.states[:MAX_VALIDATION]),
             validation_controls=as_jax(lesson.validation.controls[:MAX_VALIDATION]),
+            noise=data.noise,
             folder=folder,
             checkpoints=checkpoints,
             fingerprint=lesson.fingerprint,
@@ -155,10 +160,14 @@ class _Run:
 
     @property
     def known_best(self) -> Emulator:
-        """`best`, with the meter of what it knows."""
-        return with_meter(self.best, self.validation_states, self.validation_controls)
+        """`best`, with the meter of what it knows, and with its errors there."""
+        states = self.validation_states
+        controls = self.validation_controls
+        known = with_meter(self.best, states, controls)
+        errors = validation_errors(known, np.asarray(states), np.asarray(controls), self.noise)
+        return replace(known, validation=errors)
 
-    def advance(self) -> Report:
+    def advance(self, on_chunk: Callable[[int], None]) -> Report:
         """Train until the next report, then validate, log and checkpoint."""
         config = self.problem.config
         progress = self.progress
@@ -171,6 +180,7 @@ class _Run:
             progress = progress._replace(
                 network=network, optimizer_state=optimizer_state, chunk=progress.chunk + 1
             )
+            on_chunk(progress.chunk * UPDATES_PER_CHUNK)
             if progress.chunk % CHUNKS_PER_REPORT == 0 or progress.chunk >= config.chunks:
                 break
         errors = self._validation_errors(progress.network)

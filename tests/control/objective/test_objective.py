@@ -277,6 +277,11 @@ def test_a_point_of_the_body_is_where_mujoco_has_it():
         np.testing.assert_allclose(wheel.observe(jnp.asarray(state)), there, atol=1e-5)
 
 
+def test_where_no_root_is_free_travel_names_the_bodies_that_may_come_forward():
+    with pytest.raises(ArgumentError, match='body = "upper", or another of upper, middle, lower'):
+        travel(load_system("pendulum"), [1, 0, 0], 2.0, within=0.1)
+
+
 def test_one_body_of_many_travels_as_the_root_that_carries_it():
     system, motion = a_system("truck"), steady(a_system("truck"), 0.6, 1.0, DT)
     forward = travel(system, [1, 0, 0], 2.0, within=0.1)
@@ -640,7 +645,7 @@ REFUSED_ARGUMENTS = {
     ),
     "since: wanted a time of at least 0 s, came -1": lambda s: stay_upright(s, since=-1.0),
     "distance: wanted a finite number above 0": lambda s: travel(s, [1, 0, 0], -1.0, within=1),
-    "body: none is called 'wheel'. Bodies: ": lambda s: travel(
+    "body: none is called 'wheel'. Did you mean wheel_rr? Bodies: ": lambda s: travel(
         s, [1, 0, 0], 1.0, within=1, body="wheel"
     ),
     "direction: wanted a direction, came zeros": lambda s: keep_heading(s, [0, 0, 0], within=1),
@@ -648,8 +653,8 @@ REFUSED_ARGUMENTS = {
         s, "elbow", 0, 1, within=1
     ),
     "wanted low below high for 'steer_fl'": lambda s: stay_within(s, "steer_fl", 1, 0, within=1),
-    "wanted a system with a free root or mass points": lambda s: travel(
-        a_system("pendulum"), [1, 0, 0], 1, within=1
+    "wanted a system with a free root or mass points": lambda s: keep_speed(
+        a_system("pendulum"), 1, within=1
     ),
 }
 

@@ -112,7 +112,8 @@ def test_the_motors_can_hold_the_arm_level_and_weak_ones_cannot():
 def test_bad_numbers_are_refused_by_name():
     system = pendulum()
     with pytest.raises(
-        NeuroAnimatorError, match=r"No system called 'pendlum'. Systems: cube, dolphin, fish, "
+        NeuroAnimatorError,
+        match=r"No system called 'pendlum'. Did you mean pendulum\? Systems: cube, dolphin, fish, ",
     ):
         load_system("pendlum")
     with pytest.raises(

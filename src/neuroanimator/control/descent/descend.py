@@ -14,7 +14,7 @@ from neuroanimator.control.descent.defects import no_defects
 from neuroanimator.control.descent.evaluator import Evaluator
 from neuroanimator.control.descent.evaluators import controls_of, evaluator_of
 from neuroanimator.control.descent.methods import METHODS, Method, Progress
-from neuroanimator.control.descent.options import DescentOptions
+from neuroanimator.control.descent.options import DescentOptions, check_steps
 from neuroanimator.control.descent.parametrisation import Parametrisation
 from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.feasibility import check_reachable
@@ -22,7 +22,6 @@ from neuroanimator.control.objective.objective import Objective, check_objective
 from neuroanimator.data.sampling import sample_controls
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.terminal import phase
 
@@ -62,8 +61,7 @@ def descend(
 
     Raises ArgumentError for an objective that cannot be descended, before anything is tried.
     """
-    if steps < 1:
-        raise ArgumentError(f"steps: wanted at least 1, came {steps}.")
+    check_steps(steps)
     state = emulator.state.check(start, "state")
     parametrisation = options.parametrisation_of(emulator, steps)
     with phase("compiling"):

@@ -58,9 +58,18 @@ class DescentOptions:
 
     def parametrisation_of(self, emulator: Emulator, steps: int) -> Parametrisation:
         """Return what is varied in a motion of so many super steps."""
+        check_steps(steps)
         if self.parametrisation is not None:
             return self.parametrisation
         return EachStep.of(steps, self.bounds or emulator.bounds)
+
+
+def check_steps(steps: object) -> None:
+    """Raise ArgumentError unless `steps` is a whole number of at least 1."""
+    if not isinstance(steps, int | np.integer) or steps < 1:
+        raise ArgumentError(
+            f"steps: wanted a whole number of super steps, at least 1; came {steps}."
+        )
 
 
 def check_method(name: str) -> None:

@@ -32,9 +32,12 @@ from neuroanimator.control.objective.terms import (
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.layout import as_numbers
-from neuroanimator.state.pose import read_pose
+from neuroanimator.state.pose import has_pose, read_pose
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import System
+
+PATH_SHARE = 0.1
+"""Share of a path's length by which straying from it is an error of one, if nothing else is said."""
 
 
 def effort(weight: float = 1.0) -> Effort:
@@ -142,9 +145,17 @@ def reach_positions(
 
 
 def follow_path(
-    system: System, points: ArrayLike, *, within: float, axes: str = "xyz", weight: float = 1.0
+    system: System,
+    points: ArrayLike,
+    *,
+    within: float | None = None,
+    axes: str = "xyz",
+    weight: float = 1.0,
 ) -> FollowPath:
-    """Return the cost of straying from a path through `points` (K, A) [m], passed at a steady pace, the last one at the end."""
+    """Return the cost of straying from a path through `points` (K, A) [m], passed at a steady pace, the last one at the end.
+
+    To be off by `within` [m] is an error of one; a tenth of the path's length if not given.
+    """
     which = _axes(axes)
     points = _numbers("points", points, len(which), rows=True)
     legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -153,6 +164,8 @@ def follow_path(
         raise ArgumentError(
             f"follow_path: wanted at least two different points, came {len(points)}."
         )
+    if within is None:
+        within = PATH_SHARE * float(lengths[-1])
     return FollowPath(
         weight=as_weight(weight),
         structure=_posed(system),
@@ -185,6 +198,12 @@ def travel(
     unit = _unit("direction", direction)
     wanted = _positive("distance", distance)
     sizeable = _positive("within", within)
+    names = [bone.name for bone in system.skeleton.bones if bone.joints]
+    if body is None and names and not has_pose(system.structure):
+        raise ArgumentError(
+            f'travel: {system.name} has no free root. Say which body is to come forward: body = "{names[0]}", '
+            f"or another of {', '.join(names)}."
+        )
     if body is None:
         return Travel(term_weight, when, unit, wanted, sizeable, _posed(system))
     chain = system.skeleton.chain_to(body)

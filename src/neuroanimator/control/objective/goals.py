@@ -17,6 +17,7 @@ from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.segments import Plain, place_segments
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
+from neuroanimator.text import did_you_mean
 
 ERRORS_PER_TOLERANCE = 3
 """A third of a goal's tolerance counts as an error of one in a cost, so that a descent ends well within it."""
@@ -186,7 +187,10 @@ def find_goal(system: System, name: str) -> Goal:
     if not system.goals:
         raise ArgumentError(explain_costs(system))
     names = ", ".join(sorted(system.goals))
-    raise ArgumentError(f"No goal called '{name}' for the system {system.name}. Goals: {names}.")
+    like = did_you_mean(name, system.goals)
+    raise ArgumentError(
+        f"No goal called '{name}' for the system {system.name}. {like}Goals: {names}."
+    )
 
 
 def usual_goal(system: System) -> str:

@@ -81,6 +81,12 @@ class Objective(Module):
     terms: tuple[CostTerm, ...]
     functions: tuple[CostFunction, ...] = ()
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.terms, tuple) or not isinstance(self.functions, tuple):
+            raise ArgumentError(
+                "Objective: wanted tuples of terms and of functions. Objective.of(effort(), ...) takes costs one by one."
+            )
+
     @classmethod
     def of(cls, *costs: CostTerm | CostFunction) -> Objective:
         """Return the objective that sums `costs`; ArgumentError for an objective among them."""

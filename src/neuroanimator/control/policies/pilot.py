@@ -45,7 +45,7 @@ class PilotFrame(NamedTuple):
     state: Float[np.ndarray, " S"]
     """The state in the system's own layout."""
     pose: Pose
-    """Position (3,) [m], velocity (3,) [m/s] and the directions (3,) of the body's X and Z, all in the world."""
+    """Its `position` (3,) [m], `velocity` (3,) [m/s], `heading` [rad] and the directions (3,) of its X and Z, in the world."""
 
 
 @final
@@ -66,6 +66,15 @@ class Pilot:
         self._super_step = emulator.dt
         self._tick = self.policy.tick
         self.reset()
+
+    @classmethod
+    def load(cls, path: str | Path) -> Pilot:
+        """Return the pilot of the policy in the file at `path`, or of the shipped one of that name, such as `fish`."""
+        return cls(path)
+
+    def __repr__(self) -> str:
+        system = self.policy.emulator.system
+        return f'Pilot("{system}", up to {self.top_speed:.2g} m/s, at {self._time:.2f} s)'
 
     @property
     def top_speed(self) -> float:
@@ -94,7 +103,7 @@ class Pilot:
         self._since_begin = 0.0
         self._controls = np.asarray(emulator.bounds.middle, float)
         pose = self._pose(self._begin)
-        self._heading = _heading(pose)
+        self._heading = float(pose.heading)
         return PilotFrame(0.0, self._begin, pose)
 
     def step(
@@ -160,7 +169,7 @@ class Pilot:
 
     def _start_super_step(self, speed: float, climb: float) -> None:
         """Set the muscles for what is asked, and make the super step under them."""
-        heading = _heading(self._pose(self._begin))
+        heading = float(self._pose(self._begin).heading)
         lead = (self._heading - heading + math.pi) % (2 * math.pi) - math.pi
         self._heading = heading + float(np.clip(lead, -MAX_LEAD, MAX_LEAD))
         steepness = float(np.clip(climb, -MAX_CLIMB, MAX_CLIMB))
@@ -213,11 +222,6 @@ class Pilot:
                 f"state: wanted one of {checked.shape[-1]} numbers, came shape {checked.shape}."
             )
         return checked
-
-
-def _heading(pose: Pose) -> float:
-    """Return where the body points, seen from above, from the world's X axis [rad]."""
-    return math.atan2(pose.forward[1], pose.forward[0])
 
 
 def _finite(label: str, value: object) -> float:

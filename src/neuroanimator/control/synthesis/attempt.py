@@ -55,6 +55,8 @@ class SearchCost:
     """Replays whose defects were added to the emulator."""
     refinements: int = 0
     """Trainings on the physics around a motion."""
+    minutes_wanted: float = 0.0
+    """Time that one more training would have needed, about [min]; 0 where none was given up."""
     physics_steps: int = 0
     """Physics steps of replays, and of the data of refinements."""
     courses: tuple[tuple[float, ...], ...] = ()
@@ -66,6 +68,7 @@ class SearchCost:
             self.seconds + other.seconds,
             self.corrections + other.corrections,
             self.refinements + other.refinements,
+            self.minutes_wanted + other.minutes_wanted,
             self.physics_steps + other.physics_steps,
             self.courses + other.courses,
         )

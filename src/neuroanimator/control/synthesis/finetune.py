@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +16,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.systems.system import System
-from neuroanimator.training.config import TrainingConfig
+from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.train import train
 
 STATE_SPREAD = 0.15
@@ -38,8 +40,56 @@ REFINING_RATE = 1e-3
 UNROLLED_SHARE = 0.5
 """Share of a refinement's updates that are unrolled over several super steps."""
 
+TRIAL_SHARE = 0.02
+"""Share of the data of a refinement that is simulated first, to see how long all of it takes."""
+
 NEARBY_SEED = 7
 """Joins the number of a refinement as the seed of what is sampled near the motion."""
+
+
+class OutOfTimeError(Exception):
+    """A refinement would take longer than it may."""
+
+    def __init__(self, seconds: float):
+        super().__init__(seconds)
+        self.seconds = seconds
+        """Time it would take from its beginning [s], about."""
+
+
+class Deadline:
+    """The moment by which refinements are to be done; those that will not be are given up."""
+
+    def __init__(self, seconds: float):
+        """Begin to count `seconds`."""
+        self._began = time.monotonic()
+        self._seconds = seconds
+
+    def check(self, left: float = 0.0) -> None:
+        """Raise OutOfTimeError if another `left` [s] are too long."""
+        needed = time.monotonic() - self._began + left
+        if needed > self._seconds:
+            raise OutOfTimeError(needed)
+
+    def simulated(self, make: Callable[[int], Transitions], count: int) -> Transitions:
+        """Return what `make` makes of `count`, if a small share of it shows that there is time."""
+        make(1)  # what is loaded and compiled at first says nothing of the others
+        began = time.monotonic()
+        make(round(TRIAL_SHARE * count))
+        self.check((time.monotonic() - began) / TRIAL_SHARE)
+        return make(count)
+
+    def watching(self, updates: int) -> Callable[[int], None]:
+        """Return what, told the updates that are done, checks whether there is time for all."""
+        latest = time.monotonic()
+
+        def on_chunk(done: int) -> None:
+            nonlocal latest
+            now = time.monotonic()
+            if done > UPDATES_PER_CHUNK:  # the first ones were compiled, too
+                self.check((now - latest) * (updates - done) / UPDATES_PER_CHUNK)
+            latest = now
+
+        return on_chunk
 
 
 def refined(
@@ -49,31 +99,47 @@ def refined(
     states: np.ndarray,
     controls: np.ndarray,
     seed: int,
+    deadline: Deadline,
 ) -> tuple[Emulator, Transitions, int]:
     """Return (a copy of the emulator trained on, the data it saw, physics steps taken).
 
     The data are `data`, simulated anew if not given, and windows near the motion (T+1, S) under controls (T, C).
+    OutOfTimeError where that is not done by the `deadline`.
     """
+
+    def fresh(count: int) -> Transitions:
+        config = DatasetConfig(
+            system=emulator.system,
+            definition=emulator.definition,
+            substeps=emulator.substeps,
+            count=count,
+        )
+        return simulate_transitions(config)
+
     known = 0
     if data is None:
-        data = simulate_transitions(
-            DatasetConfig(
-                system=emulator.system,
-                definition=emulator.definition,
-                substeps=emulator.substeps,
-                count=FRESH_TRANSITIONS,
-            )
-        )
+        data = deadline.simulated(fresh, FRESH_TRANSITIONS)
     else:
         known = len(data.states)
-    data = transitions_near(data, states, controls, count=NEARBY_WINDOWS, seed=seed)
+    old = data
+
+    def near(count: int) -> Transitions:
+        return transitions_near(old, states, controls, count=count, seed=seed)
+
+    data = deadline.simulated(near, NEARBY_WINDOWS)
     super_steps = (len(data.states) - known) * (data.states.shape[1] - 1)
     physics_steps = super_steps * system.truth.steps(emulator.dt)
-    return train_on(emulator, data), data, physics_steps
+    on_chunk = deadline.watching(REFINING_UPDATES)
+    return train_on(emulator, data, on_chunk=on_chunk), data, physics_steps
 
 
-def train_on(emulator: Emulator, data: Transitions, updates: int = REFINING_UPDATES) -> Emulator:
-    """Return a copy of the emulator trained on, for seconds, with `data`."""
+def train_on(
+    emulator: Emulator,
+    data: Transitions,
+    updates: int = REFINING_UPDATES,
+    on_chunk: Callable[[int], None] = lambda update: None,
+) -> Emulator:
+    """Return a copy of the emulator trained on, for seconds, with `data`; `on_chunk` is told the updates done."""
     config = TrainingConfig(
         widths=emulator.network.widths,
         network=describe(emulator)["network"]["kind"],
@@ -83,7 +149,7 @@ def train_on(emulator: Emulator, data: Transitions, updates: int = REFINING_UPDA
     )
     with temporary_folder() as folder:  # seconds of training: not worth resuming
         path = folder / "refined.emulator.safetensors"
-        return train(data, config, path, start_from=emulator)
+        return train(data, config, path, start_from=emulator, on_chunk=on_chunk)
 
 
 def transitions_near(

@@ -37,7 +37,12 @@ from neuroanimator.control.descent.parametrisation import (
 from neuroanimator.control.objective import costs, goals
 from neuroanimator.control.objective.objective import CostTerm, Objective
 from neuroanimator.control.objective.obstacles import avoid
-from neuroanimator.control.synthesis.synthesise import MAX_SECONDS, Synthesis, synthesise
+from neuroanimator.control.synthesis.synthesise import (
+    MAX_SECONDS,
+    REFINING_MINUTES,
+    Synthesis,
+    synthesise,
+)
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
@@ -115,6 +120,7 @@ def synthesise_file(
     options: DescentOptions | None = None,
     corrections: int = 5,
     refinements: int = 2,
+    minutes: float = REFINING_MINUTES,
     data: Transitions | None = None,
     measures_trust: bool = False,
     on_refine: Callable[[float], None] = lambda gap: None,
@@ -142,6 +148,7 @@ def synthesise_file(
         options=options,
         corrections=corrections,
         refinements=refinements,
+        minutes=minutes,
         data=data,
         measures_trust=measures_trust,
         on_refine=on_refine,

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from neuroanimator.control.synthesis.attempt import is_gap_large
+import math
+
+from neuroanimator.control.synthesis.attempt import SearchCost, is_gap_large
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
+
+MINUTES_SPARE = 2.0
+"""So many times the time that was estimated is enough: updates that look further ahead take longer than those timed."""
 
 SMALL_GAP = 0.05
 """Share of J by which two values of it may differ and still be called the same."""
@@ -26,22 +31,33 @@ def outcome_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
         return rows + _unproved_rows(synthesis)
     rows += [
         ("corrections by replay", spent.corrections),
-        ("refinements by training", spent.refinements),
+        ("refinements by training", _refinements_in_words(spent)),
         ("physics steps taken", spent.physics_steps),
     ]
     if synthesis.trust is not None:
         rows.append(("gradient against the physics'", f"cosine {synthesis.trust.cosine:.2f}"))
+    words = gap_in_words(outcome.cost_emulator, outcome.cost_physics, synthesis.is_reached)
     rows += [
         ("J on emulator", f"{outcome.cost_emulator:.3f}"),
         ("J on physics", f"{outcome.cost_physics:.3f}"),
         ("gap", f"{outcome.gap:+.3f}"),
-        ("in words", gap_in_words(outcome.cost_emulator, outcome.cost_physics)),
+        ("in words", words),
         ("trust in the emulator's motion", trust_along(synthesis)),
     ]
     if synthesis.is_reached is not None:
         answer = "yes" if synthesis.is_reached else "no"
         rows.append(("goal reached on the true physics", answer))
     return rows
+
+
+def _refinements_in_words(spent: SearchCost) -> str:
+    """Return how often the emulator learnt the physics around a motion, and how to allow what was given up."""
+    if not spent.minutes_wanted:
+        return str(spent.refinements)
+    enough = math.ceil(MINUTES_SPARE * spent.minutes_wanted)
+    return (
+        f"{spent.refinements}; another one would have taken too long: --minutes {enough} allows it"
+    )
 
 
 def _unproved_rows(synthesis: Synthesis) -> list[tuple[str, object]]:
@@ -65,11 +81,16 @@ def trust_along(synthesis: Synthesis) -> TrustSummary:
     return summary_of(emulator, scores)
 
 
-def gap_in_words(cost_emulator: float, cost_physics: float) -> str:
+def gap_in_words(cost_emulator: float, cost_physics: float, is_reached: bool | None = None) -> str:
     """Return what J says of a controller: how far it is from what was asked for, foretold and on the physics."""
     meaning = "J adds up how far the motion is from what was asked for, so lower is better; "
+    is_missed = is_reached is False
+    if is_missed:
+        meaning += "the goal is missed: "
     gap = cost_physics - cost_emulator
     if abs(gap) <= SMALL_GAP * max(cost_emulator, cost_physics):
+        if is_missed:
+            return meaning + "the emulator foretold as high a J"
         return meaning + "the physics does what the emulator foretold"
     if gap < 0:
         return meaning + "the physics does even better than the emulator foretold"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.control.descent.descend import Descent
 from neuroanimator.control.descent.gradient_check import GradientTrust, gradient_trust
-from neuroanimator.control.descent.options import DescentOptions
+from neuroanimator.control.descent.options import DescentOptions, check_steps
 from neuroanimator.control.objective.goals import (
     find_goal,
     goal_objective,
@@ -36,6 +37,9 @@ MAX_SECONDS = 20.0
 
 TRUST_DIRECTIONS = 64
 """The gradient is compared with the physics' in so many: a lander's 240 would take longer than all else together."""
+
+REFINING_MINUTES = 0.5
+"""Longest time that refinements may take in all, if nothing else is said [min]."""
 
 RESTARTS = 12
 """Joins the seed of the controls to begin again from, so that they are not the first guesses of the descents."""
@@ -67,23 +71,26 @@ def synthesise(
     objective: Objective,
     start: ArrayLike,
     *,
-    steps: int,
+    steps: int | None = None,
+    seconds: float | None = None,
     options: DescentOptions = DescentOptions(),
     corrections: int = 5,
     restarts: int = 0,
     refinements: int = 2,
+    minutes: float = REFINING_MINUTES,
     data: Transitions | None = None,
     is_enough: Callable[[np.ndarray], bool] = lambda states: False,
     measures_trust: bool = False,
     on_refine: Callable[[float], None] = lambda gap: None,
 ) -> Synthesis:
-    """Return the best controller for `steps` super steps from the state `start` (S,), by its J on the physics.
+    """Return the best controller for `steps` super steps, or for `seconds`, from the state `start` (S,), by its J on the physics.
 
     A motion replayed on the physics shows what the emulator gets wrong along it. These defects are added to the
     emulator, and the descent goes on from there, up to `corrections` times. Where that is not good enough, all begins
     again from random controls, up to `restarts` times. Where the gap stays large, transitions around the motion are
     added to `data` (what the emulator was trained on; simulated anew if not given), a copy of the emulator trains on,
-    and all begins again, up to `refinements` times; `on_refine` is told the gap before each.
+    and all begins again, up to `refinements` times, if their data and trainings take no longer than `minutes` in all;
+    `on_refine` is told the gap before each.
 
     All ends as soon as `is_enough` says so of the states (T+1, S) of the physics. Whether the emulator's gradient can
     be trusted is measured at random controls, if `measures_trust`: at its optimum it vanishes.
@@ -94,6 +101,11 @@ def synthesise(
     Raises ArgumentError for an objective that cannot be descended, NeuroAnimatorError where the physics blows up.
     """
     state = emulator.state.check(start, "state")
+    if seconds is not None and steps is None:
+        steps = steps_in(seconds, emulator.dt, MAX_SECONDS * slowness(emulator.dt))
+    elif steps is None or seconds is not None:
+        raise ArgumentError("steps and seconds: wanted one of them, the length of the motion.")
+    check_steps(steps)
     if not system.can_simulate:
         corrections = 0
         refinements = 0
@@ -101,7 +113,7 @@ def synthesise(
     search = Search(system, objective, state, steps, options, corrections, is_enough)
     attempt = make_attempt(search, emulator, options)
     attempt = restart(search, attempt, restarts)
-    attempt = finetune(search, attempt, refinements, data, on_refine)
+    attempt = finetune(search, attempt, refinements, minutes, data, on_refine)
     trust = None
     if measures_trust:
         trust = _measure_trust(emulator, system, objective, state, steps, options)
@@ -132,10 +144,16 @@ def finetune(
     search: Search,
     attempt: Attempt,
     refinements: int,
+    minutes: float,
     data: Transitions | None,
     on_refine: Callable[[float], None],
 ) -> Attempt:
     """Return the best of `attempt` and others with emulators that learnt the physics around it, charged with all."""
+    if not minutes >= 0:
+        raise ArgumentError(f"minutes: wanted 0 or more, came {minutes:g}.")
+    if not minutes:
+        return attempt
+    seconds_left = 60 * minutes
     best = attempt
     latest = attempt
     spent = attempt.spent
@@ -145,16 +163,25 @@ def finetune(
         on_refine(latest.outcome.gap)
         with phase("learning the physics around the motion"):
             # Training's modules, which most motions do without.
-            from neuroanimator.control.synthesis.finetune import refined
+            from neuroanimator.control.synthesis.finetune import Deadline, OutOfTimeError, refined
 
-            emulator, data, physics_steps = refined(
-                latest.emulator,
-                search.system,
-                data,
-                latest.outcome.physics_states,
-                latest.controls,
-                number,
-            )
+            began = time.monotonic()
+            try:
+                emulator, data, physics_steps = refined(
+                    latest.emulator,
+                    search.system,
+                    data,
+                    latest.outcome.physics_states,
+                    latest.controls,
+                    number,
+                    Deadline(seconds_left),
+                )
+            except OutOfTimeError as late:
+                spent = spent + SearchCost(
+                    minutes_wanted=minutes + (late.seconds - seconds_left) / 60
+                )
+                break
+            seconds_left -= time.monotonic() - began
         options = replace(search.options, first=latest.controls)
         latest = make_attempt(search, emulator, options)
         spent = spent + latest.spent + SearchCost(refinements=1, physics_steps=physics_steps)
@@ -217,6 +244,7 @@ def synthesise_goal(
     corrections: int = 5,
     restarts: int = 0,
     refinements: int = 2,
+    minutes: float = REFINING_MINUTES,
     data: Transitions | None = None,
     measures_trust: bool = False,
     on_refine: Callable[[float], None] = lambda gap: None,
@@ -250,6 +278,7 @@ def synthesise_goal(
         corrections=corrections,
         restarts=restarts,
         refinements=refinements,
+        minutes=minutes,
         data=data,
         on_refine=on_refine,
     )

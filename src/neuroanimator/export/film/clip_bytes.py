@@ -28,6 +28,7 @@ def pack_takes(takes: Sequence[Take], film: Film) -> bytes:
                     "name": clip.name,
                     "definition": clip.definition,
                     "skeleton": clip.skeleton.to_json(),
+                    "verdict": clip.verdict,
                 }
             )
             arrays[f"times {number} {place}"] = clip.times
@@ -63,7 +64,8 @@ def unpack_takes(content: bytes) -> tuple[list[Take], Film]:
             states = arrays[f"states {number} {place}"]
             clip = Clip(described["name"], skeleton, times, states, described["definition"])
             if f"trust {number} {place}" in arrays:
-                clip = replace(clip, trust=arrays[f"trust {number} {place}"])
+                trust = arrays[f"trust {number} {place}"]
+                clip = replace(clip, trust=trust, verdict=described["verdict"])
             clips.append(clip)
         ghost = clips.pop() if row["has_ghost"] else None
         takes.append(Take(tuple(clips), ghost, row["caption"], row["held"]))

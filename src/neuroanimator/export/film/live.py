@@ -17,7 +17,7 @@ from jaxtyping import Float, UInt8
 
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, ResourceError
-from neuroanimator.export.film.video import HOW_TO_GET_GL, graphics_backend
+from neuroanimator.export.film.video import graphics_backend, why_no_graphics
 from neuroanimator.storage.files import canonical_json
 
 HEADER_SIZE = 8
@@ -38,7 +38,7 @@ class LiveView:
         """Start the drawing process for the system `spec` tells of; ResourceError says what it lacks."""
         backend = graphics_backend()
         if backend is None:
-            raise ResourceError(HOW_TO_GET_GL)
+            raise ResourceError(why_no_graphics())
         self._shape = (height, width, 3)
         self._process = subprocess.Popen(
             [sys.executable, "-m", WORKER],

@@ -102,10 +102,13 @@ class TrustStrip:
         axes.plot(frames, shown, color=CURVE, lw=max(rows / 40, 1), drawstyle="steps-pre")
         axes.axhline(EDGE, color=DOUBT, lw=max(rows / 60, 0.8), ls="--")
         letters = LETTER_SHARE * rows
+        words = "trust: 1 (dashed) is the edge of training"
+        if clip.verdict:
+            words += f"; the emulator there: {clip.verdict}"
         axes.text(
             0.01,
             0.92,
-            "trust: 1 (dashed) is the edge of training",
+            words,
             color=INK,
             size=letters,
             transform=axes.transAxes,

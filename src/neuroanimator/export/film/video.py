@@ -22,6 +22,7 @@ from neuroanimator.export.film.takes import Take
 from neuroanimator.export.film.video_worker import NO_GRAPHICS
 from neuroanimator.storage.unfinished import finish, unfinished
 from neuroanimator.terminal import Bar, progress_bar
+from neuroanimator.text import printable
 
 BACKENDS = ("egl", "osmesa")
 """Graphics libraries that draw without a screen, tried in this order."""
@@ -31,6 +32,12 @@ HOW_TO_GET_GL = (
     "and run again. Everything else works without."
 )
 """What an error says where nothing can be drawn."""
+
+NOT_WITH_THIS_GL = (
+    "MUJOCO_GL={asked} asks to draw with {asked} alone, which does not work here{why}. "
+    "Unset it, or set it to egl or osmesa."
+)
+"""What an error says where the graphics library that was asked for cannot draw."""
 
 WORKER = "neuroanimator.export.film.video_worker"
 """The module that the drawing process runs."""
@@ -127,7 +134,7 @@ def _draw(content: bytes, temporary: Path, name: str, images: int, bar: Bar) -> 
             raise ResourceError(
                 f"Drawing {name} failed: {complaint[:MAX_COMPLAINT]}. 'neuroanimator doctor' says more."
             )
-    raise ResourceError(HOW_TO_GET_GL)
+    raise ResourceError(why_no_graphics())
 
 
 def _run_drawing(content: bytes, out: Path, backend: str, images: int, bar: Bar) -> tuple[int, str]:
@@ -178,6 +185,15 @@ def graphics_backend() -> str | None:
         if trial.returncode == 0:
             return backend
     return None
+
+
+def why_no_graphics() -> str:
+    """Return why nothing can be drawn here, and what helps."""
+    asked = os.environ.get("MUJOCO_GL")
+    if not asked:
+        return HOW_TO_GET_GL
+    why = ": it needs a display" if asked == "glfw" else ""
+    return NOT_WITH_THIS_GL.format(asked=printable(asked), why=why)
 
 
 def _environment(backend: str) -> dict[str, str]:

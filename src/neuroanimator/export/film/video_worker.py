@@ -16,7 +16,11 @@ def main(arguments: list[str]) -> int:
     try:
         import mujoco
 
-        mujoco.GLContext(16, 16).make_current()
+        context = mujoco.GLContext(16, 16)
+        context.make_current()
+        # Without a display GLFW gives a context that draws nothing.
+        empty = mujoco.MjModel.from_xml_string("<mujoco/>")
+        mujoco.MjrContext(empty, mujoco.mjtFontScale.mjFONTSCALE_100)
     except Exception as error:  # each library fails in its own way
         print(f"no OpenGL: {error}", file=sys.stderr)
         return NO_GRAPHICS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import mujoco
@@ -14,6 +14,7 @@ from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import model_name
 from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
+from neuroanimator.state.start import Start
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.goal import Goal, goal_at
 from neuroanimator.systems.rigid.actuators import bounds_of_actuators, layout_of_actuators
@@ -103,7 +104,7 @@ class ModelSystem(MujocoSystem):
             )
         return entry
 
-    def start_at(self, parts: Mapping[str, Sequence[float]]) -> Float[np.ndarray, " S"]:
+    def start_at(self, parts: Start) -> Float[np.ndarray, " S"]:
         """Return the start `parts` name, with what the sensors say in it."""
         start = super().start_at(parts)
         return self.with_sensors(start[None, : self.physical_size])[0]

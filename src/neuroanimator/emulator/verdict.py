@@ -5,7 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from neuroanimator.evaluation.baselines import CONSTANT_VELOCITY, NO_CHANGE
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.emulator.arrays import zeros
+from neuroanimator.emulator.error_bounds import KINDS, ErrorBounds
+from neuroanimator.pytrees import Module
+from neuroanimator.state.arrays import AnyArray
+
+NO_CHANGE = "persistence"
+"""The predictor by which nothing changes; it needs no data."""
+
+CONSTANT_VELOCITY = "constant velocity"
+"""The predictor by which all velocities stay; it needs no data."""
 
 USELESS = "useless"
 """The word for an emulator that is no better than a guess that needs none."""
@@ -39,6 +51,9 @@ AT_THE_NOISE = 1.1
 NOISE_TOLD = 0.1
 """Noise that makes less than this share of an error is not worth a word."""
 
+BOUND_LEVEL = 0.8
+"""Share of motions whose bound is judged where only bounds are known: the one nearest to root mean squares of what ships."""
+
 LOST = 1.0
 """Rollout error, in how far a run gets, at which one may as well say that the run stays where it began."""
 
@@ -47,6 +62,43 @@ IN_WORDS = {
     CONSTANT_VELOCITY: "predicting that velocities stay as they are",
 }
 """The cheap predictors that need no data, as reasons name them."""
+
+
+class ValidationErrors(Module):
+    """Root mean square errors of a super step where training validated, over the change's standard deviation."""
+
+    emulator: Float[AnyArray, ""]
+    no_change: Float[AnyArray, ""]
+    """Of predicting no change."""
+    constant_velocity: Float[AnyArray, ""]
+    """Of predicting that velocities stay."""
+    noise: Float[AnyArray, ""]
+    """What a perfect emulator's would be, by the noise of the recordings; 0 where there is none."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the emulator is of any use there, and why."""
+        cheap = {NO_CHANGE: float(self.no_change), CONSTANT_VELOCITY: float(self.constant_velocity)}
+        return judge(float(self.emulator), cheap, noise=float(self.noise))
+
+    def leaves(self) -> dict[str, AnyArray]:
+        """Return the errors by their names in files."""
+        return {
+            "emulator": self.emulator,
+            "no_change": self.no_change,
+            "constant_velocity": self.constant_velocity,
+            "noise": self.noise,
+        }
+
+    def check(self) -> None:
+        """Refuse what no error comes to; ValueError says so."""
+        if any(np.asarray(error) < 0 for error in self.leaves().values()):
+            raise ValueError("validation: wanted errors of at least 0")
+
+
+def blank_errors() -> ValidationErrors:
+    """Return errors whose numbers a file brings."""
+    return ValidationErrors(zeros(), zeros(), zeros(), zeros())
 
 
 @dataclass(frozen=True)
@@ -76,12 +128,14 @@ def judge(
     rollouts: int = 0,
     error_after_second: float = 0.0,
     noise: float = 0.0,
+    level: float | None = None,
 ) -> Verdict:
     """Return the verdict on a one-step `error`, in standard deviations of the change, that may be NaN or infinite.
 
     `cheap` are the errors of predictors that need no emulator, `diverged` of so many `rollouts` left physics, and
     `error_after_second` is the rollout error after a second, in how far runs get. `noise` is the error that a perfect
-    emulator would have on the same recordings: what it makes of the error is no fault of the emulator's.
+    emulator would have on the same recordings: what it makes of the error is no fault of the emulator's. `level` is the
+    share of motions whose errors are at most `error`, where that is no root mean square.
     """
     without_data = {name: value for name, value in cheap.items() if name in IN_WORDS}
     reason = _why_useless(error, without_data, noise)
@@ -89,7 +143,7 @@ def judge(
         return Verdict(USELESS, (reason,))
     share = diverged / rollouts if rollouts else 0.0
     own_error = beyond_noise(error, noise)
-    on_error = _error_in_words(error, noise)
+    on_error = _error_in_words(error, noise, level)
     on_divergence = f"{diverged:,} of {rollouts:,} long rollouts diverged"
     faults = []
     if without_data and own_error > USABLE_SHARE * min(without_data.values()):
@@ -119,9 +173,18 @@ def beyond_noise(error: float, noise: float) -> float:
     return math.sqrt(max(0.0, error**2 - noise**2))
 
 
-def _error_in_words(error: float, noise: float) -> str:
+def judge_bounds(bounds: ErrorBounds) -> Verdict:
+    """Return the verdict on what `bounds` say of one super step."""
+    error = bounds.usual(BOUND_LEVEL, KINDS[0])[0]
+    # They are in standard deviations of the change, which is what predicting no change errs by at least.
+    return judge(float(error), {NO_CHANGE: 1.0}, level=BOUND_LEVEL)
+
+
+def _error_in_words(error: float, noise: float, level: float | None) -> str:
     """Return half a sentence on a one-step error, and what noise makes of it if that is worth a word."""
     told = f"one step is off by {error:.2g} of the change's standard deviation"
+    if level is not None:
+        told += f" at most, in {level:.0%} of motions"
     if noise >= NOISE_TOLD * error:
         told += f", of which the recordings' own noise makes {noise:.2g}"
     return told

@@ -1,0 +1,94 @@
+"""How far one super step of a trained emulator goes astray on runs that training left out, and cheap predictors' do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.emulator.arrays import as_jax
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.verdict import ValidationErrors
+from neuroanimator.jax_later import Array, filter_jit, jax
+from neuroanimator.state.body_frame import Frame
+
+NOISE_SEED = 3
+"""Seed of the noise that is added to states."""
+
+LARGEST_ERROR = 1e6
+"""Errors above this count as much as it, and so do those that are not finite: files hold finite numbers."""
+
+
+def validation_errors(
+    emulator: Emulator,
+    states: Float[np.ndarray, "N T I"],
+    controls: Float[np.ndarray, "N H C"],
+    noise: Float[np.ndarray, " S"] | None = None,
+) -> ValidationErrors:
+    """Return the errors of the first super steps of windows of T = H + 1 latent states and the latent controls between.
+
+    `noise` is the standard deviation of that in recorded states, where it is known.
+    """
+    starts = states[:, 0]
+    ends = states[:, 1]
+    held = controls[:, 0]
+    frame = replace(emulator.frame, dt=emulator.dt)
+    unit = np.asarray(emulator.normaliser.unit)
+    moves = unit > 0
+    rates = emulator.rates if emulator.encoding.is_identity else ()
+
+    def size(differences: Float[np.ndarray, "N V"]) -> Float[np.ndarray, ""]:
+        error = np.sqrt(np.mean((differences[:, moves] / unit[moves]) ** 2))
+        return np.asarray(np.nan_to_num(np.fmin(error, LARGEST_ERROR)), np.float32)
+
+    def following(moved: Float[np.ndarray, "N I"]) -> Float[np.ndarray, "N I"]:
+        return np.asarray(_following(emulator, as_jax(moved), as_jax(held)))
+
+    by_noise = np.zeros((), np.float32)
+    if noise is not None:
+        parts = noise_differences(frame, following, starts, ends, noise)
+        by_noise = np.hypot(*(size(part) for part in parts))
+    return ValidationErrors(
+        emulator=size(frame.difference(ends, following(starts))),
+        no_change=size(frame.difference(ends, starts)),
+        constant_velocity=size(frame.difference(ends, coasted(frame, rates, starts))),
+        noise=by_noise,
+    )
+
+
+@filter_jit
+def _following(
+    emulator: Emulator, states: Float[Array, "N I"], controls: Float[Array, "N C"]
+) -> Float[Array, "N I"]:
+    return jax.vmap(emulator.step_latent_unbounded)(states, controls)
+
+
+def coasted(
+    frame: Frame, rates: Sequence[tuple[int, int]], states: Float[np.ndarray, "N S"]
+) -> Float[np.ndarray, "N S"]:
+    """Return the states after the `frame`'s super step if all velocities stayed; `rates` as in `EmulatorSpec`."""
+    coasting = np.array(states)
+    for position, rate in rates:
+        coasting[:, position] += frame.dt * states[:, rate]
+    if frame.segments:  # the frame coasts the root, its plain entries coast as above
+        no_change = np.zeros((len(states), frame.change_size(states.shape[-1])))
+        moved = frame.apply(states, no_change)
+        coasting = np.where(moved == states, coasting, moved)
+    return coasting
+
+
+def noise_differences(
+    frame: Frame,
+    following: Callable[[Float[np.ndarray, "N S"]], Float[np.ndarray, "N S"]],
+    states: Float[np.ndarray, "N S"],
+    truth: Float[np.ndarray, "N S"],
+    noise: Float[np.ndarray, " S"],
+) -> tuple[Float[np.ndarray, "N V"], Float[np.ndarray, "N V"]]:
+    """Return the differences that `noise` makes: in what follows from `states`, and in the `truth` it is compared with."""
+    rng = np.random.default_rng(NOISE_SEED)
+    at_start = rng.normal(size=states.shape) * noise
+    at_end = rng.normal(size=states.shape) * noise
+    carried = frame.difference(following(states), following(states + at_start))
+    return carried, frame.difference(truth, truth + at_end)
