@@ -100,6 +100,8 @@ class Definition(Table):
     """The folder in which the model's includes and meshes may lie; if not given its own, or the ROS package it lies in."""
     base: Literal["fixed", "free"] = "fixed"
     """Whether the root of a URDF is fixed to the world or free to move over a floor; of no meaning to MJCF."""
+    passive: tuple[str, ...] = ()
+    """Joints of a URDF that no motor drives, though they have an effort."""
     keyframe: str = ""
     """The keyframe of the model that is the state of rest; if empty `home`, or the reference pose if there is none."""
     physics: Physics

@@ -63,6 +63,7 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
     notes = {
         "model": found.left_out,
         "substeps": _substeps_note(found.motion, found.growth),
+        "passive": "joints with an effort that no motor drives all the same",
         "base": "of a URDF: fixed to the world, or free to move over a floor",
         "keyframe": f"the state of rest, of: {listed(keyframes) or 'none; the reference pose'}",
         "physics.step": "the model's own [s]",
@@ -77,6 +78,8 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
         notes["sampling.tilt"] = "as in trial runs, within bounds"
     if not values["sampling"]["warm_up"]:
         notes["sampling.warm_up"] = "nothing can touch anything"
+    if is_urdf(found):
+        notes["physics.step"] = notes["physics.integrator"] = "the model's own, or MuJoCo's"
     for actuator in range(model.nu):
         name = actuator_name(model, actuator)
         notes[f"control.{name}"] = _control_note(model, found, actuator)
@@ -104,6 +107,8 @@ def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
     low, high = found.whole[name]
     proposed = found.motion.values["control"][name]
     notes = []
+    if is_urdf(found):
+        notes.append(f"a motor of <limit effort>; new --passive {name} leaves it out")
     if control_range(model, actuator) is None:
         notes.append("the model gives no range: say what your motor can do")
     if found.hold.source and abs(found.hold.controls[actuator]) > OFF_MIDDLE * (high - low):
@@ -114,6 +119,29 @@ def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
             why = f"with all of which {found.motion.joint} would turn too fast to learn; widen if need be"
         notes.append(f"of {low:.4g} to {high:.4g}, {why}")
     return "; ".join(notes)
+
+
+def is_urdf(found: Findings) -> bool:
+    """Return whether the model is a URDF, of which less is the model's own."""
+    return str(found.motion.values["model"]).lower().endswith(".urdf")
+
+
+def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ...]:
+    """Return what is told on the screen of a proposal, as rows."""
+    rows = []
+    if found.left_out:
+        rows.append(("made light", found.left_out))
+    if is_urdf(found):
+        motors = listed(actuator_name(model, actuator) for actuator in range(model.nu))
+        added = f"motors on {motors}, of <limit effort>; one that nothing drives: --passive JOINT"
+        if found.motion.values["base"] == "free":
+            added += "; a floor, as slippery as MuJoCo's usually are"
+        rows.append(
+            ("added", f"{added}; a step of {model.opt.timestep:g} s, if the file sets none")
+        )
+    seconds = in_words(found.teacher.seconds)
+    rows.append(("data", f"{USUAL_COUNT:,} transitions take about {seconds}"))
+    return tuple(rows)
 
 
 def _contacts_note(contacts: Contacts | None) -> str:
@@ -209,6 +237,11 @@ def warnings_about(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
     if idle:
         yield f"control: {listed(idle)} move no joint. Check the joint, the site and the gear, or take them out."
     yield from _root_warnings(model, found.hold)
+    yield from _trial_warnings(model, found)
+
+
+def _trial_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
+    """Yield what trial runs gave reason to say: roots that go away or fall, poses and runs that diverge."""
     for view in system_of(found.motion.values, model).views:
         if view.kind != "slide" or view.feature == "planar" or is_limited(model, view.index):
             continue

@@ -19,7 +19,7 @@ from neuroanimator.scaffold.actuators import (
     proposed_bounds,
     wide_enough,
 )
-from neuroanimator.scaffold.comments import Findings, comments_on, warnings_about
+from neuroanimator.scaffold.comments import Findings, comments_on, told_of, warnings_about
 from neuroanimator.scaffold.defaults import WANTED_SUPER_STEP, tidy, usual_name
 from neuroanimator.scaffold.holding import holding_controls, holding_table
 from neuroanimator.scaffold.motion import TILTS, choose_motion, free_spread, system_of
@@ -34,7 +34,6 @@ from neuroanimator.scaffold.surroundings import (
 )
 from neuroanimator.scaffold.teacher import (
     choose_teacher,
-    in_words,
 )
 from neuroanimator.scaffold.trials import (
     Trial,
@@ -48,7 +47,6 @@ from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
 from neuroanimator.systems.rigid.symmetries import symmetries_of
 from neuroanimator.systems.rigid.touching import is_limited
-from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import phase
 
@@ -70,10 +68,8 @@ class Proposal:
     """Names of the parts of the state."""
     warnings: tuple[str, ...] = ()
     """What the user should look at before anything is generated."""
-    data_time: str = ""
-    """About how long `generate` takes on this machine if nothing else is said; empty if nobody can tell."""
-    left_out: str = ""
-    """What became of a large model's textures and meshes; empty if they are all in the emulator."""
+    told: tuple[tuple[str, str], ...] = ()
+    """What else is told on the screen, as rows: what was added to the model or left out, and what trial runs showed."""
 
 
 def propose(
@@ -81,21 +77,24 @@ def propose(
     *,
     keyframe: str = "",
     base: Literal["fixed", "free"] = "fixed",
+    passive: tuple[str, ...] = (),
     tree: Path | None = None,
 ) -> Proposal:
     """Return a definition of the MJCF or URDF model at `path`.
 
     `keyframe` names the one that is the state of rest; `base` says whether the root of a URDF stands fixed or is free.
+    No motor drives its `passive` joints.
     Includes and meshes may lie in the folder `tree`; without it in the model's own, or in the ROS package it lies in.
-    Raises BadFileError for a model that cannot be emulated, saying why; ArgumentError for a keyframe that is not there
-    and if no scheme steps the model without diverging.
+    Raises BadFileError for a model that cannot be emulated, saying why; ArgumentError for a keyframe or a passive joint
+    that is not there, and if no scheme steps the model without diverging.
     """
     read = read_model(path, tree)
-    model = compile_model(read.files, base)
+    model = compile_model(read.files, base, passive)
     faults = actuator_faults(path, model)
     if faults:
         raise BadFileError(faults)
     values = _read_off(path, model, keyframe, base)
+    values["passive"] = passive
     system = system_of(values, model)
     low, high = possible_controls(model, system.bounds)
     number = _keyframe_number(model, values["keyframe"])
@@ -128,8 +127,7 @@ def propose(
         comments_on(system, found),
         parts,
         tuple(warnings_about(model, found)),
-        in_words(teacher.seconds),
-        read.note,
+        told_of(model, found),
     )
 
 
@@ -224,12 +222,6 @@ def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...])
 
 def _usual_contacts(system: ModelSystem, trial: Trial) -> float:
     """Return how many contacts there are on average in trial runs."""
-    data = mujoco.MjData(system.model)
     every = max(1, trial.states.shape[1] // 4)
-    counts = []
-    with warnings_counted:
-        for state in trial.states[:, ::every].reshape(-1, system.state.size):
-            data.qpos[:] = state[: system.model.nq]
-            mujoco.mj_fwdPosition(system.model, data)
-            counts.append(data.ncon)
-    return float(np.mean(counts))
+    states = trial.states[:, ::every].reshape(-1, system.state.size)
+    return float(np.mean(system.contact_counts(states)))

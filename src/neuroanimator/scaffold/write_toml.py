@@ -59,6 +59,7 @@ TOP_KEYS = (
     "model",
     "tree",
     "base",
+    "passive",
     "keyframe",
     "file",
     "batched",
@@ -91,14 +92,15 @@ def write_definition(
     force: bool = False,
     keyframe: str = "",
     base: Literal["fixed", "free"] = "fixed",
+    passive: tuple[str, ...] = (),
     name: str = "",
     tree: Path | None = None,
 ) -> tuple[Path, Proposal]:
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
-    run to see what it does. `keyframe`, `base` and `tree` are as in `propose`; the system is called `name`, or after the
-    file. Beside the model or above it `out` names it by its path from there, elsewhere by its absolute path.
+    run to see what it does. `keyframe`, `base`, `passive` and `tree` are as in `propose`; the system is called `name`, or
+    after the file. Beside the model or above it `out` names it by its path from there, elsewhere by its absolute path.
 
     Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside a step function or
     recordings, or if `name` is none or taken; BadFileError for what cannot be emulated.
@@ -117,11 +119,17 @@ def write_definition(
             raise ArgumentError(
                 f"{path}: the TOML file must lie beside {source.name}, in {source.parent or '.'}."
             )
-        _refuse_model_options(source, keyframe, base, tree)
+        _refuse_model_options(source, keyframe, base, passive, tree)
         proposal = _propose_without_model(source)
         changes = {}
     else:
-        proposal = propose(source, keyframe=keyframe, base=base, tree=tree)
+        proposal = propose(
+            source,
+            keyframe=keyframe,
+            base=base,
+            passive=passive,
+            tree=tree,
+        )
         changes = {"model": _seen_from(path, source)}
         if tree is not None:
             changes["tree"] = _seen_from(path, tree.resolve())
@@ -149,12 +157,14 @@ def checked_base(text: str) -> Literal["fixed", "free"]:
     raise ArgumentError(f"base: wanted fixed or free, came {quoted(text)}.")
 
 
-def _refuse_model_options(source: Path, keyframe: str, base: str, tree: Path | None) -> None:
+def _refuse_model_options(
+    source: Path, keyframe: str, base: str, passive: tuple[str, ...], tree: Path | None
+) -> None:
     """Raise ArgumentError for options that only a model file can have."""
-    if keyframe or base != "fixed" or tree is not None:
+    if keyframe or base != "fixed" or passive or tree is not None:
         raise ArgumentError(
-            f"{source.name} is no MuJoCo model, so it has neither keyframes, base nor meshes. Leave --keyframe, --base and "
-            "--tree out."
+            f"{source.name} is no MuJoCo model, so it has neither keyframes, base, joints nor meshes. Leave --keyframe, "
+            "--base, --passive and --tree out."
         )
 
 
@@ -193,8 +203,10 @@ def as_toml(proposal: Proposal) -> str:
     definition = proposal.definition
     is_model = isinstance(definition, Definition)
     values = definition.model_dump(mode="json", exclude_unset=not is_model)
-    if is_model and not definition.tree:
-        del values["tree"]
+    if is_model:
+        for key in ("tree", "passive"):
+            if not values[key]:
+                del values[key]
     top = {key: values.pop(key) for key in TOP_KEYS if key in values}
     values.pop("goals", None)
     values.pop("groups", None)
