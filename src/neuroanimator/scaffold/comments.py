@@ -50,6 +50,8 @@ class Findings(NamedTuple):
     teacher: Teacher
     symmetries: dict[Symmetry, float]
     """What leaves the motion what it is, to which share of a usual change."""
+    lost: list[str]
+    """Which of rest and keyframes runs diverge from."""
     left_out: str
     """What became of a large model's textures and meshes."""
 
@@ -71,6 +73,7 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
         "sensors": f"those to be emulated too, of: {listed(filter(None, sensors)) or 'none'}",
         "frame.contacts": _contacts_note(system.structure.contacts),
         "frame.symmetries": _symmetries_note(found.symmetries),
+        "sampling.reset_share": "random starts may never be there, and motions begin there",
         "sampling.warm_up": "something can touch something: let contacts settle first",
         "sampling.above_ground": "lifts starts that would lie in the ground",
     }
@@ -78,6 +81,8 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
         notes["sampling.tilt"] = "as in trial runs, within bounds"
     if not values["sampling"]["warm_up"]:
         notes["sampling.warm_up"] = "nothing can touch anything"
+    if values["sampling"]["reset_noise"]:
+        notes["sampling.reset_noise"] = "as the environment resets"
     if is_urdf(found):
         notes["physics.step"] = notes["physics.integrator"] = "the model's own, or MuJoCo's"
     for actuator in range(model.nu):
@@ -251,6 +256,11 @@ def _trial_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
                 f"state.{view.name}: neither a range nor a spring keeps it near; it went {reach:.0f} m away in trial "
                 "runs. Give the joint a range or stiffness in the model, or weaken what drives it."
             )
+    if found.lost:
+        yield (
+            f"{listed(found.lost)}: runs that begin there diverge, so none is in the data. Correct the pose, or use a "
+            "smaller timestep in the model."
+        )
     trial = found.motion.trial
     if trial.diverged:
         yield (

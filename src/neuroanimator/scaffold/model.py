@@ -9,6 +9,7 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
+from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
@@ -56,6 +57,9 @@ FINE_PARTS = 10
 WARM_UP = 1.0
 """Models with contacts are driven for so long before a run is recorded [s]: random starts float in the air or overlap."""
 
+RESET_SHARE = 0.2
+"""Share of runs that begin at rest or at a keyframe: there motions are begun, and random starts may never be there."""
+
 
 @dataclass(frozen=True)
 class Proposal:
@@ -79,11 +83,12 @@ def propose(
     base: Literal["fixed", "free"] = "fixed",
     passive: tuple[str, ...] = (),
     tree: Path | None = None,
+    reset_noise: float = 0.0,
 ) -> Proposal:
     """Return a definition of the MJCF or URDF model at `path`.
 
     `keyframe` names the one that is the state of rest; `base` says whether the root of a URDF stands fixed or is free.
-    No motor drives its `passive` joints.
+    No motor drives its `passive` joints. Some runs begin at rest and at keyframes, with `reset_noise`.
     Includes and meshes may lie in the folder `tree`; without it in the model's own, or in the ROS package it lies in.
     Raises BadFileError for a model that cannot be emulated, saying why; ArgumentError for a keyframe or a passive joint
     that is not there, and if no scheme steps the model without diverging.
@@ -95,6 +100,7 @@ def propose(
         raise BadFileError(faults)
     values = _read_off(path, model, keyframe, base)
     values["passive"] = passive
+    values["sampling"] |= {"reset_share": RESET_SHARE, "reset_noise": reset_noise}
     system = system_of(values, model)
     low, high = possible_controls(model, system.bounds)
     number = _keyframe_number(model, values["keyframe"])
@@ -113,13 +119,14 @@ def propose(
         symmetries = symmetries_of(system, states, trial.controls.reshape(len(states), -1))
     values["frame"]["symmetries"] = bool(symmetries)
     teacher = choose_teacher(system, motion.trial, _usual_contacts(system, motion.trial))
+    lost = _resets_that_diverge(system, motion.dt)
     values["physics"] |= {
         "truth_step": teacher.scheme.dt,
         "truth_integrator": teacher.scheme.integrator,
         "fine_step": teacher.fine.dt,
         "fine_integrator": teacher.fine.integrator,
     }
-    found = Findings(motion, hold, growth, whole, teacher, symmetries, read.note)
+    found = Findings(motion, hold, growth, whole, teacher, symmetries, lost, read.note)
     definition = check_table(values, path.name, Definition)
     parts = [part.name for part in system.state.slices]
     return Proposal(
@@ -225,3 +232,13 @@ def _usual_contacts(system: ModelSystem, trial: Trial) -> float:
     every = max(1, trial.states.shape[1] // 4)
     states = trial.states[:, ::every].reshape(-1, system.state.size)
     return float(np.mean(system.contact_counts(states)))
+
+
+def _resets_that_diverge(system: ModelSystem, dt: float) -> list[str]:
+    """Return which of rest and keyframes a run cannot begin at: such runs diverge, and are left out of the data."""
+    starts = system.with_sensors(system.resets)
+    controls = np.broadcast_to(system.bounds.idle, (len(starts), RUN_STEPS, system.control.size))
+    runs = system.simulate_fastest(starts, controls, dt)
+    names = ["rest"]
+    names += [f"keyframe {keyframe_name(system.model, i)}" for i in range(system.model.nkey)]
+    return [name for name, lost in zip(names, runs.has_diverged, strict=True) if lost]

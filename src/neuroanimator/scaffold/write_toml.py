@@ -33,7 +33,8 @@ TITLES = {
     "control": "The least and the largest value of each actuator.",
     "holding": "What holds the model at rest; where controls cease, they cease to this.",
     "sampling": "Random starts of training runs, around the state of rest; a share of them near it.\n"
-    "# warm_up: random driving before a run is recorded [s]; tilt: of a free root [rad].",
+    "# reset_share: of runs that begin just at rest or at a keyframe, but for reset_noise;\n"
+    "# warm_up: random driving before the others are recorded [s]; tilt: of a free root [rad].",
     "sampling.position": "Where they begin [rad or m]: from the first to the second number,\n"
     "# or as far as one number to either side of rest.",
     "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs.",
@@ -107,8 +108,9 @@ def write_definition(
     """
     _check_name(name)
     source = Path(model)
+    reset_noise = 0.0
     if not source.suffix:
-        source = _copy_from_gymnasium(model, out.parent if out else Path())
+        source, reset_noise = _copy_from_gymnasium(model, out.parent if out else Path())
     path = out or source.with_suffix(".toml")
     if path.exists() and not force:
         raise ArgumentError(
@@ -129,6 +131,7 @@ def write_definition(
             base=base,
             passive=passive,
             tree=tree,
+            reset_noise=reset_noise,
         )
         changes = {"model": _seen_from(path, source)}
         if tree is not None:
@@ -186,16 +189,17 @@ def _propose_without_model(source: Path) -> Proposal:
     return Proposal(definition, notes, parts, warnings)
 
 
-def _copy_from_gymnasium(name: str, folder: Path) -> Path:
-    """Copy the MJCF of the environment `name` into `folder` and return its path there."""
+def _copy_from_gymnasium(name: str, folder: Path) -> tuple[Path, float]:
+    """Copy the MJCF of the environment `name` into `folder`; return its path there, and the noise of the resets."""
     from neuroanimator.gym import mjcf_of
+    from neuroanimator.gym.models import default_of
 
     original = mjcf_of(name)
     target = folder / original.name
     if target.exists() and target.read_bytes() != original.read_bytes():
         raise BadFileError(f"{target} exists and is another model. Use another folder.")
     write_whole(target, original.read_bytes())
-    return target
+    return target, default_of(name, "reset_noise_scale") or 0.0
 
 
 def as_toml(proposal: Proposal) -> str:

@@ -140,6 +140,8 @@ def _travelling(definition: Any) -> dict[str, Any]:
         for key in ("holding", "passive"):
             if not values[key]:  # as before there was such a key
                 del values[key]
+        if not definition.sampling.reset_share:
+            del values["sampling"]["reset_share"], values["sampling"]["reset_noise"]
     return values
 
 
