@@ -11,7 +11,7 @@ import numpy as np
 from neuroanimator.data.config import USUAL_COUNT
 from neuroanimator.parsing.names import model_name
 from neuroanimator.scaffold.holding import Hold
-from neuroanimator.scaffold.motion import FAR, OFF_MIDDLE, Motion, free_spread, system_of
+from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, Motion, free_spread, system_of
 from neuroanimator.scaffold.surroundings import (
     LEVEL,
     can_touch_ground,
@@ -32,6 +32,9 @@ from neuroanimator.systems.rigid.limbs import acts_on
 from neuroanimator.systems.rigid.model_system import ModelSystem, keyframe_name
 from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.text import listed
+
+SETTLING = "something can touch something: let contacts settle first"
+"""Why runs are driven before they are recorded."""
 
 SLOW = 0.05
 """A fall from rest that grows at most by e to this in a super step is not worth a word."""
@@ -74,13 +77,11 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
         "frame.contacts": _contacts_note(system.structure.contacts),
         "frame.symmetries": _symmetries_note(found.symmetries),
         "sampling.reset_share": "random starts may never be there, and motions begin there",
-        "sampling.warm_up": "something can touch something: let contacts settle first",
+        "sampling.warm_up": _warm_up_note(found.motion),
         "sampling.above_ground": "lifts starts that would lie in the ground",
     }
     if values["sampling"]["tilt"]:
         notes["sampling.tilt"] = "as in trial runs, within bounds"
-    if not values["sampling"]["warm_up"]:
-        notes["sampling.warm_up"] = "nothing can touch anything"
     if values["sampling"]["reset_noise"]:
         notes["sampling.reset_noise"] = "as the environment resets"
     if is_urdf(found):
@@ -122,6 +123,8 @@ def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
         why = "as far to either side"
         if found.motion.share < 1:
             why = f"with all of which {found.motion.joint} would turn too fast to learn; widen if need be"
+            if found.motion.stance is not None:
+                why = "with all of which it would fall, or turn too fast to learn; widen if need be"
         notes.append(f"of {low:.4g} to {high:.4g}, {why}")
     return "; ".join(notes)
 
@@ -144,9 +147,21 @@ def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ..
         rows.append(
             ("added", f"{added}; a step of {model.opt.timestep:g} s, if the file sets none")
         )
+    if found.motion.stance is not None:
+        rows.append(("trial runs", found.motion.in_words()))
     seconds = in_words(found.teacher.seconds)
     rows.append(("data", f"{USUAL_COUNT:,} transitions take about {seconds}"))
     return tuple(rows)
+
+
+def _warm_up_note(motion: Motion) -> str:
+    """Return why runs are or are not driven before they are recorded."""
+    if motion.stance is None:
+        is_driven = motion.values["sampling"]["warm_up"]
+        return SETTLING if is_driven else "nothing can touch anything"
+    if motion.values["sampling"]["warm_up"]:
+        return f"{SETTLING}; {motion.in_words()}"
+    return f"none, as it falls; {motion.in_words()}"
 
 
 def _contacts_note(contacts: Contacts | None) -> str:
@@ -256,6 +271,11 @@ def _trial_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
                 f"state.{view.name}: neither a range nor a spring keeps it near; it went {reach:.0f} m away in trial "
                 "runs. Give the joint a range or stiffness in the model, or weaken what drives it."
             )
+    if found.motion.upright < MOST:
+        yield (
+            f"{joint_name(model, 0)}: {found.motion.in_words()}, whatever was tried, so most of the data are of falls. "
+            "Narrow [control], or let servos or a keyframe's ctrl hold it."
+        )
     if found.lost:
         yield (
             f"{listed(found.lost)}: runs that begin there diverge, so none is in the data. Correct the pose, or use a "
