@@ -32,6 +32,13 @@ def run(
     base: Annotated[
         str, typer.Option(help="Of a URDF: 'fixed' to the world, or 'free' to move over a floor.")
     ] = "fixed",
+    passive: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="JOINT",
+            help="Joint of a URDF that no motor drives, though it has an effort; may be repeated.",
+        ),
+    ] = None,
     tree: Annotated[
         Path | None,
         typer.Option(
@@ -45,7 +52,6 @@ def run(
     from neuroanimator.text import print_line
 
     with phase("loading"):
-        from neuroanimator.data.config import USUAL_COUNT
         from neuroanimator.scaffold.write_toml import checked_base, write_definition
     with phase("checking the model"):
         path, proposal = write_definition(
@@ -54,6 +60,7 @@ def run(
             force=force,
             keyframe=keyframe,
             base=checked_base(base),
+            passive=tuple(passive or ()),
             name=name,
             tree=tree,
         )
@@ -67,9 +74,5 @@ def run(
         ("system", definition.name),
         ("super step", f"{definition.substeps} physics steps, {dt:g} s"),
     ]
-    if proposal.left_out:
-        rows.append(("made light", proposal.left_out))
-    if proposal.data_time:
-        rows.append(("data", f"{USUAL_COUNT:,} transitions take about {proposal.data_time}"))
-    rows += [("written", path), ("next", following)]
+    rows += [*proposal.told, ("written", path), ("next", following)]
     print_rows(rows)

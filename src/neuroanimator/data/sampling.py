@@ -76,7 +76,18 @@ class Driven(Protocol):
 def sample_starts(
     system: System, rng: np.random.Generator, count: int, threads: int = 1
 ) -> Float[np.ndarray, "B S"]:
-    """Return `count` random states as they occur in use: after some warm-up, if the system has one."""
+    """Return `count` random states as they occur in use: some that motions begin at, the others after any warm-up."""
+    starts = _warmed_up(system, rng, count, threads)
+    if system.reset_share > 0:
+        is_reset = rng.random(count) < system.reset_share
+        starts[is_reset] = system.sample_resets(rng, int(is_reset.sum()))
+    return starts
+
+
+def _warmed_up(
+    system: System, rng: np.random.Generator, count: int, threads: int
+) -> Float[np.ndarray, "B S"]:
+    """Return `count` random starts, each after a random part of the warm-up."""
     starts = system.sample_starts(rng, count)
     if system.warm_up <= 0:
         return starts

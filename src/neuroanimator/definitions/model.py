@@ -72,6 +72,10 @@ class Sampling(Table):
     """Share of starts that are near rest, where most motions begin."""
     rest_spread: Share = 0.15
     """Spread of such a start, as a share of the others'."""
+    reset_share: Share = 0.0
+    """Share of runs that begin at rest or at a keyframe as they are: neither driven before nor lifted."""
+    reset_noise: Width = 0.0
+    """Such a start is off by up to this in every position [rad or m]; in velocities it is their standard deviation."""
     warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
     """Starts are taken from this first stretch of random driving [s], so that contacts have settled in most."""
     height: tuple[Finite, Finite] = (0.0, 0.0)
@@ -100,6 +104,8 @@ class Definition(Table):
     """The folder in which the model's includes and meshes may lie; if not given its own, or the ROS package it lies in."""
     base: Literal["fixed", "free"] = "fixed"
     """Whether the root of a URDF is fixed to the world or free to move over a floor; of no meaning to MJCF."""
+    passive: tuple[str, ...] = ()
+    """Joints of a URDF that no motor drives, though they have an effort."""
     keyframe: str = ""
     """The keyframe of the model that is the state of rest; if empty `home`, or the reference pose if there is none."""
     physics: Physics

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 
@@ -18,19 +19,21 @@ def mjcf_of(env_id: str) -> Path:
 
     Raises ArgumentError for an id that is none of them.
     """
-    name = _model_name(env_id)
+    name = default_of(env_id, "xml_file")
     if name is None and env_id in gymnasium.registry:
         raise ArgumentError(
             f"{env_id} has no MuJoCo model. Write its physics as a function in a file: neuroanimator new my_step.py."
         )
     if name is None:
-        valid = ", ".join(sorted(other for other in gymnasium.registry if _model_name(other)))
+        valid = ", ".join(
+            sorted(other for other in gymnasium.registry if default_of(other, "xml_file"))
+        )
         raise ArgumentError(f"No MuJoCo environment called '{env_id}'. Environments: {valid}.")
     return MUJOCO / "assets" / name
 
 
-def _model_name(env_id: str) -> str | None:
-    """Return the default of the argument `xml_file` of the environment's class; None if there is none."""
+def default_of(env_id: str, argument: str) -> Any:
+    """Return the default of an argument of the class of Gymnasium's MuJoCo environment `env_id`; None if there is none."""
     spec = gymnasium.registry.get(env_id)
     if spec is None:
         return None
@@ -41,13 +44,13 @@ def _model_name(env_id: str) -> str | None:
     # Read, not imported: these modules need an imaging library that nothing else here does.
     for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
         if isinstance(node, ast.arguments):
-            default = _default_of(node, "xml_file")
+            default = _default_in(node, argument)
             if default is not None:
                 return ast.literal_eval(default)
     return None
 
 
-def _default_of(arguments: ast.arguments, name: str) -> ast.expr | None:
+def _default_in(arguments: ast.arguments, name: str) -> ast.expr | None:
     """Return the default value of an argument, as source; None if there is none."""
     # Defaults belong to the last arguments.
     with_defaults = zip(reversed(arguments.args), reversed(arguments.defaults), strict=False)

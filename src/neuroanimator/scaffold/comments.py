@@ -11,7 +11,7 @@ import numpy as np
 from neuroanimator.data.config import USUAL_COUNT
 from neuroanimator.parsing.names import model_name
 from neuroanimator.scaffold.holding import Hold
-from neuroanimator.scaffold.motion import FAR, OFF_MIDDLE, Motion, free_spread, system_of
+from neuroanimator.scaffold.motion import FAR, MOST, OFF_MIDDLE, Motion, free_spread, system_of
 from neuroanimator.scaffold.surroundings import (
     LEVEL,
     can_touch_ground,
@@ -33,6 +33,9 @@ from neuroanimator.systems.rigid.model_system import ModelSystem, keyframe_name
 from neuroanimator.systems.rigid.touching import is_limited
 from neuroanimator.text import listed
 
+SETTLING = "something can touch something: let contacts settle first"
+"""Why runs are driven before they are recorded."""
+
 SLOW = 0.05
 """A fall from rest that grows at most by e to this in a super step is not worth a word."""
 
@@ -50,6 +53,8 @@ class Findings(NamedTuple):
     teacher: Teacher
     symmetries: dict[Symmetry, float]
     """What leaves the motion what it is, to which share of a usual change."""
+    lost: list[str]
+    """Which of rest and keyframes runs diverge from."""
     left_out: str
     """What became of a large model's textures and meshes."""
 
@@ -63,6 +68,7 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
     notes = {
         "model": found.left_out,
         "substeps": _substeps_note(found.motion, found.growth),
+        "passive": "joints with an effort that no motor drives all the same",
         "base": "of a URDF: fixed to the world, or free to move over a floor",
         "keyframe": f"the state of rest, of: {listed(keyframes) or 'none; the reference pose'}",
         "physics.step": "the model's own [s]",
@@ -70,13 +76,16 @@ def comments_on(system: ModelSystem, found: Findings) -> dict[str, str]:
         "sensors": f"those to be emulated too, of: {listed(filter(None, sensors)) or 'none'}",
         "frame.contacts": _contacts_note(system.structure.contacts),
         "frame.symmetries": _symmetries_note(found.symmetries),
-        "sampling.warm_up": "something can touch something: let contacts settle first",
+        "sampling.reset_share": "random starts may never be there, and motions begin there",
+        "sampling.warm_up": _warm_up_note(found.motion),
         "sampling.above_ground": "lifts starts that would lie in the ground",
     }
     if values["sampling"]["tilt"]:
         notes["sampling.tilt"] = "as in trial runs, within bounds"
-    if not values["sampling"]["warm_up"]:
-        notes["sampling.warm_up"] = "nothing can touch anything"
+    if values["sampling"]["reset_noise"]:
+        notes["sampling.reset_noise"] = "as the environment resets"
+    if is_urdf(found):
+        notes["physics.step"] = notes["physics.integrator"] = "the model's own, or MuJoCo's"
     for actuator in range(model.nu):
         name = actuator_name(model, actuator)
         notes[f"control.{name}"] = _control_note(model, found, actuator)
@@ -104,6 +113,8 @@ def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
     low, high = found.whole[name]
     proposed = found.motion.values["control"][name]
     notes = []
+    if is_urdf(found):
+        notes.append(f"a motor of <limit effort>; new --passive {name} leaves it out")
     if control_range(model, actuator) is None:
         notes.append("the model gives no range: say what your motor can do")
     if found.hold.source and abs(found.hold.controls[actuator]) > OFF_MIDDLE * (high - low):
@@ -112,8 +123,45 @@ def _control_note(model: mujoco.MjModel, found: Findings, actuator: int) -> str:
         why = "as far to either side"
         if found.motion.share < 1:
             why = f"with all of which {found.motion.joint} would turn too fast to learn; widen if need be"
+            if found.motion.stance is not None:
+                why = "with all of which it would fall, or turn too fast to learn; widen if need be"
         notes.append(f"of {low:.4g} to {high:.4g}, {why}")
     return "; ".join(notes)
+
+
+def is_urdf(found: Findings) -> bool:
+    """Return whether the model is a URDF, of which less is the model's own."""
+    return str(found.motion.values["model"]).lower().endswith(".urdf")
+
+
+def told_of(model: mujoco.MjModel, found: Findings) -> tuple[tuple[str, str], ...]:
+    """Return what is told on the screen of a proposal, as rows."""
+    rows = []
+    if found.left_out:
+        rows.append(("made light", found.left_out))
+    if is_urdf(found):
+        motors = listed(actuator_name(model, actuator) for actuator in range(model.nu))
+        added = f"motors on {motors}, of <limit effort>; one that nothing drives: --passive JOINT"
+        if found.motion.values["base"] == "free":
+            added += "; a floor, as slippery as MuJoCo's usually are"
+        rows.append(
+            ("added", f"{added}; a step of {model.opt.timestep:g} s, if the file sets none")
+        )
+    if found.motion.stance is not None:
+        rows.append(("trial runs", found.motion.in_words()))
+    seconds = in_words(found.teacher.seconds)
+    rows.append(("data", f"{USUAL_COUNT:,} transitions take about {seconds}"))
+    return tuple(rows)
+
+
+def _warm_up_note(motion: Motion) -> str:
+    """Return why runs are or are not driven before they are recorded."""
+    if motion.stance is None:
+        is_driven = motion.values["sampling"]["warm_up"]
+        return SETTLING if is_driven else "nothing can touch anything"
+    if motion.values["sampling"]["warm_up"]:
+        return f"{SETTLING}; {motion.in_words()}"
+    return f"none, as it falls; {motion.in_words()}"
 
 
 def _contacts_note(contacts: Contacts | None) -> str:
@@ -209,6 +257,11 @@ def warnings_about(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
     if idle:
         yield f"control: {listed(idle)} move no joint. Check the joint, the site and the gear, or take them out."
     yield from _root_warnings(model, found.hold)
+    yield from _trial_warnings(model, found)
+
+
+def _trial_warnings(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
+    """Yield what trial runs gave reason to say: roots that go away or fall, poses and runs that diverge."""
     for view in system_of(found.motion.values, model).views:
         if view.kind != "slide" or view.feature == "planar" or is_limited(model, view.index):
             continue
@@ -218,6 +271,16 @@ def warnings_about(model: mujoco.MjModel, found: Findings) -> Iterator[str]:
                 f"state.{view.name}: neither a range nor a spring keeps it near; it went {reach:.0f} m away in trial "
                 "runs. Give the joint a range or stiffness in the model, or weaken what drives it."
             )
+    if found.motion.upright < MOST:
+        yield (
+            f"{joint_name(model, 0)}: {found.motion.in_words()}, whatever was tried, so most of the data are of falls. "
+            "Narrow [control], or let servos or a keyframe's ctrl hold it."
+        )
+    if found.lost:
+        yield (
+            f"{listed(found.lost)}: runs that begin there diverge, so none is in the data. Correct the pose, or use a "
+            "smaller timestep in the model."
+        )
     trial = found.motion.trial
     if trial.diverged:
         yield (

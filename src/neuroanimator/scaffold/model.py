@@ -9,6 +9,7 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
+from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.definitions.function import PythonDefinition
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.recorded import RecordedDefinition
@@ -19,7 +20,7 @@ from neuroanimator.scaffold.actuators import (
     proposed_bounds,
     wide_enough,
 )
-from neuroanimator.scaffold.comments import Findings, comments_on, warnings_about
+from neuroanimator.scaffold.comments import Findings, comments_on, told_of, warnings_about
 from neuroanimator.scaffold.defaults import WANTED_SUPER_STEP, tidy, usual_name
 from neuroanimator.scaffold.holding import holding_controls, holding_table
 from neuroanimator.scaffold.motion import TILTS, choose_motion, free_spread, system_of
@@ -34,7 +35,6 @@ from neuroanimator.scaffold.surroundings import (
 )
 from neuroanimator.scaffold.teacher import (
     choose_teacher,
-    in_words,
 )
 from neuroanimator.scaffold.trials import (
     Trial,
@@ -48,7 +48,6 @@ from neuroanimator.systems.rigid.model_system import HOME, ModelSystem, keyframe
 from neuroanimator.systems.rigid.mujoco_system import INTEGRATORS
 from neuroanimator.systems.rigid.symmetries import symmetries_of
 from neuroanimator.systems.rigid.touching import is_limited
-from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.tables import check_table
 from neuroanimator.terminal import phase
 
@@ -57,6 +56,9 @@ FINE_PARTS = 10
 
 WARM_UP = 1.0
 """Models with contacts are driven for so long before a run is recorded [s]: random starts float in the air or overlap."""
+
+RESET_SHARE = 0.2
+"""Share of runs that begin at rest or at a keyframe: there motions are begun, and random starts may never be there."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +72,8 @@ class Proposal:
     """Names of the parts of the state."""
     warnings: tuple[str, ...] = ()
     """What the user should look at before anything is generated."""
-    data_time: str = ""
-    """About how long `generate` takes on this machine if nothing else is said; empty if nobody can tell."""
-    left_out: str = ""
-    """What became of a large model's textures and meshes; empty if they are all in the emulator."""
+    told: tuple[tuple[str, str], ...] = ()
+    """What else is told on the screen, as rows: what was added to the model or left out, and what trial runs showed."""
 
 
 def propose(
@@ -81,21 +81,26 @@ def propose(
     *,
     keyframe: str = "",
     base: Literal["fixed", "free"] = "fixed",
+    passive: tuple[str, ...] = (),
     tree: Path | None = None,
+    reset_noise: float = 0.0,
 ) -> Proposal:
     """Return a definition of the MJCF or URDF model at `path`.
 
     `keyframe` names the one that is the state of rest; `base` says whether the root of a URDF stands fixed or is free.
+    No motor drives its `passive` joints. Some runs begin at rest and at keyframes, with `reset_noise`.
     Includes and meshes may lie in the folder `tree`; without it in the model's own, or in the ROS package it lies in.
-    Raises BadFileError for a model that cannot be emulated, saying why; ArgumentError for a keyframe that is not there
-    and if no scheme steps the model without diverging.
+    Raises BadFileError for a model that cannot be emulated, saying why; ArgumentError for a keyframe or a passive joint
+    that is not there, and if no scheme steps the model without diverging.
     """
     read = read_model(path, tree)
-    model = compile_model(read.files, base)
+    model = compile_model(read.files, base, passive)
     faults = actuator_faults(path, model)
     if faults:
         raise BadFileError(faults)
     values = _read_off(path, model, keyframe, base)
+    values["passive"] = passive
+    values["sampling"] |= {"reset_share": RESET_SHARE, "reset_noise": reset_noise}
     system = system_of(values, model)
     low, high = possible_controls(model, system.bounds)
     number = _keyframe_number(model, values["keyframe"])
@@ -114,13 +119,14 @@ def propose(
         symmetries = symmetries_of(system, states, trial.controls.reshape(len(states), -1))
     values["frame"]["symmetries"] = bool(symmetries)
     teacher = choose_teacher(system, motion.trial, _usual_contacts(system, motion.trial))
+    lost = _resets_that_diverge(system, motion.dt)
     values["physics"] |= {
         "truth_step": teacher.scheme.dt,
         "truth_integrator": teacher.scheme.integrator,
         "fine_step": teacher.fine.dt,
         "fine_integrator": teacher.fine.integrator,
     }
-    found = Findings(motion, hold, growth, whole, teacher, symmetries, read.note)
+    found = Findings(motion, hold, growth, whole, teacher, symmetries, lost, read.note)
     definition = check_table(values, path.name, Definition)
     parts = [part.name for part in system.state.slices]
     return Proposal(
@@ -128,8 +134,7 @@ def propose(
         comments_on(system, found),
         parts,
         tuple(warnings_about(model, found)),
-        in_words(teacher.seconds),
-        read.note,
+        told_of(model, found),
     )
 
 
@@ -224,12 +229,16 @@ def proposed_feature(model: mujoco.MjModel, joint: int, planar: tuple[str, ...])
 
 def _usual_contacts(system: ModelSystem, trial: Trial) -> float:
     """Return how many contacts there are on average in trial runs."""
-    data = mujoco.MjData(system.model)
     every = max(1, trial.states.shape[1] // 4)
-    counts = []
-    with warnings_counted:
-        for state in trial.states[:, ::every].reshape(-1, system.state.size):
-            data.qpos[:] = state[: system.model.nq]
-            mujoco.mj_fwdPosition(system.model, data)
-            counts.append(data.ncon)
-    return float(np.mean(counts))
+    states = trial.states[:, ::every].reshape(-1, system.state.size)
+    return float(np.mean(system.contact_counts(states)))
+
+
+def _resets_that_diverge(system: ModelSystem, dt: float) -> list[str]:
+    """Return which of rest and keyframes a run cannot begin at: such runs diverge, and are left out of the data."""
+    starts = system.with_sensors(system.resets)
+    controls = np.broadcast_to(system.bounds.idle, (len(starts), RUN_STEPS, system.control.size))
+    runs = system.simulate_fastest(starts, controls, dt)
+    names = ["rest"]
+    names += [f"keyframe {keyframe_name(system.model, i)}" for i in range(system.model.nkey)]
+    return [name for name, lost in zip(names, runs.has_diverged, strict=True) if lost]

@@ -19,6 +19,7 @@ from neuroanimator.scaffold.defaults import (
     tidy,
 )
 from neuroanimator.scaffold.holding import Hold
+from neuroanimator.scaffold.stance import Posture, Stance, posture_of, stance_of
 from neuroanimator.scaffold.surroundings import (
     actuated_joint,
     has_free_root,
@@ -62,6 +63,15 @@ BEARABLE = 1.5
 SHARES = (1.0, 0.5, 0.25, 0.125)
 """Controls are tried over these shares of their room, the largest first."""
 
+
+MOST = 0.5
+"""Least share of the time that a root should be upright in the data."""
+
+FEW = 0.05
+"""Where the root is upright for less than this share of the time, starts are spread as all trial runs show it."""
+
+HOVER_HEIGHT = 2.0
+"""Highest random start, over its rest, of a body that only its controls hold in the air [m]."""
 
 OFF_MIDDLE = 0.02
 """What holds a model is off the middle of a control's range if it is by more than this share of it."""
@@ -108,6 +118,20 @@ class Motion(NamedTuple):
     speed: float
     """How fast it turns [rad/s]."""
     share: float
+    stance: Stance | None
+    """How its root stands at rest; none of one that cannot fall."""
+    posture: Posture
+    """Of the trial's states."""
+
+    @property
+    def upright(self) -> float:
+        """Share of the time in which the root is upright."""
+        return float(self.posture.is_upright.mean())
+
+    def in_words(self) -> str:
+        """Return how its root spends the time of trial runs."""
+        airborne = float(self.posture.is_airborne.mean())
+        return f"upright for {self.upright:.0%} of the time, in the air for {airborne:.0%}"
 
     @property
     def dt(self) -> float:
@@ -134,25 +158,46 @@ def choose_motion(
 ) -> Motion:
     """Return controls, sampling and super step with which the model does what can be learned.
 
-    The whole room of the controls, if the super step need not become too short for that; else a smaller share of it.
+    The whole room of the controls, if the super step need not become too short for that, and if a root that may fall is
+    then upright most of the time; else a smaller share of it. Where a root falls, it is not driven before a run is
+    recorded, and starts higher if it hovers.
     Raises BadFileError if the model explodes whatever is tried.
     """
     longest = WANTED_SUPER_STEP
     if growth > 0:
         longest = max(SUPER_STEPS[-1], min(longest, MAX_GROWTH / growth))
     must_be_held = has_free_root(model) and bool(hold.source)
-    first = None
+    stance = stance_of(system_of(values, model), hold)
+    tried: list[Motion] = []
     with progress_bar("shares of the controls tried", len(SHARES)) as bar:
-        for tried, share in enumerate(SHARES):
-            motion = _motion_under(values, model, hold, share, longest)
-            if motion is not None and motion.is_good(must_be_held, longest):
-                return motion
-            first = first or motion
-            bar.advance_to(tried + 1)
-    if first is None:
+        for number, share in enumerate(SHARES):
+            motion = _motion_under(values, model, hold, share, longest, stance)
+            if stance is not None and motion is not None and motion.upright < MOST:
+                tried.append(motion)
+                values = _before_it_falls(values, stance)
+                motion = _motion_under(values, model, hold, share, longest, stance)
+            if motion is not None:
+                tried.append(motion)
+                is_upright = motion.upright >= MOST or not stance or not stance.is_held
+                if is_upright and motion.is_good(must_be_held, longest):
+                    return motion
+            bar.advance_to(number + 1)
+    if not tried:
         raise BadFileError(_explosion(values, model))
-    # Nothing helps: then at least the controls may be used in full.
-    return first
+    upright = [motion for motion in tried if motion.upright >= MOST]
+    slow = [motion for motion in tried if motion.is_good(must_be_held, longest)]
+    best = upright or slow or tried
+    # What does not help leaves at least the controls to be used in full.
+    fullest = [motion for motion in best if motion.share == best[0].share]
+    return max(fullest, key=lambda motion: motion.upright)
+
+
+def _before_it_falls(values: dict[str, Any], stance: Stance) -> dict[str, Any]:
+    """Return the table with runs recorded from their very start, from higher up if the body hovers."""
+    sampling = values["sampling"] | {"warm_up": 0.0}
+    if stance.hovers:
+        sampling["height"] = (0.0, HOVER_HEIGHT)
+    return values | {"sampling": sampling}
 
 
 def _motion_under(
@@ -161,6 +206,7 @@ def _motion_under(
     hold: Hold,
     share: float,
     longest: float,
+    stance: Stance | None,
 ) -> Motion | None:
     """Return the motion under a share of the controls, in the longest super step that nothing turns too far in.
 
@@ -173,11 +219,13 @@ def _motion_under(
         if motion is not None and motion.speed * substeps * step > HOPEFUL * MAX_TURN:
             continue
         draft = values | {"control": controls, "substeps": substeps}
-        trial = _fill_sampling(draft, model)
+        trial = _fill_sampling(draft, model, stance)
         if trial is None:
             return None
-        joint, speed = fastest_turning(system_of(draft, model), trial)
-        motion = Motion(draft, trial, joint, speed, share)
+        system = system_of(draft, model)
+        joint, speed = fastest_turning(system, trial)
+        posture = posture_of(system, stance, trial.states)
+        motion = Motion(draft, trial, joint, speed, share, stance, posture)
         if motion.is_slow:
             break
     return motion
@@ -221,11 +269,13 @@ def _narrowed(
     return narrowed
 
 
-def _fill_sampling(values: dict[str, Any], model: mujoco.MjModel) -> Trial | None:
+def _fill_sampling(
+    values: dict[str, Any], model: mujoco.MjModel, stance: Stance | None
+) -> Trial | None:
     """Fill in how random starts are spread, and return trial runs from there; None if half of them diverge.
 
     First runs begin at rest, where the ground, springs or servos decide, and show positions and velocities; those
-    returned begin where and as fast as these went.
+    returned begin where and as fast as these went while upright.
     """
     sampling = values["sampling"] | {
         "velocity": {},
@@ -236,6 +286,9 @@ def _fill_sampling(values: dict[str, Any], model: mujoco.MjModel) -> Trial | Non
     trial = run_trial(system, values["substeps"])
     if trial.explodes:
         return None
+    is_upright = posture_of(system, stance, trial.states).is_upright
+    if FEW <= is_upright.mean() < 1:
+        trial = trial._replace(states=trial.states[is_upright][None])
     for view in system.views:
         _fill_joint(sampling, system, trial, view)
     sampling["velocity"] = usual_velocities(system, trial)

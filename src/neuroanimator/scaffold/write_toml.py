@@ -34,7 +34,8 @@ TITLES = {
     "control": "The least and the largest value of each actuator.",
     "holding": "What holds the model at rest; where controls cease, they cease to this.",
     "sampling": "Random starts of training runs, around the state of rest; a share of them near it.\n"
-    "# warm_up: random driving before a run is recorded [s]; tilt: of a free root [rad].",
+    "# reset_share: of runs that begin just at rest or at a keyframe, but for reset_noise;\n"
+    "# warm_up: random driving before the others are recorded [s]; tilt: of a free root [rad].",
     "sampling.position": "Where they begin [rad or m]: from the first to the second number,\n"
     "# or as far as one number to either side of rest.",
     "sampling.velocity": "Standard deviation [rad/s or m/s], as seen in trial runs.",
@@ -60,6 +61,7 @@ TOP_KEYS = (
     "model",
     "tree",
     "base",
+    "passive",
     "keyframe",
     "file",
     "batched",
@@ -92,23 +94,25 @@ def write_definition(
     force: bool = False,
     keyframe: str = "",
     base: Literal["fixed", "free"] = "fixed",
+    passive: tuple[str, ...] = (),
     name: str = "",
     tree: Path | None = None,
 ) -> tuple[Path, Proposal]:
     """Write the definition proposed for `model` and return (its path, the proposal).
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
-    run to see what it does. `keyframe`, `base` and `tree` are as in `propose`; the system is called `name`, or after the
-    file or the id. Beside the model or above it `out` names it by its path from there, elsewhere by its absolute path.
+    run to see what it does. `keyframe`, `base`, `passive` and `tree` are as in `propose`; the system is called `name`, or
+    after the file or the id. Beside the model or above it `out` names it by its path from there, elsewhere by its absolute path.
 
     Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside a step function or
     recordings, or if `name` is none or taken; BadFileError for what cannot be emulated.
     """
     _check_name(name)
     source = Path(model)
+    reset_noise = 0.0
     path = out or source.with_suffix(".toml")
     if not source.suffix:
-        source = _copy_from_gymnasium(model, path.parent)
+        source, reset_noise = _copy_from_gymnasium(model, path.parent)
         name = name or usual_name(Path(model))
     if path.exists() and not force:
         raise ArgumentError(
@@ -119,11 +123,18 @@ def write_definition(
             raise ArgumentError(
                 f"{path}: the TOML file must lie beside {source.name}, in {source.parent or '.'}."
             )
-        _refuse_model_options(source, keyframe, base, tree)
+        _refuse_model_options(source, keyframe, base, passive, tree)
         proposal = _propose_without_model(source)
         changes = {}
     else:
-        proposal = propose(source, keyframe=keyframe, base=base, tree=tree)
+        proposal = propose(
+            source,
+            keyframe=keyframe,
+            base=base,
+            passive=passive,
+            tree=tree,
+            reset_noise=reset_noise,
+        )
         changes = {"model": _seen_from(path, source)}
         if tree is not None:
             changes["tree"] = _seen_from(path, tree.resolve())
@@ -151,12 +162,14 @@ def checked_base(text: str) -> Literal["fixed", "free"]:
     raise ArgumentError(f"base: wanted fixed or free, came {quoted(text)}.")
 
 
-def _refuse_model_options(source: Path, keyframe: str, base: str, tree: Path | None) -> None:
+def _refuse_model_options(
+    source: Path, keyframe: str, base: str, passive: tuple[str, ...], tree: Path | None
+) -> None:
     """Raise ArgumentError for options that only a model file can have."""
-    if keyframe or base != "fixed" or tree is not None:
+    if keyframe or base != "fixed" or passive or tree is not None:
         raise ArgumentError(
-            f"{source.name} is no MuJoCo model, so it has neither keyframes, base nor meshes. Leave --keyframe, --base and "
-            "--tree out."
+            f"{source.name} is no MuJoCo model, so it has neither keyframes, base, joints nor meshes. Leave --keyframe, "
+            "--base, --passive and --tree out."
         )
 
 
@@ -178,16 +191,17 @@ def _propose_without_model(source: Path) -> Proposal:
     return Proposal(definition, notes, parts, warnings)
 
 
-def _copy_from_gymnasium(name: str, folder: Path) -> Path:
-    """Copy the MJCF of the environment `name` into `folder` and return its path there."""
+def _copy_from_gymnasium(name: str, folder: Path) -> tuple[Path, float]:
+    """Copy the MJCF of the environment `name` into `folder`; return its path there, and the noise of the resets."""
     from neuroanimator.gym import mjcf_of
+    from neuroanimator.gym.models import default_of
 
     original = mjcf_of(name)
     target = folder / original.name
     if target.exists() and target.read_bytes() != original.read_bytes():
         raise BadFileError(f"{target} exists and is another model. Use another folder.")
     write_whole(target, original.read_bytes())
-    return target
+    return target, default_of(name, "reset_noise_scale") or 0.0
 
 
 def as_toml(proposal: Proposal) -> str:
@@ -195,8 +209,10 @@ def as_toml(proposal: Proposal) -> str:
     definition = proposal.definition
     is_model = isinstance(definition, Definition)
     values = definition.model_dump(mode="json", exclude_unset=not is_model)
-    if is_model and not definition.tree:
-        del values["tree"]
+    if is_model:
+        for key in ("tree", "passive"):
+            if not values[key]:
+                del values[key]
     top = {key: values.pop(key) for key in TOP_KEYS if key in values}
     values.pop("goals", None)
     values.pop("groups", None)

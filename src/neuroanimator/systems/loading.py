@@ -60,7 +60,7 @@ def _pack_model(folder: Path, definition: Definition) -> Any:
 
 
 def _make_model(definition: Definition, files: Any, text: str) -> System:
-    model = compile_model(ModelFiles.from_json(files), definition.base)
+    model = compile_model(ModelFiles.from_json(files), definition.base, definition.passive)
     return ModelSystem(definition, model, text)
 
 
@@ -137,8 +137,11 @@ def _travelling(definition: Any) -> dict[str, Any]:
     if isinstance(definition, Definition):
         values["model"] = Path(definition.model).name
         del values["tree"]
-        if not definition.holding:  # as before there was such a table
-            del values["holding"]
+        for key in ("holding", "passive"):
+            if not values[key]:  # as before there was such a key
+                del values[key]
+        if not definition.sampling.reset_share:
+            del values["sampling"]["reset_share"], values["sampling"]["reset_noise"]
     return values
 
 

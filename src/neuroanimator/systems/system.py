@@ -95,6 +95,8 @@ class System(abc.ABC):
     """(S,) a state of rest, where motions begin if nothing else is said."""
     warm_up: float = 0.0
     """Random starts are taken from this first stretch of random driving [s]: contacts have settled in most."""
+    reset_share: float = 0.0
+    """Share of the runs of a dataset that begin at one of the states `sample_resets` returns, without warm-up."""
     goals: Mapping[str, Goal] = {}
     gait: Gait | None = None
     """How it moves along if nothing else is said; None if it has no such way."""
@@ -235,6 +237,10 @@ class System(abc.ABC):
     @abc.abstractmethod
     def sample_starts(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return `count` random states (count, S) covering what occurs in use."""
+
+    def sample_resets(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Return states (count, S) that motions are begun at on purpose: that of rest, and others if it has some."""
+        return np.repeat(self.rest[None], count, axis=0)
 
     def kinetic_energies(self, states: np.ndarray) -> np.ndarray | None:
         """Return the kinetic energy [J] in each of `states` (N, S): (N,); None where masses are not known."""

@@ -1,4 +1,4 @@
-"""A URDF moves: motors of its efforts, damping of its speed limits, a base that is fixed or free."""
+"""A URDF moves: motors of its efforts, nothing that it does not say, a base that is fixed or free."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import pytest
 
 from neuroanimator import NeuroAnimatorError, load_system
 from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.systems.loading import from_text
 from neuroanimator.systems.rigid.model_files import compile_model, read_model_files
+from neuroanimator.systems.rigid.model_system import ModelSystem
 
 
 def link(name: str, mass: float = 1.0) -> str:
@@ -51,18 +53,67 @@ def compiled(folder: Path, text: str, base="fixed") -> mujoco.MjModel:
     return compile_model(read_model_files(folder / "r.urdf"), base)
 
 
-def test_efforts_are_motors_and_speed_limits_damping(tmp_path: Path):
+def test_efforts_are_motors_and_speed_limits_no_physics(tmp_path: Path):
     model = compiled(tmp_path, ROBOT)
     assert [model.actuator(i).name for i in range(model.nu)] == ["hip", "knee"]
     np.testing.assert_allclose(model.actuator_ctrlrange, [[-12, 12], [-5, 5]])
-    # 12 N·m at most make 6 rad/s at most; what the file says of damping stands.
-    np.testing.assert_allclose(model.dof_damping, [2.0, 0.25])
+    # A limit is no damping; what the file says of damping stands.
+    np.testing.assert_allclose(model.dof_damping, [0.0, 0.25])
     assert model.jnt_type[0] == mujoco.mjtJoint.mjJNT_HINGE
 
 
 def test_a_joint_without_effort_swings(tmp_path: Path):
     model = compiled(tmp_path, ROBOT.replace('effort="5" ', ""))
     assert model.nu == 1
+
+
+CART_POLE = (
+    '<robot name="cartpole"><link name="rail"/>'
+    + link("cart")
+    + link("pole", 0.2).replace('"0 0 -0.2"', '"0 0 0.2"')
+    + '<joint name="slider" type="prismatic"><parent link="rail"/><child link="cart"/><axis xyz="1 0 0"/>'
+    '<limit lower="-4" upper="4" effort="100" velocity="8"/></joint>'
+    '<joint name="hinge" type="continuous"><parent link="cart"/><child link="pole"/><axis xyz="0 1 0"/>'
+    '<limit effort="1000" velocity="5"/></joint></robot>'
+)
+
+
+def test_the_pole_of_a_cart_falls_freely_where_its_joint_is_passive(tmp_path: Path, cli):
+    (tmp_path / "cart.urdf").write_text(CART_POLE)
+    told = cli("new", tmp_path / "cart.urdf", "--passive", "hinge")
+    assert "motors on slider, of <limit effort>" in told.stdout
+    assert "a step of 0.002 s, if the file sets none" in told.stdout
+    toml = tmp_path / "cart.toml"
+    assert "# a motor of <limit effort>" in toml.read_text()
+    system = from_text(load_system(str(toml)).definition_text)
+    assert isinstance(system, ModelSystem)
+    assert system.control.names == ["slider[0] N"]
+    start = system.start_at({"hinge": [0.3]})
+    [states] = system.simulate(start[None], np.zeros((1, 50, 1)), 0.02, scheme=system.fine).states
+    assert states[:, 1].max() > np.pi
+    np.testing.assert_allclose(energies(system, states), energies(system, states)[0], rtol=1e-4)
+
+
+def energies(system: ModelSystem, states: np.ndarray) -> list[float]:
+    """Return the kinetic and potential energy of each state [J]."""
+    data = mujoco.MjData(system.model)
+    totals = []
+    for state in states:
+        system.put(data, state)
+        mujoco.mj_forward(system.model, data)
+        mujoco.mj_energyPos(system.model, data)
+        mujoco.mj_energyVel(system.model, data)
+        totals.append(float(data.energy.sum()))
+    return totals
+
+
+def test_a_passive_joint_that_is_not_there_is_named(tmp_path: Path):
+    (tmp_path / "cart.urdf").write_text(CART_POLE)
+    with pytest.raises(NeuroAnimatorError, match="no joint called 'pole'. Joints: slider, hinge"):
+        write_definition(str(tmp_path / "cart.urdf"), passive=("pole",))
+    (tmp_path / "m.xml").write_text("<mujoco/>")
+    with pytest.raises(NeuroAnimatorError, match="In an MJCF model take their actuators out"):
+        write_definition(str(tmp_path / "m.xml"), passive=("pole",))
 
 
 def test_a_free_base_stands_on_a_floor(tmp_path: Path):

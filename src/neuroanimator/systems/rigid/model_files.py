@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import mujoco
 
 from neuroanimator.definitions.carried import MAX_TEXT
-from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
 from neuroanimator.systems.rigid.light_model import Assets, lighten, without_pictures
 from neuroanimator.systems.rigid.model_safety import check_cells, check_elements, check_model
 from neuroanimator.systems.rigid.model_xml import (
@@ -231,10 +231,14 @@ def _read(folder: Path, name: str, limit: int) -> bytes | None:
         return file.read(limit + 1)
 
 
-def compile_model(files: ModelFiles, base: Literal["fixed", "free"] = "fixed") -> mujoco.MjModel:
+def compile_model(
+    files: ModelFiles,
+    base: Literal["fixed", "free"] = "fixed",
+    passive: tuple[str, ...] = (),
+) -> mujoco.MjModel:
     """Return the model compiled from memory, with MuJoCo's silent resets of NaN states off.
 
-    A URDF gets its motors, and its root stands fixed or free as `base` says; see `urdf`.
+    A URDF gets its motors, but for joints that are `passive`, and its root stands fixed or free as `base` says; see `urdf`.
     Raises BadFileError naming the file and the fault: all that `read_model_files` refuses, what MuJoCo
     refuses, no joints, a time step outside (0, 0.1] s, an infinite number or NaN in the compiled model,
     or more bodies, freedoms or memory than supported.
@@ -252,7 +256,7 @@ def compile_model(files: ModelFiles, base: Literal["fixed", "free"] = "fixed") -
     except ValueError as error:  # no base64
         raise BadFileError(f"{files.main}: {error}. Correct the model.") from error
     with _faults_named(files.main):
-        model = _compiled_tree(root, assets, base=base)
+        model = _compiled_tree(root, assets, base=base, passive=passive)
     check_model(files.main, model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return model
@@ -263,6 +267,8 @@ def _faults_named(main: str) -> Iterator[None]:
     """Raise what MuJoCo raises as a BadFileError about the file `main`."""
     try:
         yield
+    except NeuroAnimatorError:
+        raise
     except (ValueError, RuntimeError, mujoco.FatalError, MemoryError) as error:
         # MuJoCo's line numbers count in the text without includes, so they would mislead.
         line = " ".join(str(error).split())
@@ -279,12 +285,17 @@ def _compiled_tree(
     assets: Assets,
     hull_corners: int = 0,
     base: Literal["fixed", "free"] = "fixed",
+    passive: tuple[str, ...] = (),
 ) -> mujoco.MjModel:
     """Return the model of an XML tree, hulls of meshes cut down to `hull_corners` if that is no 0."""
     text = ET.tostring(root, encoding="unicode")
     with _quiet():
         if root.tag == "robot":
-            return compile_urdf(root, text, assets, base, hull_corners)
+            return compile_urdf(root, text, assets, base, passive, hull_corners)
+        if passive:
+            raise ArgumentError(
+                "passive: joints of a URDF may be passive. In an MJCF model take their actuators out."
+            )
         if not hull_corners:
             return mujoco.MjModel.from_xml_string(text, assets)
         spec = mujoco.MjSpec.from_string(text, assets=assets)

@@ -70,6 +70,9 @@ class ModelSystem(MujocoSystem):
         self.structure = replace(structure, groups=groups, contacts=contacts)
         self.scheme, self.truth, self.fine = schemes_of(definition.physics)
         self.rest = self.with_sensors(_rest(model, definition.keyframe)[None])[0]
+        keyframes = [_rest(model, keyframe_name(model, number)) for number in range(model.nkey)]
+        self.resets = np.array([self.rest[: self.physical_size], *keyframes])
+        self.reset_share = definition.sampling.reset_share
         self.has_symmetries = definition.frame.symmetries
         self.sampling = definition.sampling
         self.warm_up = definition.sampling.warm_up
@@ -94,6 +97,18 @@ class ModelSystem(MujocoSystem):
         if self.sampling.above_ground:
             lift_out(self.model, self._height_entry(), starts)
         return self.with_sensors(starts[:, : self.physical_size])
+
+    def sample_resets(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "B S"]:
+        """Return the state of rest and those of keyframes in random order, with `reset_noise`, as Gymnasium resets."""
+        starts = self.resets[rng.integers(0, len(self.resets), count)]
+        noise = self.sampling.reset_noise
+        positions = starts[:, : self.model.nq]
+        positions += rng.uniform(-noise, noise, positions.shape)
+        for position in positions:
+            mujoco.mj_normalizeQuat(self.model, position)
+        velocities = starts[:, self.model.nq : self.model.nq + self.model.nv]
+        velocities += noise * rng.normal(size=velocities.shape)
+        return self.with_sensors(starts)
 
     def _height_entry(self) -> int:
         """Return the state entry that is the root's height, of a free joint or of a vertical slide."""

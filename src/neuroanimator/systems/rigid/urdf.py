@@ -1,4 +1,4 @@
-"""A URDF as a model that moves: a motor for each joint with an effort, a speed limit, a base that is fixed or free."""
+"""A URDF as a model that moves: a motor for each joint with an effort, a base that is fixed or free."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from neuroanimator.errors import ArgumentError
 from neuroanimator.systems.rigid.model_xml import Element, refuse_at
+from neuroanimator.text import listed, quoted
 
 FLOOR = "floor"
 """What the ground under a free base is called."""
@@ -24,25 +26,31 @@ def compile_urdf(
     text: str,
     assets: dict[str, bytes],
     base: Literal["fixed", "free"],
+    passive: tuple[str, ...] = (),
     hull_corners: int = 0,
 ) -> mujoco.MjModel:
     """Return the model of the URDF `robot`, whose XML is `text`.
 
-    Each joint with `<limit effort>` above 0 gets a motor of its name, from minus to plus that effort. Where there is no
-    `<dynamics damping>`, it is damped so that full effort makes `<limit velocity>` and no more, as a motor's back EMF
-    does. `<mimic>` becomes an equality. With a free base, there is a floor, which it just touches.
-    Hulls of meshes are cut down to `hull_corners` if that is no 0.
-    Raises BadFileError for a number that is none.
+    Each joint with `<limit effort>` above 0 that is not among the `passive` ones gets a motor of its name, from minus to
+    plus that effort. `<limit velocity>` is no physics, so nothing is made of it. `<mimic>` becomes an equality. With a
+    free base, there is a floor, which it just touches. Hulls of meshes are cut down to `hull_corners` if that is no 0.
+    Raises BadFileError for a number that is none, ArgumentError for a passive joint that is not there.
     """
     spec = mujoco.MjSpec.from_string(text, assets=assets)
     joints = {joint.name: joint for joint in spec.joints}
+    for name in passive:
+        if name not in joints:
+            raise ArgumentError(
+                f"passive: no joint called {quoted(name)}. Joints: {listed(joints) or 'none'}."
+            )
     if hull_corners:
         for mesh in spec.meshes:
             mesh.maxhullvert = hull_corners
     for element in robot.iter("joint"):
         joint = joints.get(element.get("name", ""))
         if joint is not None and isinstance(element, Element):
-            _add_motor(spec, joint, element)
+            if joint.name not in passive:
+                _add_motor(spec, joint, element)
             _add_mimic(spec, joint, element, joints)
     if base == "free":
         _free_base(spec, robot)
@@ -52,7 +60,6 @@ def compile_urdf(
 def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, element: Element) -> None:
     """Add the motor of a joint that has an effort and follows no other one."""
     effort = _number(element, "limit", "effort")
-    velocity = _number(element, "limit", "velocity")
     is_single = joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     if effort <= 0 or not is_single or element.find("mimic") is not None:
         return
@@ -60,10 +67,6 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, element: Element) ->
     motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
     motor.ctrllimited = True
     motor.ctrlrange = [-effort, effort]
-    if velocity > 0 and not _number(element, "dynamics", "damping"):
-        damping = np.array(joint.damping)
-        damping[0] = effort / velocity
-        joint.damping = damping
 
 
 def _add_mimic(
