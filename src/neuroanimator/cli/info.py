@@ -116,7 +116,7 @@ def _emulator(file: str) -> tuple[dict[str, Any], Rows]:
         ("system", metadata["system"]),
         ("super step", f"{metadata['dt'] * 1e3:g} ms ({metadata['substeps']} physics steps)"),
         ("state", summary_of(Layout.from_json(metadata["state"], "state"))),
-        ("control", summary_of(Layout.from_json(metadata["control"], "control"))),
+        ("control", summary_of(Layout.from_json(metadata["control"], "control", least=0))),
         ("control bounds", bounds_of(*metadata["bounds"])),
         ("network", f"{network['kind']} {widths}{_strides(metadata.get('strides', 1))}"),
         ("numbers stored", f"{stored_numbers:,}"),
@@ -182,8 +182,14 @@ def _check_policy(path: Path) -> None:
     load_policy(path)
 
 
+NOTHING_DRIVES_IT = "none: nothing drives it"
+"""What is said of a control of no numbers."""
+
+
 def summary_of(layout: Layout) -> str:
     """Return the size of a layout and its parts with their units: the first few by name, the others by number."""
+    if not layout.size:
+        return NOTHING_DRIVES_IT
     parts = []
     for part in layout.slices:
         text = f"{part.name} [{part.unit}]"

@@ -299,10 +299,7 @@ class Writer:
     ) -> Iterator[str]:
         """Yield for each of `output` (N,) what gathers the entries of its rows, one of each of `inputs` (N, R)."""
         count = inputs[0].shape[1]
-        if not count:
-            begin = self.program.constants.literal(0.0)
-            yield from self.copied(np.full(len(output), begin), output)
-        elif count <= 2 * FEW and rule[1].startswith("{s} +"):
+        if count <= 2 * FEW and rule[1].startswith("{s} +"):
             product = " * ".join("{%d}" for _ in inputs)
             terms = []
             for entry in range(count):

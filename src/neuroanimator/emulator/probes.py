@@ -13,6 +13,7 @@ from jaxtyping import Float
 from neuroanimator.codegen.kept import WrongProgramError
 from neuroanimator.emulator.emulator import Emulator, rollout, step, trust
 from neuroanimator.jax_later import jax
+from neuroanimator.state.arrays import as_rows
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 MOTIONS = 40
@@ -112,7 +113,7 @@ class Probes:
         stretch = np.resize(STRETCHES, MOTIONS).astype(np.float32)[:, None, None]
         stretched = rest + stretch * (np.array(motions)[:, :-1] - rest)
         states = stretched.reshape(-1, len(rest))
-        controls = held.reshape(-1, held.shape[-1])
+        controls = as_rows(held)
         steps = compiled_quickly(jax.vmap(step, (None, 0, 0)))
         expected = np.asarray(steps(emulator, states, controls))
         otherwise = np.asarray(steps(emulator, rounded(states), controls))

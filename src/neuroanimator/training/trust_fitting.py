@@ -18,7 +18,7 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE, TrustMeter
 from neuroanimator.jax_later import Array, filter_jit, jax, jnp
-from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.arrays import AnyArray, as_rows
 from neuroanimator.training.lesson import base_windows
 
 DIRECTIONS = 16
@@ -56,7 +56,7 @@ def with_meter(
     """Return the emulator with a meter fitted to windows of T = H + 1 latent states and the latent controls between."""
     states = np.asarray(states)
     rows = (states[:, :-1], np.asarray(controls), states[:, 1:])
-    starts, held, ends = (as_jax(row.reshape(-1, row.shape[-1])[:MAX_INPUTS]) for row in rows)
+    starts, held, ends = (as_jax(as_rows(row)[:MAX_INPUTS]) for row in rows)
     odd, even, errors = _units_and_errors(emulator, starts, held, ends)
     meter = fit_meter(*(np.asarray(rows, float) for rows in (odd, even, errors)))
     # Bounds of errors are by scores of another meter, and mostly of another network.

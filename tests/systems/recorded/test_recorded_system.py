@@ -253,7 +253,7 @@ GOOD = [HEADER, "0,0.00,0.1,0,1", "0,0.02,0.2,0,2", "0,0.04,0.3,0,1"]
             "two columns are called 'state.angle'",
         ),
         ([GOOD[0].replace("control.", "motor."), *GOOD[1:]], "'motor.torque N·m' is none of run"),
-        ([GOOD[0].replace("control.", "state."), *GOOD[1:]], "no control column"),
+        ([HEADER.replace("state.", "control."), *GOOD[1:]], "no state column"),
         ([HEADER, *(f"0,{k / 50},{k},0,1" for k in range(99))], "control.torque never changes"),
     ],
 )
@@ -420,3 +420,54 @@ def test_a_toml_that_disagrees_with_its_recordings_is_refused(
         system = load_system(*resolve(str(tmp_path / "edited.toml"))[:2])
         with pytest.raises(NeuroAnimatorError, match=message):
             dataset_from(system, tmp_path / "data")
+
+
+@pytest.fixture(scope="module")
+def free_swing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a noisy swing of two coupled pendulums, which nothing drives, as swing.csv."""
+    path = tmp_path_factory.mktemp("swing") / "swing.csv"
+    rng = np.random.default_rng(0)
+    angles = np.array([1.0, 0.2])
+    speeds = np.zeros(2)
+    lines = ["time s,state.a rad,state.b rad,state.da rad/s,state.db rad/s"]
+    for k in range(3000):
+        noisy = np.concatenate([angles, speeds]) + 0.002 * rng.normal(size=4)
+        lines.append(",".join([f"{k * 0.02:.2f}", *(f"{number:.5f}" for number in noisy)]))
+        for _ in range(20):
+            pull = 4 * (angles[::-1] - angles)
+            speeds = speeds + 0.001 * (pull - 16 * np.sin(angles) - 0.01 * speeds)
+            angles = angles + 0.001 * speeds
+    path.write_text("\n".join([*lines, ""]))
+    return path.parent
+
+
+def test_a_recording_that_nothing_drives_goes_all_the_way_without_an_edit(
+    free_swing: Path, cli: Cli
+):
+    emulator = "swing.emulator.safetensors"
+    for arguments in (
+        ("new", "swing.csv"),
+        ("generate", "swing.toml", "--out", "data"),
+        ("train", "data", "--updates", "500", "--widths", "16,16", "--out", emulator),
+        ("animate", emulator, "--out", "clip.csv", "--out", "clip.glb"),
+        ("evaluate", emulator, "--data", "data", "--report", "report.html"),
+        ("info", emulator),
+        ("export", emulator, "--out", "swing.h", "--out", "swing.onnx", "--out", "swing.npz"),
+    ):
+        result = cli(*arguments, cwd=free_swing)
+        assert result.returncode == 0, result.stderr
+    assert "control" not in (free_swing / "swing.toml").read_text()
+    clip = np.loadtxt(free_swing / "clip.csv", delimiter=",", skiprows=1)
+    assert np.ptp(clip[:, 1]) > 0.5
+    refused = cli("control", emulator, "--out", "found.csv", cwd=free_swing)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "nothing to control" in refused.stderr
+
+
+def test_an_npz_without_a_control_is_the_same_as_a_csv_without(free_swing: Path, tmp_path: Path):
+    table = np.loadtxt(free_swing / "swing.csv", delimiter=",", skiprows=1)
+    names = np.array(["a rad", "b rad", "da rad/s", "db rad/s"])
+    np.savez(tmp_path / "swing.npz", time=table[:, 0], states=table[:, 1:], state_names=names)
+    found = recordings_from(tmp_path / "swing.npz").read()
+    assert found.control == ()
+    np.testing.assert_array_equal(found.states[0], table[:, 1:])

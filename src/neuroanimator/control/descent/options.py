@@ -58,9 +58,18 @@ class DescentOptions:
 
     def parametrisation_of(self, emulator: Emulator, steps: int) -> Parametrisation:
         """Return what is varied in a motion of so many super steps."""
+        check_driven(emulator)
         if self.parametrisation is not None:
             return self.parametrisation
         return EachStep.of(steps, self.bounds or emulator.bounds)
+
+
+def check_driven(emulator: Emulator) -> None:
+    """Raise ArgumentError where nothing drives the emulator's system, so that there are no controls to find."""
+    if not emulator.control.size:
+        raise ArgumentError(
+            f"{emulator.system} has nothing to control: its recordings have no control column. 'animate' shows how it moves."
+        )
 
 
 def check_method(name: str) -> None:

@@ -112,7 +112,7 @@ class Vectors:
                     f"{found[row, entry]:g} for {expected[row, entry]:g}. Please report it."
                 )
             share = differences / np.maximum(self.units[output], ROUNDING)
-            largest = max(largest, float(share.max()))
+            largest = max(largest, float(share.max(initial=0)))
         return largest
 
     def to_json(self) -> dict[str, Any]:
@@ -318,11 +318,10 @@ def _stretched(
 
 def _largest_in_part(layout: Layout, numbers: Float[np.ndarray, "N S"]) -> Float[np.ndarray, " S"]:
     """Return for each entry how large the numbers of its part are at most."""
-    largest = []
+    largest = np.zeros(layout.size)
     for part in layout.slices:
-        size = np.abs(layout.part(numbers, part.name)).max()
-        largest.append(np.full(part.size, size, float))
-    return np.concatenate(largest)
+        largest[layout.index(part.name)] = np.abs(layout.part(numbers, part.name)).max()
+    return largest
 
 
 def _rounded(array: np.ndarray) -> list[Any]:
