@@ -109,6 +109,8 @@ class _Run:
     feed: Feed
     validation_states: Float[Array, "N T I"]
     validation_controls: Float[Array, "N H C"]
+    measured: Transitions
+    """Latent windows that the meter of trust is fitted to."""
     folder: Path
     checkpoints: Place
     fingerprint: str
@@ -136,6 +138,7 @@ class _Run:
             feed=lesson.feed,
             validation_states=as_jax(lesson.validation.states[:MAX_VALIDATION]),
             validation_controls=as_jax(lesson.validation.controls[:MAX_VALIDATION]),
+            measured=lesson.measured,
             folder=folder,
             checkpoints=checkpoints,
             fingerprint=lesson.fingerprint,
@@ -156,7 +159,7 @@ class _Run:
     @property
     def known_best(self) -> Emulator:
         """`best`, with the meter of what it knows."""
-        return with_meter(self.best, self.validation_states, self.validation_controls)
+        return with_meter(self.best, self.measured)
 
     def advance(self) -> Report:
         """Train until the next report, then validate, log and checkpoint."""

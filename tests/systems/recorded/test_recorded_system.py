@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -403,7 +404,12 @@ def test_one_long_recording_is_cut_so_that_something_is_left_to_test_on(tmp_path
     learn, test = split_recordings(recordings_from(tmp_path / "one.csv"), window_length(SUBSTEPS))
     assert len(learn) > 10
     assert len(test) > 1
-    assert sum(segment.stop - segment.start for segment in [*learn, *test]) == 2400
+    segments = sorted([*learn, *test])
+    for before, after in pairwise(segments):
+        assert after.start - before.stop >= window_length(SUBSTEPS)
+    assert min(segment.stop - segment.start for segment in test) >= 2400 // 20 - window_length(
+        SUBSTEPS
+    )
 
 
 def test_a_toml_that_disagrees_with_its_recordings_is_refused(
@@ -462,6 +468,18 @@ def test_a_recording_that_nothing_drives_goes_all_the_way_without_an_edit(
     refused = cli("control", emulator, "--out", "found.csv", cwd=free_swing)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
     assert "nothing to control" in refused.stderr
+
+
+def test_what_a_recording_kept_apart_is_trusted_where_it_is_like_the_rest(free_swing: Path):
+    system = system_from(free_swing / "swing.csv")
+    data = read_transitions(dataset_from(system, free_swing / "kept"))
+    out = free_swing / "kept.emulator.safetensors"
+    emulator = train(data, TrainingConfig(updates=500, widths=(16, 16)), out)
+    assert data.held_out is not None
+    states, controls = data.held_out
+    assert np.mean(emulator.trust(states[:, :-1], controls) <= 1) > 0.9
+    assert np.mean(emulator.trust(data.states[:, 0], data.controls[:, 0]) <= 1) > 0.95
+    assert np.mean(emulator.trust(3 * states[:, :-1], controls) <= 1) < 0.5
 
 
 def test_an_npz_without_a_control_is_the_same_as_a_csv_without(free_swing: Path, tmp_path: Path):
