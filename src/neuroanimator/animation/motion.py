@@ -115,7 +115,12 @@ def random_drive(
     bounds = emulator.bounds
     gait = emulator.gait
     is_showcase = seed == 0 and start is None
-    state = _random_start(emulator, rng) if start is None else np.asarray(start)
+    if start is not None:
+        state = np.asarray(start)
+    elif is_showcase and not emulator.control.size:
+        state = emulator.rest
+    else:
+        state = _random_start(emulator, rng)
     steps = int(np.ceil(seconds / emulator.dt - STEP_ROUNDING))
     if seed == 0 and gait is not None:
         controls = gait.controls(steps, emulator.dt, bounds)
@@ -131,8 +136,14 @@ def random_drive(
 
 
 def _random_start(emulator: Emulator, rng: np.random.Generator) -> Float[np.ndarray, " S"]:
-    """Return rest with free hinges anywhere within a quarter turn to either side."""
+    """Return rest with free hinges anywhere within a quarter turn to either side.
+
+    What nothing drives begins about a usual super step's change from rest instead: else all its motions were one.
+    """
     start = emulator.rest
+    if not emulator.control.size:
+        unit = np.asarray(emulator.normaliser.unit, float)
+        return emulator.frame.apply(start, unit * rng.normal(size=len(unit)))
     hinges = _free_hinges(emulator)
     start[hinges] = rng.uniform(-np.pi / 2, np.pi / 2, len(hinges))
     return start

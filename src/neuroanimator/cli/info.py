@@ -174,8 +174,14 @@ def _check_policy(path: Path) -> None:
     load_policy(path)
 
 
+NOTHING_DRIVES_IT = "none: nothing drives it"
+"""What is said of a control of no numbers."""
+
+
 def summary_of(layout: Layout) -> str:
     """Return the size of a layout and its parts with their units: the first few by name, the others by number."""
+    if not layout.size:
+        return NOTHING_DRIVES_IT
     parts = []
     for part in layout.slices:
         text = f"{part.name} [{part.unit}]"

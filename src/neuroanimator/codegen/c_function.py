@@ -120,9 +120,17 @@ class _Part:
         """Return (the function's lines, bytes of the arrays it declares)."""
         body = list(fused(self._body(Writer(self.program))))  # it may take more room
         arrays, scratch = self._arrays()
-        unused = "".join(f"(void){name}; " for name in ("k", "t", "tv")[: 1 + len(tapes)])
+        names = [*("k", "t", "tv")[: 1 + len(tapes)], *self._empty()]
+        unused = "".join(f"(void){name}; " for name in names)
         head = f"{declared}({', '.join(self._parameters(tapes))}) {{"
         return [head, *arrays, unused, *body, "}"], scratch
+
+    def _empty(self) -> list[str]:
+        """Return the parameters that have no numbers, such as the control of what nothing drives."""
+        inputs = self.program.inputs
+        outputs = self.program.outputs
+        names = [f"x{number}" for number in self.own_inputs if not inputs[number].size]
+        return names + [f"y{number}" for number in self.outputs if not outputs[number].size]
 
     def _parameters(self, tapes: tuple[str, ...]) -> list[str]:
         xs = [f"const float *x{number}" for number in self.own_inputs]

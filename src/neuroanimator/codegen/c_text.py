@@ -27,7 +27,7 @@ ELEMENTWISE = {
     "tanh": "na_tanh({0})", "logistic": "na_logistic({0})", "sin": "na_sin({0})", "cos": "na_cos({0})",
     "abs": "fabsf({0})", "square": "{0} * {0}", "not": "(float)({0} == 0.0f)",
     "sign": "(float)({0} > 0.0f) - (float)({0} < 0.0f)", "floor": "floorf({0})", "ceil": "ceilf({0})",
-    "round": "rintf({0})", "exp2": "exp2f({0})", "expm1": "expm1f({0})", "log1p": "log1pf({0})",
+    "exp2": "exp2f({0})", "expm1": "expm1f({0})", "log1p": "log1pf({0})",
     "asin": "asinf({0})", "acos": "acosf({0})", "atan": "na_atan2({0}, 1.0f)", "tan": "na_sin({0}) / na_cos({0})",
     "sinh": "sinhf({0})", "cosh": "coshf({0})", "cbrt": "cbrtf({0})",
     "is_finite": "(float)({0} - {0} == 0.0f)",
@@ -38,9 +38,15 @@ ELEMENTWISE = {
     "eq": "(float)({0} == {1})", "ne": "(float)({0} != {1})",
     "and": "(float)({0} != 0.0f && {1} != 0.0f)", "or": "(float)({0} != 0.0f || {1} != 0.0f)",
     "select_n": "{0} != 0.0f ? {2} : {1}",
-    "clamp": "{1} < {0} ? {0} : {1} > {2} ? {2} : {1}",
+    "clamp": "{1} < {0} ? {0} > {2} ? {2} : {0} : {1} > {2} ? {2} : {1}",
 }  # fmt: skip
 """C for the operations that compute entry by entry, of their inputs {0}, {1} and {2}."""
+
+ROUNDED = {"AWAY_FROM_ZERO": "roundf({0})", "TO_NEAREST_EVEN": "rintf({0})"}
+"""C for the operation `round`, by where halves go."""
+
+MOST_SELECTED = 3
+"""Most inputs of `select_n` there is C for: a truth value, and what is chosen from."""
 
 REDUCTIONS = {
     "reduce_sum": ("0.0f", "{s} + {0}"),
@@ -104,6 +110,10 @@ class Writer:
             yield from self._each(
                 ELEMENTWISE[operation.name], replace(operation, inputs=tuple(ordered))
             )
+        elif operation.name == "select_n" and len(operation.inputs) > MOST_SELECTED:
+            raise UnsupportedError("select_n of more than two")
+        elif operation.name == "round":
+            yield from self._each(ROUNDED[operation.params["rounding_method"].name], operation)
         elif operation.name in ELEMENTWISE:
             yield from self._each(ELEMENTWISE[operation.name], operation)
         elif operation.name == "integer_pow":
@@ -289,10 +299,7 @@ class Writer:
     ) -> Iterator[str]:
         """Yield for each of `output` (N,) what gathers the entries of its rows, one of each of `inputs` (N, R)."""
         count = inputs[0].shape[1]
-        if not count:
-            begin = self.program.constants.literal(0.0)
-            yield from self.copied(np.full(len(output), begin), output)
-        elif count <= 2 * FEW and rule[1].startswith("{s} +"):
+        if count <= 2 * FEW and rule[1].startswith("{s} +"):
             product = " * ".join("{%d}" for _ in inputs)
             terms = []
             for entry in range(count):

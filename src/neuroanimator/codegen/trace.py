@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -236,6 +237,10 @@ class _Tracer:
         params: dict[str, Any],
     ) -> Addresses:
         """Return where the result goes, of entries that must be computed; of others, where they are already."""
+        if not math.prod(shape):
+            return np.zeros(shape, int)
+        if name in OF_NOTHING and not inputs[0].size:
+            return np.full(shape, self.program.constants.literal(OF_NOTHING[name]))
         if name not in SIMPLE:
             output = self.program.room_for_result(shape, inputs)
             self.program.operations.append(Operation(name, inputs, output, params))
@@ -261,6 +266,16 @@ class _Tracer:
             return self.program.constants.literal_array(value.numbers)
         return self.program.constants.add(value.numbers)
 
+
+OF_NOTHING = {
+    "reduce_sum": 0.0,
+    "reduce_max": -math.inf,
+    "reduce_min": math.inf,
+    "reduce_and": 1.0,
+    "reduce_or": 0.0,
+    "dot_general": 0.0,
+}
+"""What the operations that gather numbers make of none."""
 
 COMPUTE = np.iinfo(np.int64).max
 """Stands for an address that is yet to be computed."""

@@ -1,4 +1,7 @@
-"""Recordings cut into segments, some to learn from and some to test on: disjoint, so that no sample is in both."""
+"""Recordings cut into segments, some to learn from and some to test on, with a gap between neighbours.
+
+A motion goes on as it was: a segment between trained ones that touch it is half known, and its error too small.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,9 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.systems import carried_system
 from neuroanimator.systems.recorded.recording_file import RecordingFile
 
-MANY_SEGMENTS = 40
-"""Long runs are cut until there are about so many: training keeps whole segments to validate on."""
+MANY_SEGMENTS = 20
+"""Number of segments that long runs are cut into, about: stretches of a twentieth of the time, which training keeps whole
+to validate on."""
 
 MIN_SEGMENTS = 3
 """There must be one segment to learn from, one to validate on and one to test on."""
@@ -21,7 +25,7 @@ TEST_EVERY = 10
 """Every tenth segment is kept for the test, and at least the last."""
 
 MIN_WINDOWS = 3
-"""A segment is at least so many windows long: cutting loses one."""
+"""Length of a segment [windows], at least, the gap before it included: the gap takes one, cutting another."""
 
 
 class Segment(NamedTuple):
@@ -74,12 +78,16 @@ def split_runs(name: str, rows: Sequence[int], length: int) -> Split:
 
 
 def _cut_run(rows: Sequence[int], run: int, length: int) -> list[Segment]:
-    """Return the segments of run number `run` of all."""
+    """Return the segments of run number `run` of all, a window's `length` between neighbours."""
     own = rows[run]
     most_parts = own // (MIN_WINDOWS * length)
     parts = max(1, min(round(MANY_SEGMENTS * own / sum(rows)), most_parts))
     edges = [own * part // parts for part in range(parts + 1)]
-    return [Segment(run, start, stop) for start, stop in pairwise(edges)]
+    segments = []
+    for start, stop in pairwise(edges):
+        gap = length if start else 0
+        segments.append(Segment(run, start + gap, stop))
+    return segments
 
 
 def limited_to_recordings(config: DatasetConfig) -> DatasetConfig:

@@ -82,7 +82,7 @@ def super_steps(
     """Return the first `count` super steps of a segment: count + 1 states, and the mean control of each step."""
     states, controls = runs[segment.run]
     stop = segment.start + count * substeps
-    held = controls[segment.start : stop].reshape(count, substeps, -1).mean(axis=1)
+    held = controls[segment.start : stop].reshape(count, substeps, controls.shape[1]).mean(axis=1)
     return RecordedRun(states[segment.start : stop + 1 : substeps], held)
 
 

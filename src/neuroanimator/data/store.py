@@ -283,8 +283,9 @@ def windows_of(tensors: dict[str, np.ndarray], shard: int) -> Windows:
         numbers = tensors["segments"]
     else:
         numbers = np.arange(len(states)) + shard * RUNS_PER_SHARD
+    count = samples.size
     return Windows(
-        states=states[rows, steps].reshape(-1, MAX_UNROLL + 1, states.shape[-1]),
-        controls=controls[rows, steps[..., :-1]].reshape(-1, MAX_UNROLL, controls.shape[-1]),
+        states=states[rows, steps].reshape(count, MAX_UNROLL + 1, states.shape[-1]),
+        controls=controls[rows, steps[..., :-1]].reshape(count, MAX_UNROLL, controls.shape[-1]),
         run=np.repeat(numbers, samples.shape[1]),
     )

@@ -29,5 +29,6 @@ class RecordedDefinition(Table):
     """Samples n in a super step, if nothing else is asked for."""
     physics: RecordedPhysics
     state: tuple[StatePart, ...] = Field(min_length=1, max_length=256)
-    control: tuple[ControlPart, ...] = Field(min_length=1, max_length=256)
+    control: tuple[ControlPart, ...] = Field((), max_length=256)
+    """Empty of what nothing drives: a free swing, a drop, motion capture."""
     goals: dict[SystemName, GoalTable] = Field(default={})

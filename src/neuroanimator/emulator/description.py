@@ -266,7 +266,7 @@ def _layer_width(value: Any, what: str) -> int:
 def _spec(metadata: dict[str, Any]) -> EmulatorSpec:
     """Return what the emulator stands for: its text held to the rules of definitions, its numbers finite."""
     state = Layout.from_json(metadata["state"], "state")
-    control = Layout.from_json(metadata["control"], "control")
+    control = Layout.from_json(metadata["control"], "control", least=0)
     substeps = whole(metadata["substeps"], "substeps", 1, MAX_SUBSTEPS)
     dt = number(metadata["dt"], "dt", MIN_STEP * substeps, MAX_STEP * substeps)
     system = check_system_name(metadata["system"])

@@ -32,7 +32,7 @@ from neuroanimator.emulator.verdict import ValidationErrors, Verdict, judge_boun
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.jax_later import Array, filter_jit, is_jax_array, jax, jnp
 from neuroanimator.pytrees import Module
-from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.arrays import AnyArray, as_rows
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout
@@ -478,8 +478,8 @@ def _scores(
     emulator: Emulator, states: Float[np.ndarray, "*B S"], controls: Float[np.ndarray, "*B C"]
 ) -> Float[np.ndarray, " *B"]:
     """Return the scores of states under controls, by the `backend`; where rows are not finite, anything."""
-    rows = states.reshape(-1, states.shape[-1])
-    held = controls.reshape(-1, controls.shape[-1])
+    rows = as_rows(states)
+    held = as_rows(controls)
     program = program_of(emulator)
     if program is None:
         scores = as_numpy(call_compiled(_trust_of_rows, emulator, rows, held))

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from neuroanimator.codegen.kept import WrongProgramError
 from neuroanimator.emulator.emulator import Emulator, rollout, step, trust
 from neuroanimator.jax_later import jax
+from neuroanimator.state.arrays import as_rows
 from neuroanimator.storage.remembered import UNKNOWN, Remembered
 
 MOTIONS = 40
@@ -34,7 +35,7 @@ GRADIENT_TOLERANCE = 1e-3
 """The same of gradients, relative to their largest entry."""
 
 ROUNDING = 2.0**-22
-"""How much inputs are changed to see what rounding does in JAX alone."""
+"""Share of its size by which an input is changed, at most, to see what rounding does in JAX alone."""
 
 DOUBTS = 10
 """So many times what rounding does in JAX alone is no error: where a state hangs by a hair, it does much."""
@@ -51,10 +52,18 @@ def compiled_quickly(function: Callable[..., Any]) -> Callable[..., Any]:
     return jax.jit(function, compiler_options=UNOPTIMISED)
 
 
-def rounded(numbers: Float[np.ndarray, " ..."]) -> Float[np.ndarray, " ..."]:
-    """Return `numbers` changed at random in their last places, to see what rounding does in JAX alone."""
-    rng = np.random.default_rng(0)
-    return numbers * (1 + ROUNDING * rng.uniform(-1, 1, numbers.shape)).astype(np.float32)
+def rounded(numbers: Float[np.ndarray, "N ..."], draw: int = 0) -> Float[np.ndarray, "N ..."]:
+    """Return `numbers` changed at random in their last places, to see what rounding does in JAX alone.
+
+    Small ones and zeros are changed as the usual number of their column is: what is computed of them has a size of its
+    own, and at a joint's stop or at rest a zero decides on which side of a kink a row lies. Another `draw` changes
+    them otherwise.
+    """
+    rng = np.random.default_rng(draw)
+    sizes = np.abs(numbers)
+    usual = np.median(np.where(np.isfinite(sizes), sizes, 0), axis=0)
+    changes = ROUNDING * rng.uniform(-1, 1, numbers.shape) * np.maximum(sizes, usual)
+    return (numbers + changes).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -104,7 +113,7 @@ class Probes:
         stretch = np.resize(STRETCHES, MOTIONS).astype(np.float32)[:, None, None]
         stretched = rest + stretch * (np.array(motions)[:, :-1] - rest)
         states = stretched.reshape(-1, len(rest))
-        controls = held.reshape(-1, held.shape[-1])
+        controls = as_rows(held)
         steps = compiled_quickly(jax.vmap(step, (None, 0, 0)))
         expected = np.asarray(steps(emulator, states, controls))
         otherwise = np.asarray(steps(emulator, rounded(states), controls))

@@ -3,7 +3,8 @@
 /* `states` (B, T+1, S): `count` motions of `steps` super steps from `starts` (B, S) under `controls` (B, T, C).
    Returns whether all starts are small enough and all else is finite. */
 int rollouts(const float *k, const float *starts, const float *controls, long count, long steps, float *states) {
-    NA_ALIGNED float latent[LATENT * LANES], state[STATE * LANES], control[CONTROL * LANES], one[LATENT];
+    NA_ALIGNED float latent[LATENT * LANES], state[STATE * LANES], one[LATENT];
+    NA_ALIGNED float control[(CONTROL > 0 ? CONTROL : 1) * LANES];
     for (long first = 0; first < count; first += LANES) {
         const long present = count - first < LANES ? count - first : LANES;
         for (long l = 0; l < LANES; l++) {

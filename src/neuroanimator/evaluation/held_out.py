@@ -16,6 +16,7 @@ from neuroanimator.data.stored import StoredTransitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.state.arrays import as_rows
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems import carried_system
@@ -94,14 +95,12 @@ class HeldOut:
 
         They come from the first `RUN_STEPS` super steps, as the examples of a dataset do.
         """
-        state_size = self.states.shape[-1]
-        control_size = self.controls.shape[-1]
         span = min(RUN_STEPS, self.controls.shape[1])
         every = -(-len(self.controls) * span // self.most_transitions)
         return SuperSteps(
-            states=self.states[:, :span].reshape(-1, state_size)[::every],
-            controls=self.controls[:, :span].reshape(-1, control_size)[::every],
-            next_states=self.states[:, 1 : span + 1].reshape(-1, state_size)[::every],
+            states=as_rows(self.states[:, :span])[::every],
+            controls=as_rows(self.controls[:, :span])[::every],
+            next_states=as_rows(self.states[:, 1 : span + 1])[::every],
         )
 
     def moments(self, count: int) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N C"]]:

@@ -10,6 +10,7 @@ from neuroanimator.emulator.emulator import Emulator, step
 from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.evaluation.weak_spots import step_errors
 from neuroanimator.jax_later import Array, filter_jit, jax, jnp
+from neuroanimator.state.arrays import as_rows
 
 HIGHEST = 1e6
 """A score that is higher, or no number, counts as this."""
@@ -26,9 +27,9 @@ def trust_along(
 def errors_on(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, "B T"]:
     """Return the one-step error of each super step of the test's runs, in standard deviations of the usual change."""
     count, steps, _ = test.controls.shape
-    states = test.states[:, :-1].reshape(count * steps, -1)
-    controls = test.controls.reshape(count * steps, -1)
-    ends = test.states[:, 1:].reshape(count * steps, -1)
+    states = as_rows(test.states[:, :-1])
+    controls = as_rows(test.controls)
+    ends = as_rows(test.states[:, 1:])
     emulated = _following(emulator, as_jax(states), as_jax(controls))
     differences = test.frame.difference(ends, np.asarray(emulated, float))
     return step_errors(test.relative(differences)).reshape(count, steps)

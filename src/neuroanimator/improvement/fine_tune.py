@@ -193,4 +193,4 @@ def _held(
 ) -> Float[np.ndarray, "N H C"]:
     """Return the mean control over each of `count` super steps from each of `firsts` on."""
     steps = firsts[:, None] + np.arange(count * substeps)
-    return controls[steps].reshape(len(firsts), count, substeps, -1).mean(axis=2)
+    return controls[steps].reshape(len(firsts), count, substeps, controls.shape[1]).mean(axis=2)

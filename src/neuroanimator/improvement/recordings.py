@@ -77,7 +77,7 @@ def motions_of(runs: RecordedRuns, emulator: Emulator) -> list[RecordedMotion]:
         if steps < 1:
             continue
         stop = steps * runs.substeps
-        held = controls[:stop].reshape(steps, runs.substeps, -1).mean(axis=1)
+        held = controls[:stop].reshape(steps, runs.substeps, controls.shape[1]).mean(axis=1)
         held = emulator.bounds.clip(held)
         motions.append(RecordedMotion(states[: stop + 1 : runs.substeps], held))
     if not motions:

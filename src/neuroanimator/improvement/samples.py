@@ -63,9 +63,10 @@ def windows_of(samples: Samples) -> Windows:
     steps = firsts[:, None] + np.arange(MAX_UNROLL + 1)
     states = samples.states[:, steps]
     controls = samples.controls[:, steps[:, :-1]]
+    count = len(states) * len(firsts)
     return Windows(
-        states=states.reshape(-1, *states.shape[2:]).astype(np.float32),
-        controls=controls.reshape(-1, *controls.shape[2:]).astype(np.float32),
+        states=states.reshape(count, *states.shape[2:]).astype(np.float32),
+        controls=controls.reshape(count, *controls.shape[2:]).astype(np.float32),
         run=np.repeat(np.arange(len(states)), len(firsts)),
     )
 

@@ -78,7 +78,12 @@ def propose_recording(
         control.append(_control_part(recording, entry, path))
     refuse_large(path.name, _names(recording), np.concatenate(recording.states))
     substeps, note = _substeps(recording, runs, state)
-    for part, number in zip(state, _stillest(recording, runs, substeps), strict=True):
+    rest = _stillest(recording, runs, substeps)
+    rest_note = "where the recordings are stillest"
+    if not control:
+        rest = recording.states[0][0]
+        rest_note = "where the recordings begin, for nothing drives what is recorded"
+    for part, number in zip(state, rest, strict=True):
         part["rest"] = [float(f"{number:.6g}")]
     values = {
         "name": usual_name(path),
@@ -93,7 +98,7 @@ def propose_recording(
         "substeps": note,
         "physics.step": f"the sampling interval [s]; {len(recording.states)} runs",
         "state.rate": "where one column adds up to another's changes, noise left aside",
-        "state.rest": "where the recordings are stillest; motions begin there if nothing else is said",
+        "state.rest": f"{rest_note}; motions begin there if nothing else is said",
     }
     definition = check_table(values, path.name, RecordedDefinition)
     return definition, notes, tuple(_warnings(recording, runs, state, substeps))
@@ -274,9 +279,9 @@ def _control_part(recording: Recording, entry: int, path: Path) -> dict[str, Any
     name, unit = recording.control[entry]
     column = np.concatenate([controls[:, entry] for controls in recording.controls])
     if np.ptp(column) == 0:
-        remedy = "Remove the column." if len(recording.control) > 1 else "Record while it changes."
         raise BadFileError(
-            f"{path.name}: control.{name} never changes, so nothing can be learned of it. {remedy}"
+            f"{path.name}: control.{name} never changes, so nothing can be learned of it. Remove the column, or record "
+            "while it changes."
         )
     low = float(column.min())
     high = float(column.max())

@@ -234,7 +234,7 @@ def as_toml(proposal: Proposal) -> str:
     if is_model:
         lines += GROUP_HINT.splitlines()
     text = "\n".join(lines) + "\n"
-    if "goals" in type(definition).model_fields:
+    if "goals" in type(definition).model_fields and definition.control:
         text += GOAL_HINT + ", ".join(proposal.parts) + "\n"
     return text
 
@@ -242,7 +242,9 @@ def as_toml(proposal: Proposal) -> str:
 def _array_of_tables(
     name: str, tables: list[dict[str, Any]], notes: dict[str, str], titles: dict[str, str]
 ) -> list[str]:
-    """Return the lines of the tables `[[name]]`, under one title and all notes on them."""
+    """Return the lines of the tables `[[name]]`, under one title and all notes on them; none if there are none."""
+    if not tables:
+        return []
     lines = ["", f"# {titles[name]}"]
     for key, note in notes.items():
         if key.startswith(f"{name}."):

@@ -94,16 +94,16 @@ class Layout:
         return [[part.name, part.size, part.unit] for part in self.slices]
 
     @classmethod
-    def from_json(cls, rows: Any, what: str) -> Layout:
-        """Return the layout of a state or control, `what`, that `to_json` wrote.
+    def from_json(cls, rows: Any, what: str, least: int = 1) -> Layout:
+        """Return the layout of a state or control, `what`, that `to_json` wrote, of `least` parts or more.
 
         Raises ValueError for names, units and sizes no system has.
         """
-        if not isinstance(rows, list) or not 1 <= len(rows) <= MAX_NUMBERS:
-            raise ValueError(f"{what}: wanted 1 to {MAX_NUMBERS} named parts")
+        if not isinstance(rows, list) or not least <= len(rows) <= MAX_NUMBERS:
+            raise ValueError(f"{what}: wanted {least} to {MAX_NUMBERS} named parts")
         layout = cls(tuple(_slice_from_json(row, what) for row in rows))
         refuse_twins((part.name for part in layout.slices), what)
-        whole(layout.size, f"{what}: numbers in all", 1, MAX_NUMBERS)
+        whole(layout.size, f"{what}: numbers in all", least, MAX_NUMBERS)
         return layout
 
 

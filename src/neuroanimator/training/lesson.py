@@ -37,6 +37,9 @@ class Lesson(NamedTuple):
     feed: Feed
     validation: Transitions
     """Windows of runs that are not learnt from, in latent numbers."""
+    measured: Transitions
+    """Windows that a meter of trust is fitted to, in latent numbers: the validation's. Of recordings all, for they have too few
+    segments to leave any out."""
     fingerprint: str
     """Names the data, the settings and the emulator the run begins with."""
 
@@ -62,11 +65,16 @@ def _from_memory(data: Transitions, config: TrainingConfig, start_from: Emulator
         controls=as_jax(training.controls),
         rare=as_jax(rare_rows(base, training), np.int32),
     )
+    validation = base_windows(base, data.where(is_held_out))
+    measured = validation
+    if data.system.recordings is not None:
+        measured = base_windows(base, data)
     contents = {"states": data.states, "controls": data.controls, **emulator_tensors(base)}
     return Lesson(
         problem,
         MemoryFeed(problem, windows),
-        base_windows(base, data.where(is_held_out)),
+        validation,
+        measured,
         f"{digest(contents)[:16]}-{config.hash}",
     )
 
@@ -93,10 +101,12 @@ def _from_disk(
     )
     shards = hashlib.sha256("".join(survey.sha256).encode()).hexdigest()[:16]
     start = digest(emulator_tensors(base))[:16]
+    validation = base_windows(base, validation_of(data, config))
     return Lesson(
         problem,
         StreamFeed(problem, stream),
-        base_windows(base, validation_of(data, config)),
+        validation,
+        validation,
         f"{shards}-{start}-{config.hash}-{config.memory}",
     )
 

@@ -111,6 +111,8 @@ class _Run:
     feed: Feed
     validation_states: Float[Array, "N T I"]
     validation_controls: Float[Array, "N H C"]
+    measured: Transitions
+    """Latent windows that the meter of trust is fitted to."""
     noise: Float[np.ndarray, " S"] | None
     """Standard deviation of the noise in the states, where they were recorded and it is known."""
     folder: Path
@@ -140,6 +142,7 @@ class _Run:
             feed=lesson.feed,
             validation_states=as_jax(lesson.validation.states[:MAX_VALIDATION]),
             validation_controls=as_jax(lesson.validation.controls[:MAX_VALIDATION]),
+            measured=lesson.measured,
             noise=data.noise,
             folder=folder,
             checkpoints=checkpoints,
@@ -161,11 +164,10 @@ class _Run:
     @property
     def known_best(self) -> Emulator:
         """`best`, with the meter of what it knows, and with its errors there."""
-        states = self.validation_states
-        controls = self.validation_controls
-        known = with_meter(self.best, states, controls)
-        errors = validation_errors(known, np.asarray(states), np.asarray(controls), self.noise)
-        return replace(known, validation=errors)
+        known = with_meter(self.best, self.measured)
+        states = np.asarray(self.validation_states)
+        controls = np.asarray(self.validation_controls)
+        return replace(known, validation=validation_errors(known, states, controls, self.noise))
 
     def advance(self, on_chunk: Callable[[int], None]) -> Report:
         """Train until the next report, then validate, log and checkpoint."""

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from neuroanimator.data.store import Transitions
 from neuroanimator.data.stored import StoredTransitions, first_windows
@@ -18,7 +18,7 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE, TrustMeter
 from neuroanimator.jax_later import Array, filter_jit, jax, jnp
-from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.arrays import as_rows
 from neuroanimator.training.lesson import base_windows
 
 DIRECTIONS = 16
@@ -29,6 +29,9 @@ MAX_INPUTS = 16_384
 
 COVERED_SHARE = 0.99
 """Share of the inputs that score at most 1."""
+
+FOLDS = 10
+"""Number of parts that the segments of recordings are divided into, each measured by directions fitted to the others."""
 
 RIDGE = 1e-3
 """Share of the units' mean variance that is added to each: what hardly varies is not divided by nothing."""
@@ -47,18 +50,19 @@ def fit_trust(emulator: Emulator, data: Transitions | StoredTransitions) -> Emul
     """
     # Each window has several super steps, so this is more than enough.
     windows = base_windows(emulator, first_windows(data, MAX_INPUTS))
-    return with_meter(emulator, windows.states, windows.controls)
+    return with_meter(emulator, windows)
 
 
-def with_meter(
-    emulator: Emulator, states: Float[AnyArray, "N T I"], controls: Float[AnyArray, "N H C"]
-) -> Emulator:
-    """Return the emulator with a meter fitted to windows of T = H + 1 latent states and the latent controls between."""
-    states = np.asarray(states)
-    rows = (states[:, :-1], np.asarray(controls), states[:, 1:])
-    starts, held, ends = (as_jax(row.reshape(-1, row.shape[-1])[:MAX_INPUTS]) for row in rows)
+def with_meter(emulator: Emulator, windows: Transitions) -> Emulator:
+    """Return the emulator with a meter fitted to latent `windows`; of recordings its edge to segments it was not fitted to."""
+    rows = (windows.states[:, :-1], windows.controls, windows.states[:, 1:])
+    starts, held, ends = (as_jax(as_rows(row)[:MAX_INPUTS]) for row in rows)
+    segments = None
+    if windows.system.recordings is not None:
+        segments = np.repeat(windows.run, windows.controls.shape[1])[:MAX_INPUTS]
     odd, even, errors = _units_and_errors(emulator, starts, held, ends)
-    meter = fit_meter(*(np.asarray(rows, float) for rows in (odd, even, errors)))
+    units = (np.asarray(rows, float) for rows in (odd, even, errors))
+    meter = fit_meter(*units, segments)
     # Bounds of errors are by scores of another meter, and mostly of another network.
     return replace(emulator, meter=meter, calibration=None)
 
@@ -94,9 +98,68 @@ class _Directions(NamedTuple):
 
 
 def fit_meter(
-    odd: Float[np.ndarray, "M H"], even: Float[np.ndarray, "M G"], errors: Float[np.ndarray, " M"]
+    odd: Float[np.ndarray, "M H"],
+    even: Float[np.ndarray, "M G"],
+    errors: Float[np.ndarray, " M"],
+    segments: Int[np.ndarray, " M"] | None = None,
 ) -> TrustMeter:
-    """Return the meter of these units, made by inputs with these `errors`."""
+    """Return the meter of these units, made by inputs with these `errors`.
+
+    Inputs of one of the `segments` follow each other: of what a segment holds, the others say less than its own inputs
+    do. So the edge is found by scores of segments to which the directions were not fitted. Without them inputs count as
+    independent.
+    """
+    directions = _fit_directions(odd, even, errors)
+    scores = directions.scores(odd, even)
+    if segments is not None:
+        scores = _scores_of_unseen(odd, even, errors, segments)
+    edge = max(float(np.quantile(scores, COVERED_SHARE)), SMALLEST) / EDGE
+    return TrustMeter(
+        odd=(directions.odd / edge).astype(np.float32),
+        even=(directions.even / edge).astype(np.float32),
+        even_mean=directions.even_mean.astype(np.float32),
+    )
+
+
+def _scores_of_unseen(
+    odd: Float[np.ndarray, "M H"],
+    even: Float[np.ndarray, "M G"],
+    errors: Float[np.ndarray, " M"],
+    segments: Int[np.ndarray, " M"],
+) -> Float[np.ndarray, " M"]:
+    """Return the score of each input by directions that were fitted without its fold of the segments."""
+    scores = np.empty(len(errors))
+    numbers = np.unique(segments)
+    for fold in range(FOLDS):
+        is_unseen = np.isin(segments, numbers[fold::FOLDS])
+        if not is_unseen.any():
+            continue
+        seen = ~is_unseen
+        directions = _fit_directions(odd[seen], even[seen], errors[seen])
+        scores[is_unseen] = directions.scores(odd[is_unseen], even[is_unseen])
+    return scores
+
+
+class _Measure(NamedTuple):
+    """Directions of both kinds of units, and how far from what scores are measured."""
+
+    odd: Float[np.ndarray, "H P"]
+    even: Float[np.ndarray, "G Q"]
+    even_mean: Float[np.ndarray, " G"]
+
+    def scores(
+        self, odd: Float[np.ndarray, "M H"], even: Float[np.ndarray, "M G"]
+    ) -> Float[np.ndarray, " M"]:
+        """Return the distance of each input's units, whose edge is yet to be found."""
+        return np.sqrt(
+            ((odd @ self.odd) ** 2).sum(1) + (((even - self.even_mean) @ self.even) ** 2).sum(1)
+        )
+
+
+def _fit_directions(
+    odd: Float[np.ndarray, "M H"], even: Float[np.ndarray, "M G"], errors: Float[np.ndarray, " M"]
+) -> _Measure:
+    """Return the `DIRECTIONS` of whitened units that tell most of errors."""
     mean = even.mean(axis=0)
     weights = np.minimum(errors, np.quantile(errors, WEIGHT_SHARE))
     weights = weights / max(weights.mean(), SMALLEST)
@@ -104,13 +167,7 @@ def fit_meter(
     found = [_directions(rows, weights) for rows in (odd, even - mean)]
     least = np.sort(np.concatenate([one.telling for one in found]))[-DIRECTIONS:][0]
     odd_kept, even_kept = (one.vectors[:, one.telling >= least] for one in found)
-    scores = np.sqrt(((odd @ odd_kept) ** 2).sum(1) + (((even - mean) @ even_kept) ** 2).sum(1))
-    edge = max(float(np.quantile(scores, COVERED_SHARE)), SMALLEST) / EDGE
-    return TrustMeter(
-        odd=(odd_kept / edge).astype(np.float32),
-        even=(even_kept / edge).astype(np.float32),
-        even_mean=mean.astype(np.float32),
-    )
+    return _Measure(odd_kept, even_kept, mean)
 
 
 def _directions(units: Float[np.ndarray, "M H"], weights: Float[np.ndarray, " M"]) -> _Directions:

@@ -273,3 +273,18 @@ def test_a_header_is_made_once_a_machine_and_again_where_its_record_is_damaged(
     header_of(shipped.in_strides(2), "it")
     header_of(replace(shipped, network=map_leaves(lambda leaf: leaf + 1, shipped.network)), "it")
     assert made == ["it", "it", "another", "it", "it"]
+
+
+def test_no_slope_is_compared_at_a_kink_where_rounding_decides_which_there_is():
+    emulator = load_emulator("pendulum-50")
+    velocities = slice(3, 6)
+    low = jnp.zeros_like(
+        emulator.domain.low
+    )  # so that at rest velocities are at an end of their range
+    emulator = replace(emulator, domain=replace(emulator.domain, low=low))
+    definition = definition_of(emulator)
+    vectors = make_vectors(definition, emulator)
+    gradients = make_gradient_vectors(definition, emulator, vectors)
+    assert (vectors.inputs["state"][:, velocities] == 0).any()
+    assert not (gradients.inputs["state"][:, velocities] == 0).any()
+    assert gradients.count > 0.9 * vectors.count

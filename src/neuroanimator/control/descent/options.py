@@ -58,6 +58,7 @@ class DescentOptions:
 
     def parametrisation_of(self, emulator: Emulator, steps: int) -> Parametrisation:
         """Return what is varied in a motion of so many super steps."""
+        check_driven(emulator)
         check_steps(steps)
         if self.parametrisation is not None:
             return self.parametrisation
@@ -69,6 +70,14 @@ def check_steps(steps: object) -> None:
     if not isinstance(steps, int | np.integer) or steps < 1:
         raise ArgumentError(
             f"steps: wanted a whole number of super steps, at least 1; came {steps}."
+        )
+
+
+def check_driven(emulator: Emulator) -> None:
+    """Raise ArgumentError where nothing drives the emulator's system, so that there are no controls to find."""
+    if not emulator.control.size:
+        raise ArgumentError(
+            f"{emulator.system} has nothing to control: its recordings have no control column. 'animate' shows how it moves."
         )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from neuroanimator.control.descent.descend import Descent
 from neuroanimator.control.descent.gradient_check import GradientTrust, gradient_trust
-from neuroanimator.control.descent.options import DescentOptions, check_steps
+from neuroanimator.control.descent.options import DescentOptions, check_driven, check_steps
 from neuroanimator.control.objective.goals import (
     find_goal,
     goal_objective,
@@ -222,7 +222,8 @@ def _measure_trust(
 
 
 def check_same_system(emulator: Emulator, system: System) -> None:
-    """Refuse a `system` whose states or controls are not the emulator's, by name."""
+    """Refuse a `system` whose states or controls are not the emulator's, by name, and one that nothing drives."""
+    check_driven(emulator)
     spec = emulator.spec
     if (system.state, system.control) != (spec.state, spec.control):
         raise ArgumentError(

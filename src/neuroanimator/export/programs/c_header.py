@@ -59,6 +59,7 @@ def c_header(model: Emulator | Policy, definition: Definition, name: str) -> str
     else:
         sizes, functions, constants = _emulator_parts(model, name)
     guard = name.upper()
+    room = max(1, emulator.control.size)  # C has no empty arrays
     lines = [
         f"/* {name}.h: {about(definition)}",
         "",
@@ -78,8 +79,8 @@ def c_header(model: Emulator | Policy, definition: Definition, name: str) -> str
         "#endif",
         "",
         f"extern const float {name}_rest[{guard}_STATE]; /* a state to start from */",
-        f"extern const float {name}_control_low[{guard}_CONTROL];",
-        f"extern const float {name}_control_high[{guard}_CONTROL];",
+        f"extern const float {name}_control_low[{room}];",
+        f"extern const float {name}_control_high[{room}];",
         "",
         _template(f"{kind}.h", name),
         "#ifdef __cplusplus",
@@ -96,8 +97,8 @@ def c_header(model: Emulator | Policy, definition: Definition, name: str) -> str
         "#endif",
         "",
         *_array(f"const float {name}_rest", np.array(emulator.spec.rest)),
-        *_array(f"const float {name}_control_low", np.array(emulator.bounds.low)),
-        *_array(f"const float {name}_control_high", np.array(emulator.bounds.high)),
+        *_array(f"const float {name}_control_low", np.resize(emulator.bounds.low, room)),
+        *_array(f"const float {name}_control_high", np.resize(emulator.bounds.high, room)),
         *_array(f"static NA_ALIGNED const float {name}_k", constants.data()),
         "",
         *(function.text for function in functions),
@@ -215,6 +216,8 @@ def _sizes(
         yield f"#define {guard}_PHASE_PER_STEP {c_number(definition.facts['phase_per_step'])} /* [rad] */"
     yield ""
     for vector, layout in (("STATE", emulator.state), ("CONTROL", emulator.control)):
+        if not layout.size:
+            continue
         yield f"/* Where each part of a {vector.lower()} begins. */"
         yield "enum {"
         start = 0

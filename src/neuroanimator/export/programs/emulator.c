@@ -22,7 +22,7 @@
 /* Up to sixteen bodies, side by side. */
 static void @name@_advance_lanes(float *latents, const float *controls, int count, float *states) {
     NA_ALIGNED float latent[@NAME@_LATENT * LANES];
-    NA_ALIGNED float control[@NAME@_CONTROL * LANES];
+    NA_ALIGNED float control[(@NAME@_CONTROL > 0 ? @NAME@_CONTROL : 1) * LANES];
     NA_ALIGNED float state[@NAME@_STATE * LANES];
     for (int l = 0; l < LANES; l++) {
         const int body = l < count ? l : count - 1; /* lanes too many repeat the last body */

@@ -118,7 +118,7 @@ class _Writer:
             columns = np.arange(addresses.size)
         for address, number in zip(addresses.ravel(), columns.ravel(), strict=True):
             self._columns[int(address)] = Column(tensor, int(number))
-        self._widths[tensor] = int(columns.max()) + 1
+        self._widths[tensor] = int(columns.max(initial=-1)) + 1
 
     def node(self, operator: str, *inputs: str, **attributes: Any) -> str:
         """Return the output of an operator, which is written unless it is there already."""

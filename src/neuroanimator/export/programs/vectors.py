@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.probes import rounded
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.definition import Definition
@@ -51,11 +52,12 @@ BEYOND = 1.1
 OFF_BOUNDS = 0.97
 """Times the way from the middle to a bound that controls of gradients go."""
 
-NUDGE = 2.0**-22
-"""How much inputs are changed to see whether an output hangs on their last digits."""
+DRAWS = 8
+"""Number of times the last digits of inputs are changed to see whether an output hangs on them: at a kink, half of the
+changes lead to the other side."""
 
 MAX_DOUBT = 2e-4
-"""Output that changes by more then, in its unit, is no test of a program."""
+"""Largest change of an output then, in its unit, of an input that is a test of a program."""
 
 MIN_SHARE = 0.5
 """Share of `COUNT` that must be left."""
@@ -110,7 +112,7 @@ class Vectors:
                     f"{found[row, entry]:g} for {expected[row, entry]:g}. Please report it."
                 )
             share = differences / np.maximum(self.units[output], ROUNDING)
-            largest = max(largest, float(share.max()))
+            largest = max(largest, float(share.max(initial=0)))
         return largest
 
     def to_json(self) -> dict[str, Any]:
@@ -208,38 +210,46 @@ def _steady_vectors(
 ) -> Vectors:
     """Return the vectors of `function`, at most `COUNT`, for those `inputs` that are a test of it.
 
-    They are none where JAX itself gives no number, or another one when the last digits of the inputs change.
+    They are none where JAX itself gives no number, or another one when the last digits of the inputs change: at a kink
+    (an end of a clip, the larger of two) JAX's slope is that of the one side or the other, and at the kink itself their
+    mean. Programs have the same conditions from JAX, but round what they compare in orders of their own.
     """
-    rng = np.random.default_rng(2)
     run = jax.jit(jax.vmap(function))
     outputs = _as_numpy(run(*inputs.values()))
-    nudged = []
-    for array in inputs.values():
-        nudged.append(array * (1 + NUDGE * rng.uniform(-1, 1, array.shape)).astype(np.float32))
-    others = _as_numpy(run(*nudged))
-    is_steady = np.ones(len(next(iter(outputs.values()))), bool)
-    for name, output in outputs.items():
-        is_steady &= np.isfinite(output).all(axis=1) & np.isfinite(others[name]).all(axis=1)
-    inputs = _rows(inputs, is_steady)
-    outputs = _rows(outputs, is_steady)
-    others = _rows(others, is_steady)
-    if is_steady.any():
+    others = []
+    for draw in range(DRAWS):
+        others.append(_as_numpy(run(*(rounded(array, draw) for array in inputs.values()))))
+    is_finite = np.ones(len(next(iter(outputs.values()))), bool)
+    for arrays in (outputs, *others):
+        for array in arrays.values():
+            is_finite &= np.isfinite(array).all(axis=1)
+    inputs = _rows(inputs, is_finite)
+    outputs = _rows(outputs, is_finite)
+    if is_finite.any():
         scales = {
             name: np.broadcast_to(unit, outputs[name].shape)
             for name, unit in units(inputs, outputs).items()
         }
-        shares = [
-            np.abs(outputs[name] - others[name]) / np.maximum(scales[name], ROUNDING)
-            for name in outputs
-        ]
-        hangs = np.concatenate(shares, axis=1).max(axis=1)
-        chosen = np.flatnonzero(hangs < MAX_DOUBT)[:COUNT]
+        is_steady = np.ones(len(next(iter(outputs.values()))), bool)
+        for changed in others:
+            is_steady &= _are_near(outputs, _rows(changed, is_finite), scales)
+        chosen = np.flatnonzero(is_steady)[:COUNT]
         if len(chosen) >= MIN_SHARE * COUNT:
             return Vectors(*(_rows(arrays, chosen) for arrays in (inputs, outputs, scales)))
     raise NeuroAnimatorError(
         f"{system}: from most states like those it was trained on follows no number, or one that hangs on rounding. "
         "Train it longer before exporting it."
     )
+
+
+def _are_near(outputs: Arrays, others: Arrays, scales: Arrays) -> Bool[np.ndarray, " N"]:
+    """Return for which rows all outputs are near the others, what rounding alone does to a number left aside."""
+    are_near = np.ones(len(next(iter(outputs.values()))), bool)
+    for name, output in outputs.items():
+        rounding = ROUNDING * np.abs(output).max(axis=0)
+        off = np.abs(output - others[name])
+        are_near &= (off <= MAX_DOUBT * scales[name] + rounding).all(axis=1)
+    return are_near
 
 
 def _as_numpy(arrays: dict[str, Array]) -> Arrays:
@@ -308,11 +318,10 @@ def _stretched(
 
 def _largest_in_part(layout: Layout, numbers: Float[np.ndarray, "N S"]) -> Float[np.ndarray, " S"]:
     """Return for each entry how large the numbers of its part are at most."""
-    largest = []
+    largest = np.zeros(layout.size)
     for part in layout.slices:
-        size = np.abs(layout.part(numbers, part.name)).max()
-        largest.append(np.full(part.size, size, float))
-    return np.concatenate(largest)
+        largest[layout.index(part.name)] = np.abs(layout.part(numbers, part.name)).max()
+    return largest
 
 
 def _rounded(array: np.ndarray) -> list[Any]:

@@ -71,18 +71,20 @@ def name_and_unit(text: str, where: str) -> tuple[str, str]:
 
 
 def refuse_columns(name: str, state: list[tuple[str, str]], control: list[tuple[str, str]]) -> None:
-    """Raise BadFileError for names that clash, and for recordings without a state or a control."""
-    _refuse_names(name, "state", [column for column, _ in state], "state.angle rad")
-    _refuse_names(name, "control", [column for column, _ in control], "control.torque N·m")
+    """Raise BadFileError for names that clash, and for recordings without a state. A free swing has no control."""
+    if not state:
+        raise BadFileError(
+            f"{name}: no state column. Name at least one, such as 'state.angle rad'."
+        )
+    _refuse_names(name, "state", [column for column, _ in state])
+    _refuse_names(name, "control", [column for column, _ in control])
 
 
-def _refuse_names(file: str, vector: str, names: list[str], example: str) -> None:
+def _refuse_names(file: str, vector: str, names: list[str]) -> None:
     if len(names) > MAX_COLUMNS:
         raise BadFileError(
             f"{file}: {len(names):,} {vector} columns; wanted at most {MAX_COLUMNS}. Leave some out."
         )
-    if not names:
-        raise BadFileError(f"{file}: no {vector} column. Name at least one, such as '{example}'.")
     for name in names:
         if names.count(name) > 1:
             raise BadFileError(

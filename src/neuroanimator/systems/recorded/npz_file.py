@@ -14,8 +14,11 @@ from neuroanimator.systems.recorded.columns import (
     refuse_columns,
 )
 
-NEEDED = ("time", "states", "controls", "state_names", "control_names")
-"""The arrays every recording has; `run` may be left out."""
+NEEDED = ("time", "states", "state_names")
+"""The arrays every recording has."""
+
+OPTIONAL = ("controls", "control_names", "run")
+"""Arrays that may be left out: those of a control, where nothing drives what is recorded, and `run`."""
 
 DIMENSIONS = {"time": 1, "states": 2, "controls": 2, "run": 1}
 """How many dimensions an array has; its first are the samples."""
@@ -26,8 +29,8 @@ def read_npz(content: bytes, name: str) -> Samples:
     arrays = _arrays(content, name)
     time = _numbers(arrays["time"], "time", name)
     states = _numbers(arrays["states"], "states", name)
-    controls = _numbers(arrays["controls"], "controls", name)
     count = time.size
+    controls = _numbers(arrays.get("controls", np.zeros((count, 0))), "controls", name)
     run = arrays.get("run", np.zeros(count, int))
     rows = {"time": time, "states": states, "controls": controls, "run": run}
     for key, array in rows.items():
@@ -36,7 +39,7 @@ def read_npz(content: bytes, name: str) -> Samples:
                 f"{name}: {key} has shape {array.shape}; wanted one row per time, {count} in all."
             )
     state = _names(arrays["state_names"], "state", name)
-    control = _names(arrays["control_names"], "control", name)
+    control = _names(arrays.get("control_names", np.array([], str)), "control", name)
     refuse_columns(name, state, control)
     _check_count(states, state, "state", name)
     _check_count(controls, control, "control", name)
@@ -54,7 +57,7 @@ def _check_count(
 
 def _arrays(content: bytes, name: str) -> dict[str, np.ndarray]:
     try:
-        arrays = parse_npz(content, (*NEEDED, "run"))
+        arrays = parse_npz(content, (*NEEDED, *OPTIONAL))
     except ValueError as error:
         raise BadFileError(
             f"{name} is not a usable NPZ file: {error}. Save plain arrays with numpy.savez."
@@ -62,7 +65,7 @@ def _arrays(content: bytes, name: str) -> dict[str, np.ndarray]:
     for key in NEEDED:
         if key not in arrays:
             raise BadFileError(
-                f"{name}: no array '{key}'. Wanted: {', '.join(NEEDED)}, and perhaps run."
+                f"{name}: no array '{key}'. Wanted: {', '.join(NEEDED)}, and perhaps {', '.join(OPTIONAL)}."
             )
     return arrays
 
