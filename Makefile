@@ -2,7 +2,7 @@
 # make page: the studio's page and bundles, into its package (make test does it, too)
 # make docs: the documentation, readable offline, into site/
 # make endurance: every fault and attack, the long ones too; its last line counts them    make fuzz: random input
-# make wheel: what is installed elsewhere, in dist/
+# make wheel: what is installed elsewhere, in dist/    make wheels: the studio's, too
 # make blender: the extension for Blender, in dist/
 # All set up .venv by themselves. PYTHON chooses the interpreter (3.11 or newer).
 PYTHON ?= python3
@@ -13,7 +13,7 @@ PAGE := studio/neuroanimator_studio/page/index.html
 PAGE_SOURCES := $(shell find studio -type f -not -path '*/node_modules/*' -not -path 'studio/neuroanimator_studio/*')
 BUNDLES := $(foreach name,dolphin-50 fish-50 truck-50 lander-50 pendulum-50 pendulum-passive-50 cube,studio/neuroanimator_studio/bundles/$(name)/bundle.json)
 
-.PHONY: setup studio demo test page docs wheel blender endurance fuzz lint check bench lock clean
+.PHONY: setup studio demo test page docs wheel wheels blender endurance fuzz lint check bench lock clean
 
 demo: setup
 	$(BIN)/neuroanimator demo --out out
@@ -28,9 +28,12 @@ docs: $(DOCS_STAMP)
 	@echo "The documentation is in site/index.html."
 
 # Built anew each time, from the package alone; tests/test_wheel.py installs it outside the checkout.
-wheel: setup page
+wheel: setup
 	rm -rf dist
 	$(BIN)/python -m hatchling build -t wheel -d dist
+
+# The studio's wheel, too, which holds its page and its bundles.
+wheels: wheel page
 	cd studio && ../$(BIN)/python -m hatchling build -t wheel -d ../dist
 
 blender: setup

@@ -218,6 +218,11 @@ def test_the_readme_is_short_and_its_pictures_are_small():
     assert sum(picture.stat().st_size for picture in pictures) < 3_000_000
 
 
+@pytest.mark.parametrize("page", PAGES, ids=id_of)
+def test_nothing_is_installed_from_an_index_that_does_not_have_it(page: Path):
+    assert not re.search(r"pip install neuroanimator\b", page.read_text(encoding="utf-8"))
+
+
 def test_every_verb_of_the_readme_exists():
     for block in blocks_of(ROOT / "README.md"):
         for verb in re.findall(r"^neuroanimator (\w+)", block.code, re.MULTILINE):

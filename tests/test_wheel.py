@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -11,6 +12,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from test_documentation import blocks_of
 
 from neuroanimator.cli import studio
 from neuroanimator.errors import ResourceError
@@ -148,6 +150,21 @@ def test_the_installed_wheel_needs_no_checkout_no_compiler_and_no_display(
     dependencies.write_text(sysconfig.get_paths()["purelib"] + "\n")
     check_installed(programs, tmp_path)
     check_studio(programs, tmp_path)
+
+
+@pytest.mark.endurance
+def test_the_first_block_of_the_readme_runs_as_written(tmp_path: Path):
+    checkout = tmp_path / "checkout"
+    left_out = shutil.ignore_patterns(".git", ".venv", "node_modules", "out", "site", "__pycache__")
+    shutil.copytree(CHECKOUT, checkout, ignore=left_out, symlinks=True)  # keeps times, for make
+    (checkout / ".venv").symlink_to(CHECKOUT / ".venv")
+    assert (CHECKOUT / ".venv" / ".ready").is_file()  # else make would set it up, of the copy
+    programs = empty_environment(tmp_path / "environment")
+    (block, *_) = blocks_of(checkout / "README.md")
+    environment = os.environ | {"PATH": f"{programs}:{os.environ['PATH']}"}
+    subprocess.run(["bash", "-ec", block.code], cwd=checkout, env=environment, check=True)
+    assert (programs / "neuroanimator").is_file()
+    assert (checkout / "swim.glb").read_bytes()[:4] == b"glTF"
 
 
 @pytest.mark.endurance

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from neuroanimator.export.comparison import write_comparison
     from neuroanimator.export.control_report import write_control_report
     from neuroanimator.export.csv_file import read_clip, write_clip
+    from neuroanimator.export.film.inline import show
     from neuroanimator.export.film.video import write_video
     from neuroanimator.export.gltf.scene import write_glb
     from neuroanimator.export.programs.c_file import write_c_header
@@ -150,6 +151,7 @@ _HOMES = {
     "write_usd": "export.usd.scene",
     "write_comparison": "export.comparison",
     "write_control_report": "export.control_report",
+    "show": "export.film.inline",
     "write_video": "export.film.video",
     "write_worst": "export.worst_cases",
     "write_c_header": "export.programs.c_file",
@@ -234,6 +236,7 @@ __all__ = [  # noqa: RUF022 (by what they are for)
     "write_usd",
     "write_comparison",
     "write_control_report",
+    "show",
     "write_video",
     "write_worst",
     # Use elsewhere.

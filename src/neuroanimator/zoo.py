@@ -78,10 +78,9 @@ def emulator_name(system: str, substeps: int, size: str = "") -> str:
     return f"{name}-{size}" if size else name
 
 
-def shown_motion_path(system: str) -> Path:
-    """Return where the motion of a shipped `system` that is shown first lies: the one the studio opens with."""
-    bundles = Path(str(resources.files("neuroanimator"))) / "studio" / "bundles"
-    return bundles / emulator_name(system, 50) / "bundle.json"
+def default_motion_path(system: str) -> Path:
+    """Return where the motion lies that a shipped `system` is shown with (benchmarks/default_motions.py)."""
+    return shipped_path(system).with_name(f"{system}.motion.json")
 
 
 def shipped_emulators() -> dict[str, Path]:

@@ -5,35 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from neuroanimator import Emulator, NeuroAnimatorError, is_reached
-from neuroanimator.animation.motion import Drive, random_drive
+from neuroanimator.animation.motion import Drive, random_drive, shipped_drive
 from neuroanimator.control.objective.goals import goal_start
 from neuroanimator.control.synthesis.synthesise import synthesise_goal
 from neuroanimator.systems.system import System
-from neuroanimator_studio.leap import leap_drive
-
-LEAPING = "dolphin"
-"""The system of the package that leaps."""
-
-SWINGING = "pendulum-passive"
-"""The system of the package that is let go, and swings until it hangs still."""
-
-HELD_OUT = np.pi / 2
-"""It is held out level and straight: angle of its first hinge [rad]."""
-
-SWING_SECONDS = 7.0
-"""Time in which most of its swing is gone [s]."""
 
 
 def opening_drive(emulator: Emulator, system: System) -> Drive:
-    """Return what `animate` shows of a body with a gait; of another what reaches a goal of `system`, if it has one.
+    """Return what `animate` shows of what ships and of a body with a gait; of another what reaches a goal of `system`.
 
-    A goal with a start of its own comes first: its motion goes somewhere. The dolphin leaps, and what has no motors swings.
+    A goal with a start of its own comes first: its motion goes somewhere.
     """
-    is_packaged = not emulator.definition
-    if emulator.system == LEAPING and is_packaged:
-        return leap_drive(emulator, system)
-    if emulator.system == SWINGING and is_packaged:
-        return swing_drive(emulator)
+    shipped = shipped_drive(emulator)
+    if shipped is not None:
+        return shipped
     if emulator.gait is None:
         for name in _goals_away_from_start(system):
             try:
@@ -47,14 +32,6 @@ def opening_drive(emulator: Emulator, system: System) -> Drive:
                 if is_reached(system, name, states[-1]):
                     return Drive(start, np.array(controls, float))
     return random_drive(emulator, None, 0)
-
-
-def swing_drive(emulator: Emulator) -> Drive:
-    """Return a start with the first link held out level, the others straight on, and nothing that pushes."""
-    start = emulator.rest
-    start[0] = HELD_OUT
-    steps = round(SWING_SECONDS / emulator.dt)
-    return Drive(start, np.repeat(emulator.bounds.middle[None], steps, axis=0))
 
 
 def _goals_away_from_start(system: System) -> list[str]:

@@ -1,11 +1,10 @@
 """Remake the bundles that ship, after an emulator that ships has changed: `python -m neuroanimator_studio.ship [NAME...]`.
 
-With `--facts` only what they say is made anew; programs and motions stay as they are. With `--motions` the motions, too.
+With `--facts` only what they say is made anew, and programs stay as they are.
 """
 
 from __future__ import annotations
 
-import json
 import sys
 
 from neuroanimator import Emulator
@@ -40,19 +39,16 @@ def ship(names: list[str]) -> None:
             print_line(f"{path.relative_to(shipped_folder())}: {path.stat().st_size:,} bytes")
 
 
-def ship_facts(names: list[str], *, keeps_motions: bool) -> None:
+def ship_facts(names: list[str]) -> None:
     """Make anew what the bundles `names` say."""
     for name in names:
         path = shipped_folder() / name / BUNDLE
         if name in PHYSICS_BUNDLES:
             write_facts(physics_facts(name, path.parent), path.parent)
             continue
-        before = json.loads(path.read_text(encoding="ascii"))
         source = find_emulator(name)
         emulator = Emulator.load(source)
-        policy = policy_beside(source, emulator)
-        drive = before["default_motion"] if keeps_motions else None
-        facts = bundle_facts(source, emulator, policy, name, drive=drive)
+        facts = bundle_facts(source, emulator, policy_beside(source, emulator), name)
         write_facts(facts, path.parent)
 
 
@@ -62,7 +58,7 @@ if __name__ == "__main__":
         *SHIPPED_BUNDLES,
         *PHYSICS_BUNDLES,
     ]
-    if "--facts" in words or "--motions" in words:
-        ship_facts(chosen, keeps_motions="--motions" not in words)
+    if "--facts" in words:
+        ship_facts(chosen)
     else:
         ship(chosen)

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from conftest import Cli
 
-from neuroanimator.cli import info
+from neuroanimator.cli import doctor, info
 from neuroanimator.cli.verbs import VERBS
 from neuroanimator.control.synthesis.summary import gap_in_words
+from neuroanimator.systems import SYSTEMS
 from neuroanimator.zoo import shipped_policy
+
+PROJECT = Path(__file__).parents[2] / "pyproject.toml"
+
+MODULES = {"stable-baselines3": "stable_baselines3", "usd-core": "pxr"}
+"""What packages are imported as, where that is not their name."""
 
 
 def test_help_needs_no_heavy_import():
@@ -165,8 +174,24 @@ def test_info_and_list_and_doctor_answer(cli: Cli):
     assert (info["system"], info["substeps"], info["dt"]) == ("pendulum", 50, 0.05)
     listed = cli("list").stdout
     assert "pendulum-passive-100" in listed
+    names = [line.split()[0] for line in listed.splitlines() if line.startswith("  ")]
+    assert names[0] == "dolphin"
+    assert names[len(SYSTEMS) - 1] == "cube"  # nothing ships for it
     assert "swims by commands, speed and turn, through dolphin-50" in listed
     assert "video drawn by" in cli("doctor").stdout
+
+
+def test_doctor_says_what_every_extra_is_for_and_whether_it_is_there(cli: Cli):
+    project = tomllib.loads(PROJECT.read_text())["project"]
+    assert {*doctor.EXTRAS} == {*project["optional-dependencies"]}
+    rows = cli("doctor").stdout.splitlines()
+    for extra, purpose in doctor.EXTRAS.items():
+        (row,) = [row for row in rows if row.startswith(f"extra {extra} ")]
+        assert purpose in row
+        packages = [re.split(r"[\[>]", one)[0] for one in project["optional-dependencies"][extra]]
+        is_there = all(find_spec(MODULES.get(name, name)) for name in packages)
+        assert (" yes " in row) is is_there
+        assert (f"pip install 'neuroanimator[{extra}]'" in row) is not is_there
 
 
 def test_info_of_a_body_fits_on_a_screen_and_json_says_all(capsys):

@@ -21,7 +21,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.slowness import slowness
 from neuroanimator.state.start import Start, start_state
-from neuroanimator.zoo import SHIPPED, shown_motion_path
+from neuroanimator.zoo import SHIPPED, default_motion_path
 
 MAX_SECONDS = 3600.0
 """Longest random motion [s]: an hour; of a slow system longer."""
@@ -54,31 +54,27 @@ class Drive(NamedTuple):
 def default_motion(emulator: Emulator) -> Float[np.ndarray, "K S"]:
     """Return the trajectory (K = T+1 states) to show when nobody asks for anything: a truck parks, a dolphin leaps.
 
-    Of a system that ships it is the one the studio opens with, of another `random_motion` with the seed 0.
+    Of a system that ships it is `shipped_drive`, of another `random_motion` with the seed 0.
     """
     return default_drive(emulator).motion(emulator)
 
 
 def default_drive(emulator: Emulator) -> Drive:
     """Return what `default_motion` follows from."""
-    return shown_drive(emulator) or random_drive(emulator, None, 0)
+    return shipped_drive(emulator) or random_drive(emulator, None, 0)
 
 
-def shown_drive(emulator: Emulator) -> Drive | None:
-    """Return what the studio opens with for the emulator's system, at its own super step; None if it does not ship.
+def shipped_drive(emulator: Emulator) -> Drive | None:
+    """Return the motion that ships of the emulator's system, at its own super step; None if none does.
 
     It was found for one super step; between two of its controls there are those in between.
     """
     if emulator.definition or (emulator.system, 50) not in SHIPPED:
         return None
-    path = shown_motion_path(emulator.system)
-    if not path.is_file():
-        return None
-    bundle = json.loads(path.read_text(encoding="ascii"))
-    motion = bundle["default_motion"]
+    motion = json.loads(default_motion_path(emulator.system).read_text(encoding="ascii"))
     found = np.array(motion["controls"], float)
-    middles = (np.arange(len(found)) + 0.5) * bundle["dt"]
-    steps = round(len(found) * bundle["dt"] / emulator.dt)
+    middles = (np.arange(len(found)) + 0.5) * motion["dt"]
+    steps = round(len(found) * motion["dt"] / emulator.dt)
     times = (np.arange(steps) + 0.5) * emulator.dt
     columns = [np.interp(times, middles, column) for column in found.T]
     return Drive(np.array(motion["start"], float), np.stack(columns, axis=1))

@@ -7,6 +7,18 @@ EXAMPLE = "neuroanimator doctor"
 NEEDED_DISK = 1.0
 """A dataset of the usual size needs up to this much disk [GB]."""
 
+EXTRAS = {
+    "compiler": "emulators in C where there is no gcc or clang",
+    "gym": "Gymnasium environments",
+    "onnx": "export to .onnx",
+    "ray": "several machines, by Ray",
+    "s3": "datasets in S3",
+    "studio": "the studio, in the browser",
+    "usd": "export to .usdc and .usdz",
+    "wasm": "export to .wasm; your own emulators in the studio",
+}
+"""What the extras of the package are for, by name."""
+
 PACKAGES = ("neuroanimator", "jax", "equinox", "mujoco", "numpy")
 """The versions of these packages are told."""
 
@@ -35,4 +47,22 @@ def run() -> None:
     if free <= NEEDED_DISK:
         note = " (a dataset needs up to 1 GB: make room)"
     rows.append(("free disk", f"{free:.1f} GB{note}"))
+    for extra, purpose in EXTRAS.items():
+        there = "yes" if _is_there(extra) else f"no: pip install 'neuroanimator[{extra}]'"
+        rows.append((f"extra {extra}", f"{there} ({purpose})"))
     print_rows(rows)
+
+
+def _is_there(extra: str) -> bool:
+    """Return whether all packages of the `extra` are installed."""
+    import re
+    from importlib.metadata import PackageNotFoundError, distribution, requires
+
+    for requirement in requires("neuroanimator") or []:
+        if re.search(rf"extra == ['\"]{extra}['\"]", requirement):
+            name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+            try:
+                distribution(name)
+            except PackageNotFoundError:
+                return False
+    return True

@@ -22,7 +22,8 @@ def run(
     out: Annotated[
         list[Path],
         typer.Option(
-            help="File ending in .h, .wasm, .onnx or .npz; of a clip in .glb, .usda, .usdz, .mp4 or .csv. May be repeated."
+            help="File ending in .h or .npz, .wasm or .onnx (which need the extras wasm and onnx); "
+            "of a clip in .glb, .usda, .usdz, .mp4 or .csv. May be repeated."
         ),
     ],
     policy: Annotated[

@@ -24,10 +24,7 @@ def run() -> None:
     goals = {name: goal_names(name) for name in SYSTEMS}
     print_rows((f"  {name}", ", ".join(named)) for name, named in goals.items() if named)
     print("\nReady-made emulators")
-    emulator_rows = [
-        (f"  {system}", "none: stepping its physics costs less; 'train' makes one")
-        for system in WITHOUT_EMULATOR
-    ]
+    emulator_rows = []
     for system, substeps in sorted(SHIPPED):
         if shipped_path(system, substeps).is_file():
             emulator_rows.append(
@@ -37,6 +34,10 @@ def run() -> None:
             emulator_rows.append(
                 (f"  {system}-{substeps}-large", "the same, slower and more exact")
             )
+    for system in WITHOUT_EMULATOR:
+        emulator_rows.append(
+            (f"  {system}", "none: stepping its physics costs less; 'train' makes one")
+        )
     print_rows(emulator_rows)
     print("\nReady-made policies (Python: load_policy)")
     policy_rows = []

@@ -107,10 +107,10 @@ def test_a_leap_is_filmed_wholly_from_above_the_water(camera: str):
 
 @pytest.mark.parametrize("size", [(1280, 720), (720, 1280), (640, 480)])
 @pytest.mark.parametrize("name", ["fish", "dolphin", "cube"])
-def test_a_body_that_goes_along_fills_a_third_of_the_width(name: str, size: tuple[int, int]):
+def test_a_body_that_goes_along_fills_half_of_the_width(name: str, size: tuple[int, int]):
     speed = 2 * float(np.ptp(load_system(name).rest[0:24:3]))
     film = Film(size, "side")
-    assert 0.2 < share_of_width(held(name, np.ones(150), speed), film) <= 0.361
+    assert 0.2 < share_of_width(held(name, np.ones(150), speed), film) <= 0.501
 
 
 @pytest.mark.parametrize("name", ["truck", "lander"])
@@ -118,7 +118,7 @@ def test_a_machine_is_no_dot_in_its_landscape(name: str):
     system, times = load_system(name), np.arange(120) / 30
     states = np.repeat(system.rest[None], 120, axis=0)
     states[:, 0] += 5 * times
-    assert 0.25 < share_of_width(Clip(name, system.skeleton, times, states), Film()) < 0.4
+    assert 0.25 < share_of_width(Clip(name, system.skeleton, times, states), Film()) < 0.5
 
 
 def test_the_camera_moves_smoothly_and_keeps_the_body_in_the_picture():
@@ -210,7 +210,7 @@ def test_a_machine_shows_how_it_reaches_a_goal(name: str, goal: str):
 def test_a_dolphin_shows_a_leap_at_every_super_step():
     for name in ("dolphin-25", "dolphin-50", "dolphin-100"):
         heights = default_motion(load_emulator(name))[:, 2 : 3 * 23 : 3]
-        assert heights.min(axis=1).max() > 0.2, name
+        assert heights.min(axis=1).max() > 0, name  # all of it is out of the water
         assert heights.mean(axis=1)[-1] < 0.2, name
 
 

@@ -25,7 +25,7 @@ MAX_SCHOOL = 64
 SPACING = (1.7, 1.1, 0.8)
 """Body lengths between neighbours ahead, beside and above: bodies are long, not high."""
 
-ELONGATION = np.array([0.6, 1.3, 1.2])
+ELONGATION = np.array([0.5, 1.3, 1.6])
 """How far away a place along each axis counts when the school is filled: it becomes longer than it is wide."""
 
 JITTER = 0.22

@@ -17,10 +17,10 @@ from neuroanimator.state.rotation import heading_of
 FIELD_OF_VIEW = 40.0
 """Angle of view from top to bottom [deg]: that of a 50 mm lens."""
 
-WIDTH_SHARE = 0.36
+WIDTH_SHARE = 0.5
 """Share of the picture's width that a single body fills."""
 
-WIDTH_SHARE_OF_MANY = 0.6
+WIDTH_SHARE_OF_MANY = 0.72
 """Share of the picture's width that several bodies fill."""
 
 HEIGHT_SHARE = 0.5
@@ -79,6 +79,12 @@ VIEWS = {
 }
 """What the cameras of `options.CAMERAS` do."""
 
+SWAYING_VIEW = View(42.0, -20.0)
+"""What "follow" does beside a body that sways from side to side: behind and above it, where its tail is seen to beat."""
+
+SWAY = 0.05
+"""A body sways if its parts move from side to side by more than this root mean square, over its length, and up and down less."""
+
 
 class Shots(NamedTuple):
     """The camera in every image."""
@@ -124,6 +130,8 @@ def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) ->
     boxes = bounding_boxes(clips)
     frames = len(boxes.low)
     view = VIEWS[film.camera]
+    if film.camera == "follow" and all(_sways(clip) for clip in clips):
+        view = SWAYING_VIEW
     is_under_water = surface is not None and film.camera != "top" and not _emerges(boxes, surface)
     azimuth = _headings(clips[0], film, frames) + np.radians(view.azimuth)
     if film.camera == "still" or (film.camera == "follow" and _stays(clips, boxes, azimuth[:1])):
@@ -212,10 +220,26 @@ def _body_headings(clip: Clip) -> Float[np.ndarray, " F"]:
     return heading_of(orientations[:, bone])
 
 
+def _sways(clip: Clip) -> bool:
+    """Return whether a body with a skin beats from side to side, as a fish does, and not up and down, as a dolphin."""
+    if clip.skeleton.skin is None:
+        return False
+    positions, _ = clip.skeleton.world_poses(clip.states)
+    offsets = positions - positions.mean(axis=1, keepdims=True)
+    headings = _body_headings(clip)[:, None]
+    sideways = np.cos(headings) * offsets[..., 1] - np.sin(headings) * offsets[..., 0]
+    to_the_side = float(sideways.std(axis=0).max())
+    up_and_down = float(offsets[..., 2].std(axis=0).max())
+    length = float(np.linalg.norm(offsets, axis=2).max())
+    return to_the_side > max(SWAY * length, up_and_down)
+
+
 def _stays(clips: Sequence[Clip], boxes: BoundingBoxes, azimuth: Float[np.ndarray, " 1"]) -> bool:
-    """Return whether the motion stays where it is: of bodies fixed to the world, or in little more than their room."""
+    """Return whether the motion stays where it is: of bodies fixed to the world, or of one in little more than its room."""
     if all(_is_anchored(clip) for clip in clips):
         return True
+    if len(clips) > 1:
+        return False
     width, height = boxes.width_and_height(np.repeat(azimuth, len(boxes.low)))
     whole_width, whole_height = boxes.whole.width_and_height(azimuth)
     own_size = max(float(np.median(width)), float(np.median(height)))

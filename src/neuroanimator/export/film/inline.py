@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 from pathlib import Path
+from typing import NamedTuple
 
 from neuroanimator.animation.clip import Clip, make_clip
 from neuroanimator.animation.gauges import drawable
@@ -28,6 +29,23 @@ REPLAY_WORDS = (
 
 EMULATED_WORDS = "What the controls do on the emulator; there is no physics to replay them on."
 """What stands below it where there is no physics."""
+
+
+class InlineFilm(NamedTuple):
+    """A film that a notebook shows below the cell whose last line it is."""
+
+    html: str
+
+    def _repr_html_(self) -> str:
+        return self.html
+
+
+def show(clip: Clip, *, ghost: Clip | None = None) -> InlineFilm:
+    """Return the film of `clip` for a notebook, with another motion of the same body as its `ghost`.
+
+    Where nothing can be drawn, the notebook says so.
+    """
+    return InlineFilm(_drawn_html(clip, "", ghost))
 
 
 def film_html(path: Path, words: str) -> str:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from neuroanimator.errors import ArgumentError
 
 CAMERAS = {
-    "follow": "goes along at the body's side, a little above",
+    "follow": "goes along at the body's side, a little above, or behind one that sways",
     "side": "goes along exactly beside it, level",
     "front": "goes ahead of it and looks back",
     "back": "goes behind it",

@@ -1,0 +1,48 @@
+"""What shipped systems are shown with keeps our own rule: it stays where the emulator was trained."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from neuroanimator import is_reached, load_emulator, load_system
+from neuroanimator.animation.motion import default_drive
+from neuroanimator.emulator.trust_summary import summary_of
+from neuroanimator.zoo import SHIPPED, default_motion_path
+
+SYSTEMS = sorted({system for system, _ in SHIPPED})
+
+TRUSTED = 0.99
+"""Least share of a film's time that is trusted."""
+
+MAX_FILE = 10_000
+"""Largest file of a motion [bytes]."""
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_every_default_film_is_trusted(system: str):
+    emulator = load_emulator(system)
+    _, scores = default_drive(emulator).trusted_motion(emulator)
+    trust = summary_of(emulator, scores)
+    assert trust.has_meter
+    assert trust.share_within >= TRUSTED, trust
+    assert default_motion_path(system).stat().st_size <= MAX_FILE
+
+
+def test_the_arm_is_seen_standing_for_a_second():
+    emulator = load_emulator("pendulum")
+    system = load_system("pendulum")
+    states = default_drive(emulator).motion(emulator)
+    standing = [is_reached(system, "upright", state) for state in states]
+    assert all(standing[-round(1.0 / emulator.dt) :])
+    assert not any(standing[: len(standing) // 2])
+
+
+@pytest.mark.parametrize("substeps", [25, 100])
+def test_at_another_super_step_it_takes_as_long(substeps: int):
+    usual = load_emulator("truck-50")
+    other = load_emulator(f"truck-{substeps}")
+    drive = default_drive(other)
+    seconds = len(default_drive(usual).controls) * usual.dt
+    assert len(drive.controls) * other.dt == pytest.approx(seconds)
+    np.testing.assert_array_equal(drive.start, default_drive(usual).start)

@@ -1,0 +1,59 @@
+"""Where the camera of a film is: what moves is seen to move, and is in the middle."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator import load_emulator, make_clip
+from neuroanimator.animation.clip import Clip
+from neuroanimator.animation.motion import default_motion
+from neuroanimator.control.policies.school import school_clips
+from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots, shots_of
+from neuroanimator.export.film.options import Film
+
+FILM = Film()
+
+
+def seen_at(shots: Shots, points: Float[np.ndarray, "F 3"]) -> Float[np.ndarray, "F 2"]:
+    """Return where points are in the picture, to the right and up from its middle, over its width."""
+    ahead = shots.lookat - shots.position
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    offsets = points - shots.position
+    depth = (offsets * ahead).sum(axis=1)
+    upward = np.cross(right, ahead)
+    aside = np.stack([(offsets * right).sum(axis=1), (offsets * upward).sum(axis=1)], axis=1)
+    width = 2 * np.tan(np.radians(FIELD_OF_VIEW) / 2) * FILM.size[0] / FILM.size[1]
+    return aside / depth[:, None] / width
+
+
+def middle_of(clip: Clip) -> Float[np.ndarray, "F 3"]:
+    positions, _ = clip.skeleton.world_poses(clip.states)
+    return positions.mean(axis=1)
+
+
+def test_the_beat_of_a_fishs_tail_is_seen():
+    emulator = load_emulator("fish")
+    clip = make_clip(emulator, default_motion(emulator))
+    positions, _ = clip.skeleton.world_poses(clip.states)
+    tail = int(positions[0, :, 0].argmin())
+    shots = shots_of([clip], FILM)
+    beat = seen_at(shots, positions[:, tail]) - seen_at(shots, middle_of(clip))
+    sweep = np.linalg.norm(np.ptp(beat[30:], axis=0))
+    assert sweep > 0.06
+
+
+def test_a_dolphin_that_leaps_is_seen_from_its_side():
+    emulator = load_emulator("dolphin")
+    clip = make_clip(emulator, default_motion(emulator))
+    azimuth, _, _ = shots_of([clip], FILM, surface=0.0).angles(0)
+    assert abs(azimuth) > 60
+
+
+def test_a_school_is_followed_and_stays_in_the_middle_of_the_picture():
+    clips = school_clips(load_emulator("fish"), 12)
+    shots = shots_of(clips, FILM)
+    middle = np.mean([middle_of(clip) for clip in clips], axis=0)
+    assert np.abs(seen_at(shots, middle)).max() < 0.05
