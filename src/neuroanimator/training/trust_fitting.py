@@ -60,9 +60,9 @@ def with_meter(emulator: Emulator, windows: Transitions) -> Emulator:
     segments = None
     if windows.system.recordings is not None:
         segments = np.repeat(windows.run, windows.controls.shape[1])[:MAX_INPUTS]
-    odd, even, errors = _units_and_errors(emulator, starts, held, ends)
-    units = (np.asarray(rows, float) for rows in (odd, even, errors))
-    meter = fit_meter(*units, segments)
+    units = _units_and_errors(emulator, starts, held, ends)
+    odd, even, errors = (np.asarray(rows, float) for rows in units)
+    meter = fit_meter(odd, even, errors, segments)
     # Bounds of errors are by scores of another meter, and mostly of another network.
     return replace(emulator, meter=meter, calibration=None)
 
