@@ -47,6 +47,12 @@ def test_everything_after_the_emulator_file_works_without_mujoco():
             assert "import mujoco" not in path.read_text()
 
 
+def test_one_module_says_how_child_processes_of_python_start():
+    """With the present folder off their path: see `python_command`."""
+    starting = [path for path in SOURCE.rglob("*.py") if "sys.executable" in path.read_text()]
+    assert starting == [SOURCE / "executor" / "python_command.py"]
+
+
 def test_the_architecture_names_what_exists_and_leaves_out_no_room():
     named = set(
         re.findall(

@@ -10,6 +10,7 @@ import sys
 import time
 
 from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.executor.python_command import python_command
 
 MEASURED_TRIAL = 0
 """The number of the trial that is solved."""
@@ -31,7 +32,7 @@ def cold_seconds(task: str) -> float:
 
 def _seconds_of_process(task: str) -> float:
     began = time.perf_counter()
-    command = [sys.executable, "-m", __name__, task]
+    command = python_command("-m", __name__, task)
     process = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LIMIT)
     if process.returncode:
         raise NeuroAnimatorError(f"bench: a process for {task} failed:\n{process.stderr}")

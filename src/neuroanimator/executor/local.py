@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import shlex
 import socket
 import subprocess
 import sys
@@ -24,8 +25,12 @@ from neuroanimator.executor.executor import (
     lost,
     same_kind,
 )
+from neuroanimator.executor.python_command import python_command
 from neuroanimator.executor.worker import Answer, pack, worker_environment
 from neuroanimator.executor.worker_process import READY
+
+WORKER = "neuroanimator.executor.worker_process"
+"""The module that a worker runs."""
 
 MAX_WORKERS = 1024
 """More processes on one machine are a mistake."""
@@ -163,7 +168,7 @@ class _Process:
         environment = os.environ | worker_environment(threads)
         environment["PYTHONPATH"] = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
         number = theirs.fileno()
-        command = [sys.executable, "-m", "neuroanimator.executor.worker_process", str(number)]
+        command = python_command("-m", WORKER, str(number))
         try:
             popen = subprocess.Popen(
                 command,
@@ -235,8 +240,8 @@ class _Process:
         self.connection.close()
         if not self.is_ready:
             raise ResourceError(
-                f"Workers end as they start (exit code {code}): '{sys.executable} -m neuroanimator.executor.worker_process'. "
-                "Use --workers 1."
+                f"A child process ends as it starts (exit code {code}): '{shlex.join(python_command('-m', WORKER))}'. "
+                "Free memory, or allow more processes."
             )
         how = f"with exit code {code}"
         if code < 0:
