@@ -56,7 +56,7 @@ class LocalExecutor(Executor):
             raise ArgumentError(f"workers: wanted 1 to {MAX_WORKERS}, came {workers}.")
         self.workers = workers
         self.threads = threads
-        self._processes: list[_Process] = []
+        self._processes: list[WorkerProcess] = []
 
     def outcomes(
         self, function: Callable[[Any], Result], tasks: Sequence[Any], *, longest: float
@@ -116,19 +116,19 @@ class LocalExecutor(Executor):
             self._idle_process().give(index, pack(function, tasks[index]))
 
     @property
-    def _busy(self) -> list[_Process]:
+    def _busy(self) -> list[WorkerProcess]:
         return [process for process in self._processes if process.index is not None]
 
-    def _idle_process(self) -> _Process:
+    def _idle_process(self) -> WorkerProcess:
         """Return a process that has nothing to do; a new one if there is none."""
         for process in self._processes:
             if process.index is None:
                 return process
-        process = _Process.started(self.threads)
+        process = WorkerProcess.started(self.threads)
         self._processes.append(process)
         return process
 
-    def _ended(self, longest: float) -> list[_Process]:
+    def _ended(self, longest: float) -> list[WorkerProcess]:
         """Return the busy processes that have answered, died or hung, once there are any."""
         while True:
             by_connection = {process.connection: process for process in self._busy}
@@ -148,7 +148,7 @@ class LocalExecutor(Executor):
 
 
 @dataclass(eq=False)
-class _Process:
+class WorkerProcess:
     """A worker, and the task it computes."""
 
     popen: subprocess.Popen[bytes]
@@ -162,7 +162,7 @@ class _Process:
     """When it got its task [s]."""
 
     @classmethod
-    def started(cls, threads: int) -> _Process:
+    def started(cls, threads: int) -> WorkerProcess:
         """Start a worker. ResourceError if the machine does not allow another process."""
         ours, theirs = socket.socketpair()
         environment = os.environ | worker_environment(threads)

@@ -19,26 +19,15 @@ ROOT = "root"
 """What the free joint of a base is called."""
 
 
-def compile_urdf(
-    robot: Element,
-    text: str,
-    assets: dict[str, bytes],
-    base: Literal["fixed", "free"],
-    hull_corners: int = 0,
-) -> mujoco.MjModel:
-    """Return the model of the URDF `robot`, whose XML is `text`.
+def add_what_moves(spec: mujoco.MjSpec, robot: Element, base: Literal["fixed", "free"]) -> None:
+    """Add to the `spec` of the URDF `robot` what MuJoCo does not read of it.
 
     Each joint with `<limit effort>` above 0 gets a motor of its name, from minus to plus that effort. Where there is no
     `<dynamics damping>`, it is damped so that full effort makes `<limit velocity>` and no more, as a motor's back EMF
     does. `<mimic>` becomes an equality. With a free base, there is a floor, which it just touches.
-    Hulls of meshes are cut down to `hull_corners` if that is no 0.
     Raises BadFileError for a number that is none.
     """
-    spec = mujoco.MjSpec.from_string(text, assets=assets)
     joints = {joint.name: joint for joint in spec.joints}
-    if hull_corners:
-        for mesh in spec.meshes:
-            mesh.maxhullvert = hull_corners
     for element in robot.iter("joint"):
         joint = joints.get(element.get("name", ""))
         if joint is not None and isinstance(element, Element):
@@ -46,7 +35,6 @@ def compile_urdf(
             _add_mimic(spec, joint, element, joints)
     if base == "free":
         _free_base(spec, robot)
-    return spec.compile()
 
 
 def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, element: Element) -> None:
