@@ -156,10 +156,12 @@ class RayExecutor(Executor):
 
     def _arguments(self) -> dict[str, Any]:
         """Return the arguments of `ray.init` that keep Ray from talking, and the present folder off its workers' path."""
+        quiet = {"log_to_driver": False, "configure_logging": False, "logging_level": "ERROR"}
+        if self._address is not None and self._address.startswith(CLIENT):
+            return quiet  # a client's folder is nowhere put on a path
         job = self._ray.job_config.JobConfig()
         # No public name: it may move. Else Ray puts the folder first on `sys.path`; see `python_command`.
         job._client_job = True
-        quiet = {"log_to_driver": False, "configure_logging": False, "logging_level": "ERROR"}
         return {"job_config": job, **quiet}
 
     def _check_unused(self) -> None:
