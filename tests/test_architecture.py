@@ -53,6 +53,7 @@ BEYOND_PUBLIC_NAMES = {
     "emulator.spec",
     "errors",
     "evaluation.held_out",
+    "executor.python_command",
     "export.programs.c_header",
     "export.programs.definition",
     "export.programs.wasm_file",
@@ -137,6 +138,16 @@ def test_everything_after_the_emulator_file_works_without_mujoco():
     ):
         for path in [*SOURCE.glob(f"{stage}.py"), *SOURCE.glob(f"{stage}/*.py")]:
             assert "import mujoco" not in path.read_text()
+
+
+def test_one_module_says_how_child_processes_of_python_start():
+    """With the present folder off their path: see `python_command`."""
+    starting = [
+        path
+        for path in [*SOURCE.rglob("*.py"), *STUDIO.rglob("*.py")]
+        if "sys.executable" in path.read_text()
+    ]
+    assert starting == [SOURCE / "executor" / "python_command.py"]
 
 
 def test_the_architecture_names_what_exists_and_leaves_out_no_room():

@@ -10,7 +10,6 @@ import secrets
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any
 
 from neuroanimator import NeuroAnimatorError
 from neuroanimator.errors import ArgumentError, ResourceError
+from neuroanimator.executor.python_command import python_command
 from neuroanimator.storage.files import write_whole
 from neuroanimator.storage.private_folder import private_folders
 from neuroanimator_studio.job_plan import MODEL, PLAN, Plan, read_plan, write_plan
@@ -136,10 +136,10 @@ class Jobs:
 
     def _launch(self, folder: Path) -> None:
         (folder / STATUS).unlink(missing_ok=True)
-        command = [sys.executable, "-m", WORKER, str(folder), str(self._bundles)]
+        command = python_command("-m", WORKER, str(folder), str(self._bundles))
         log = folder / LOG
         log.touch()
-        subprocess.run([sys.executable, "-c", LAUNCHER, str(log), *command], check=True)
+        subprocess.run(python_command("-c", LAUNCHER, str(log), *command), check=True)
 
 
 def describe_job(folder: Path) -> dict[str, Any]:

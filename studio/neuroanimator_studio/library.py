@@ -6,7 +6,6 @@ import hashlib
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +16,7 @@ from neuroanimator import Emulator, NeuroAnimatorError, load_system
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, BadFileError, ResourceError
 from neuroanimator.evaluation.held_out import system_of
+from neuroanimator.executor.python_command import python_command
 from neuroanimator.storage.private_folder import private_folders
 from neuroanimator.systems.system import System
 from neuroanimator.zoo import find_emulator
@@ -179,7 +179,7 @@ def _load_emulator(file: Path) -> Emulator:
 
 def _make(source: Path, folder: Path, bundle_id: str, progress: Progress) -> None:
     """Make a bundle in a process of its own; errors are its, without the names of folders."""
-    command = [sys.executable, "-m", WORKER, str(source), str(folder), bundle_id]
+    command = python_command("-m", WORKER, str(source), str(folder), bundle_id)
     fault = "it took too long, or too much memory"
     with subprocess.Popen(
         command,

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 import secrets
 import subprocess
-import sys
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.executor.python_command import python_command
 from neuroanimator.storage.unfinished import folder_until_exit
 from neuroanimator.tables import read_toml
 
@@ -94,7 +94,7 @@ def _system_name(stem: str) -> str:
 
 def _looked_at(file: Path) -> dict[str, Any]:
     """Return what `neuroanimator new` finds in a model, in a process of its own: a stranger's may crash it."""
-    command = [sys.executable, "-c", COMMAND_LINE, "new", str(file)]
+    command = python_command("-c", COMMAND_LINE, "new", str(file))
     try:
         looked = subprocess.run(
             command,

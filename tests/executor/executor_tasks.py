@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -72,3 +73,7 @@ def cores(task: Square) -> tuple[str, str, str, str]:
     names = ("NPROC", "OMP_NUM_THREADS", "NEUROANIMATOR_CORES", "JAX_PLATFORMS")
     first, second, third, fourth = (os.environ.get(name, "") for name in names)
     return first, second, third, fourth
+
+
+def search_path(task: Square) -> list[str]:
+    return sys.path

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from executor_tasks import Square, cores, square
+from executor_tasks import Square, cores, search_path, square
 from tally import Tally
 
 from neuroanimator import DatasetConfig, generate
@@ -43,6 +43,11 @@ def test_results_come_in_the_order_of_the_tasks(two: RayExecutor):
     assert two.map(square, tasks, longest=LONGEST) == [n**2 for n in NUMBERS]
     assert two.map(square, [], longest=LONGEST) == []
     assert two.map(cores, [Square(0)], longest=LONGEST) == [("1", "1", "1", "cpu")]
+
+
+def test_a_python_file_of_the_present_folder_does_not_run_in_ray(two: RayExecutor):
+    [folders] = two.map(search_path, [Square(0)], longest=LONGEST)
+    assert not {"", os.getcwd()} & set(folders)
 
 
 def test_an_error_names_its_task_and_the_others_end(two: RayExecutor):

@@ -27,7 +27,7 @@ from neuroanimator.systems.loading import LOADERS, from_text
 from neuroanimator.systems.recorded.csv_file import read_csv
 from neuroanimator.systems.recorded.npz_file import read_npz
 from neuroanimator.systems.recorded.recording import cut_runs
-from neuroanimator.systems.rigid.model_files import ModelFiles, compile_model
+from neuroanimator.systems.rigid.model_files import ModelFiles, ModelRequest, compile_here
 from neuroanimator.systems.system import System
 from neuroanimator.tables import check_table, read_toml
 from neuroanimator.zoo import shipped_path
@@ -73,7 +73,8 @@ def definition(content: bytes) -> None:
 
 def model(content: bytes) -> None:
     """MJCF or URDF."""
-    compile_model(ModelFiles("model.xml", (("model.xml", base64.b64encode(content).decode()),)))
+    files = ModelFiles("model.xml", (("model.xml", base64.b64encode(content).decode()),))
+    compile_here(ModelRequest(files))
 
 
 def objective(content: bytes) -> None:

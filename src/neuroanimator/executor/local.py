@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import shlex
 import socket
 import subprocess
 import sys
@@ -26,9 +27,13 @@ from neuroanimator.executor.executor import (
     lost,
     same_kind,
 )
+from neuroanimator.executor.python_command import python_command
 from neuroanimator.executor.worker import Answer, pack, worker_environment
 from neuroanimator.executor.worker_process import READY
 from neuroanimator.storage.unfinished import folder_until_exit
+
+WORKER = "neuroanimator.executor.worker_process"
+"""The module that a worker runs."""
 
 MAX_WORKERS = 1024
 """More processes on one machine are a mistake."""
@@ -54,7 +59,7 @@ class LocalExecutor(Executor):
             raise ArgumentError(f"workers: wanted 1 to {MAX_WORKERS}, came {workers}.")
         self.workers = workers
         self.threads = threads
-        self._processes: list[_Process] = []
+        self._processes: list[WorkerProcess] = []
 
     def outcomes(
         self, function: Callable[[Any], Result], tasks: Sequence[Any], *, longest: float
@@ -114,19 +119,19 @@ class LocalExecutor(Executor):
             self._idle_process().give(index, pack(function, tasks[index]))
 
     @property
-    def _busy(self) -> list[_Process]:
+    def _busy(self) -> list[WorkerProcess]:
         return [process for process in self._processes if process.index is not None]
 
-    def _idle_process(self) -> _Process:
+    def _idle_process(self) -> WorkerProcess:
         """Return a process that has nothing to do; a new one if there is none."""
         for process in self._processes:
             if process.index is None:
                 return process
-        process = _Process.started(self.threads)
+        process = WorkerProcess.started(self.threads)
         self._processes.append(process)
         return process
 
-    def _ended(self, longest: float) -> list[_Process]:
+    def _ended(self, longest: float) -> list[WorkerProcess]:
         """Return the busy processes that have answered, died or hung, once there are any."""
         while True:
             by_connection = {process.connection: process for process in self._busy}
@@ -146,7 +151,7 @@ class LocalExecutor(Executor):
 
 
 @dataclass(eq=False)
-class _Process:
+class WorkerProcess:
     """A worker, and the task it computes."""
 
     popen: subprocess.Popen[bytes]
@@ -160,13 +165,13 @@ class _Process:
     """When it got its task [s]."""
 
     @classmethod
-    def started(cls, threads: int) -> _Process:
+    def started(cls, threads: int) -> WorkerProcess:
         """Start a worker. ResourceError if the machine does not allow another process."""
         ours, theirs = socket.socketpair()
         environment = os.environ | worker_environment(threads)
         environment["PYTHONPATH"] = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
         number = theirs.fileno()
-        command = [sys.executable, "-m", "neuroanimator.executor.worker_process", str(number)]
+        command = python_command("-m", WORKER, str(number))
         try:
             environment["TMPDIR"] = str(_workers_folder())
             popen = subprocess.Popen(
@@ -239,8 +244,8 @@ class _Process:
         self.connection.close()
         if not self.is_ready:
             raise ResourceError(
-                f"Workers end as they start (exit code {code}): '{sys.executable} -m neuroanimator.executor.worker_process'. "
-                "Use --workers 1."
+                f"A child process ends as it starts (exit code {code}): '{shlex.join(python_command('-m', WORKER))}'. "
+                "Free memory, or allow more processes."
             )
         how = f"with exit code {code}"
         if code < 0:

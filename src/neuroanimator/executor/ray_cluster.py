@@ -134,7 +134,7 @@ class RayExecutor(Executor):
                 address="local",
                 num_cpus=self.workers * self.threads,
                 include_dashboard=False,
-                **_quietly(),
+                **self._arguments(),
             )
         self._find_head()
 
@@ -147,12 +147,22 @@ class RayExecutor(Executor):
         self._check_unused()
         refused = f"The Ray cluster at {printable(address)} does not let this process in; its RAY_AUTH_TOKEN may be wanted"
         with _one_line(refused):
-            self._ray.init(address=address, **_quietly())
+            self._ray.init(address=address, **self._arguments())
         if address.startswith(CLIENT):
             self._head = (host, port)
         else:
             self._find_head()
         self._count_workers()
+
+    def _arguments(self) -> dict[str, Any]:
+        """Return the arguments of `ray.init` that keep Ray from talking, and the present folder off its workers' path."""
+        quiet = {"log_to_driver": False, "configure_logging": False, "logging_level": "ERROR"}
+        if self._address is not None and self._address.startswith(CLIENT):
+            return quiet  # a client's folder is nowhere put on a path
+        job = self._ray.job_config.JobConfig()
+        # No public name: it may move. Else Ray puts the folder first on `sys.path`; see `python_command`.
+        job._client_job = True
+        return {"job_config": job, **quiet}
 
     def _check_unused(self) -> None:
         if self._ray.is_initialized():
@@ -278,11 +288,6 @@ def _silence(ray: ModuleType) -> None:
 
 def _print_nothing(data: object, ignore_prefix: bool) -> None:
     """Stand in for what Ray prints with."""
-
-
-def _quietly() -> dict[str, Any]:
-    """Return the arguments of `ray.init` that keep Ray from talking."""
-    return {"log_to_driver": False, "configure_logging": False, "logging_level": "ERROR"}
 
 
 def _host_and_port(address: str) -> tuple[str, int]:

@@ -3,6 +3,7 @@
 import base64
 import json
 import os
+import resource
 import struct
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from neuroanimator.systems.rigid.model_files import (
     read_model,
     read_model_files,
 )
+from neuroanimator.systems.rigid.model_safety import MEMORY_LIMIT
 
 BODY = '<worldbody><body name="b"><joint name="j"/><geom size="1"/></body></worldbody>'
 INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -391,7 +393,6 @@ REFUSALS = {
     "body_inertia: not finite": '<worldbody><body><joint/><geom size="1" mass="inf"/></body></worldbody>',
     "range: not finite": '<worldbody><body><joint range="nan 1"/><geom size="1"/></body></worldbody>',
     "meanmass: not finite": '<statistic meanmass="inf"/>',
-    "working memory (narena=1,": '<size memory="1G"/>',
     "degrees of freedom (nv=207)": "<worldbody>"
     + '<body><freejoint/><geom size=".1"/></body>' * 34
     + "</worldbody>",
@@ -406,6 +407,22 @@ def test_what_cannot_be_simulated_is_refused_by_name(tmp_path, fault):
     )
     main = write(tmp_path, {"m.xml": mujoco_xml(REFUSALS[fault], body), "bomb.png": PNG})
     assert fault in refusal(main)
+
+
+@pytest.mark.parametrize("size", ['memory="10K"', 'memory="1T"', 'njmax="9" nconmax="3"'])
+def test_mujocos_working_memory_is_what_we_say_not_the_model(tmp_path, size):
+    main = write(tmp_path, {"m.xml": mujoco_xml(f"<size {size}/>")})
+    assert compile_model(read_model_files(main)).narena == MEMORY_LIMIT
+
+
+def test_a_model_loaded_again_starts_no_process(tmp_path):
+    files = read_model_files(write(tmp_path, {"m.xml": mujoco_xml("<!-- again -->")}))
+    first = compile_model(files)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    again = compile_model(ModelFiles.from_json(files.to_json()))
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime == before.ru_utime
+    first.opt.timestep = 0.01
+    assert again.opt.timestep != first.opt.timestep
 
 
 def test_a_picture_too_large_is_refused_if_carried_and_left_out_if_read(tmp_path):

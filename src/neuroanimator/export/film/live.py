@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import os
 import subprocess
-import sys
 from contextlib import suppress
 from typing import IO, final
 
@@ -17,6 +16,7 @@ from jaxtyping import Float, UInt8
 
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError, ResourceError
+from neuroanimator.executor.python_command import python_command
 from neuroanimator.export.film.video import graphics_backend, why_no_graphics
 from neuroanimator.storage.files import canonical_json
 
@@ -41,7 +41,7 @@ class LiveView:
             raise ResourceError(why_no_graphics())
         self._shape = (height, width, 3)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", WORKER],
+            python_command("-m", WORKER),
             env={**os.environ, "MUJOCO_GL": backend},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

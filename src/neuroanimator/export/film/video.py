@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from threading import Timer
 
 from neuroanimator.animation.clip import Clip, check_drawable
 from neuroanimator.errors import ArgumentError, ResourceError
+from neuroanimator.executor.python_command import python_command
 from neuroanimator.export.film.clip_bytes import pack_takes
 from neuroanimator.export.film.options import DEFAULT_SIZE, checked_film
 from neuroanimator.export.film.takes import Take
@@ -139,7 +139,7 @@ def _draw(content: bytes, temporary: Path, name: str, images: int, bar: Bar) -> 
 
 def _run_drawing(content: bytes, out: Path, backend: str, images: int, bar: Bar) -> tuple[int, str]:
     """Return the drawing process's exit code and its last complaint; it ends whenever this function does."""
-    command = [sys.executable, "-m", WORKER, str(out)]
+    command = python_command("-m", WORKER, str(out))
     with tempfile.TemporaryFile() as clips, tempfile.TemporaryFile() as complaints:
         clips.write(content)
         clips.seek(0)
@@ -177,7 +177,7 @@ def _show_progress(bar: Bar, line: bytes, images: int) -> None:
 
 def graphics_backend() -> str | None:
     """Return the first of EGL and OSMesa that can draw here; None if neither can."""
-    command = [sys.executable, "-m", WORKER]
+    command = python_command("-m", WORKER)
     for backend in _backends():
         trial = subprocess.run(
             command, env=_environment(backend), capture_output=True, timeout=MAX_DRAWING

@@ -9,15 +9,24 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal, NamedTuple
 
 import mujoco
+import numpy as np
 
 from neuroanimator.definitions.carried import MAX_TEXT
 from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
+from neuroanimator.executor.limited import LimitError, ProcessLimits, call_limited
 from neuroanimator.systems.rigid.light_model import Assets, lighten, without_pictures
-from neuroanimator.systems.rigid.model_safety import check_cells, check_elements, check_model
+from neuroanimator.systems.rigid.model_safety import (
+    MEMORY_LIMIT,
+    check_cells,
+    check_elements,
+    check_model,
+)
+from neuroanimator.systems.rigid.model_trial import try_model
 from neuroanimator.systems.rigid.model_xml import (
     CARRIED,
     ON_DISK,
@@ -31,7 +40,8 @@ from neuroanimator.systems.rigid.model_xml import (
     refuse,
     refuse_at,
 )
-from neuroanimator.systems.rigid.urdf import compile_urdf
+from neuroanimator.systems.rigid.urdf import add_what_moves
+from neuroanimator.systems.rigid.warnings import warnings_counted
 
 URDF_PARTS = {"link", "joint", "material", "mujoco"}
 """What MuJoCo reads of a URDF; the rest, such as <gazebo>, is dropped."""
@@ -60,6 +70,21 @@ MAX_SHOWN = 40
 MAX_MESSAGE = 300
 """An error shows so many characters of what MuJoCo says."""
 
+
+COMPILING = ProcessLimits(memory=2 * 2**30, seconds=60)
+"""How much the process may take that compiles a model as it travels: a few megabytes of files."""
+
+LIGHTENING = ProcessLimits(memory=4 * 2**30, seconds=300)
+"""How much the process may take that makes a model of the user's disk light: up to 64 MB of meshes, compiled several times."""
+
+OUT_OF_MEMORY = ("Could not allocate memory", "unknown exception")
+"""Parts of what MuJoCo says where it gets no memory."""
+
+COMPILED = "compiled.mjb"
+"""Name under which MuJoCo finds a compiled model in memory."""
+
+COMPILED_KEPT = 4
+"""Number of compiled models kept: a user's own is loaded more than once."""
 
 ADVICE = {
     "no decoder found": "MuJoCo reads STL, OBJ and MSH: convert the mesh, or put a primitive shape in its place",
@@ -133,7 +158,7 @@ def read_model(path: Path, tree: Path | None = None) -> ReadModel:
     `model_xml` and `model_safety`.
     """
     allowed = None if tree is None else _checked_tree(path, tree)
-    try:
+    with _reading_named(path.name):
         folder = allowed or _folder_of(path)
         main = (path.parent.resolve() / path.name).relative_to(folder).as_posix()
         try:
@@ -143,9 +168,17 @@ def read_model(path: Path, tree: Path | None = None) -> ReadModel:
                 return ReadModel(_packed(main, source.taken), "")
         except TooLargeError:
             pass
-        return _read_light(main, _source_in(folder, ON_DISK))
+    with _limits_named(main):
+        return call_limited(_read_light, (main, folder), LIGHTENING)
+
+
+@contextmanager
+def _reading_named(name: str) -> Iterator[None]:
+    """Raise what keeps a model's files from being read as a BadFileError about the file `name`."""
+    try:
+        yield
     except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a circle of links
-        raise BadFileError(f"{path.name}: could not read it: {error}. Check the file.") from error
+        raise BadFileError(f"{name}: could not read it: {error}. Check the file.") from error
 
 
 def _source_in(folder: Path, limits: Limits) -> Source:
@@ -171,11 +204,14 @@ def _packed(main: str, files: Assets) -> ModelFiles:
     return ModelFiles(main, tuple(texts))
 
 
-def _read_light(main: str, source: Source) -> ReadModel:
-    """Return the model of `main` without its textures, its meshes made light."""
-    root, settings = _read_tree(main, source)
-    pictures = without_pictures(root)
-    assets = attach_files(source, main, root, settings)
+def _read_light(given: tuple[str, Path]) -> ReadModel:
+    """Return the model of (its main file, its folder) without its textures, its meshes made light."""
+    main, folder = given
+    source = _source_in(folder, ON_DISK)
+    with _reading_named(main):
+        root, settings = _read_tree(main, source)
+        pictures = without_pictures(root)
+        assets = attach_files(source, main, root, settings)
     check_cells(root, assets)
     with _faults_named(main):
         light = lighten(main, root, assets, _compiled_tree, _fits, pictures)
@@ -231,18 +267,44 @@ def _read(folder: Path, name: str, limit: int) -> bytes | None:
         return file.read(limit + 1)
 
 
+class ModelRequest(NamedTuple):
+    """A model to be compiled."""
+
+    files: ModelFiles
+    base: Literal["fixed", "free"] = "fixed"
+    """How a URDF's root stands."""
+    passive: tuple[str, ...] = ()
+    """Joints of a URDF that get no motor."""
+
+
 def compile_model(
     files: ModelFiles,
     base: Literal["fixed", "free"] = "fixed",
     passive: tuple[str, ...] = (),
 ) -> mujoco.MjModel:
-    """Return the model compiled from memory, with MuJoCo's silent resets of NaN states off.
+    """Return the compiled model, with MuJoCo's silent resets of NaN states off.
 
+    It was compiled, and tried for a moment, by a process of its own that a crash or a lack of memory ends instead of
+    this one. MuJoCo's working memory is as large as any model's may be: memory that nothing touches costs nothing.
     A URDF gets its motors, but for joints that are `passive`, and its root stands fixed or free as `base` says; see `urdf`.
     Raises BadFileError naming the file and the fault: all that `read_model_files` refuses, what MuJoCo
     refuses, no joints, a time step outside (0, 0.1] s, an infinite number or NaN in the compiled model,
-    or more bodies, freedoms or memory than supported.
+    more bodies, freedoms, memory or time than supported, or what MuJoCo cannot simulate.
     """
+    content = _compiled(ModelRequest(files, base, passive))
+    return mujoco.MjModel.from_binary_path(COMPILED, {COMPILED: content})
+
+
+@lru_cache(COMPILED_KEPT)
+def _compiled(request: ModelRequest) -> bytes:
+    """Return the compiled model as MuJoCo writes it, made within limits."""
+    with _limits_named(request.files.main):
+        return call_limited(compile_here, request, COMPILING)
+
+
+def compile_here(request: ModelRequest) -> bytes:
+    """Return the compiled model as MuJoCo writes it, made in this very process."""
+    files, base, passive = request
     stored = dict(files.files)
 
     def load(name: str) -> bytes | None:
@@ -259,7 +321,25 @@ def compile_model(
         model = _compiled_tree(root, assets, base=base, passive=passive)
     check_model(files.main, model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    return model
+    try:
+        with warnings_counted:
+            try_model(model)
+    except BadFileError as error:
+        raise BadFileError(f"{files.main}: {error}") from error
+    content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, content)
+    return content.tobytes()
+
+
+@contextmanager
+def _limits_named(main: str) -> Iterator[None]:
+    """Raise that a call took too much as a BadFileError about the file `main`."""
+    try:
+        yield
+    except LimitError as error:
+        raise BadFileError(
+            f"{main}: compiling it {error}. Use fewer or simpler meshes, and smaller pictures."
+        ) from error
 
 
 @contextmanager
@@ -269,10 +349,12 @@ def _faults_named(main: str) -> Iterator[None]:
         yield
     except NeuroAnimatorError:
         raise
-    except (ValueError, RuntimeError, mujoco.FatalError, MemoryError) as error:
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
         # MuJoCo's line numbers count in the text without includes, so they would mislead.
         line = " ".join(str(error).split())
         message = re.sub(r",? ?\(?line =? ?\d+\)?", "", line)[:MAX_MESSAGE]
+        if any(part in message for part in OUT_OF_MEMORY):
+            raise MemoryError from error
         advice = "Correct the model"
         for part, better in ADVICE.items():
             if part in message:
@@ -288,19 +370,21 @@ def _compiled_tree(
     passive: tuple[str, ...] = (),
 ) -> mujoco.MjModel:
     """Return the model of an XML tree, hulls of meshes cut down to `hull_corners` if that is no 0."""
-    text = ET.tostring(root, encoding="unicode")
     with _quiet():
+        spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=assets)
+        spec.memory = MEMORY_LIMIT
+        # Threads, or the cache, wait for ever for a lock of one that got no memory.
+        spec.compiler.usethread = False
+        mujoco.mj_setCacheCapacity(mujoco.mj_getCache(), 0)
+        if hull_corners:
+            for mesh in spec.meshes:
+                mesh.maxhullvert = hull_corners
         if root.tag == "robot":
-            return compile_urdf(root, text, assets, base, passive, hull_corners)
-        if passive:
+            add_what_moves(spec, root, base, passive)
+        elif passive:
             raise ArgumentError(
                 "passive: joints of a URDF may be passive. In an MJCF model take their actuators out."
             )
-        if not hull_corners:
-            return mujoco.MjModel.from_xml_string(text, assets)
-        spec = mujoco.MjSpec.from_string(text, assets=assets)
-        for mesh in spec.meshes:
-            mesh.maxhullvert = hull_corners
         return spec.compile()
 
 

@@ -40,7 +40,7 @@ SIZE_LIMIT = 1000
 """An attribute that `SIZES` matches may have this value."""
 
 MEMORY_LIMIT = 256 * 2**20
-"""A compiled model, and its working memory, may take so much each [bytes]."""
+"""Maximum size of a compiled model, and size of MuJoCo's working memory for it [bytes]."""
 
 CUBE_SIDES = 6
 """A cubic texture has so many square images."""
@@ -82,7 +82,6 @@ REFUSED_ATTRIBUTES = {
 LARGEST = {
     "bodies": ("nbody", BODY_LIMIT),
     "degrees of freedom": ("nv", FREEDOM_LIMIT),
-    "working memory": ("narena", MEMORY_LIMIT),
     "model memory": ("nbuffer", MEMORY_LIMIT),
     "sensor readings": ("nsensordata", COPY_LIMIT),
     "activations": ("na", COPY_LIMIT),
@@ -91,7 +90,6 @@ LARGEST = {
 
 
 TOO_MUCH = {
-    "narena": 'Write <size memory="64M"/> without njmax, nconmax and nstack',
     "nv": "Fix joints that need not move",
     "nbody": "Join bodies that are fixed to each other",
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 
 import mujoco
@@ -22,7 +23,10 @@ DIVERGED_VELOCITY = 1e3
 """A motion with a joint faster than this has diverged [rad/s or m/s]: it is a hundred times what starts and motors give."""
 
 STEPS_IN_MEMORY = 2_000_000
-"""So many physics steps are kept at once while simulating; that bounds memory to about 150 MB."""
+"""Maximum number of physics steps kept at once while simulating; that bounds memory to about 150 MB."""
+
+PARTS = 4
+"""Number of parts each thread computes of many runs: some take longer than others."""
 
 
 def load_model(file_name: str) -> mujoco.MjModel:
@@ -67,12 +71,21 @@ class MujocoSystem(System):
         threads: int,
     ) -> None:
         model = self.model_with(scheme)
-        workers = [mujoco.MjData(model) for _ in range(threads)]
-        batch = max(1, STEPS_IN_MEMORY // (substeps * max(1, controls.shape[1])))
-        for first in range(0, len(states), batch):
-            rows = slice(first, first + batch)
-            starts = states[rows, 0]
-            states[rows, 1:] = self._rollout(model, workers, starts, controls[rows], substeps)
+        steps = substeps * max(1, controls.shape[1])
+        in_memory = max(1, STEPS_IN_MEMORY // (steps * threads))
+        rows = min(in_memory, -(-len(states) // (PARTS * threads)) or 1)
+        parts = [slice(first, first + rows) for first in range(0, len(states), rows)]
+
+        def fill(part: slice) -> None:
+            states[part, 1:] = self._rollout(model, states[part, 0], controls[part], substeps)
+
+        if threads == 1 or len(parts) == 1:
+            for part in parts:
+                fill(part)
+            return
+        # Python's threads, for MuJoCo's own end the process where it raises a FatalError in these.
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(fill, parts))
 
     def has_diverged(self, states: np.ndarray) -> np.ndarray:
         """Return (B,) True for each run (B, T+1, S) that is not finite or impossibly fast."""
@@ -112,7 +125,7 @@ class MujocoSystem(System):
         data.qvel[:] = state[velocities:activations]
         data.act[:] = state[activations : self.physical_size]
 
-    def _rollout(self, model, workers, starts, controls, substeps) -> np.ndarray:
+    def _rollout(self, model, starts, controls, substeps) -> np.ndarray:
         physics_states = starts[:, : self.physical_size]
         time = np.zeros((len(starts), 1))  # MuJoCo's state leads with time
         initial = np.concatenate([time, physics_states], axis=1)
@@ -120,7 +133,7 @@ class MujocoSystem(System):
         signal = np.repeat(signal, substeps, axis=1)
         with warnings_counted:
             physics, readings = rollout.rollout(
-                model, workers, initial, signal, control_spec=int(kind)
+                model, mujoco.MjData(model), initial, signal, control_spec=int(kind)
             )
         ends = slice(substeps - 1, None, substeps)
         states = np.asarray(physics)[:, ends, 1:]

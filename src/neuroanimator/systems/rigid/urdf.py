@@ -21,31 +21,25 @@ ROOT = "root"
 """What the free joint of a base is called."""
 
 
-def compile_urdf(
+def add_what_moves(
+    spec: mujoco.MjSpec,
     robot: Element,
-    text: str,
-    assets: dict[str, bytes],
     base: Literal["fixed", "free"],
     passive: tuple[str, ...] = (),
-    hull_corners: int = 0,
-) -> mujoco.MjModel:
-    """Return the model of the URDF `robot`, whose XML is `text`.
+) -> None:
+    """Add to the `spec` of the URDF `robot` what MuJoCo does not read of it.
 
     Each joint with `<limit effort>` above 0 that is not among the `passive` ones gets a motor of its name, from minus to
     plus that effort. `<limit velocity>` is no physics, so nothing is made of it. `<mimic>` becomes an equality. With a
-    free base, there is a floor, which it just touches. Hulls of meshes are cut down to `hull_corners` if that is no 0.
+    free base, there is a floor, which it just touches.
     Raises BadFileError for a number that is none, ArgumentError for a passive joint that is not there.
     """
-    spec = mujoco.MjSpec.from_string(text, assets=assets)
     joints = {joint.name: joint for joint in spec.joints}
     for name in passive:
         if name not in joints:
             raise ArgumentError(
                 f"passive: no joint called {quoted(name)}. Joints: {listed(joints) or 'none'}."
             )
-    if hull_corners:
-        for mesh in spec.meshes:
-            mesh.maxhullvert = hull_corners
     for element in robot.iter("joint"):
         joint = joints.get(element.get("name", ""))
         if joint is not None and isinstance(element, Element):
@@ -54,7 +48,6 @@ def compile_urdf(
             _add_mimic(spec, joint, element, joints)
     if base == "free":
         _free_base(spec, robot)
-    return spec.compile()
 
 
 def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, element: Element) -> None:

@@ -1,4 +1,4 @@
-"""What MuJoCo warns of: counted, and kept off the console and out of a MUJOCO_LOG.TXT in the user's folder."""
+"""What MuJoCo complains of: warnings are counted, and kept out of a MUJOCO_LOG.TXT; fatal errors are raised as ours."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 
 import mujoco
 
+from neuroanimator.errors import BadFileError
+
 MAX_WARNING = 160
 """So many characters of a warning are kept: some repeat a model's names, which may be long."""
 
@@ -18,12 +20,19 @@ MAX_KINDS = 100
 OTHERS = "other warnings"
 """What warnings beyond the first `MAX_KINDS` are counted as."""
 
+CROWDED = "more touches at once than fits into memory: let fewer geoms collide, by their contype and conaffinity"
+"""What to do about a model whose contacts outgrow MuJoCo's working memory."""
+
 ADVICE = {
-    "arena": 'there were more contacts than fit into memory: write a larger <size memory="..."/> into the model',
-    "contact buffer": 'there were more contacts than fit into memory: write a larger <size memory="..."/> into the model',
+    "arena": CROWDED,
+    "contact buffer": CROWDED,
+    "out of memory": CROWDED,
     "Inertia matrix": "a body or a joint has next to no inertia: give it some armature or mass",
 }
-"""What helps against some warnings, by a part of their text."""
+"""What helps against some complaints, by a part of their text."""
+
+CALMER = "a smaller step, or narrower control bounds, would keep them"
+"""What helps against the other warnings: they come of numbers that grow."""
 
 _heard: Counter[str] = Counter()
 
@@ -43,15 +52,26 @@ class _Handler:
                 mujoco.set_mju_user_warning(_hear)
             self._counting += 1
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         with self._lock:
             self._counting -= 1
             if self._counting == 0:
                 mujoco.set_mju_user_warning(self._before)
+        if isinstance(error, mujoco.FatalError):
+            raise BadFileError(fatal_line(error)) from error
 
 
 warnings_counted = _Handler()
-"""`with warnings_counted:` counts MuJoCo's warnings, in all threads, instead of printing and logging them."""
+"""`with warnings_counted:` counts MuJoCo's warnings, in all threads, instead of printing and logging them.
+
+A fatal error of MuJoCo's becomes a BadFileError: it comes of the model.
+"""
+
+
+def fatal_line(error: mujoco.FatalError) -> str:
+    """Return one line about what keeps MuJoCo from simulating a model."""
+    said = shortened(str(error).partition("\n")[0])
+    return f"MuJoCo cannot simulate this model: {said}; {_advice(said, 'correct the model')}."
 
 
 def warnings_heard() -> Counter[str]:
@@ -79,15 +99,15 @@ def warning_line() -> str:
         more = ", and of one other kind"
     elif others > 1:
         more = f", and of {others} other kinds"
-    return f"MuJoCo warned {times}: {text}{more}. Runs that diverged were dropped, or count as failed; {_advice(text)}."
+    return f"MuJoCo warned {times}: {text}{more}. Runs that diverged were dropped, or count as failed; {_advice(text, CALMER)}."
 
 
-def _advice(warning: str) -> str:
-    """Return what helps against a warning."""
+def _advice(complaint: str, otherwise: str) -> str:
+    """Return what helps against a complaint; `otherwise` against one that `ADVICE` does not know."""
     for part, advice in ADVICE.items():
-        if part in warning:
+        if part in complaint:
             return advice
-    return "a smaller step, or narrower control bounds, would keep them"
+    return otherwise
 
 
 def _hear(text: str) -> None:

@@ -1,0 +1,100 @@
+"""One call in a process of its own, with limits: a C library that reads a stranger's file may crash it, or want it all."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import wait
+from typing import Any, NamedTuple, TypeVar
+
+from neuroanimator.errors import NeuroAnimatorError
+from neuroanimator.executor.local import WorkerProcess
+from neuroanimator.executor.worker import Answer, pack
+
+Result = TypeVar("Result")
+
+WALL_SECONDS = 3
+"""Time a call may take for each second of processor time it may take: the machine has other things to do, too."""
+
+
+class ProcessLimits(NamedTuple):
+    """How much a call may take."""
+
+    memory: int
+    """Maximum of what its process allocates [bytes]."""
+    seconds: int
+    """Maximum processor time, its process's start included [s]."""
+
+
+class LimitError(NeuroAnimatorError):
+    """A call took more than it may, or ended its process; the message goes on after what was called."""
+
+
+@dataclass(frozen=True)
+class _Call:
+    """What the process is to do."""
+
+    function: Callable[[Any], Any]
+    argument: Any
+    limits: ProcessLimits
+
+
+def call_limited(function: Callable[[Any], Result], argument: Any, limits: ProcessLimits) -> Result:
+    """Return `function(argument)`, computed in a new process within `limits`; raise what that raises.
+
+    The function is importable; it, the argument and the result can be pickled. Raises LimitError where the process took
+    more than it may or crashed, and ResourceError where it cannot be started.
+    """
+    process = WorkerProcess.started(threads=1)
+    try:
+        process.give(0, pack(_call_here, _Call(function, argument, limits)))
+        answer = _answer_within(process, limits)
+    finally:
+        process.end(is_busy=True)
+    if answer.error is not None:
+        raise answer.error
+    return answer.result
+
+
+def _answer_within(process: WorkerProcess, limits: ProcessLimits) -> Answer:
+    """Return what a process answers; LimitError if it ends before, or takes longer."""
+    deadline = time.monotonic() + WALL_SECONDS * limits.seconds
+    while wait([process.connection], max(0.0, deadline - time.monotonic())):
+        if not process.hear():
+            continue
+        answer = process.take_answer()
+        if answer is not None:
+            return answer
+        if process.popen.returncode != -signal.SIGXCPU:
+            raise LimitError(f"crashes, or {_too_much(limits)}")
+        break
+    raise LimitError(f"takes more than {limits.seconds} s")
+
+
+def _too_much(limits: ProcessLimits) -> str:
+    return f"takes more than {limits.memory / 2**30:g} GB of memory"
+
+
+def _call_here(call: _Call) -> Any:
+    """Limit this process for good, and return what the call returns."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)  # what a library prints as it ends
+    _limit(resource.RLIMIT_CORE, 0)
+    _limit(resource.RLIMIT_CPU, call.limits.seconds)
+    _limit(resource.RLIMIT_DATA, call.limits.memory)
+    try:
+        return call.function(call.argument)
+    except MemoryError:
+        raise LimitError(_too_much(call.limits)) from None
+
+
+def _limit(what: int, most: int) -> None:
+    """Let this process have at most so much of a resource, and no more than it may have already."""
+    _, hard = resource.getrlimit(what)
+    if hard != resource.RLIM_INFINITY:
+        most = min(most, hard)
+    resource.setrlimit(what, (most, hard))

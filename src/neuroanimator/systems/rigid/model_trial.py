@@ -1,0 +1,46 @@
+"""A model simulated for a moment, so that what MuJoCo cannot simulate is known before anybody waits for it."""
+
+from __future__ import annotations
+
+import time
+
+import mujoco
+import numpy as np
+
+STARTS = 8
+"""Number of states a model is tried from: its reference pose, then random ones."""
+
+STEPS = 50
+"""Number of physics steps from each."""
+
+HOLD = 10
+"""Number of steps each random control is held."""
+
+LONGEST = 1.0
+"""Processor time after which a trial is long enough [s]: one step of some models takes a tenth of a second."""
+
+
+def try_model(model: mujoco.MjModel) -> None:
+    """Simulate a model from its reference pose and from random states, by random controls; raises mujoco.FatalError."""
+    rng = np.random.default_rng(0)
+    data = mujoco.MjData(model)
+    until = time.process_time() + LONGEST
+    for start in range(STARTS):
+        mujoco.mj_resetData(model, data)
+        if start:
+            # Along the velocities' axes, so that orientations stay unit quaternions.
+            mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
+            data.qvel[:] = rng.normal(size=model.nv)
+        for step in range(STEPS):
+            if step % HOLD == 0:
+                data.ctrl[:] = _random_controls(model, rng)
+            mujoco.mj_step(model, data)
+            if time.process_time() > until:
+                return
+
+
+def _random_controls(model: mujoco.MjModel, rng: np.random.Generator) -> np.ndarray:
+    """Return controls anywhere in their ranges, or about 0 where there are none."""
+    low, high = model.actuator_ctrlrange.T
+    is_limited = model.actuator_ctrllimited.astype(bool)
+    return np.where(is_limited, rng.uniform(low, high), rng.normal(size=model.nu))
