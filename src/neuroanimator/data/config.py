@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
-from neuroanimator.definitions.carried import MAX_TEXT, without_goals
+from neuroanimator.definitions.carried import MAX_TEXT, data_identity
 from neuroanimator.errors import ArgumentError
 from neuroanimator.parsing.names import SystemName
 from neuroanimator.storage.files import canonical_json
@@ -39,7 +39,7 @@ RUNS_PER_SHARD = 256
 """A file of the dataset holds this many runs: large enough to be few, small enough to be made again quickly."""
 
 
-_physics_of = lru_cache(maxsize=4)(without_goals)
+_identity_of = lru_cache(maxsize=4)(data_identity)
 """Every shard asks for the hash, and a definition may be long."""
 
 
@@ -118,7 +118,7 @@ class DatasetConfig(Settings, DatasetTable):
     @property
     def hash(self) -> str:
         """Sixteen hex digits that name all the bytes depend on: goals do not count, as they are no physics."""
-        values = self.model_dump() | {"definition": _physics_of(self.definition)}
+        values = self.model_dump() | {"definition": _identity_of(self.definition)}
         return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:16]
 
     def shard_path(self, folder: Place, shard: int) -> Place:

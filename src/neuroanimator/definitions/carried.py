@@ -34,6 +34,9 @@ TABLES: dict[str, type[Any]] = {
 }
 """A definition of each kind is checked against this table."""
 
+SPLIT = 2
+"""Number of the way recordings are cut: raised whenever other stretches of them are held out."""
+
 SHA256 = r"[0-9a-f]{64}"
 """A sha256 is written like this."""
 
@@ -91,16 +94,23 @@ def read_definition_text(text: str) -> Written:
     return Written(kind, checked, files)
 
 
-def without_goals(text: str) -> str:
-    """Return the definition in the JSON `text` without its goals, which are no physics; a text that is none as it is."""
+def data_identity(text: str) -> str:
+    """Return what datasets depend on of the definition in the JSON `text`; a text that is none as it is.
+
+    Goals are no physics. How recordings are cut into what is learnt from and what is tested is part of their data.
+    """
     try:
         values = parse_json_object(text, MAX_TEXT)
     except ValueError:
         return text
     definition = values.get("definition")
-    if not isinstance(definition, dict) or not definition.get("goals"):
+    if not isinstance(definition, dict):
         return text
-    return canonical_json(values | {"definition": definition | {"goals": {}}})
+    if definition.get("goals"):
+        text = canonical_json(values | {"definition": definition | {"goals": {}}})
+    if definition.get("kind") == "recorded":
+        text += f" split {SPLIT}"
+    return text
 
 
 def _check_files(kind: str, files: Any) -> None:

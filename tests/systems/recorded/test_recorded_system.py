@@ -22,8 +22,10 @@ from neuroanimator import (
     train,
     write_report,
 )
+from neuroanimator.data import config
 from neuroanimator.data.config import window_length
 from neuroanimator.data.recorded_segments import limited_to_recordings, split_recordings
+from neuroanimator.definitions import carried
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.evaluate import EvaluationBudget
 from neuroanimator.scaffold.write_toml import write_definition
@@ -147,6 +149,23 @@ def test_csv_and_npz_make_the_same_dataset(folder: Path, table: np.ndarray, tmp_
     np.testing.assert_array_equal(first.states, second.states)
     np.testing.assert_array_equal(first.controls, second.controls)
     np.testing.assert_array_equal(first.run, second.run)
+
+
+def test_a_dataset_that_was_cut_in_another_way_is_made_again(
+    folder: Path, table: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    write_csv(tmp_path / "runs.csv", table)
+    system = system_from(tmp_path / "runs.csv")
+    with monkeypatch.context() as earlier:
+        earlier.setattr(carried, "SPLIT", carried.SPLIT - 1)
+        config._identity_of.cache_clear()
+        dataset_from(system, tmp_path / "data")
+    config._identity_of.cache_clear()
+    with pytest.raises(BadFileError, match="another dataset"):
+        read_transitions(tmp_path / "data")
+    dataset_from(system, tmp_path / "data")
+    for path in folder.glob("data/*.safetensors"):
+        assert (tmp_path / "data" / path.name).read_bytes() == path.read_bytes()
 
 
 def test_a_lost_shard_is_made_again_with_the_same_bytes(folder: Path):
