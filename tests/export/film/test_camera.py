@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from jaxtyping import Float
 
 from neuroanimator import load_emulator, make_clip
 from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.motion import default_motion
 from neuroanimator.control.policies.school import school_clips
-from neuroanimator.export.film.camera import FIELD_OF_VIEW, Shots, shots_of
+from neuroanimator.export.film.bounding_boxes import BoundingBoxes, bounding_boxes, fixed_boxes
+from neuroanimator.export.film.camera import (
+    FIELD_OF_VIEW,
+    MAX_HIDDEN,
+    Shots,
+    hidden_share,
+    shots_of,
+)
 from neuroanimator.export.film.options import Film
 
 FILM = Film()
@@ -50,6 +58,23 @@ def test_a_dolphin_that_leaps_is_seen_from_its_side():
     clip = make_clip(emulator, default_motion(emulator))
     azimuth, _, _ = shots_of([clip], FILM, surface=0.0).angles(0)
     assert abs(azimuth) > 60
+
+
+@pytest.mark.parametrize("system", ["truck", "lander"])
+def test_nothing_fixed_stands_before_what_is_filmed(system: str):
+    emulator = load_emulator(system)
+    clip = make_clip(emulator, default_motion(emulator))
+    obstacles = fixed_boxes(clip)
+    assert len(obstacles.low)
+    shots = shots_of([clip], FILM)
+    assert hidden_share(shots.position, bounding_boxes([clip]), obstacles) <= MAX_HIDDEN
+
+
+def test_a_wall_hides_what_is_behind_it_and_nothing_before_it():
+    body = BoundingBoxes(np.array([[9.0, -1, 0]]), np.array([[11.0, 1, 2]]))
+    wall = BoundingBoxes(np.array([[4.0, -5, 0]]), np.array([[5.0, 5, 5]]))
+    for camera, share in (([0.0, 0, 1], 1.0), ([7.0, 0, 1], 0.0), ([20.0, 0, 1], 0.0)):
+        assert hidden_share(np.array([camera]), body, wall) == share
 
 
 def test_a_school_is_followed_and_stays_in_the_middle_of_the_picture():

@@ -53,6 +53,33 @@ def bounding_boxes(clips: Sequence[Clip]) -> BoundingBoxes:
     return BoundingBoxes(np.min(lows, axis=0), np.max(highs, axis=0))
 
 
+def fixed_boxes(clip: Clip) -> BoundingBoxes:
+    """Return the room of each shape that nothing moves, a row each: walls and posts, and the ground."""
+    skeleton = clip.skeleton
+    positions, orientations = skeleton.world_poses(clip.states[:1])
+    lows = [np.zeros((0, 3))]
+    highs = [np.zeros((0, 3))]
+    for number, bone in enumerate(skeleton.bones):
+        if skeleton.is_moved(number):
+            continue
+        for shape in bone.shapes:
+            centre, half = _room_of_shape(shape, positions[:, number], orientations[:, number])
+            lows.append(centre - half)
+            highs.append(centre + half)
+    return BoundingBoxes(np.concatenate(lows), np.concatenate(highs))
+
+
+def _room_of_shape(
+    shape: Shape, position: Float[np.ndarray, "F 3"], orientation: Float[np.ndarray, "F 4"]
+) -> tuple[Float[np.ndarray, "F 3"], Float[np.ndarray, "F 3"]]:
+    """Return the middle of a shape and half its extent along the world's axes, where its bone is so posed."""
+    offset = np.broadcast_to(np.array(shape.position), position.shape)
+    centre = position + rotate(orientation, offset)
+    shape_axes = rotation_matrices(np.array(shape.orientation))
+    half = np.abs(rotation_matrices(orientation) @ shape_axes) @ half_sizes(shape)
+    return centre, half
+
+
 def _held(rows: Float[np.ndarray, "F 3"], frames: int) -> Float[np.ndarray, "{frames} 3"]:
     """Return `rows` with the last one repeated."""
     return np.concatenate([rows, np.repeat(rows[-1:], frames - len(rows), axis=0)])
@@ -70,10 +97,7 @@ def _boxes_of_skeleton(clip: Clip) -> BoundingBoxes:
         position = positions[:, number]
         orientation = orientations[:, number]
         for shape in bone.shapes:
-            offset = np.broadcast_to(np.array(shape.position), position.shape)
-            centre = position + rotate(orientation, offset)
-            shape_axes = rotation_matrices(np.array(shape.orientation))
-            half = np.abs(rotation_matrices(orientation) @ shape_axes) @ half_sizes(shape)
+            centre, half = _room_of_shape(shape, position, orientation)
             lows.append(centre - half)
             highs.append(centre + half)
     if not lows:

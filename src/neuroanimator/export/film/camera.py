@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from neuroanimator.animation.clip import Clip
-from neuroanimator.export.film.bounding_boxes import BoundingBoxes, bounding_boxes
+from neuroanimator.export.film.bounding_boxes import BoundingBoxes, bounding_boxes, fixed_boxes
 from neuroanimator.export.film.options import Film
 from neuroanimator.export.film.takes import Take
 from neuroanimator.state.rotation import heading_of
@@ -55,6 +56,12 @@ LEAPING = 0.1
 
 MAX_GHOST_ROOM = 2.2
 """The camera goes at most so many times further away to have a ghost that goes astray in the picture."""
+
+MAX_HIDDEN = 0.01
+"""Share of what is filmed that fixed things may hide before the camera tries another side."""
+
+LOOKED_AT = 0.7
+"""Share of a body's half sizes at which the eight points lie that are to be seen."""
 
 MIN_SIZE = 1e-3
 """A body is never taken as smaller than this [m]."""
@@ -125,13 +132,63 @@ class _Framing(NamedTuple):
 def shots_of(clips: Sequence[Clip], film: Film, surface: float | None = None) -> Shots:
     """Return the camera that `film` asks for, in front of what moves in `clips`.
 
-    Where there is a water's `surface` [m], the camera stays on one side of it all along.
+    Where there is a water's `surface` [m], the camera stays on one side of it all along. The camera "follow" is on the
+    side from which fixed things hide least of the motion.
     """
     boxes = bounding_boxes(clips)
-    frames = len(boxes.low)
     view = VIEWS[film.camera]
-    if film.camera == "follow" and all(_sways(clip) for clip in clips):
+    if film.camera != "follow":
+        return _shots_from(view, clips, boxes, film, surface)
+    if all(_sways(clip) for clip in clips):
         view = SWAYING_VIEW
+    obstacles = fixed_boxes(clips[0])
+    found = []
+    for azimuth in (view.azimuth, -view.azimuth, 180 - view.azimuth, view.azimuth - 180):
+        side = view._replace(azimuth=azimuth)
+        shots = _shots_from(side, clips, boxes, film, surface)
+        hidden = hidden_share(shots.position, boxes, obstacles)
+        if hidden <= MAX_HIDDEN:
+            return shots
+        found.append((hidden, shots))
+    return min(found, key=lambda one: one[0])[1]
+
+
+def hidden_share(
+    positions: Float[np.ndarray, "F 3"], boxes: BoundingBoxes, obstacles: BoundingBoxes
+) -> float:
+    """Return the share of what is filmed, all images together, that the `obstacles` hide from the camera."""
+    hidden = []
+    for corner in itertools.product((-LOOKED_AT, LOOKED_AT), repeat=3):
+        points = boxes.centres + np.array(corner) * (boxes.high - boxes.low) / 2
+        hidden.append(_is_hidden(positions, points, obstacles))
+    return float(np.mean(hidden))
+
+
+def _is_hidden(
+    positions: Float[np.ndarray, "F 3"],
+    points: Float[np.ndarray, "F 3"],
+    obstacles: BoundingBoxes,
+) -> Bool[np.ndarray, " F"]:
+    """Return whether one of the `obstacles` stands between the camera and a point, in every image."""
+    ways = (points - positions)[:, None]
+    safe = np.where(np.abs(ways) < MIN_SIZE, MIN_SIZE, ways)
+    # Where the line of sight enters and leaves each pair of planes, as shares of its length (Kay and Kajiya, 1986).
+    first = (obstacles.low - positions[:, None]) / safe
+    second = (obstacles.high - positions[:, None]) / safe
+    entry = np.minimum(first, second).max(axis=2)
+    leaving = np.maximum(first, second).min(axis=2)
+    return ((entry <= leaving) & (leaving > 0) & (entry < 1)).any(axis=1)
+
+
+def _shots_from(
+    view: View,
+    clips: Sequence[Clip],
+    boxes: BoundingBoxes,
+    film: Film,
+    surface: float | None,
+) -> Shots:
+    """Return the camera that looks from `view` at what moves in `boxes`."""
+    frames = len(boxes.low)
     is_under_water = surface is not None and film.camera != "top" and not _emerges(boxes, surface)
     azimuth = _headings(clips[0], film, frames) + np.radians(view.azimuth)
     if film.camera == "still" or (film.camera == "follow" and _stays(clips, boxes, azimuth[:1])):
