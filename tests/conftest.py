@@ -193,6 +193,7 @@ def cli(monkeypatch: pytest.MonkeyPatch) -> Cli:
             changed.setattr(sys, "stdout", out)
             changed.setattr(sys, "stderr", err)
             changed.setattr(terminal._screen, "shows_phases", False)
+            changed.setattr(terminal, "_clock", terminal._Clock())
             changed.setattr(mujoco_warnings, "_heard", Counter())
             changed.delenv("NEUROANIMATOR_DEBUG", raising=False)
             changed.chdir(cwd or Path.cwd())

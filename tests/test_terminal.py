@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import re
 import subprocess
 import sys
 import time
@@ -67,13 +68,13 @@ def test_a_pipe_is_told_now_and_then_how_far_it_is():
     lines = piped(
         often.replace("bar.advance_to(2)", "bar.advance_to(1, 'J 3')\n        time.sleep(0.7)")
     )
-    assert "settling ... 0 s" in lines
-    assert "compiling ... 0 s" in lines
+    assert re.search(r"settling ... \d s", lines)
+    assert re.search(r"compiling ... \d s", lines)
     bars = often.replace(', terminal.phase("compiling")', "").replace(
         "time.sleep(0.8)\n        bar.advance_to(2)",
         "bar.advance_to(1, 'J 3')\n        time.sleep(0.8)",
     )
-    assert "rounds: 1 of 2 after 0 s, about 0 s left (J 3)" in piped(bars)
+    assert re.search(r"rounds: 1 of 2 after \d s, about \d s left \(J 3\)", piped(bars))
 
 
 def test_nothing_is_shown_of_what_is_quick_or_has_no_command_line():
@@ -87,13 +88,15 @@ def test_nothing_is_shown_of_what_is_quick_or_has_no_command_line():
 
 
 def test_time_within_an_inner_phase_counts_for_it_alone():
+    began = time.monotonic()
     with phase("outer"):
         time.sleep(0.05)
         with phase("inner"):
             time.sleep(0.2)
+    total = time.monotonic() - began
     spent = phase_seconds()
-    assert 0.2 <= spent["inner"] < 0.3
-    assert 0.05 <= spent["outer"] < 0.15
+    assert spent["inner"] >= 0.2
+    assert 0.05 <= spent["outer"] <= total - spent["inner"]
 
 
 def test_who_sees_no_terminal_may_watch_the_bars_of_a_block():

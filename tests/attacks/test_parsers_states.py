@@ -79,9 +79,9 @@ def test_an_emulator_refuses_text_as_state_and_complex_controls(shipped: Emulato
     rest, still = shipped.rest, np.zeros((4, 3))
     with pytest.raises(ArgumentError, match="state: wanted real numbers"):
         shipped.rollout(["a"] * 6, still)
-    with pytest.raises(ArgumentError, match="control: wanted real numbers"):
+    with pytest.raises(ArgumentError, match="controls: wanted real numbers"):
         shipped.rollout(rest, still + 1j)
-    with pytest.raises(ArgumentError, match="control: wanted numbers in rows equally long"):
+    with pytest.raises(ArgumentError, match="controls: wanted numbers in rows equally long"):
         shipped.rollout(rest, [[0.0], [0.0, 1.0]])
 
 

@@ -22,7 +22,7 @@ from neuroanimator.zoo import shipped_policy
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
-MODULES = {"stable-baselines3": "stable_baselines3", "usd-core": "pxr"}
+MODULES = {"neuroanimator-studio": "neuroanimator_studio", "usd-core": "pxr"}
 """What packages are imported as, where that is not their name."""
 
 

@@ -132,7 +132,7 @@ def test_the_domain_covers_what_training_saw_and_nothing_ten_times_faster(shippe
     ("state", "controls", "message"),
     [
         (np.zeros(5), np.zeros((3, 3)), "state: wanted 6 numbers"),
-        (np.zeros(6), np.zeros((3, 4)), "control: wanted 3 numbers"),
+        (np.zeros(6), np.zeros((3, 4)), "controls: wanted 3 numbers"),
         (np.zeros(6), np.zeros(3), "state and controls"),
         (np.zeros((2, 6)), np.zeros((3, 4, 3)), "state and controls"),
         (np.full(6, np.nan), np.zeros((3, 3)), "not finite"),

@@ -173,6 +173,7 @@ def test_a_wrong_shape_is_said_inside_jit_too(emulators: dict[str, Emulator]):
 def test_an_emulator_that_is_gone_is_forgotten():
     emulator = Emulator.load("pendulum-25")
     emulator.step(*inputs(emulator))
+    gc.collect()  # others that are gone
     known = len(compiled._known)
     del emulator
     gc.collect()

@@ -66,6 +66,8 @@ def expected_names(emulator: Emulator) -> set[str]:
         expected |= documented()["trust"]
     if emulator.calibration is not None:
         expected |= documented()["error bounds"]
+    if emulator.validation is not None:
+        expected |= documented()["validation"]
     return expected
 
 
@@ -87,7 +89,14 @@ def test_the_tensors_of_an_emulator_are_those_of_the_table(name: str):
 
 
 def test_the_table_is_of_every_network_and_of_nothing_else():
-    assert {*documented()} == {*NETWORKS, "all", "deformable bodies", "trust", "error bounds"}
+    assert {*documented()} == {
+        *NETWORKS,
+        "all",
+        "deformable bodies",
+        "trust",
+        "error bounds",
+        "validation",
+    }
 
 
 def test_the_tensors_of_a_policy_are_those_of_its_emulator_and_of_its_network():

@@ -16,7 +16,8 @@ from jaxtyping import Float
 from playwright.sync_api import Browser, Locator, Page, Route, ViewportSize, expect
 from serving import Serving, serving
 
-from neuroanimator_studio.catalogue import WITH_DESCENT, shipped_folder
+from neuroanimator_studio.catalogue import shipped_folder
+from neuroanimator_studio.descents import WITH_DESCENT
 from neuroanimator_studio.run import page_folder
 from neuroanimator_studio.static_site import export_site
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from neuroanimator.animation.interpolate import continuous
 from neuroanimator.animation.motion import random_motion
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import SHAPE_KINDS, Shape
+from neuroanimator.export.film import video
 from neuroanimator.export.film.video import graphics_backend
 from neuroanimator.state.rotation import rotation_matrices
 
@@ -159,7 +159,11 @@ def test_a_video_is_drawn_or_the_missing_library_named(clip: Clip, tmp_path: Pat
 def test_f16_without_graphics_one_line_says_what_to_install(
     clip: Clip, tmp_path: Path, monkeypatch
 ):
-    monkeypatch.setitem(os.environ, "MUJOCO_GL", "disabled")
+    monkeypatch.setenv("MUJOCO_GL", "disabled")
+    with pytest.raises(NeuroAnimatorError, match="MUJOCO_GL=disabled asks to draw with disabled"):
+        write_video(clip, tmp_path / "a.mp4")
+    monkeypatch.delenv("MUJOCO_GL")
+    monkeypatch.setattr(video, "BACKENDS", ("disabled",))
     with pytest.raises(NeuroAnimatorError, match="apt-get install libegl1 libosmesa6"):
         write_video(clip, tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())
