@@ -11,7 +11,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-from chromium import Looking, browsing, hosting, looking
+from chromium import Looking, browsing, enter, hosting, looking
 from jaxtyping import Float
 from playwright.sync_api import Browser, Locator, Page, Route, ViewportSize, expect
 from serving import Serving, serving
@@ -64,7 +64,7 @@ def showing(
 ) -> Iterator[Looking]:
     """Open the studio with one system on its stage."""
     with looking(browser, window) as look:
-        look.page.goto(studio.gate.url.replace("#", f"?show={name}#"))
+        enter(look.page, f"{studio.gate.url}&show={name}")
         look.page.locator("html[data-frames]").wait_for(state="attached", timeout=PATIENCE)
         yield look
 
@@ -159,7 +159,7 @@ def test_a_stage_that_is_not_there_yet_says_so(browser: Browser, studio: Serving
     with looking(browser, SCREENS["phone"]) as look:
         page = look.page
         page.route("**/emulator.wasm", lambda route: held.append(route))
-        page.goto(studio.gate.url.replace("#", "?show=pendulum-50#"))
+        enter(page, f"{studio.gate.url}&show=pendulum-50")
         expect(page.get_by_text("Loading …")).to_be_visible(timeout=PATIENCE)
         page.wait_for_timeout(100)
         held[0].continue_()
@@ -202,7 +202,7 @@ def test_what_a_lost_server_does_not_prove_is_kept(browser: Browser, tmp_path: P
     with looking(browser, WINDOW) as look:
         page = look.page
         with serving(tmp_path, page=page_folder()) as studio:
-            page.goto(studio.gate.url.replace("#", "?show=pendulum-50#"))
+            enter(page, f"{studio.gate.url}&show=pendulum-50")
             find = find_button(page)
             with page.expect_response(re.compile("worker"), timeout=PATIENCE):
                 find.hover(timeout=PATIENCE)
