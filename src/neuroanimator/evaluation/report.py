@@ -13,8 +13,8 @@ from neuroanimator.evaluation.bounded_errors import BoundedErrors
 from neuroanimator.evaluation.evaluate import NO_OPPONENT, Evaluation
 from neuroanimator.evaluation.page import glossary_html, made_html, write_page
 from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, QUIET, plot
-from neuroanimator.evaluation.report_inspection import inspection_html
 from neuroanimator.evaluation.verdict import beyond_noise
+from neuroanimator.evaluation.weakness.section import inspection_html
 from neuroanimator.evaluation.work_precision import draw_work
 from neuroanimator.text import printable
 
