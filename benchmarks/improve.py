@@ -174,8 +174,8 @@ def rows_of(task: Task, name: str, folder: Path) -> list[dict[str, Any]]:
     emulator = task.emulator
     for number in range(1, ROUNDS[name] + 1):
         emulator = arm.next_round(emulator, number, folder)
-        kept = arm.learner.kept(emulator) or task.emulator
-        after_usual, after_away = task.errors(kept)
+        accepted = arm.learner.accept(emulator) or task.emulator
+        after_usual, after_away = task.errors(accepted)
         rows.append(
             {
                 "system": arm.system.name,

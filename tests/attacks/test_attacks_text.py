@@ -33,7 +33,7 @@ from neuroanimator.evaluation.component_errors import ComponentError, error_spre
 from neuroanimator.evaluation.evaluate import Evaluation
 from neuroanimator.evaluation.weakness.conditions import WeakSpot
 from neuroanimator.evaluation.weakness.coverage import Coverage, Divergence, Spread
-from neuroanimator.evaluation.weakness.inspection import Inspection, Outside
+from neuroanimator.evaluation.weakness.inspection import Extrapolation, Inspection
 from neuroanimator.evaluation.weakness.readings import Reading
 from neuroanimator.evaluation.weakness.worst_segments import Curve, Segment
 from neuroanimator.export.csv_file import read_table, write_table
@@ -164,7 +164,7 @@ def an_inspection(text: str) -> Inspection:
         errors=error_spread(numbers),
         components=(ComponentError(text, text, 0.1, 0.2, 0.3, 0.4),),
         weak_spots=(WeakSpot(text, 3.0, 0.1, 0.05, 0.2, text),),
-        outside=Outside(1, 0.2, 3.0),
+        outside=Extrapolation(1, 0.2, 3.0),
         trust=(),
         worst=(segment,),
         coverage=covered,

@@ -79,6 +79,7 @@ def run(
 
     with phase("loading"):
         from neuroanimator.emulator.emulator import load_emulator
+        from neuroanimator.errors import ArgumentError
         from neuroanimator.evaluation.weakness.config import ImprovementConfig
         from neuroanimator.evaluation.weakness.improve import read_old_data
         from neuroanimator.systems.loading import trust_files
@@ -91,14 +92,21 @@ def run(
             trust_files(system)
         model = load_emulator(emulator)
         old = read_old_data(data, model, config) if data else None
-    if from_ is not None:
-        looks = {"--controls": controls, "--start": start, "--recording": recording}
-        _refuse_beside_from(
-            {**looks, "--tolerance": tolerance, "--rounds": rounds, "--samples": samples}
-        )
-        _learn_from(model, from_, out, config, old)
-    else:
+    if from_ is None:
         _improve(model, out, config, old, tolerance, controls or [], start, recording or [])
+        return
+    looks = {"--controls": controls, "--start": start, "--recording": recording}
+    for name, value in {
+        **looks,
+        "--tolerance": tolerance,
+        "--rounds": rounds,
+        "--samples": samples,
+    }.items():
+        if value:
+            raise ArgumentError(
+                f"improve: {name} does not go with --from, which simulates nothing. Leave one of them out."
+            )
+    _learn_from(model, from_, out, config, old)
 
 
 def _improve(
@@ -190,14 +198,3 @@ def _print(errors: tuple[ErrorChange, ...], taken: tuple[str, object], out: Path
         rows.append({"95 % of errors below": name, "before": error.before, "after": error.after})
     print_table(rows)
     print_rows([taken, ("emulator", out)])
-
-
-def _refuse_beside_from(options: dict[str, object]) -> None:
-    """Refuse options that mean nothing where a recording alone is learnt from."""
-    from neuroanimator.errors import ArgumentError
-
-    for name, value in options.items():
-        if value:
-            raise ArgumentError(
-                f"improve: {name} does not go with --from, which simulates nothing. Leave one of them out."
-            )

@@ -90,10 +90,10 @@ def find_spots(
     candidates = {i: reading for i, reading in enumerate(readings) if reading.can_matter}
     for _ in range(MAX_SPOTS):
         condition = _best(clipped, candidates, chooses & is_left)
-        if condition is None or not _is_confirmed(values, condition.holds, ~chooses & is_left):
+        if condition is None or not _measured(values, condition, ~chooses & is_left):
             break
-        spot = _measured(values[~chooses], condition.holds[~chooses], condition.text)
-        if spot.ratio >= MIN_RATIO:  # also if what the conditions before explain is not left out
+        spot = _measured(values, condition, ~chooses)
+        if spot:  # also if what the conditions before explain is not left out
             spots.append((spot, condition.holds))
         is_left &= ~condition.holds
         # What is left beyond a nearby threshold of the same number is no other spot.
@@ -149,27 +149,23 @@ def _thresholds(values: Float[np.ndarray, " N"], shares: Sequence[float]) -> lis
     return sorted({float(f"{value:.{DIGITS}g}") for value in np.quantile(values, shares)})
 
 
-def _is_confirmed(
-    values: Float[np.ndarray, " N"], holds: Bool[np.ndarray, " N"], among: Bool[np.ndarray, " N"]
-) -> bool:
-    """Return whether the mean is larger where a condition `holds` on these samples, too."""
-    inside = values[holds & among]
-    outside = values[~holds & among]
-    if min(len(inside), len(outside)) < MIN_SAMPLES:
-        return False
-    return bool(inside.mean() > MIN_RATIO * outside.mean())
-
-
 def _measured(
-    values: Float[np.ndarray, " N"], holds: Bool[np.ndarray, " N"], condition: str
-) -> WeakSpot:
-    """Return the figures of a condition that `holds` of some samples."""
-    inside = float(values[holds].mean())
-    outside = float(values[~holds].mean())
+    values: Float[np.ndarray, " N"], condition: _Condition, among: Bool[np.ndarray, " N"]
+) -> WeakSpot | None:
+    """Return the figures of a condition on some samples; None if values are not `MIN_RATIO` times those elsewhere, or too few."""
+    holds = condition.holds[among]
+    inside = values[among][holds]
+    outside = values[among][~holds]
+    if min(len(inside), len(outside)) < MIN_SAMPLES:
+        return None
+    mean = float(inside.mean())
+    elsewhere = float(outside.mean())
+    if mean <= MIN_RATIO * elsewhere:
+        return None
     return WeakSpot(
-        condition=condition,
-        ratio=inside / outside if outside > 0 else float("inf"),
-        error=inside,
+        condition=condition.text,
+        ratio=mean / elsewhere if elsewhere > 0 else float("inf"),
+        error=mean,
         share=float(holds.mean()),
-        share_of_error=float(values[holds].sum() / values.sum()),
+        share_of_error=float(inside.sum() / values[among].sum()),
     )

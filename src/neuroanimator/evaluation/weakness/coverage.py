@@ -41,7 +41,7 @@ NOTHING = 1e-4
 HISTOGRAM_ENDS = (0.005, 0.995)
 """Quantiles at which a histogram of states begins and ends."""
 
-USUAL = (0.05, 0.5, 0.95)
+QUANTILES = (0, 0.05, 0.5, 0.95, 1)
 """Quantiles that are shown."""
 
 
@@ -76,29 +76,16 @@ class Spread:
     def of(cls, reading: Reading, bounds: tuple[float, float] | None = None) -> Spread:
         """Return the spread of a reading; of a control its histogram goes from bound to bound."""
         values = reading.values
-        low, median, high = np.quantile(values, USUAL).tolist()
         at_bounds = None
-        if bounds is None:
-            edges = _edges(values)
-        else:
-            edges = _even_edges(*bounds)
+        edges = _edges(values) if bounds is None else _even_edges(*bounds)
+        if bounds is not None:
             first, last = bounds
             margin = AT_BOUND * (last - first)
             at_bounds = float(np.mean((values <= first + margin) | (values >= last - margin)))
         counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
-        least, most = float(values.min()), float(values.max())
-        return cls(
-            reading.name,
-            reading.unit,
-            least,
-            low,
-            median,
-            high,
-            most,
-            edges=edges,
-            counts=counts,
-            at_bounds=at_bounds,
-        )
+        least, low, median, high, most = np.quantile(values, QUANTILES).tolist()
+        spread = (least, low, median, high, most)
+        return cls(reading.name, reading.unit, *spread, edges, counts, at_bounds)
 
 
 def _edges(values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " B1"]:

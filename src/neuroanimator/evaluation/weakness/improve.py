@@ -22,16 +22,13 @@ from jaxtyping import Float
 
 from neuroanimator.data.config import (
     RUN_STEPS,
-    RUNS_PER_SHARD,
     USUAL_SAMPLES_PER_RUN,
     DatasetConfig,
 )
 from neuroanimator.data.generate import simulate_transitions
 from neuroanimator.data.store import (
     Transitions,
-    gather_transitions,
     read_config,
-    read_shard,
     read_transitions,
 )
 from neuroanimator.emulator.artifact import save
@@ -55,7 +52,6 @@ from neuroanimator.evaluation.weakness.sampling import (
 from neuroanimator.storage.files import digest, locked, read_tensors, write_tensors, write_whole
 from neuroanimator.storage.places import place_of
 from neuroanimator.storage.unfinished import remove_stale
-from neuroanimator.systems import carried_system
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 from neuroanimator.training.train import Report, run_folder
@@ -190,7 +186,12 @@ def improve(
     folder = run_folder(Path(out))
     with locked(folder):
         remove_stale(folder)
-        rounds = _Rounds(emulator, distributions, data, config, folder)
+        identity = _claim(folder, emulator, distributions, data, config)
+        with phase("simulating tests"):
+            tests = _tests(emulator, system, distributions, config.seed)
+            guard = usual_test(emulator, system, config.seed, GUARD)
+        learner = Learner(system, data, emulator, guard, config)
+        rounds = _Rounds(folder, identity, distributions, tests, learner)
         result = rounds.until(tolerance, on_round, on_report)
         provenance = {
             "dataset": data.config.model_dump(),
@@ -255,39 +256,20 @@ def read_old_data(folder: str | Path, emulator: Emulator, config: ImprovementCon
             f"data: {folder} is of {dataset.system}, {dataset.substeps} substeps; wanted {emulator.system}, "
             f"{emulator.substeps}. Give the emulator's own dataset, or none."
         )
-    system = carried_system(dataset.system, dataset.definition)
-    if system.recordings is not None:
-        return read_transitions(place)
-    wanted = -(-config.windows // (RUNS_PER_SHARD * dataset.samples_per_run))
-    shards = []
-    for shard in range(min(dataset.shards, wanted)):
-        tensors, metadata = read_shard(place, dataset, system, shard)
-        shards.append((tensors, metadata["diverged"]))
-    return gather_transitions(dataset, system, shards)
+    return read_transitions(place, at_least=config.windows)
 
 
+@dataclass(frozen=True)
 class _Rounds:
     """The rounds of an improvement, those that lie in its folder and those to come."""
 
-    def __init__(
-        self,
-        emulator: Emulator,
-        distributions: Sequence[Distribution],
-        data: Transitions,
-        config: ImprovementConfig,
-        folder: Path,
-    ):
-        system = system_of(emulator)
-        self.emulator = emulator
-        self.distributions = distributions
-        self.config = config
-        self.folder = folder
-        self.identity = _identity(emulator, distributions, data, config)
-        _claim(folder, self.identity)
-        with phase("simulating tests"):
-            self.tests = _tests(emulator, system, distributions, config.seed)
-            guard = usual_test(emulator, system, config.seed, GUARD)
-        self.learner = Learner(system, data, emulator, guard, config)
+    folder: Path
+    identity: str
+    """A hash of all that the rounds follow from."""
+    distributions: Sequence[Distribution]
+    tests: Mapping[str, HeldOut]
+    """A test of each distribution, by its name."""
+    learner: Learner
 
     def until(
         self,
@@ -296,31 +278,33 @@ class _Rounds:
         on_report: Callable[[Report], None],
     ) -> Improvement:
         """Return the result of as many rounds as the tolerance takes, or the configuration allows."""
-        before = errors_by_test(self.emulator, self.tests)
+        given = self.learner.given
+        config = self.learner.config
+        before = errors_by_test(given, self.tests)
         wanted = tolerance or USUAL_GAIN * max(before.values())
         best = RoundReport(0, before)
-        best_emulator = self.emulator
-        latest = self.emulator
+        best_emulator = given
+        latest = given
         samples: list[Runs] = []
         on_round(best)
-        while max(best.errors.values()) > wanted and len(samples) < self.config.rounds:
+        while max(best.errors.values()) > wanted and len(samples) < config.rounds:
             number = len(samples) + 1
             with phase("simulating where errors are expected"):
                 samples.append(self._sampled(number, latest, samples))
             path = self.folder / f"round-{number:03d}.emulator.safetensors"
             latest = self.learner.learn(latest, samples, path, on_report)
-            kept = self.learner.kept(latest)
-            report = RoundReport(number, errors_by_test(kept or latest, self.tests))
+            accepted = self.learner.accept(latest)
+            report = RoundReport(number, errors_by_test(accepted or latest, self.tests))
             on_round(report)
-            if kept is not None and max(report.errors.values()) < max(best.errors.values()):
+            if accepted is not None and max(report.errors.values()) < max(best.errors.values()):
                 best = report
-                best_emulator = kept
+                best_emulator = accepted
         return Improvement(
             emulator=best_emulator,
             errors=error_changes(before, best.errors),
             tolerance=wanted,
             rounds=len(samples),
-            samples=len(samples) * self.config.runs * RUN_LENGTH,
+            samples=len(samples) * config.runs * RUN_LENGTH,
             best_round=best.number,
         )
 
@@ -331,10 +315,11 @@ class _Rounds:
         try:
             return _read_samples(path, identity)
         except BadFileError:  # there are none yet, or they are damaged
-            rng = np.random.default_rng([self.config.seed, ROUND_STREAM, number])
+            config = self.learner.config
+            rng = np.random.default_rng([config.seed, ROUND_STREAM, number])
             known = known_states(rng, self.learner.data, samples)
             usual = self.tests["usual"]
-            runs = sample_weak_runs(emulator, self.distributions, usual, known, rng, self.config)
+            runs = sample_weak_runs(emulator, self.distributions, usual, known, rng, config)
             tensors = {
                 "states": runs.states.astype(np.float32),
                 "controls": runs.controls.astype(np.float32),
@@ -402,25 +387,20 @@ def usual_test(emulator: Emulator, system: System, seed: int, kind: int = 0) -> 
     return held_out_runs(emulator, TEST_RUNS, seconds, seed=2 * seed + kind, scheme=system.truth)
 
 
-def _identity(
+def _claim(
+    folder: Path,
     emulator: Emulator,
     distributions: Sequence[Distribution],
     data: Transitions,
     config: ImprovementConfig,
 ) -> str:
-    """Return a hash of all that the rounds follow from."""
-    total = hashlib.sha256(digest(emulator_tensors(emulator)).encode())
-    total.update(digest({"states": data.states, "controls": data.controls}).encode())
-    total.update(config.hash.encode())
+    """Mark `folder` as holding this improvement and return a hash of all it follows from; refuse one that holds another."""
+    tensors = emulator_tensors(emulator) | {"old states": data.states, "old": data.controls}
     for distribution in distributions:
-        for states, controls in distribution.motions:
-            total.update(digest({"states": states, "controls": controls}).encode())
-        total.update(b";")
-    return total.hexdigest()[:32]
-
-
-def _claim(folder: Path, identity: str) -> None:
-    """Mark `folder` as holding this improvement; refuse one that holds another."""
+        for number, (states, controls) in enumerate(distribution.motions):
+            tensors[f"{distribution.name} {number} states"] = states
+            tensors[f"{distribution.name} {number}"] = controls
+    identity = hashlib.sha256(f"{digest(tensors)}{config.hash}".encode()).hexdigest()[:32]
     path = folder / MANIFEST
     content = json.dumps({"identity": identity}).encode() + b"\n"
     if not path.exists():
@@ -434,3 +414,4 @@ def _claim(folder: Path, identity: str) -> None:
             f"{folder} holds the improvement of another emulator, or with other settings. Choose another --out, or "
             "remove that folder."
         )
+    return identity

@@ -56,7 +56,7 @@ CONTACTS_CHANGE = "contacts made or lost"
 
 
 @dataclass(frozen=True)
-class Outside:
+class Extrapolation:
     """The super steps that begin outside of what training showed: the emulator is kept within its range."""
 
     samples: int
@@ -91,7 +91,7 @@ class Inspection:
     """The one-step error of every number of the state."""
     weak_spots: tuple[WeakSpot, ...]
     """Conditions under which it is weak within what training showed; empty if none was found that holds."""
-    outside: Outside
+    outside: Extrapolation
     """The super steps that begin where training showed nothing."""
     trust: tuple[TrustBand, ...]
     """How errors grow with the score of `Emulator.trust`; empty for files from before there was one."""
@@ -182,15 +182,15 @@ def _inspected(
 
 def outside_of_training(
     is_covered: Bool[np.ndarray, " N"], relative: Float[np.ndarray, "N M"]
-) -> Outside:
+) -> Extrapolation:
     """Return how many super steps begin where an emulator is not covered, and how much larger errors are there."""
     errors = step_errors(relative)
     samples = int((~is_covered).sum())
     if not 0 < samples < len(errors):
-        return Outside(samples, samples / len(errors), float(samples > 0))
+        return Extrapolation(samples, samples / len(errors), float(samples > 0))
     inside = float(errors[is_covered].mean())
     ratio = float(errors[~is_covered].mean()) / inside if inside > 0 else float("inf")
-    return Outside(samples, samples / len(errors), ratio)
+    return Extrapolation(samples, samples / len(errors), ratio)
 
 
 def find_weak_spots(

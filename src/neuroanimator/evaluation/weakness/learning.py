@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.data.config import MAX_UNROLL
-from neuroanimator.data.store import Transitions
+from neuroanimator.data.store import Transitions, windows_of
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.artifact import load
 from neuroanimator.emulator.description import describe
@@ -98,7 +98,7 @@ class Learner:
         try:
             return load(path)
         except BadFileError:  # there is none yet, or it is damaged
-            new = windows_of(join_runs(samples))
+            new = cut_windows(join_runs(samples))
             weights = np.concatenate([self._weights(emulator, runs) for runs in samples])
             windows = mix_windows(self.data, new, self.config, weights=weights)
             return train_on(emulator, new, windows, path, self.config, on_report)
@@ -110,10 +110,11 @@ class Learner:
         (weights of Cauchy's estimator: Holland and Welsch, 1977).
         """
         test = replace(self.guard, states=runs.states, controls=runs.controls)
-        errors = errors_on(emulator, test)[:, : runs.controls.shape[1] - MAX_UNROLL + 1].ravel()
+        windows = runs.controls.shape[1] - MAX_UNROLL + 1
+        errors = errors_on(emulator, test)[:, :windows].ravel()
         return 1 / np.maximum(1, errors / (FULL_WEIGHT * self.usual_error)) ** STEEPNESS
 
-    def kept(self, trained: Emulator) -> Emulator | None:
+    def accept(self, trained: Emulator) -> Emulator | None:
         """Return the emulator nearest to `trained`, on the way from the one given, that is as good as that on usual motions.
 
         The way between the weights is a straight line (Wortsman et al., Robust fine-tuning of zero-shot models, 2022).
@@ -138,17 +139,12 @@ class Learner:
         return completed(base, eqx.combine(weights, others), rest)
 
 
-def windows_of(runs: Runs) -> Runs:
-    """Return every window of the runs, `MAX_UNROLL` super steps each, in float32."""
-    firsts = np.arange(runs.controls.shape[1] - MAX_UNROLL + 1)
-    steps = firsts[:, None] + np.arange(MAX_UNROLL + 1)
-    states = runs.states[:, steps]
-    controls = runs.controls[:, steps[:, :-1]]
-    return Runs(
-        states=states.reshape(-1, *states.shape[2:]).astype(np.float32),
-        controls=controls.reshape(-1, *controls.shape[2:]).astype(np.float32),
-        source=np.repeat(np.arange(len(states)), len(firsts)),
-    )
+def cut_windows(runs: Runs) -> Runs:
+    """Return every window of the runs, `MAX_UNROLL` super steps each."""
+    count, steps, _ = runs.controls.shape
+    samples = np.tile(np.arange(steps - MAX_UNROLL + 1), (count, 1))
+    tensors = {"states": runs.states, "controls": runs.controls, "samples": samples}
+    return Runs(*windows_of(tensors, 0))
 
 
 def mix_windows(
@@ -172,10 +168,7 @@ def mix_windows(
     for group in range(GROUPS):
         old_rows = resample(rng, np.flatnonzero(old.run % GROUPS == group), of_old)
         new_rows = np.flatnonzero(new.source % GROUPS == group)
-        if weights is None:
-            new_rows = resample(rng, new_rows, of_new)
-        else:
-            new_rows = resample_by(rng, new_rows, weights[new_rows], of_new)
+        new_rows = resample(rng, new_rows, of_new, weights)
         states += [old.states[old_rows], new.states[new_rows]]
         controls += [old.controls[old_rows], new.controls[new_rows]]
         sizes.append(len(old_rows) + len(new_rows))
@@ -190,28 +183,21 @@ def mix_windows(
 
 
 def resample(
-    rng: np.random.Generator, rows: Int[np.ndarray, " N"], count: int
+    rng: np.random.Generator,
+    rows: Int[np.ndarray, " N"],
+    count: int,
+    weights: Float[np.ndarray, " _"] | None = None,
 ) -> Int[np.ndarray, " M"]:
-    """Return `count` of `rows`: each as often as any other, but for one more."""
+    """Return `count` of `rows`: each as often as any other, or as its number in `weights` says, but for one (systematic)."""
     if not len(rows):
         return rows
+    if weights is not None:
+        ends = np.cumsum(weights[rows]) / weights[rows].sum()
+        marks = (np.arange(count) + rng.random()) / count
+        return rows[np.minimum(np.searchsorted(ends, marks), len(rows) - 1)]
     times = count // len(rows)
     more = rng.permutation(len(rows))[: count - times * len(rows)]
     return np.concatenate([np.tile(rows, times), rows[more]])
-
-
-def resample_by(
-    rng: np.random.Generator,
-    rows: Int[np.ndarray, " N"],
-    weights: Float[np.ndarray, " N"],
-    count: int,
-) -> Int[np.ndarray, " M"]:
-    """Return `count` of `rows`, each as often as its weight says, but for less than one (systematic resampling)."""
-    if not len(rows):
-        return rows
-    ends = np.cumsum(weights) / weights.sum()
-    marks = (np.arange(count) + rng.random()) / count
-    return rows[np.minimum(np.searchsorted(ends, marks), len(rows) - 1)]
 
 
 def train_on(

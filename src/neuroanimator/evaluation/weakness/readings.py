@@ -6,7 +6,6 @@ tilted, and how fast it turns, do.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +65,7 @@ def state_readings(system: System, states: Float[np.ndarray, "N S"]) -> list[Rea
     structure = system.structure
     states = np.asarray(states, float)
     if structure.cloud is not None:
-        readings = list(_cloud_readings(system, structure.cloud, states))
+        readings = _cloud_readings(system, structure.cloud, states)
     elif structure.segments:
         readings = []
         for placed in place_segments(structure.segments):
@@ -126,9 +125,10 @@ def _segment_readings(
     if isinstance(segment, Position | PlanarPosition | Heading):
         # Of a free body's position only its height can matter.
         height = 2 if isinstance(segment, Position) else None
+        columns = zip(readings, values.T, strict=True)
         return [
-            Reading(reading.name, reading.unit, states[:, entries[i]], i == height)
-            for i, reading in enumerate(readings)
+            reading._replace(values=column, can_matter=number == height)
+            for number, (reading, column) in enumerate(columns)
         ]
     return readings if isinstance(segment, Plain | Lag) else []
 
@@ -145,8 +145,8 @@ def _rotation(system: System, name: str, quaternions: Float[np.ndarray, "N 4"]) 
 
 def _cloud_readings(
     system: System, cloud: Cloud, states: Float[np.ndarray, "N S"]
-) -> Iterator[Reading]:
-    """Yield the readings of a deformable body as a whole, and of whatever else is in its state."""
+) -> list[Reading]:
+    """Return the readings of a deformable body as a whole, and of whatever else is in its state."""
     pose = read_pose(system.structure, states)
     size = 3 * cloud.count
     positions = points_of(states[:, :size])
@@ -155,13 +155,16 @@ def _cloud_readings(
     own_velocities = to_body_axes(orientation, velocities - pose.velocity[:, None])
     turning = cloud.angular_velocity(shape, own_velocities)
     strain = flat_of(shape - np.array(cloud.positions))
-    yield Reading("height", "m", pose.position[:, 2])
-    yield Reading("speed", "m/s", np.linalg.norm(pose.velocity, axis=1))
-    yield Reading("rising", "m/s", pose.velocity[:, 2])
-    yield Reading("tilt", "rad", np.arccos(np.clip(pose.upward[:, 2], -1, 1)))
-    yield Reading("turning", "rad/s", np.linalg.norm(turning, axis=1))
-    yield Reading("deformation", "m", np.sqrt(np.mean(strain**2, axis=1)))
+    rows = [
+        ("height", "m", pose.position[:, 2]),
+        ("speed", "m/s", np.linalg.norm(pose.velocity, axis=1)),
+        ("rising", "m/s", pose.velocity[:, 2]),
+        ("tilt", "rad", np.arccos(np.clip(pose.upward[:, 2], -1, 1))),
+        ("turning", "rad/s", np.linalg.norm(turning, axis=1)),
+        ("deformation", "m", np.sqrt(np.mean(strain**2, axis=1))),
+    ]
     if system.water_surface is not None:
         is_out = positions[..., 2] > system.water_surface
-        yield Reading("share out of the water", "1", is_out.mean(axis=1))
-    yield from _entries(system, states, range(2 * size, states.shape[1]), can_matter=True)
+        rows.append(("share out of the water", "1", is_out.mean(axis=1)))
+    lags = _entries(system, states, range(2 * size, states.shape[1]), can_matter=True)
+    return [*(Reading(*row) for row in rows), *lags]

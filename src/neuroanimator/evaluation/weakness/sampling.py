@@ -37,13 +37,16 @@ POOL = 8
 """Number of candidate runs that are drawn, and emulated, for each run that is simulated."""
 
 LEAST = 1e-6
-"""Smallest score and error that are told apart in logarithms."""
+"""Smallest score and error: lower ones count as it in logarithms."""
 
 MAX_SLOPE = 2.0
 """Largest power of the score that errors are expected to grow with; the smallest is 0."""
 
 MAX_SCORE = 1e6
 """Score that stands for larger ones, and for those that are no number."""
+
+Drawn = tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N T C"]]
+"""Starts (N, S) and the controls (N, T, C) from there on."""
 
 Motion = tuple[Float[np.ndarray, "_ S"], Float[np.ndarray, "_ C"]]
 """States (T+1, S) of a motion, a super step apart, and the controls (T, C) between them."""
@@ -68,8 +71,8 @@ class Distribution:
     """A distribution of starts and controls for which an emulator shall be accurate."""
 
     name: str
-    draw: Callable[[np.random.Generator, np.ndarray, int], tuple[np.ndarray, np.ndarray]]
-    """A function of a generator, of known states (K, S) and of a count: starts (N, S) and controls (N, T, C)."""
+    draw: Callable[[np.random.Generator, np.ndarray, int], Drawn]
+    """A function of a generator, of states (K, S) the physics was in, and of the number of runs."""
     motions: Sequence[Motion] = ()
     """The motions it lies around, if any."""
 
@@ -86,7 +89,7 @@ def distributions_of(
 
 def draw_usual(
     system: System, dt: float, rng: np.random.Generator, known: Float[np.ndarray, "K S"], count: int
-) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N T C"]]:
+) -> Drawn:
     """Return starts and controls as datasets are drawn, from `known` states."""
     starts = known[rng.integers(0, len(known), count)]
     return starts, sample_control_runs(rng, count, RUN_LENGTH, dt, system)
@@ -94,7 +97,7 @@ def draw_usual(
 
 def draw_shifted(
     system: System, dt: float, rng: np.random.Generator, known: Float[np.ndarray, "K S"], count: int
-) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N T C"]]:
+) -> Drawn:
     """Return starts and controls beyond what datasets show: faster, and with controls at their bounds, jumping or held."""
     starts = known[rng.integers(0, len(known), count)]
     speed_up = rng.uniform(1, MAX_SPEED_UP, count)
@@ -114,7 +117,7 @@ def draw_near(
     rng: np.random.Generator,
     known: Float[np.ndarray, "K S"],
     count: int,
-) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N T C"]]:
+) -> Drawn:
     """Return starts and controls scattered around `motions`, longer ones more often."""
     frame = Frame.of(system.structure, 0.0)
     lengths = np.array([len(held) for _, held in motions])

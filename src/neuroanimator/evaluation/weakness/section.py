@@ -43,7 +43,7 @@ ERRORS_CAPTION = (
 
 WEAK_CAPTION = (
     "Mean errors where a condition holds, over those elsewhere, within what training showed. Conditions are chosen on half "
-    "of the runs and measured on the other half; one that does not hold there is not told. They may overlap. What helps: "
+    "of the runs and measured on the other half; one that does not hold there is not listed. They may overlap. What helps: "
     "more data there (the [sampling] and [control] tables), a shorter super step, a wider network, or longer training."
 )
 
@@ -54,7 +54,7 @@ NOT_WEAK = (
 
 TRUST_CAPTION = (
     "One-step errors of unseen super steps, in bands of like scores (<code>emulator.trust</code>, "
-    "<code>animate --trust</code>): where the lines rise, the score tells. 99 of a hundred super steps as in training "
+    "<code>animate --trust</code>): where the lines rise, they do. 99 of a hundred super steps as in training "
     "score at most 1. Within the edge an error may be large all the same: the score says where to look, and is no bound."
 )
 
@@ -86,7 +86,7 @@ def inspection_html(inspection: Inspection) -> str:
     trust = ""
     if inspection.trust:
         picture = plot(partial(_draw_trust, bands=inspection.trust))
-        trust = f"<h3>Whether its trust may be gone by</h3>{picture}<p>{TRUST_CAPTION}</p>"
+        trust = f"<h3>Whether its trust scores predict errors</h3>{picture}<p>{TRUST_CAPTION}</p>"
     components = component_table(inspection)
     parts = [
         "<h3>How large its errors are</h3>",
@@ -166,11 +166,10 @@ def draw_segments(segments: Sequence[Segment], truth_name: str = "physics") -> F
 
 def _limits(curve: Curve) -> tuple[float, float]:
     """Return the ends of the vertical axis: all of the physics, and of the emulator what is not far away."""
-    low = float(curve.physics.min())
-    high = float(curve.physics.max())
+    low = curve.physics.min()
+    high = curve.physics.max()
     reach = MAX_OVER * max(high - low, 1e-9)
     sound = curve.emulated[np.isfinite(curve.emulated)]
-    low = max(float(sound.min(initial=low)), low - reach)
-    high = min(float(sound.max(initial=high)), high + reach)
-    room = MARGIN * max(high - low, 1e-9)
-    return low - room, high + room
+    drawn = [*curve.physics, *np.clip(sound, low - reach, high + reach)]
+    room = MARGIN * max(max(drawn) - min(drawn), 1e-9)
+    return min(drawn) - room, max(drawn) + room

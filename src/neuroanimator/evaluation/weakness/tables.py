@@ -18,7 +18,7 @@ MAX_SPREADS = 40
 
 COMPONENTS_CAPTION = (
     "Error: root mean square after one super step, in the number's own unit. Change: standard deviation of how much it "
-    "changes in a super step. A free body's vectors are told along its own axes."
+    "changes in a super step. A free body's vectors are along its own axes."
 )
 
 COVERAGE_CAPTION = (

@@ -49,9 +49,9 @@ class Segment:
     error: float
     """Root mean square error, over how far runs get from their start in the same time."""
     component: str
-    """What is most wrong in it."""
+    """The number of the state with the largest error in it."""
     curves: tuple[Curve, ...]
-    """What is most wrong, the worst first, over the segment's time."""
+    """The numbers with the largest errors over the segment's time, the worst first."""
     physics: Float[np.ndarray, "T1 S"]
     """The states by the physics, or as recorded."""
     emulated: Float[np.ndarray, "T1 S"]
