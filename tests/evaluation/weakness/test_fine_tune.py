@@ -73,9 +73,9 @@ def test_the_tail_is_not_learnt_from(
 ):
     from neuroanimator.evaluation.weakness.fine_tune import split
 
-    learning, (tail, _) = split(read_runs(recording, shipped))
+    learning, tail = split(read_runs(recording, shipped))
     learnt = {state.astype(np.float32).tobytes() for state in learning.states.reshape(-1, 6)}
-    tested = {state.astype(np.float32).tobytes() for state in tail.reshape(-1, 6)}
+    tested = {state.astype(np.float32).tobytes() for state in tail.states.reshape(-1, 6)}
     assert len(tested) > 500
     assert not learnt & tested
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from neuroanimator.data.config import MAX_UNROLL, DatasetConfig
 from neuroanimator.data.store import Transitions
@@ -80,8 +79,8 @@ def fine_tune(
     """
     config = config or ImprovementConfig()
     system = system_of(emulator)
-    learning, (tail_states, tail_controls) = split(read_runs(recording, emulator))
-    tests = {str(recording): make_test(system, emulator.dt, tail_states, tail_controls)}
+    learning, tail = split(read_runs(recording, emulator))
+    tests = {str(recording): make_test(system, emulator.dt, tail.states, tail.controls)}
     if data is None and system.can_simulate:
         data = fresh_data(emulator, config)
     if system.can_simulate:
@@ -107,10 +106,8 @@ def _no_data(emulator: Emulator, system: System, like: Runs) -> Transitions:
     return Transitions(dataset, system, *like.rows(np.arange(0)), diverged=0)
 
 
-def split(
-    runs: RecordedRuns,
-) -> tuple[Runs, tuple[Float[np.ndarray, "M 2 S"], Float[np.ndarray, "M 1 C"]]]:
-    """Return (windows to learn from, super steps (N, 2, S) and (N, 1, C) to test on).
+def split(runs: RecordedRuns) -> tuple[Runs, Runs]:
+    """Return (windows to learn from, super steps to test on).
 
     These are of the last fifth of each run, which shares no sample with the rest.
     """
@@ -124,19 +121,21 @@ def split(
         block = blocks + firsts // (BLOCK * runs.substeps)
         blocks += len(states) // (BLOCK * runs.substeps) + 1
         learning.append(Runs(*runs.windows(run, firsts, MAX_UNROLL), block))
-        tested.append(runs.windows(run, np.arange(cut, len(states) - runs.substeps), 1))
+        tail = np.arange(cut, len(states) - runs.substeps)
+        tested.append(Runs(*runs.windows(run, tail, 1), np.full(len(tail), run)))
     windows = join_runs(learning)
-    tail_states, tail_controls = (np.concatenate(arrays) for arrays in zip(*tested, strict=True))
-    if len(windows.states) < MIN_WINDOWS or not len(tail_states):
+    tails = join_runs(tested)
+    if len(windows.states) < MIN_WINDOWS or not len(tails.states):
         wanted = round((MIN_WINDOWS + length) / (1 - TAIL)) + 1
         raise BadFileError(
-            f"{runs.file}: {len(windows.states)} windows to learn from and {len(tail_states)} super steps to test on; "
+            f"{runs.file}: {len(windows.states)} windows to learn from and {len(tails.states)} super steps to test on; "
             f"wanted a run of at least {max(wanted, round(2 * runs.substeps / TAIL)):,} rows. Record longer."
         )
-    every = slice(None, None, -(-len(windows.states) // MAX_WINDOWS))
-    every_tested = slice(None, None, -(-len(tail_states) // MAX_TESTED))
-    return Runs(
-        windows.states[every].astype(np.float32),
-        windows.controls[every].astype(np.float32),
-        windows.source[every],
-    ), (tail_states[every_tested], tail_controls[every_tested])
+    windows = _evenly(windows, MAX_WINDOWS)
+    return _evenly(windows, MAX_WINDOWS).shortened(), _evenly(tails, MAX_TESTED)
+
+
+def _evenly(runs: Runs, count: int) -> Runs:
+    """Return at most `count` of the runs."""
+    every = -(-len(runs.states) // count)
+    return runs.rows(np.arange(0, len(runs.states), every))

@@ -320,12 +320,8 @@ class _Rounds:
             known = known_states(rng, self.learner.data, samples)
             usual = self.tests["usual"]
             runs = sample_weak_runs(emulator, self.distributions, usual, known, rng, config)
-            tensors = {
-                "states": runs.states.astype(np.float32),
-                "controls": runs.controls.astype(np.float32),
-                "source": runs.source.astype(np.int32),
-            }
-            write_tensors(path, tensors, {"kind": KIND, "identity": identity})
+            metadata = {"kind": KIND, "identity": identity}
+            write_tensors(path, runs.shortened()._asdict(), metadata)
             return _read_samples(path, identity)
 
 
@@ -334,7 +330,7 @@ def _read_samples(path: Path, identity: str) -> Runs:
     tensors, metadata = read_tensors(path, KIND, MAX_FILE)
     if metadata.get("identity") != identity:
         raise BadFileError(f"{path} belongs to another improvement.")
-    return Runs(tensors["states"], tensors["controls"], tensors["source"])
+    return Runs(**tensors)
 
 
 def errors_by_test(emulator: Emulator, tests: Mapping[str, HeldOut]) -> dict[str, float]:

@@ -185,12 +185,13 @@ def outside_of_training(
 ) -> Extrapolation:
     """Return how many super steps begin where an emulator is not covered, and how much larger errors are there."""
     errors = step_errors(relative)
-    samples = int((~is_covered).sum())
-    if not 0 < samples < len(errors):
-        return Extrapolation(samples, samples / len(errors), float(samples > 0))
-    inside = float(errors[is_covered].mean())
-    ratio = float(errors[~is_covered].mean()) / inside if inside > 0 else float("inf")
-    return Extrapolation(samples, samples / len(errors), ratio)
+    outside = errors[~is_covered]
+    share = len(outside) / len(errors)
+    if not 0 < share < 1:
+        return Extrapolation(len(outside), share, share)
+    inside = errors[is_covered].mean()
+    ratio = outside.mean() / inside if inside > 0 else np.inf
+    return Extrapolation(len(outside), share, float(ratio))
 
 
 def find_weak_spots(

@@ -65,6 +65,12 @@ class Runs(NamedTuple):
         """Return some of them."""
         return Runs(self.states[rows], self.controls[rows], self.source[rows])
 
+    def shortened(self) -> Runs:
+        """Return them in 32 bits a number, as datasets and files hold them."""
+        states = self.states.astype(np.float32)
+        controls = self.controls.astype(np.float32)
+        return Runs(states, controls, self.source.astype(np.int32))
+
 
 @dataclass(frozen=True)
 class Distribution:
