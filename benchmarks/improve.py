@@ -36,18 +36,16 @@ from neuroanimator.data.sampling import sample_control_runs, sample_starts
 from neuroanimator.data.store import Transitions
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
-from neuroanimator.improvement.config import ImprovementConfig
-from neuroanimator.improvement.improve import (
-    GUARD,
-    TEST_RUNS,
-    known_states,
-    simulated_runs,
-    usual_test,
-    weak_samples,
+from neuroanimator.evaluation.weakness.config import ImprovementConfig
+from neuroanimator.evaluation.weakness.improve import GUARD, TEST_RUNS, known_states, usual_test
+from neuroanimator.evaluation.weakness.learning import Learner, error_on
+from neuroanimator.evaluation.weakness.sampling import (
+    Runs,
+    distributions_of,
+    draw_runs,
+    sample_weak_runs,
+    simulate_runs,
 )
-from neuroanimator.improvement.learning import Learner, error_on
-from neuroanimator.improvement.places import Shifted, Usual, drawn
-from neuroanimator.improvement.samples import Samples, simulated
 from neuroanimator.machine import describe_machine
 from neuroanimator.terminal import print_table, progress_bar
 
@@ -115,13 +113,13 @@ class Arm:
     def __init__(self, task: Task):
         self.task = task
         self.system = task.data.system
-        self.places = (Usual(self.system, task.emulator.dt), Shifted(self.system, task.emulator.dt))
+        self.distributions = distributions_of(self.system, task.emulator.dt)
         self.config = ImprovementConfig(
             samples=SAMPLES, updates=UPDATES, windows=WINDOWS, seed=task.seed
         )
         guard = usual_test(task.emulator, self.system, task.seed, GUARD)
         self.learner = Learner(self.system, task.data, task.emulator, guard, self.config)
-        self.samples: list[Samples] = []
+        self.samples: list[Runs] = []
 
     def next_round(self, emulator: Emulator, number: int, folder: Path) -> Emulator:
         """Return the emulator trained on with the samples of one round more."""
@@ -131,38 +129,38 @@ class Arm:
         out = folder / f"{type(self).__name__}-{self.system.name}-{self.task.seed}-{number}"
         return self.learner.learn(emulator, self.samples, out.with_suffix(".safetensors"))
 
-    def drawn(self, emulator: Emulator, known: np.ndarray, rng: np.random.Generator) -> Samples:
+    def drawn(self, emulator: Emulator, known: np.ndarray, rng: np.random.Generator) -> Runs:
         raise NotImplementedError
 
 
 class Improving(Arm):
     """Chosen by the errors to be expected."""
 
-    def drawn(self, emulator: Emulator, known: np.ndarray, rng: np.random.Generator) -> Samples:
-        return weak_samples(
-            emulator, self.system, self.places, self.task.usual, known, rng, self.config
+    def drawn(self, emulator: Emulator, known: np.ndarray, rng: np.random.Generator) -> Runs:
+        return sample_weak_runs(
+            emulator, self.distributions, self.task.usual, known, rng, self.config
         )
 
 
 class Anywhere(Arm):
-    """Drawn in the same places, none chosen."""
+    """Drawn from the same distributions, none chosen."""
 
-    def drawn(self, emulator: Emulator, known: np.ndarray, rng: np.random.Generator) -> Samples:
-        pool = drawn(self.places, rng, known, simulated_runs(self.config))
-        samples, diverged = simulated(self.system, pool, emulator.dt)
-        return samples.where(~diverged)
+    def drawn(self, emulator: Emulator, known: np.ndarray, rng: np.random.Generator) -> Runs:
+        pool = draw_runs(self.distributions, rng, known, self.config.runs)
+        samples, _ = simulate_runs(self.system, pool, emulator.dt)
+        return samples
 
 
 class Random(Arm):
     """As `generate` draws."""
 
-    def drawn(self, emulator: Emulator, known: np.ndarray, rng: np.random.Generator) -> Samples:
+    def drawn(self, emulator: Emulator, known: np.ndarray, rng: np.random.Generator) -> Runs:
         count = SAMPLES // RUN_STEPS
         starts = sample_starts(self.system, rng, count, core_count())
         controls = sample_control_runs(rng, count, RUN_STEPS, emulator.dt, self.system)
         runs = self.system.simulate(starts, controls, emulator.dt, threads=core_count())
-        samples = Samples(runs.states, controls, np.zeros(count, int))
-        return samples.where(~runs.has_diverged)
+        samples = Runs(runs.states, controls, np.zeros(count, int))
+        return samples.rows(~runs.has_diverged)
 
 
 ARMS = {"improve": Improving, "anywhere": Anywhere, "random": Random}
@@ -176,8 +174,8 @@ def rows_of(task: Task, name: str, folder: Path) -> list[dict[str, Any]]:
     emulator = task.emulator
     for number in range(1, ROUNDS[name] + 1):
         emulator = arm.next_round(emulator, number, folder)
-        kept = arm.learner.kept(emulator) or task.emulator
-        after_usual, after_away = task.errors(kept)
+        accepted = arm.learner.accept(emulator) or task.emulator
+        after_usual, after_away = task.errors(accepted)
         rows.append(
             {
                 "system": arm.system.name,

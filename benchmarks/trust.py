@@ -38,7 +38,7 @@ from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.c_emulator import c_emulator
 from neuroanimator.evaluation.csv_table import write_csv
 from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.improvement.places import rate_entries
+from neuroanimator.evaluation.weakness.sampling import rate_entries
 from neuroanimator.machine import describe_machine
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System

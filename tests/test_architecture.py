@@ -13,7 +13,7 @@ STAGES = [
     "lazy", "jax_later", "pytrees", "errors", "text", "parsing", "terminal", "machine", "cores",
     "zoo", "storage", "executor", "compiler", "codegen", "backend", "tables", "state", "appearance",
     "definitions", "emulator", "systems", "hybrid", "data", "training", "evaluation", "animation", "control",
-    "improvement", "tasks",
+    "tasks",
     "export", "gym", "scaffold", "fleets", "demo", "cli",
 ]  # fmt: skip
 

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from neuroanimator.control.synthesis.replay import replay
     from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise
     from neuroanimator.data.config import DatasetConfig
-    from neuroanimator.data.coverage import coverage
     from neuroanimator.data.diverged_runs import read_diverged
     from neuroanimator.data.generate import generate
     from neuroanimator.data.store import read_transitions
@@ -48,8 +47,12 @@ if TYPE_CHECKING:
     from neuroanimator.errors import NeuroAnimatorError
     from neuroanimator.evaluation.drift import measure_drift
     from neuroanimator.evaluation.evaluate import EvaluationBudget, evaluate
-    from neuroanimator.evaluation.inspection import inspect
     from neuroanimator.evaluation.report import write_report
+    from neuroanimator.evaluation.weakness.config import ImprovementConfig
+    from neuroanimator.evaluation.weakness.coverage import coverage
+    from neuroanimator.evaluation.weakness.fine_tune import fine_tune
+    from neuroanimator.evaluation.weakness.improve import improve
+    from neuroanimator.evaluation.weakness.inspection import inspect
     from neuroanimator.executor.local import LocalExecutor
     from neuroanimator.executor.ray_cluster import RayExecutor
     from neuroanimator.export.comparison import write_comparison
@@ -65,9 +68,6 @@ if TYPE_CHECKING:
     from neuroanimator.export.usd.scene import write_usd
     from neuroanimator.export.worst_cases import write_worst
     from neuroanimator.hybrid import HybridMotion, hybrid_rollout
-    from neuroanimator.improvement.config import ImprovementConfig
-    from neuroanimator.improvement.fine_tune import fine_tune
-    from neuroanimator.improvement.improve import improve
     from neuroanimator.state.layout import Bounds
     from neuroanimator.state.pose import read_heights, read_pose
     from neuroanimator.systems import load_system
@@ -88,15 +88,15 @@ _HOMES = {
     "read_transitions": "data.store",
     "open_transitions": "data.stored",
     "read_diverged": "data.diverged_runs",
-    "coverage": "data.coverage",
+    "coverage": "evaluation.weakness.coverage",
     "TrainingConfig": "training.config",
     "train": "training.train",
     "fit_trust": "training.trust_fitting",
     "fit_error_bounds": "training.error_fitting",
     "UnseenRuns": "training.error_fitting",
-    "ImprovementConfig": "improvement.config",
-    "improve": "improvement.improve",
-    "fine_tune": "improvement.fine_tune",
+    "ImprovementConfig": "evaluation.weakness.config",
+    "improve": "evaluation.weakness.improve",
+    "fine_tune": "evaluation.weakness.fine_tune",
     "Emulator": "emulator.emulator",
     "load_emulator": "emulator.emulator",
     "set_backend": "backend",
@@ -107,7 +107,7 @@ _HOMES = {
     "EvaluationBudget": "evaluation.evaluate",
     "measure_drift": "evaluation.drift",
     "evaluate": "evaluation.evaluate",
-    "inspect": "evaluation.inspection",
+    "inspect": "evaluation.weakness.inspection",
     "write_report": "evaluation.report",
     "Objective": "control.objective.objective",
     "CostTerm": "control.objective.objective",

@@ -19,9 +19,10 @@ from neuroanimator.data.store import Transitions, read_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.evaluation.evaluate import Evaluation, evaluate
+from neuroanimator.evaluation.page import facts_html
 from neuroanimator.evaluation.report import write_report
 from neuroanimator.evaluation.training_curve import training_html
-from neuroanimator.export.control_report import rows_html, search_html
+from neuroanimator.export.control_report import search_html
 from neuroanimator.export.csv_file import write_table
 from neuroanimator.export.film.inline import film_html
 from neuroanimator.export.film.video import write_video
@@ -133,7 +134,7 @@ def _write(out: Path, evaluation: Evaluation, synthesis: Synthesis) -> list[Path
     controls = synthesis.controls
     times = np.arange(len(controls)) * emulator.dt
     write_table(table, times, controls, emulator.control)
-    swing_up = rows_html(outcome_rows(synthesis)) + search_html(synthesis)
+    swing_up = facts_html(outcome_rows(synthesis)) + search_html(synthesis)
     trained = out / f"{SYSTEM}.emulator.safetensors"
     files = [scene, table, report, trained]
     try:

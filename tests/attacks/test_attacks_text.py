@@ -25,17 +25,17 @@ from neuroanimator import (
 )
 from neuroanimator.animation.clip import Clip
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.data.coverage import Coverage, Divergence, Spread
-from neuroanimator.data.readings import Reading
 from neuroanimator.definitions.model import Definition
 from neuroanimator.emulator.c_emulator import c_program
 from neuroanimator.emulator.description import describe
 from neuroanimator.errors import BadFileError
 from neuroanimator.evaluation.component_errors import ComponentError, error_spread
 from neuroanimator.evaluation.evaluate import Evaluation
-from neuroanimator.evaluation.inspection import Inspection
-from neuroanimator.evaluation.weak_spots import Outside, WeakSpot
-from neuroanimator.evaluation.worst_segments import Curve, Segment
+from neuroanimator.evaluation.weakness.conditions import WeakSpot
+from neuroanimator.evaluation.weakness.coverage import Coverage, Divergence, Spread
+from neuroanimator.evaluation.weakness.inspection import Extrapolation, Inspection
+from neuroanimator.evaluation.weakness.readings import Reading
+from neuroanimator.evaluation.weakness.worst_segments import Curve, Segment
 from neuroanimator.export.csv_file import read_table, write_table
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.storage.files import canonical_json, read_tensors
@@ -150,7 +150,7 @@ def an_inspection(text: str) -> Inspection:
     """An inspection with `text` wherever there is any."""
     numbers = np.linspace(0.1, 1, 5)
     spread = Spread.of(Reading(text, text, numbers), (0.0, 1.0))
-    divergence = Divergence(2, 0.5, (spread,), (text,))
+    divergence = Divergence(2, 0.5, (text,))
     covered = Coverage(text, 5, 5, 1, (spread,), (spread,), divergence, (text,))
     motion = numbers[:, None]
     curve = Curve(text, text, numbers, numbers + 0.1)
@@ -164,7 +164,7 @@ def an_inspection(text: str) -> Inspection:
         errors=error_spread(numbers),
         components=(ComponentError(text, text, 0.1, 0.2, 0.3, 0.4),),
         weak_spots=(WeakSpot(text, 3.0, 0.1, 0.05, 0.2, text),),
-        outside=Outside(1, 0.2, 3.0),
+        outside=Extrapolation(1, 0.2, 3.0),
         trust=(),
         worst=(segment,),
         coverage=covered,

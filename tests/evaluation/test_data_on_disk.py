@@ -12,12 +12,12 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import DatasetConfig, Emulator, NeuroAnimatorError, generate, read_transitions
-from neuroanimator.data.coverage import coverage
 from neuroanimator.data.store import Transitions
 from neuroanimator.data.stored import StoredTransitions, open_to_measure, super_steps
 from neuroanimator.evaluation.baselines import baselines
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
-from neuroanimator.evaluation.inspection import inspect
+from neuroanimator.evaluation.weakness.coverage import coverage
+from neuroanimator.evaluation.weakness.inspection import inspect
 from neuroanimator.training.trust_fitting import fit_trust
 
 

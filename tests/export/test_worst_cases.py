@@ -14,7 +14,7 @@ from conftest import Cli
 from neuroanimator import Emulator, inspect, write_worst
 from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.errors import ResourceError
-from neuroanimator.evaluation.inspection import Inspection
+from neuroanimator.evaluation.weakness.inspection import Inspection
 from neuroanimator.export import worst_cases
 from neuroanimator.export.film.caption import caption_image
 from neuroanimator.export.film.clip_bytes import pack_takes, unpack_takes

@@ -12,8 +12,8 @@ import pytest
 from tally import Tally
 
 from neuroanimator import DatasetConfig, generate, read_diverged, read_transitions
-from neuroanimator.data.coverage import coverage
 from neuroanimator.errors import ArgumentError, BadFileError, ResourceError
+from neuroanimator.evaluation.weakness.coverage import coverage
 from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.storage.places import UrlPath, place_of
 

@@ -161,7 +161,7 @@ def _write(
 
 def _print(evaluations: list[Evaluation]) -> None:
     """Print a row for each emulator, then what is to be said of each."""
-    from neuroanimator.cli.inspection_words import print_weak_spots
+    from neuroanimator.cli.inspection_output import print_weak_spots
     from neuroanimator.terminal import print_table
     from neuroanimator.text import print_line
 

@@ -12,8 +12,8 @@ from neuroanimator.cli.animate import START_HELP
 if TYPE_CHECKING:
     from neuroanimator.data.store import Transitions
     from neuroanimator.emulator.emulator import Emulator
-    from neuroanimator.improvement.config import ImprovementConfig
-    from neuroanimator.improvement.improve import PlaceError
+    from neuroanimator.evaluation.weakness.config import ImprovementConfig
+    from neuroanimator.evaluation.weakness.improve import ErrorChange
 
 EXAMPLE = (
     "neuroanimator improve pendulum-50 --controls swing-up.csv --out better.emulator.safetensors"
@@ -57,8 +57,8 @@ def run(
     tolerance: Annotated[
         float | None,
         typer.Option(
-            help="Error wanted in every place: 95th percentile of one-step errors, in standard deviations of the "
-            "usual change. Seven tenths of the largest there is, if not given."
+            help="Error wanted on every distribution of motions: 95th percentile of one-step errors, in standard deviations "
+            "of the usual change. Seven tenths of the largest there is, if not given."
         ),
     ] = None,
     rounds: Annotated[int | None, typer.Option(help="Rounds, at most (default 6).")] = None,
@@ -79,30 +79,37 @@ def run(
 
     with phase("loading"):
         from neuroanimator.emulator.emulator import load_emulator
-        from neuroanimator.improvement.config import ImprovementConfig
-        from neuroanimator.improvement.old_data import read_old
+        from neuroanimator.errors import ArgumentError
+        from neuroanimator.evaluation.weakness.config import ImprovementConfig
+        from neuroanimator.evaluation.weakness.improve import read_old_data
         from neuroanimator.systems.loading import trust_files
 
-        options = {"rounds": rounds, "samples": samples, "updates": updates, "seed": seed}
-        settings: dict[str, Any] = {}
-        for name, value in options.items():
-            if value is not None:
-                settings[name] = value
-        config = ImprovementConfig(**settings)
+        options: dict[str, Any] = {"rounds": rounds, "samples": samples}
+        options |= {"updates": updates, "seed": seed}
+        given = {name: value for name, value in options.items() if value is not None}
+        config = ImprovementConfig(**given)
         if system:
             trust_files(system)
         model = load_emulator(emulator)
-        old = read_old(data, model, config) if data else None
-    if from_ is not None:
-        looks = {"--controls": controls, "--start": start, "--recording": recording}
-        given = {**looks, "--tolerance": tolerance, "--rounds": rounds, "--samples": samples}
-        _refuse_beside_from([name for name, value in given.items() if value])
-        _from_recording(model, from_, out, config, old)
-    else:
-        _where_weak(model, out, config, old, tolerance, controls or [], start, recording or [])
+        old = read_old_data(data, model, config) if data else None
+    if from_ is None:
+        _improve(model, out, config, old, tolerance, controls or [], start, recording or [])
+        return
+    looks = {"--controls": controls, "--start": start, "--recording": recording}
+    for name, value in {
+        **looks,
+        "--tolerance": tolerance,
+        "--rounds": rounds,
+        "--samples": samples,
+    }.items():
+        if value:
+            raise ArgumentError(
+                f"improve: {name} does not go with --from, which simulates nothing. Leave one of them out."
+            )
+    _learn_from(model, from_, out, config, old)
 
 
-def _where_weak(
+def _improve(
     model: Emulator,
     out: Path,
     config: ImprovementConfig,
@@ -112,13 +119,13 @@ def _where_weak(
     start: list[str] | None,
     recordings: list[Path],
 ) -> None:
-    """Look for where it is weak and mend it, under progress bars."""
+    """Improve an emulator where it is weak, under progress bars."""
     from neuroanimator.animation.motion import named_start
     from neuroanimator.errors import ArgumentError
+    from neuroanimator.evaluation.weakness.improve import RoundReport, improve
     from neuroanimator.export.csv_file import read_table
-    from neuroanimator.improvement.improve import RoundReport, improve
     from neuroanimator.state.start import read_starts
-    from neuroanimator.terminal import print_rows, progress_bar
+    from neuroanimator.terminal import progress_bar
     from neuroanimator.text import print_line
     from neuroanimator.training.train import Report
 
@@ -150,12 +157,11 @@ def _where_weak(
             on_round=on_round,
             on_report=on_report,
         )
-    _print_errors(result.errors)
-    print_rows([("samples simulated", result.samples), ("emulator", out)])
+    _print(result.errors, ("samples simulated", result.samples), out)
     print_line(f"{model.system}: {result}.")
 
 
-def _from_recording(
+def _learn_from(
     model: Emulator,
     recording: Path,
     out: Path,
@@ -163,8 +169,8 @@ def _from_recording(
     old: Transitions | None,
 ) -> None:
     """Learn from a recording, under a progress bar."""
-    from neuroanimator.improvement.fine_tune import fine_tune
-    from neuroanimator.terminal import print_rows, progress_bar
+    from neuroanimator.evaluation.weakness.fine_tune import fine_tune
+    from neuroanimator.terminal import progress_bar
     from neuroanimator.text import print_line
     from neuroanimator.training.train import Report
 
@@ -174,8 +180,7 @@ def _from_recording(
             bar.advance_to(report.update, f"error {report.error:.4f}")
 
         result = fine_tune(model, recording, out, config=config, data=old, on_report=on_report)
-    _print_errors(result.errors)
-    print_rows([("windows learnt from", result.windows), ("emulator", out)])
+    _print(result.errors, ("windows learnt from", result.windows), out)
     if not result.has_old:
         print_line(
             f"{model.system}: nothing but the recording was learnt from, as it cannot be simulated. With --data, the "
@@ -183,23 +188,13 @@ def _from_recording(
         )
 
 
-def _print_errors(errors: tuple[PlaceError, ...]) -> None:
-    """Print the error in each place before and after."""
-    from neuroanimator.terminal import print_table
+def _print(errors: tuple[ErrorChange, ...], taken: tuple[str, object], out: Path) -> None:
+    """Print the errors before and after, what they took, and the new file."""
+    from neuroanimator.terminal import print_rows, print_table
 
     rows: list[dict[str, object]] = []
     for error in errors:
-        rows.append(
-            {"95 % of errors below": error.place, "before": error.before, "after": error.after}
-        )
+        name = error.distribution
+        rows.append({"95 % of errors below": name, "before": error.before, "after": error.after})
     print_table(rows)
-
-
-def _refuse_beside_from(given: list[str]) -> None:
-    """Refuse options that mean nothing where a recording alone is learnt from."""
-    from neuroanimator.errors import ArgumentError
-
-    if given:
-        raise ArgumentError(
-            f"improve: {given[0]} does not go with --from, which simulates nothing. Leave one of them out."
-        )
+    print_rows([taken, ("emulator", out)])

@@ -43,7 +43,7 @@ def run(
     """Check an emulator, a policy or a dataset and show what it is; --json says all, with every column."""
     from json import dumps
 
-    from neuroanimator.cli.info_dataset import show_dataset
+    from neuroanimator.cli.inspection_output import show_dataset
     from neuroanimator.storage.places import is_url, place_of
     from neuroanimator.terminal import print_rows
 
@@ -64,7 +64,7 @@ def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool
     """Print where an emulator is good and where it is weak."""
     from json import dumps
 
-    from neuroanimator.cli.inspection_words import print_components, print_weak_spots
+    from neuroanimator.cli.inspection_output import print_components, print_weak_spots
     from neuroanimator.errors import ArgumentError
     from neuroanimator.terminal import phase
 
@@ -75,7 +75,7 @@ def _show_errors(file: str, data: str | None, system: Path | None, *, json: bool
     with phase("loading"):
         from neuroanimator.data.stored import open_to_measure
         from neuroanimator.emulator.emulator import Emulator
-        from neuroanimator.evaluation.inspection import inspect
+        from neuroanimator.evaluation.weakness.inspection import inspect
         from neuroanimator.systems.loading import trust_files
         from neuroanimator.zoo import find_emulator
 

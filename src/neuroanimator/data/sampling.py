@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.slowness import slowness
@@ -53,6 +54,9 @@ GAIT_STRENGTH = (0.2, 1.2)
 
 MAX_STEERING = 0.5
 """At most this share of the control's range is added to the gait, so that the body is steered."""
+
+STATE_SPREAD = 0.15
+"""Standard deviation of states scattered around a motion, as a share of each entry's spread along it."""
 
 WARM_UP_SUBSTEPS = 50
 """A control is held for so many physics steps while a system warms up."""
@@ -172,3 +176,12 @@ def _held(rng: np.random.Generator, steps: int, dt: float, size: int) -> Float[n
     hold = int(rng.integers(2, max(3, round(MAX_HOLD * slowness(dt) / dt) + 1)))
     values = rng.uniform(-1, 1, (steps // hold + 1, size))
     return np.repeat(values, hold, axis=0)[:steps]
+
+
+def scattered(
+    frame: Frame, states: np.ndarray, steps: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Return states (N, S) around those of the motion (T+1, S) at `steps` (N,), spread as the motion itself is."""
+    spread = frame.difference(states[:1], states).std(axis=0)
+    noise = rng.normal(size=(len(steps), len(spread)))
+    return frame.apply(states[steps], noise * STATE_SPREAD * spread)

@@ -168,12 +168,18 @@ class Windows(NamedTuple):
     """Which run of the whole dataset each window comes from."""
 
 
-def read_transitions(folder: str | Place) -> Transitions:
-    """Return every transition in `folder`; BadFileError if a shard is missing, damaged or not what a dataset holds."""
+def read_transitions(folder: str | Place, *, at_least: int | None = None) -> Transitions:
+    """Return every transition in `folder`; BadFileError if a shard is missing, damaged or not what a dataset holds.
+
+    With `at_least` no more of its shards are read than hold so many transitions; of recordings all.
+    """
     folder = place_of(folder)
     config = read_config(folder)
     system = carried_system(config.system, config.definition)
-    shards = (read_shard(folder, config, system, shard) for shard in range(config.shards))
+    count = config.shards
+    if at_least is not None and system.recordings is None:
+        count = min(count, -(-at_least // (RUNS_PER_SHARD * config.samples_per_run)))
+    shards = (read_shard(folder, config, system, shard) for shard in range(count))
     counted = ((tensors, metadata["diverged"]) for tensors, metadata in shards)
     transitions = gather_transitions(config, system, counted)
     if system.recordings is not None:

@@ -12,12 +12,26 @@ from neuroanimator.evaluation.held_out import HeldOut
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import Runs, Scheme
 
+LOST = 1e3
+"""Magnitude of error that stands for larger ones, and for those that are no finite number."""
+
 
 def root_mean_square(
     values: Float[np.ndarray, " ..."], axis: int | tuple[int, ...] = 0
 ) -> Float[np.ndarray, " ..."]:
     """Return the root of the mean square along `axis`."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=axis)))
+
+
+def bounded(errors: Float[np.ndarray, " ..."]) -> Float[np.ndarray, " ..."]:
+    """Return `errors` between ±`LOST`, which stands for what is not finite, too."""
+    return np.clip(np.nan_to_num(errors, nan=LOST), -LOST, LOST)
+
+
+def step_errors(relative: Float[np.ndarray, "N M"]) -> Float[np.ndarray, " N"]:
+    """Return one number for each super step: the root mean square over what moves, at most `LOST`."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bounded(root_mean_square(relative, axis=1))
 
 
 def one_step_error(emulator: Emulator, test: HeldOut) -> Float[np.ndarray, " M"]:

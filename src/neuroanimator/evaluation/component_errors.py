@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.data.readings import entry_names, entry_units
 from neuroanimator.evaluation.accuracy import root_mean_square
 from neuroanimator.evaluation.held_out import HeldOut
+from neuroanimator.evaluation.weakness.readings import entry_names, entry_units
 from neuroanimator.state.segments import place_segments
 from neuroanimator.systems.system import System
+from neuroanimator.text import short_number
 
 BINS = 24
 """Bars of the histogram of errors."""
@@ -54,6 +55,14 @@ class ErrorSpread:
     """Ends of the histogram's bars; a bar is as many times as wide as the one before."""
     counts: Int[np.ndarray, " B"]
     """Super steps in each bar; all of them together."""
+
+    def __str__(self) -> str:
+        """Return the quantiles as a sentence."""
+        median, high, worst = map(short_number, (self.median, self.high, self.worst))
+        return (
+            f"one step is off by less than {median} in half of all super steps, than {high} in 95 %, and by {worst} in the "
+            "worst [standard deviations of the change]"
+        )
 
 
 def component_errors(test: HeldOut, errors: Float[np.ndarray, "N V"]) -> tuple[ComponentError, ...]:

@@ -28,13 +28,13 @@ from neuroanimator.evaluation.held_out import (
     system_of,
 )
 from neuroanimator.evaluation.hybrid_shares import HybridShare, hybrid_shares
-from neuroanimator.evaluation.inspection import INSPECTED_RUNS, Inspection, inspect
 from neuroanimator.evaluation.noise import noise_error
 from neuroanimator.evaluation.speed import REPEATS, Speed, measure_emulator, measure_speed
 from neuroanimator.evaluation.speed_function import PYTHON_FUNCTION
 from neuroanimator.evaluation.speed_mass_spring import JAX, NO_COMPILER
 from neuroanimator.evaluation.stability import count_diverged
-from neuroanimator.evaluation.weak_spots import WeakSpot
+from neuroanimator.evaluation.weakness.conditions import WeakSpot
+from neuroanimator.evaluation.weakness.inspection import INSPECTED_RUNS, Inspection, inspect
 from neuroanimator.terminal import phase
 from neuroanimator.text import listed
 

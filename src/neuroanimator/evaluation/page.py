@@ -59,3 +59,23 @@ def glossary_html(title: str, meanings: Mapping[str, str]) -> str:
     for word, meaning in meanings.items():
         lines += f"<dt>{html.escape(word)}</dt><dd>{html.escape(meaning)}</dd>"
     return f"<details><summary>{html.escape(title)}</summary><dl>{lines}</dl></details>"
+
+
+def table_html(rows: Sequence[Mapping[str, object]], pictures: str = "") -> str:
+    """Return rows of the same heads as a table; the cells under `pictures` are SVG, all others text."""
+    heads = "".join(f"<th>{html.escape(head)}</th>" for head in rows[0])
+    lines = f"<tr>{heads}</tr>"
+    for row in rows:
+        cells = ""
+        for head, value in row.items():
+            cells += f"<td>{value if head == pictures else html.escape(str(value))}</td>"
+        lines += f"<tr>{cells}</tr>"
+    return f"<div class=wide><table>{lines}</table></div>"
+
+
+def facts_html(facts: Sequence[tuple[str, object]]) -> str:
+    """Return names and values as a table."""
+    lines = ""
+    for name, value in facts:
+        lines += f"<tr><th>{html.escape(name)}</th><td>{html.escape(str(value))}</td></tr>"
+    return f"<div class=wide><table class=facts>{lines}</table></div>"

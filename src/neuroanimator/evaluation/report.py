@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,9 +13,9 @@ from matplotlib.axes import Axes
 from neuroanimator.emulator.verdict import beyond_noise
 from neuroanimator.evaluation.bounded_errors import BoundedErrors
 from neuroanimator.evaluation.evaluate import NO_OPPONENT, Evaluation
-from neuroanimator.evaluation.page import glossary_html, made_html, write_page
+from neuroanimator.evaluation.page import glossary_html, made_html, table_html, write_page
 from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, QUIET, plot
-from neuroanimator.evaluation.report_inspection import inspection_html
+from neuroanimator.evaluation.weakness.section import inspection_html
 from neuroanimator.evaluation.work_precision import draw_work
 from neuroanimator.text import printable
 
@@ -38,15 +39,6 @@ COLUMNS = {
 }
 """What each column of the table means."""
 
-NOISE_HEADS = (
-    "number of the state",
-    "noise [its unit]",
-    "one-step error",
-    "by noise alone",
-    "left to gain",
-)
-"""The columns of the table of noise."""
-
 NOISE_CAPTION = (
     "What differs from sample to sample without belonging to a smooth motion is taken for noise. A perfect emulator would "
     "have the error that it makes by itself: noise of the state a step begins at, carried on, and of the state it is "
@@ -60,9 +52,6 @@ BOUNDS_CAPTION = (
     "change in a super step; controllers' motions have bounds of their own, as they go further astray."
 )
 """What stands below the curve of errors and their bounds."""
-
-TURNS_HEADS = ("physics from a score of", "its share of the time", "error at the end", "times less")
-"""The columns of the table of turns."""
 
 TURNS_CAPTION = (
     "Where a super step's score of trust reaches the one on the left, the physics takes over for a few super steps and gives "
@@ -185,16 +174,14 @@ def _turns(evaluation: Evaluation) -> str:
     """Return the table of motions in turns with the physics; empty where nobody looked."""
     if not evaluation.hybrid:
         return ""
-    rows = ""
+    alone = evaluation.hybrid[0].emulator_error
+    rows = []
     for share in evaluation.hybrid:
         gain = share.emulator_error / share.error if share.error else float("inf")
-        figures = (f"{share.physics_share:.0%}", f"{share.error:.3g}", f"{gain:.3g}")
-        cells = "".join(f"<td>{figure}</td>" for figure in figures)
-        rows += f"<tr><td>{share.threshold:g}</td>{cells}</tr>"
-    alone = evaluation.hybrid[0].emulator_error
-    rows += f"<tr><td>never</td><td>0%</td><td>{alone:.3g}</td><td>1</td></tr>"
-    heads = "".join(f"<th>{head}</th>" for head in TURNS_HEADS)
-    table = f"<div class=wide><table><tr>{heads}</tr>{rows}</table></div>"
+        rows.append((f"{share.threshold:g}", f"{share.physics_share:.0%}", share.error, gain))
+    rows.append(("never", "0%", alone, 1.0))
+    heads = ("physics from a score of", "its share of the time", "error at the end", "times less")
+    table = _table_of(heads, rows)
     return f"<h3>In turns with the physics</h3>{table}<p>{TURNS_CAPTION}</p>"
 
 
@@ -208,23 +195,27 @@ def _noise(evaluation: Evaluation) -> str:
     figures = zip(
         names, deviations, evaluation.error_by_entry, evaluation.noise_by_entry, strict=True
     )
-    rows = ""
+    rows = []
     for name, deviation, error, by_noise in figures:
-        left = beyond_noise(error, by_noise)
-        cells = "".join(f"<td>{value:.3g}</td>" for value in (deviation, error, by_noise, left))
-        rows += f"<tr><td>{html.escape(str(name))}</td>{cells}</tr>"
-    heads = "".join(f"<th>{head}</th>" for head in NOISE_HEADS)
-    table = f"<div class=wide><table><tr>{heads}</tr>{rows}</table></div>"
+        rows.append((name, deviation, error, by_noise, beyond_noise(error, by_noise)))
+    noise = "noise [its unit]"
+    by_itself = "by noise alone"
+    heads = ("number of the state", noise, "one-step error", by_itself, "left to gain")
+    table = _table_of(heads, rows)
     return f"<h3>Noise of the recordings</h3>{table}<p>{NOISE_CAPTION}</p>"
 
 
 def _cheap_predictors(evaluation: Evaluation) -> str:
     if not evaluation.baselines:
         return ""
-    rows = ""
-    for name, error in evaluation.baselines.items():
-        rows += f"<tr><td>{html.escape(name)}</td><td>{error:.3g}</td></tr>"
-    return f"<h3>Cheap predictors, one-step error</h3><table>{rows}</table>"
+    table = _table_of(("predictor", "error"), list(evaluation.baselines.items()))
+    return f"<h3>Cheap predictors, one-step error</h3>{table}"
+
+
+def _table_of(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return rows of names and figures as a table."""
+    shown = [[f"{cell:.3g}" if isinstance(cell, float) else cell for cell in row] for row in rows]
+    return table_html([dict(zip(heads, row, strict=True)) for row in shown])
 
 
 def _label(evaluation: Evaluation) -> str:

@@ -15,11 +15,17 @@ from matplotlib.axes import Axes
 from neuroanimator.control.synthesis.replay import Replay
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis
-from neuroanimator.data.readings import entry_names, entry_units, state_readings
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.evaluation.held_out import system_of
-from neuroanimator.evaluation.page import glossary_html, made_html, write_page
+from neuroanimator.evaluation.page import (
+    facts_html,
+    glossary_html,
+    made_html,
+    table_html,
+    write_page,
+)
 from neuroanimator.evaluation.plots import EMULATOR, PHYSICS, QUIET, plot
+from neuroanimator.evaluation.weakness.readings import entry_names, entry_units, state_readings
 from neuroanimator.export.film.inline import replay_html
 from neuroanimator.systems.system import System
 from neuroanimator.text import printable, short_number
@@ -81,21 +87,13 @@ def write_control_report(
     parts = [
         f"<h1>NeuroAnimator: a controller of the {html.escape(emulator.system)}</h1>",
         made_html(),
-        rows_html(rows),
+        facts_html(rows),
         glossary_html("What the words mean", MEANINGS),
         "<h2>The motion</h2>",
         replay_html(emulator, synthesis.outcome),
         search_html(synthesis),
     ]
     write_page(path, "NeuroAnimator: a controller", parts)
-
-
-def rows_html(rows: Sequence[tuple[str, object]]) -> str:
-    """Return names and values as a table."""
-    lines = ""
-    for name, value in rows:
-        lines += f"<tr><th>{html.escape(name)}</th><td>{html.escape(str(value))}</td></tr>"
-    return f"<div class=wide><table class=facts>{lines}</table></div>"
 
 
 def search_html(synthesis: Synthesis) -> str:
@@ -181,17 +179,18 @@ def _bounds_of(emulator: Emulator, entries: Sequence[int]) -> list[float]:
 
 def _strayed_table(emulator: Emulator, outcome: Replay) -> str:
     """Return a table of what the emulator strayed in farthest."""
-    rows = ""
+    rows = []
     for strayed in _strayed(system_of(emulator), outcome)[:MAX_CURVES]:
-        cells = ""
-        for value in (strayed.error, strayed.last, strayed.relative):
-            cells += f"<td>{short_number(value)}</td>"
-        rows += (
-            f"<tr><td>{html.escape(strayed.name)}</td><td>{html.escape(strayed.unit)}</td>"
-            f"{cells}</tr>"
+        rows.append(
+            {
+                "number": strayed.name,
+                "unit": strayed.unit,
+                "error": short_number(strayed.error),
+                "at the end": short_number(strayed.last),
+                "over its range": short_number(strayed.relative),
+            }
         )
-    heads = "<th>number</th><th>unit</th><th>error</th><th>at the end</th><th>over its range</th>"
-    return f"<div class=wide><table><tr>{heads}</tr>{rows}</table></div>"
+    return table_html(rows) if rows else ""
 
 
 def _strayed(system: System, outcome: Replay) -> list[_Strayed]:

@@ -1,4 +1,4 @@
-"""The worst cases of an emulator as a file: a film of bodies or gauges, or curves."""
+"""Export of an emulator's worst cases: a film of bodies or gauges, or curves."""
 
 from __future__ import annotations
 
@@ -15,29 +15,28 @@ from neuroanimator.animation.gauges import drawable
 from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.evaluation.inspection import Inspection
 from neuroanimator.evaluation.plots import svg_text
-from neuroanimator.evaluation.worst_curves import draw_segments
-from neuroanimator.evaluation.worst_segments import Segment
+from neuroanimator.evaluation.weakness.inspection import Inspection
+from neuroanimator.evaluation.weakness.section import draw_segments
 from neuroanimator.export.film.takes import Take
 from neuroanimator.export.film.video import write_takes
 from neuroanimator.storage.files import write_whole
 from neuroanimator.text import short_number
 
 FORMATS = (".mp4", ".png", ".svg")
-"""How the names of files of worst cases end."""
+"""Suffixes of files of worst cases."""
 
 SIZE = (640, 360)
 """Width and height of the film [pixels]: small enough to lie in a page, and to be drawn in seconds."""
 
 SLOWER = 2.0
-"""So many times slower than it happens: what goes wrong goes wrong within a super step or two."""
+"""Factor of slow motion: what goes wrong goes wrong within a super step or two."""
 
 RATE = 16.0
-"""Images a second of the film."""
+"""Frame rate of the film [Hz]."""
 
 HELD_SECONDS = 0.5
-"""The film stays so long on the end of each case [s]."""
+"""Time the film stays on the end of each case [s]."""
 
 WORST_TITLE = "The worst cases as a film"
 """The heading of the film in a report."""
@@ -46,7 +45,7 @@ WORST_WORDS = (
     "The unseen segments with the largest errors, half as fast as they happen: the physics, and in magenta the emulator "
     "from the same state under the same controls. Off by: root mean square error, over how far runs get in this time."
 )
-"""What stands below it."""
+"""The caption of the film in a report."""
 
 DPI = 130
 """Pixels an inch of a PNG file."""
@@ -91,22 +90,17 @@ def write_worst(
 
 def _takes(emulator: Emulator, inspection: Inspection) -> list[Take]:
     takes = []
+    held = round(HELD_SECONDS * RATE)
     for number, segment in enumerate(inspection.worst, start=1):
         physics = _slow_clip(emulator, segment.physics, "physics")
         emulated = _slow_clip(emulator, segment.emulated, "emulator")
         ghost = drawable(emulated, emulator, ranges_from=physics)
         caption = (
-            f"{emulator.system}, n = {emulator.substeps}, worst {number} of {len(inspection.worst)}: "
-            f"{_error_words(segment)}. Magenta: the emulator"
+            f"{emulator.system}, n = {emulator.substeps}, worst {number} of {len(inspection.worst)}: off by "
+            f"{short_number(segment.error)}, most of all in {segment.component}. Magenta: the emulator"
         )
-        takes.append(
-            Take((drawable(physics, emulator),), ghost, caption, round(HELD_SECONDS * RATE))
-        )
+        takes.append(Take((drawable(physics, emulator),), ghost, caption, held))
     return takes
-
-
-def _error_words(segment: Segment) -> str:
-    return f"off by {short_number(segment.error)}, most of all in {segment.component}"
 
 
 def _slow_clip(emulator: Emulator, states: Float[np.ndarray, "T1 S"], source: str) -> Clip:

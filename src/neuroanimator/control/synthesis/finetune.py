@@ -10,6 +10,7 @@ import numpy as np
 
 from neuroanimator.data.config import MAX_UNROLL, DatasetConfig
 from neuroanimator.data.generate import simulate_transitions
+from neuroanimator.data.sampling import scattered
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.description import describe
 from neuroanimator.emulator.emulator import Emulator
@@ -18,9 +19,6 @@ from neuroanimator.storage.unfinished import temporary_folder
 from neuroanimator.systems.system import System
 from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.train import train
-
-STATE_SPREAD = 0.15
-"""States are sampled so far around the motion, as a share of each entry's spread along it."""
 
 CONTROL_SPREAD = 0.15
 """Controls are sampled so far around the motion, as a share of their bounds."""
@@ -178,12 +176,3 @@ def transitions_near(
         controls=np.concatenate([data.controls, held[whole].astype(np.float32)]),
         run=np.concatenate([data.run, data.run.max() + 1 + np.flatnonzero(whole)]),
     )
-
-
-def scattered(
-    frame: Frame, states: np.ndarray, steps: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
-    """Return states (N, S) around those of the motion (T+1, S) at `steps` (N,), spread as the motion itself is."""
-    spread = frame.difference(states[:1], states).std(axis=0)
-    noise = rng.normal(size=(len(steps), len(spread)))
-    return frame.apply(states[steps], noise * STATE_SPREAD * spread)

@@ -13,7 +13,7 @@ from neuroanimator.data.sampling import sample_controls
 from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
-from neuroanimator.improvement.recordings import column_names, motions_of, read_runs
+from neuroanimator.evaluation.weakness.recordings import column_names, motions_of, read_runs
 from neuroanimator.scaffold.write_toml import write_definition
 
 CONFIG = ImprovementConfig(updates=500)
@@ -59,7 +59,7 @@ def test_errors_on_a_recordings_unseen_tail_fall(
     out = tmp_path / "e.safetensors"
     result = fine_tune(shipped, recording, out, config=CONFIG, data=transitions)
     tail, usual = result.errors
-    assert (tail.place, usual.place) == (str(recording), "usual")
+    assert (tail.distribution, usual.distribution) == (str(recording), "usual")
     assert tail.after < 0.7 * tail.before
     # The motors are weaker than in what it knew, so that both cannot be right.
     assert usual.after < tail.before
@@ -71,20 +71,20 @@ def test_errors_on_a_recordings_unseen_tail_fall(
 def test_the_tail_is_not_learnt_from(
     shipped: Emulator, transitions: Transitions, recording: Path, tmp_path: Path
 ):
-    from neuroanimator.improvement.fine_tune import _cut
+    from neuroanimator.evaluation.weakness.fine_tune import split
 
-    parts = _cut(read_runs(recording, shipped), shipped)
-    learnt = {state.astype(np.float32).tobytes() for state in parts.learning.states.reshape(-1, 6)}
-    tested = {state.astype(np.float32).tobytes() for state in parts.states.reshape(-1, 6)}
+    learning, tail = split(read_runs(recording, shipped))
+    learnt = {state.astype(np.float32).tobytes() for state in learning.states.reshape(-1, 6)}
+    tested = {state.astype(np.float32).tobytes() for state in tail.states.reshape(-1, 6)}
     assert len(tested) > 500
     assert not learnt & tested
 
 
 def test_a_recordings_super_steps_are_those_of_the_emulator(shipped: Emulator, recording: Path):
-    (first, *_) = motions_of(read_runs(recording, shipped), shipped)
+    ((states, controls), *_) = motions_of(read_runs(recording, shipped), shipped)
     system = load_system("pendulum")
-    again = system.simulate(first.states[:1], WEAKER * first.controls[None], shipped.dt)
-    assert np.allclose(again.states[0, :20], first.states[:20], atol=1e-6)
+    again = system.simulate(states[:1], WEAKER * controls[None], shipped.dt)
+    assert np.allclose(again.states[0, :20], states[:20], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import Emulator, load_system
-from neuroanimator.evaluation import inspection
 from neuroanimator.evaluation.component_errors import (
     by_relative_error,
     change_names,
@@ -23,8 +22,13 @@ from neuroanimator.evaluation.component_errors import (
     error_spread,
 )
 from neuroanimator.evaluation.held_out import HeldOut, held_out_runs
-from neuroanimator.evaluation.inspection import Inspection, inspect
-from neuroanimator.evaluation.weak_spots import find_weak_spots, outside_of_training
+from neuroanimator.evaluation.weakness import inspection
+from neuroanimator.evaluation.weakness.inspection import (
+    Inspection,
+    find_weak_spots,
+    inspect,
+    outside_of_training,
+)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""How much an improvement may take: every choice its result depends on, besides the emulator and what it is given."""
+"""Settings of an improvement: every choice its result depends on, besides the emulator and its data."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from neuroanimator.storage.files import canonical_json
 from neuroanimator.tables import Settings
 from neuroanimator.training.config import UPDATES_PER_CHUNK
 
-STRETCH = 15
-"""Super steps of the runs that are simulated: twelve windows begin in each."""
+RUN_LENGTH = 15
+"""Number of super steps in a simulated run: twelve windows begin in each."""
 
 
 class ImprovementConfig(Settings):
@@ -20,7 +20,7 @@ class ImprovementConfig(Settings):
     Raises ArgumentError naming the field that is wrong.
     """
 
-    samples: int = Field(default=6_000, ge=60 * STRETCH, le=10_000_000)
+    samples: int = Field(default=6_000, ge=60 * RUN_LENGTH, le=10_000_000)
     """New super steps simulated in a round, those of the probe among them."""
     rounds: int = Field(default=6, ge=1, le=100)
     updates: int = Field(default=6_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
@@ -30,7 +30,12 @@ class ImprovementConfig(Settings):
     seed: int = Field(default=0, ge=0, lt=2**31)
 
     @property
+    def runs(self) -> int:
+        """Runs simulated in a round."""
+        return self.samples // RUN_LENGTH
+
+    @property
     def hash(self) -> str:
-        """Sixteen hex digits that name what a round depends on: how many of them there may be is none of it."""
+        """Sixteen hex digits that name what a round depends on: all fields but the number of rounds."""
         values = self.model_dump(exclude={"rounds"})
         return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:16]

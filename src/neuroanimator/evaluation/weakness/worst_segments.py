@@ -1,4 +1,4 @@
-"""The unseen segments on which an emulator goes furthest astray: what is worth looking at."""
+"""The segments of unseen runs with the largest errors."""
 
 from __future__ import annotations
 
@@ -10,25 +10,22 @@ from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
-from neuroanimator.evaluation.accuracy import root_mean_square
+from neuroanimator.evaluation.accuracy import bounded, root_mean_square
 from neuroanimator.evaluation.component_errors import change_names
 from neuroanimator.evaluation.held_out import HeldOut
-from neuroanimator.state.segments import place_segments
+from neuroanimator.evaluation.weakness.readings import entry_names
 
 SEGMENT_SECONDS = 1.0
 """Length of a segment, but for super steps so long that it would hold too few [s]."""
 
 MIN_STEPS = 4
-"""A segment holds at least so many super steps, if runs are as long."""
+"""Minimum number of super steps in a segment, if runs are as long."""
 
 SEGMENTS = 4
-"""So many segments are kept."""
+"""Number of segments that are kept."""
 
 CURVES = 3
-"""So many numbers of each segment are kept as curves."""
-
-LOST = 1e3
-"""An error that is larger, or no finite number, counts as this."""
+"""Number of curves of each segment."""
 
 
 class Curve(NamedTuple):
@@ -52,9 +49,9 @@ class Segment:
     error: float
     """Root mean square error, over how far runs get from their start in the same time."""
     component: str
-    """What is most wrong in it."""
+    """The number of the state with the largest error in it."""
     curves: tuple[Curve, ...]
-    """What is most wrong, the worst first, over the segment's time."""
+    """The numbers with the largest errors over the segment's time, the worst first."""
     physics: Float[np.ndarray, "T1 S"]
     """The states by the physics, or as recorded."""
     emulated: Float[np.ndarray, "T1 S"]
@@ -103,39 +100,25 @@ def _relative(
     moves = reach >= MIN_CHANGE
     with np.errstate(over="ignore", invalid="ignore"):
         errors = test.frame.difference(physics, emulated) / np.where(moves, reach, np.inf)
-    return np.clip(np.nan_to_num(errors, nan=LOST), -LOST, LOST)
+    return bounded(errors)
 
 
 def _curves(
     test: HeldOut,
     wrong: Float[np.ndarray, " V"],
-    physics: Float[np.ndarray, "T1 S"],
-    emulated: Float[np.ndarray, "T1 S"],
+    physics: Float[np.ndarray, "F S"],
+    emulated: Float[np.ndarray, "F S"],
 ) -> tuple[Curve, ...]:
-    """Return what is most wrong, `wrong` (V,), as curves: entries of the state, and turns since the start about an axis."""
+    """Return the numbers of largest error, `wrong` (V,), as curves: state entries, or rotations since the start about an axis."""
     names = change_names(test.system)
-    entry_of = _entry_of_changes(test)
-    turned = [test.frame.difference(states[:1], states) for states in (physics, emulated)]
+    entries = entry_names(test.system.state)
+    pair = (physics, emulated)
     curves = []
     for number in np.argsort(-wrong, kind="stable")[:CURVES].tolist():
         name, unit = names[number]
-        entry = entry_of[number]
-        if entry is None:
-            curves.append(Curve(name, unit, turned[0][:, number], turned[1][:, number]))
+        if name in entries:
+            drawn = [states[:, entries.index(name)] for states in pair]
         else:
-            curves.append(Curve(name, unit, physics[:, entry], emulated[:, entry]))
+            drawn = [test.frame.difference(states[:1], states)[:, number] for states in pair]
+        curves.append(Curve(name, unit, *drawn))
     return tuple(curves)
-
-
-def _entry_of_changes(test: HeldOut) -> list[int | None]:
-    """Return the state entry that each number of a change changes; None where it is one of a quaternion's turns."""
-    segments = test.system.structure.segments
-    if not segments:
-        return list(range(test.states.shape[-1]))
-    entries: list[int | None] = []
-    for placed in place_segments(segments):
-        if placed.segment.change_size == placed.segment.size:
-            entries += range(placed.entries.start, placed.entries.stop)
-        else:
-            entries += [None] * placed.segment.change_size
-    return entries

@@ -1,4 +1,4 @@
-"""Recordings of the true thing, as super steps of an emulator: what controls it was given, and what came of them."""
+"""Recordings of a real system, in an emulator's order of numbers and cut into its super steps."""
 
 from __future__ import annotations
 
@@ -6,26 +6,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
+from neuroanimator.evaluation.weakness.sampling import Motion
 from neuroanimator.state.layout import Layout
 from neuroanimator.storage.files import read_bounded
 from neuroanimator.systems.recorded.recording import READERS, Recording, cut_runs
 from neuroanimator.systems.trusted_files import MAX_FILE
 
-SAME_TIME = 1e-3
-"""Share of a super step by which so many samples may miss it: clocks are better than that."""
-
-
-class RecordedMotion(NamedTuple):
-    """A recorded run, a super step after the other."""
-
-    states: Float[np.ndarray, "K S"]
-    """K = T + 1"""
-    controls: Float[np.ndarray, "T C"]
-    """The mean over each super step."""
+MAX_TIME_ERROR = 1e-3
+"""Share of a super step by which a whole number of samples may miss it: clocks are better than that."""
 
 
 class RecordedRuns(NamedTuple):
@@ -36,6 +28,16 @@ class RecordedRuns(NamedTuple):
     controls: tuple[Float[np.ndarray, "_ C"], ...]
     substeps: int
     """Samples in a super step of the emulator."""
+
+    def windows(
+        self, run: int, firsts: Int[np.ndarray, " N"], steps: int
+    ) -> tuple[Float[np.ndarray, "N F S"], Float[np.ndarray, "N T C"]]:
+        """Return states (N, T+1, S), and mean controls (N, T, C), of `steps` super steps from the samples `firsts` of a run."""
+        samples = firsts[:, None] + np.arange(steps * self.substeps)
+        own = self.controls[run]
+        controls = own[samples].reshape(len(firsts), steps, self.substeps, own.shape[1])
+        states = self.states[run][firsts[:, None] + self.substeps * np.arange(steps + 1)]
+        return states, controls.mean(axis=2)
 
 
 def read_runs(path: str | Path, emulator: Emulator) -> RecordedRuns:
@@ -52,34 +54,29 @@ def read_runs(path: str | Path, emulator: Emulator) -> RecordedRuns:
     recording = cut_runs(read(read_bounded(path, MAX_FILE), path.name), path.name)
     state_order = _order(recording, "state", emulator.state, recording.state)
     control_order = _order(recording, "control", emulator.control, recording.control)
-    states = tuple(_continuous(run[:, state_order], emulator) for run in recording.states)
+    states = tuple(_unwrapped(run[:, state_order], emulator) for run in recording.states)
     controls = tuple(run[:, control_order] for run in recording.controls)
     return RecordedRuns(recording.file, states, controls, _substeps(recording, emulator.dt))
 
 
 def column_names(layout: Layout) -> list[str]:
-    """Return what the columns of a recording are called, without `state.` or `control.`."""
+    """Return the names of a recording's columns, without `state.` or `control.`."""
     names = []
     for part in layout.slices:
         unit = "1" if part.unit == "quaternion" else part.unit
-        if part.size == 1:
-            names.append(f"{part.name} {unit}")
-        else:
-            names += [f"{part.name}.{number} {unit}" for number in range(part.size)]
+        indices = [f".{number}" for number in range(part.size)] if part.size > 1 else [""]
+        names += [f"{part.name}{index} {unit}" for index in indices]
     return names
 
 
-def motions_of(runs: RecordedRuns, emulator: Emulator) -> list[RecordedMotion]:
-    """Return the runs a super step after the other; those that are shorter than one are left out."""
+def motions_of(runs: RecordedRuns, emulator: Emulator) -> list[Motion]:
+    """Return the runs as motions of whole super steps; those that are shorter than one are left out."""
     motions = []
-    for states, controls in zip(runs.states, runs.controls, strict=True):
+    for run, states in enumerate(runs.states):
         steps = (len(states) - 1) // runs.substeps
-        if steps < 1:
-            continue
-        stop = steps * runs.substeps
-        held = controls[:stop].reshape(steps, runs.substeps, controls.shape[1]).mean(axis=1)
-        held = emulator.bounds.clip(held)
-        motions.append(RecordedMotion(states[: stop + 1 : runs.substeps], held))
+        if steps:
+            windows, held = runs.windows(run, np.zeros(1, int), steps)
+            motions.append((windows[0], emulator.bounds.clip(held[0])))
     if not motions:
         raise BadFileError(
             f"{runs.file}: no run is as long as a super step of {emulator.dt:g} s. Record longer."
@@ -103,21 +100,22 @@ def _order(
     return [present.index(name) for name in wanted]
 
 
-def _continuous(states: Float[np.ndarray, "T S"], emulator: Emulator) -> Float[np.ndarray, "T S"]:
+def _unwrapped(states: Float[np.ndarray, "T S"], emulator: Emulator) -> Float[np.ndarray, "T S"]:
     """Return the states with angles that go on over ±π instead of jumping."""
     if emulator.state_structure.cloud is not None:
         return states
-    angles = np.flatnonzero(np.asarray(emulator.features.angles).any(axis=0))
-    turning = [entry for entry in angles if emulator.state.names[entry].endswith(" rad")]
-    continuous = states.copy()
-    continuous[:, turning] = np.unwrap(states[:, turning], axis=0)
-    return continuous
+    is_angle = np.asarray(emulator.features.angles).any(axis=0)
+    names = emulator.state.names
+    turning = [entry for entry in np.flatnonzero(is_angle) if names[entry].endswith(" rad")]
+    unwrapped = states.copy()
+    unwrapped[:, turning] = np.unwrap(states[:, turning], axis=0)
+    return unwrapped
 
 
 def _substeps(recording: Recording, dt: float) -> int:
     """Return how many samples make a super step of `dt` [s]."""
     count = round(dt / recording.step)
-    if count < 1 or abs(count * recording.step - dt) > SAME_TIME * dt:
+    if count < 1 or abs(count * recording.step - dt) > MAX_TIME_ERROR * dt:
         raise BadFileError(
             f"{recording.file}: sampled every {recording.step:g} s, which does not fill the emulator's super step of "
             f"{dt:g} s a whole number of times. Resample it."

@@ -12,10 +12,10 @@ import pytest
 from conftest import Cli
 
 from neuroanimator import NeuroAnimatorError, coverage, load_system
-from neuroanimator.data.coverage import Spread
-from neuroanimator.data.readings import Reading, state_readings
-from neuroanimator.data.spots import find_spots
 from neuroanimator.data.store import Transitions
+from neuroanimator.evaluation.weakness.conditions import find_spots
+from neuroanimator.evaluation.weakness.coverage import Spread
+from neuroanimator.evaluation.weakness.readings import Reading, state_readings
 from neuroanimator.state.rotation import facing, multiply
 
 

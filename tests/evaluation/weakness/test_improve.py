@@ -33,12 +33,27 @@ from neuroanimator.data.store import Transitions
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import BadFileError, ResourceError
 from neuroanimator.evaluation.held_out import held_out_runs
-from neuroanimator.improvement.choice import ExpectedError, chosen
-from neuroanimator.improvement.improve import Improvement, RoundReport, refuse_unsimulated
-from neuroanimator.improvement.learning import KEPT, error_on
-from neuroanimator.improvement.mixture import GROUPS, mixed, widened
-from neuroanimator.improvement.places import Shifted, Stretches, drawn, rate_entries
-from neuroanimator.improvement.samples import Samples, Windows, windows_of
+from neuroanimator.evaluation.weakness.improve import (
+    Improvement,
+    RoundReport,
+    refuse_unsimulated,
+)
+from neuroanimator.evaluation.weakness.learning import (
+    GROUPS,
+    MAX_USUAL_GROWTH,
+    cut_windows,
+    error_on,
+    mix_windows,
+    widen,
+)
+from neuroanimator.evaluation.weakness.sampling import (
+    Runs,
+    choose_rows,
+    distributions_of,
+    draw_runs,
+    expected_errors,
+    rate_entries,
+)
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems import trusted_files
 from neuroanimator.systems.functions.step_file import run_file
@@ -185,14 +200,14 @@ def test_errors_where_it_was_weak_fall_and_usual_ones_stay(
     weak: Path, whole: tuple[Path, Improvement]
 ):
     usual, shifted = whole[1].errors
-    assert (usual.place, shifted.place) == ("usual", "shifted")
+    assert (usual.distribution, shifted.distribution) == ("usual", "shifted")
     assert shifted.after < 0.95 * shifted.before
-    assert usual.after <= KEPT * usual.before
+    assert usual.after <= MAX_USUAL_GROWTH * usual.before
     # On runs of another seed, too.
     before = load_emulator(weak)
     test = held_out_runs(before, 32, 2.0, seed=9, scheme=load_system("pendulum").truth)
     errors = [error_on(emulator, test) for emulator in (before, whole[1].emulator)]
-    assert errors[1] <= KEPT * errors[0]
+    assert errors[1] <= MAX_USUAL_GROWTH * errors[0]
 
 
 def test_the_improved_emulator_has_a_meter_of_its_own(weak: Path, whole: tuple[Path, Improvement]):
@@ -243,7 +258,7 @@ def test_a_tolerance_is_a_number_above_zero(tolerance: float, shipped: Emulator,
     assert not list(tmp_path.iterdir())
 
 
-def test_a_controllers_motion_is_a_place_of_its_own(
+def test_a_controllers_motion_is_a_distribution_of_its_own(
     weak: Path, transitions: Transitions, tmp_path: Path
 ):
     controls = np.full((30, 3), 4.0)
@@ -255,7 +270,7 @@ def test_a_controllers_motion_is_a_place_of_its_own(
         data=transitions,
         controllers={"push.csv": controls},
     )
-    assert [error.place for error in result.errors] == ["usual", "shifted", "push.csv"]
+    assert [error.distribution for error in result.errors] == ["usual", "shifted", "push.csv"]
     with pytest.raises(NeuroAnimatorError, match=r"push.csv: control: .* out of bounds"):
         improve(
             load_emulator(weak),
@@ -269,32 +284,30 @@ def test_a_controllers_motion_is_a_place_of_its_own(
 def test_runs_are_drawn_in_proportion_to_the_error_expected(transitions: Transitions):
     rng = np.random.default_rng(0)
     scores = rng.uniform(0.1, 3, (400, 5))
-    place = np.repeat([0, 1], 200)
-    errors = 0.2 * scores**1.5 * np.where(place == 1, 3.0, 1.0)[:, None]
-    expected = ExpectedError.fitted(scores, errors, place, 2)
-    assert expected.slope == pytest.approx(1.5)
-    weights = expected.of(scores, place)
+    source = np.repeat([0, 1], 200)
+    errors = 0.2 * scores**1.5 * np.where(source == 1, 3.0, 1.0)[:, None]
+    weights = expected_errors(scores, errors, source, scores, source)
     assert weights == pytest.approx(errors.mean(axis=1))
-    stretches = Stretches(np.arange(400.0)[:, None], np.zeros((400, 5, 1)), place)
-    taken = chosen(rng, stretches, weights, 100)
-    rows = taken.starts[:, 0].astype(int)
+    rows = choose_rows(rng, weights, 100)
     assert len(set(rows)) == 100
     assert weights[rows].mean() > 1.2 * weights.mean()
-    assert set(taken.place) == {0, 1}
+    assert set(source[rows]) == {0, 1}
 
 
-def test_a_place_that_the_probe_missed_gets_the_others_height():
+def test_a_distribution_that_the_probe_missed_gets_the_others_height():
     scores = np.full((4, 2), 0.5)
-    expected = ExpectedError.fitted(scores, np.full((4, 2), 0.3), np.zeros(4, int), 2)
-    assert expected.of(scores[:1], np.array([1])) == pytest.approx([0.3])
+    errors = np.full((4, 2), 0.3)
+    missed = np.array([1])
+    found = expected_errors(scores, errors, np.zeros(4, int), scores[:1], missed)
+    assert found == pytest.approx([0.3])
 
 
 def test_a_run_is_validated_on_in_every_round_or_in_none(transitions: Transitions):
     states = np.random.default_rng(0).normal(size=(90, 16, 6)).astype(np.float32)
-    samples = Samples(states, np.zeros((90, 15, 3), np.float32), np.zeros(90, int))
+    samples = Runs(states, np.zeros((90, 15, 3), np.float32), np.zeros(90, int))
     groups = []
     for count in (60, 90):
-        data = mixed(transitions, windows_of(samples.where(np.arange(90) < count)), CONFIG)
+        data = mix_windows(transitions, cut_windows(samples.rows(np.arange(count))), CONFIG)
         assert len(data.states) % GROUPS == 0
         assert len(set(np.bincount(data.run))) == 1
         groups.append(
@@ -310,9 +323,10 @@ def test_a_wider_range_changes_nothing_within_the_old_one(
 ):
     system = transitions.system
     rng = np.random.default_rng(0)
-    pool = drawn((Shifted(system, shipped.dt),), rng, transitions.states[:, 0].astype(float), 60)
-    runs = system.simulate(pool.starts, 1.0 * pool.controls, shipped.dt)
-    wider = widened(shipped, windows_of(Samples(runs.states, pool.controls, pool.place)))
+    _, shifted = distributions_of(system, shipped.dt)
+    pool = draw_runs([shifted], rng, transitions.states[:, 0].astype(float), 60)
+    runs = system.simulate(pool.states[:, 0], 1.0 * pool.controls, shipped.dt)
+    wider = widen(shipped, cut_windows(pool._replace(states=runs.states)))
     assert (np.asarray(wider.domain.high) > np.asarray(shipped.domain.high)).any()
     assert jax.numpy.array_equal(wider.domain.low, -wider.domain.high)
     states = transitions.states[:100, 0].astype(float)
@@ -327,9 +341,9 @@ def test_a_faster_body_is_within_wider_limits():
     states = np.tile(fish.rest, (50, 5, 1)).astype(np.float32)
     rates = rate_entries(load_system("fish"))
     states[..., rates] += np.linspace(0, 10, 50, dtype=np.float32)[:, None, None]
-    windows = Windows(states, np.zeros((50, 4, 12), np.float32), np.arange(50))
+    windows = Runs(states, np.zeros((50, 4, 12), np.float32), np.arange(50))
     before, after = (
-        np.asarray(emulator.encoding.limits) for emulator in (fish, widened(fish, windows))
+        np.asarray(emulator.encoding.limits) for emulator in (fish, widen(fish, windows))
     )
     assert (after >= before).all()
     assert after.sum() > before.sum() + 5

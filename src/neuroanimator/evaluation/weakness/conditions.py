@@ -1,0 +1,171 @@
+"""Conditions a person can read under which something is several times as large as elsewhere.
+
+A condition is one number beyond one threshold. It is chosen on one half of the runs as a regression tree chooses its
+first split, and measured on the other half, which had no say in it: of the many conditions tried, some are always
+large by chance, and those do not hold there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from neuroanimator.evaluation.weakness.readings import Reading
+
+MAX_SPOTS = 4
+"""Maximum number of conditions looked for: each one after the first explains less."""
+
+MIN_RATIO = 1.5
+"""Least ratio of the mean under a condition to the mean elsewhere."""
+
+MIN_SHARE = 0.04
+"""Least share of the samples that fulfil a condition: fewer would choose it by chance."""
+
+MAX_SHARE = 0.5
+"""Largest share of the samples that fulfil a condition: one that more fulfil is the rule."""
+
+MIN_SAMPLES = 20
+"""Minimum number of samples a mean is taken over."""
+
+SHARES = tuple(share / 100 for share in range(4, 51, 2))
+"""Shares of the samples beyond the thresholds that are tried."""
+
+DIGITS = 2
+"""Number of digits thresholds are rounded to before anything is measured, so that what is read is what was measured."""
+
+OUTLIERS = 0.99
+"""Quantile of the values above zero that larger ones count as while a condition is chosen: one sample must not choose it."""
+
+
+@dataclass(frozen=True)
+class WeakSpot:
+    """A condition under which errors are larger than elsewhere, measured on runs that had no say in choosing it."""
+
+    condition: str
+    """Such as `|hip.velocity| > 8 rad/s`."""
+    ratio: float
+    """The mean error there over the mean error elsewhere."""
+    error: float
+    """The mean error there [standard deviations of the change]."""
+    share: float
+    """Share of the super steps that fulfil the condition."""
+    share_of_error: float
+    """Share of the sum of all errors that comes from there."""
+    component: str = ""
+    """The number of the state with the largest errors there."""
+
+    def __str__(self) -> str:
+        """Return it as a sentence."""
+        return (
+            f"error is {self.ratio:.2g} times that elsewhere where {self.condition} ({self.share:.0%} of samples, "
+            f"{self.share_of_error:.0%} of all error), most of all in {self.component}"
+        )
+
+
+class _Condition(NamedTuple):
+    reading: int
+    text: str
+    holds: Bool[np.ndarray, " N"]
+
+
+def find_spots(
+    values: Float[np.ndarray, " N"], runs: Int[np.ndarray, " N"], readings: Sequence[Reading]
+) -> list[tuple[WeakSpot, Bool[np.ndarray, " N"]]]:
+    """Return where `values` (N,), none below zero, are large, worst first; each with the samples (N,) it holds of.
+
+    `runs` (N,) says which run each sample is of: samples of one run are alike, so runs are halved, not samples. Each
+    condition after the first is looked for outside of those before. None is returned that does not hold on the other
+    half of the runs, nor any reading that cannot matter.
+    """
+    chooses = np.unique(runs, return_inverse=True)[1] % 2 == 0
+    clipped = values
+    if values.any():
+        clipped = np.minimum(values, np.quantile(values[values > 0], OUTLIERS))
+    is_left = np.ones(len(values), dtype=bool)
+    spots = []
+    candidates = {i: reading for i, reading in enumerate(readings) if reading.can_matter}
+    for _ in range(MAX_SPOTS):
+        condition = _best(clipped, candidates, chooses & is_left)
+        if condition is None or not _measured(values, condition, ~chooses & is_left):
+            break
+        spot = _measured(values, condition, ~chooses)
+        if spot:  # also if what the conditions before explain is not left out
+            spots.append((spot, condition.holds))
+        is_left &= ~condition.holds
+        # What is left beyond a nearby threshold of the same number is no other spot.
+        del candidates[condition.reading]
+    return sorted(spots, key=lambda pair: -pair[0].ratio)
+
+
+def _best(
+    values: Float[np.ndarray, " N"], readings: dict[int, Reading], among: Bool[np.ndarray, " N"]
+) -> _Condition | None:
+    """Return the condition that explains most of the variance of `values` among some samples; None if there is none.
+
+    Its mean must be `MIN_RATIO` times that elsewhere.
+    """
+    if among.sum() < 2 * MIN_SAMPLES:
+        return None
+    best = None
+    most_explained = 0.0
+    values = values[among]
+    for condition in _candidates(readings, among):
+        holds = condition.holds[among]
+        share = holds.mean()
+        if not MIN_SHARE <= share <= MAX_SHARE or holds.sum() < MIN_SAMPLES:
+            continue
+        inside = values[holds].mean()
+        outside = values[~holds].mean()
+        explained = share * (1 - share) * (inside - outside) ** 2
+        if inside > MIN_RATIO * outside and explained > most_explained:
+            best = condition
+            most_explained = explained
+    return best
+
+
+def _candidates(
+    readings: dict[int, Reading], among: Bool[np.ndarray, " N"]
+) -> Iterator[_Condition]:
+    """Yield every condition to try: thresholds at quantiles among some samples, from above and below, of magnitudes too."""
+    for number, reading in readings.items():
+        unit = "" if reading.unit == "1" else f" {reading.unit}"
+        forms = {reading.name: reading.values}
+        some = reading.values[among]
+        if (some < 0).any() and (some > 0).any():
+            forms[f"|{reading.name}|"] = np.abs(reading.values)
+        for name, values in forms.items():
+            for threshold in _thresholds(values[among], [1 - share for share in SHARES]):
+                yield _Condition(number, f"{name} > {threshold:g}{unit}", values > threshold)
+            for threshold in _thresholds(values[among], SHARES):
+                yield _Condition(number, f"{name} < {threshold:g}{unit}", values < threshold)
+
+
+def _thresholds(values: Float[np.ndarray, " N"], shares: Sequence[float]) -> list[float]:
+    """Return the quantiles of `values` with a few digits, each once."""
+    return sorted({float(f"{value:.{DIGITS}g}") for value in np.quantile(values, shares)})
+
+
+def _measured(
+    values: Float[np.ndarray, " N"], condition: _Condition, among: Bool[np.ndarray, " N"]
+) -> WeakSpot | None:
+    """Return the figures of a condition on some samples; None if values are not `MIN_RATIO` times those elsewhere, or too few."""
+    holds = condition.holds[among]
+    inside = values[among][holds]
+    outside = values[among][~holds]
+    if min(len(inside), len(outside)) < MIN_SAMPLES:
+        return None
+    mean = float(inside.mean())
+    elsewhere = float(outside.mean())
+    if mean <= MIN_RATIO * elsewhere:
+        return None
+    return WeakSpot(
+        condition=condition.text,
+        ratio=mean / elsewhere if elsewhere > 0 else float("inf"),
+        error=mean,
+        share=float(holds.mean()),
+        share_of_error=float(inside.sum() / values[among].sum()),
+    )

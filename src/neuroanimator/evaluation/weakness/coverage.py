@@ -1,0 +1,314 @@
+"""Coverage of a dataset: how far its states and controls range, how often, and where its runs diverged.
+
+found = coverage("data/hopper")
+found.states[3].counts  # a histogram
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from neuroanimator.data.config import RUNS_PER_SHARD, DatasetConfig
+from neuroanimator.data.diverged_runs import diverged_by_shard
+from neuroanimator.data.store import Transitions, read_config, read_shard, windows_of
+from neuroanimator.data.stored import StoredTransitions, super_steps
+from neuroanimator.errors import BadFileError
+from neuroanimator.evaluation.weakness.conditions import find_spots
+from neuroanimator.evaluation.weakness.readings import Reading, control_readings, state_readings
+from neuroanimator.storage.places import Place, place_of
+from neuroanimator.systems import carried_system
+from neuroanimator.systems.system import System
+from neuroanimator.text import short_number
+
+BINS = 24
+"""Number of bars in a histogram."""
+
+MAX_SAMPLES = 20_000
+"""Maximum number of transitions looked at, about: the quantiles of more are the same to two digits."""
+
+AT_BOUND = 0.01
+"""Largest distance from a bound, as a share of the control's range, at which a control is at the bound."""
+
+NOTHING = 1e-4
+"""Smallest number, as a share of the whole range, that is not shown as zero."""
+
+HISTOGRAM_ENDS = (0.005, 0.995)
+"""Quantiles at which a histogram of states begins and ends."""
+
+QUANTILES = (0, 0.05, 0.5, 0.95, 1)
+"""Quantiles that are shown."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How one number is spread over the samples."""
+
+    name: str
+    unit: str
+    least: float
+    low: float
+    """5 % of the samples are smaller."""
+    median: float
+    high: float
+    """5 % of the samples are larger."""
+    most: float
+    edges: Float[np.ndarray, " B1"]
+    """Ends of the histogram's bars, in the number's unit."""
+    counts: Int[np.ndarray, " B"]
+    """Samples in each bar; those beyond the outermost edges are counted in the outermost bars."""
+    at_bounds: float | None = None
+    """Share of the samples at a bound, of a control; None of a state."""
+
+    @property
+    def tidy(self) -> tuple[str, ...]:
+        """Least, 5 %, median, 95 % and most with three digits, as 0 what is nothing beside the others."""
+        numbers = (self.least, self.low, self.median, self.high, self.most)
+        nothing = NOTHING * (self.most - self.least)
+        return tuple(short_number(number) if abs(number) > nothing else "0" for number in numbers)
+
+    @classmethod
+    def of(cls, reading: Reading, bounds: tuple[float, float] | None = None) -> Spread:
+        """Return the spread of a reading; of a control its histogram goes from bound to bound."""
+        values = reading.values
+        at_bounds = None
+        edges = _edges(values) if bounds is None else _even_edges(*bounds)
+        if bounds is not None:
+            first, last = bounds
+            margin = AT_BOUND * (last - first)
+            at_bounds = float(np.mean((values <= first + margin) | (values >= last - margin)))
+        counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
+        least, low, median, high, most = np.quantile(values, QUANTILES).tolist()
+        spread = (least, low, median, high, most)
+        return cls(reading.name, reading.unit, *spread, edges, counts, at_bounds)
+
+
+def _edges(values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " B1"]:
+    """Return the edges of a histogram of states: a few far away must not leave all others in one bar."""
+    least, most = values.min(), values.max()
+    if most - least < BINS and not (values % 1).any():  # of counts, a bar each
+        return np.arange(least, most + 2) - 0.5
+    return _even_edges(*np.quantile(values, HISTOGRAM_ENDS).tolist())
+
+
+def _even_edges(first: float, last: float) -> Float[np.ndarray, " B1"]:
+    """Return edges between two ends; a unit around them where they are the same."""
+    if not last > first:
+        return np.linspace(first - 0.5, first + 0.5, BINS + 1)
+    return np.linspace(first, last, BINS + 1)
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """The runs that were left out because the physics diverged."""
+
+    runs: int
+    share: float
+    """Of all runs that were simulated."""
+    conditions: tuple[str, ...] = ()
+    """From which starts runs diverge more often than from others, in words; empty if no start tells."""
+
+    @property
+    def advice(self) -> str:
+        """A remedy; empty if no run diverged."""
+        if not self.runs:
+            return ""
+        return (
+            "take a shorter truth_step in the TOML file, narrow [sampling] or [control] to what occurs in use, or leave "
+            "it if such states never do"
+        )
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """The ranges and histograms of all numbers in a dataset."""
+
+    system: str
+    samples: int
+    """Transitions looked at: evenly taken from those that are there."""
+    transitions: int
+    """Transitions that are there."""
+    runs: int
+    """Runs they come from; of recordings, segments."""
+    states: tuple[Spread, ...]
+    """Of each number of the state, or of its readings: see `weakness.readings`."""
+    controls: tuple[Spread, ...]
+    diverged: Divergence
+    missing: tuple[str, ...] = ()
+    """Files that are not there, or damaged: 'generate' makes them."""
+
+    @property
+    def spreads(self) -> tuple[Spread, ...]:
+        """Those of states and controls."""
+        return self.states + self.controls
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all of it as plain lists and numbers."""
+        return as_plain(asdict(self))
+
+
+def coverage(data: Transitions | StoredTransitions | str | Place) -> Coverage:
+    """Return the coverage of the dataset `data`: one that was opened, or the folder of one, which may be half generated.
+
+    Raises BadFileError for a folder that holds no dataset, or no whole shard of one yet.
+    """
+    if not isinstance(data, Transitions | StoredTransitions):
+        return _coverage_of_folder(place_of(data))
+    if isinstance(data, Transitions):
+        runs = len(np.unique(data.run))
+        transitions = len(data.states)
+        diverged = data.diverged
+    else:
+        runs = int(data.kept_runs.sum())
+        transitions = data.windows
+        diverged = data.config.runs - runs
+    steps = ((rows.states, rows.controls) for rows in super_steps(data))
+    states, controls = _evenly(steps, transitions)
+    found = coverage_of_states(data.system, states, controls, runs)
+    divergence = Divergence(diverged, diverged / max(runs + diverged, 1))
+    return replace(found, transitions=transitions, diverged=divergence)
+
+
+def coverage_of_states(
+    system: System, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"], runs: int
+) -> Coverage:
+    """Return the coverage of `states` and the controls given in them, of `runs` runs."""
+    if not (np.isfinite(states).all() and np.isfinite(controls).all()):
+        raise BadFileError(
+            f"The dataset of {system.name} holds numbers that are not finite. Generate it again."
+        )
+    readings = control_readings(system, controls)
+    bounds = zip(readings, system.bounds.low, system.bounds.high, strict=True)
+    return Coverage(
+        system=system.name,
+        samples=len(states),
+        transitions=len(states),
+        runs=runs,
+        states=tuple(Spread.of(reading) for reading in state_readings(system, states)),
+        controls=tuple(Spread.of(reading, (low, high)) for reading, low, high in bounds),
+        diverged=Divergence(0, 0.0),
+    )
+
+
+def _evenly(
+    parts: Iterable[tuple[Float[np.ndarray, "_ S"], Float[np.ndarray, "_ C"]]], total: int
+) -> tuple[Float[np.ndarray, "N S"], Float[np.ndarray, "N C"]]:
+    """Return at most `MAX_SAMPLES` of the `total` states and controls in `parts`."""
+    every = max(1, -(-total // MAX_SAMPLES))
+    first = 0
+    states = []
+    controls = []
+    for part_states, part_controls in parts:
+        # Copies, for a view would keep the whole part in memory.
+        states.append(part_states[first::every].copy())
+        controls.append(part_controls[first::every].copy())
+        first = (first - len(part_states)) % every
+    return np.concatenate(states), np.concatenate(controls)
+
+
+class _Shard(NamedTuple):
+    """The samples of a shard, and what tells its runs from those that diverged."""
+
+    states: Float[np.ndarray, "N S"]
+    controls: Float[np.ndarray, "N C"]
+    run: Int[np.ndarray, " N"]
+    starts: Float[np.ndarray, "B S"]
+    """Where its runs began."""
+    efforts: Float[np.ndarray, " B"]
+    """How strongly they were driven, see `_efforts`."""
+
+
+def _coverage_of_folder(folder: Place) -> Coverage:
+    """Return the coverage of the shards that are there, by some of them."""
+    config = read_config(folder)
+    system = carried_system(config.system, config.definition)
+    paths = [config.shard_path(folder, shard) for shard in range(config.shards)]
+    present = [shard for shard, path in enumerate(paths) if path.is_file()]
+    missing = [path.name for shard, path in enumerate(paths) if shard not in present]
+    shards = []
+    for shard in _some(present, RUNS_PER_SHARD * config.samples_per_run):
+        try:
+            shards.append(_read(folder, config, system, shard))
+        except BadFileError:
+            missing.append(paths[shard].name)
+    if not shards:
+        raise BadFileError(f"{folder} holds no whole shard yet. Run the same 'generate' again.")
+    runs = sum(min(RUNS_PER_SHARD, config.runs - shard * RUNS_PER_SHARD) for shard in present)
+    divergence = Divergence(0, 0.0)
+    if system.recordings is None:
+        divergence = _divergence(folder, system, shards, runs)
+    kept = runs - divergence.runs
+    total = sum(len(shard.states) for shard in shards)
+    states, controls = _evenly(((shard.states, shard.controls) for shard in shards), total)
+    if system.recordings is not None:
+        kept = len(np.unique(np.concatenate([shard.run for shard in shards])))
+    found = coverage_of_states(system, states, controls, kept)
+    transitions = (runs - divergence.runs) * config.samples_per_run
+    return replace(found, transitions=transitions, diverged=divergence, missing=tuple(missing))
+
+
+def _some(shards: Sequence[int], size: int) -> list[int]:
+    """Return enough of the shards, of `size` samples each, for `MAX_SAMPLES`, evenly taken."""
+    if not shards:
+        return []
+    rows = np.linspace(0, len(shards) - 1, -(-MAX_SAMPLES // size)).round().astype(int)
+    return [shards[row] for row in np.unique(rows)]
+
+
+def _read(folder: Place, config: DatasetConfig, system: System, shard: int) -> _Shard:
+    tensors, _ = read_shard(folder, config, system, shard)
+    windows = windows_of(tensors, shard)
+    return _Shard(
+        states=windows.states[:, 0].copy(),
+        controls=windows.controls[:, 0].copy(),
+        run=windows.run,
+        starts=tensors["states"][:, 0].copy(),
+        efforts=_efforts(system, tensors["controls"]),
+    )
+
+
+def _divergence(folder: Place, system: System, shards: Sequence[_Shard], runs: int) -> Divergence:
+    """Return how many of the `runs` diverged, and which starts and controls make that likelier."""
+    diverged = list(diverged_by_shard(folder))
+    if not diverged:
+        return Divergence(0, 0.0)
+    sound_starts = np.concatenate([shard.starts for shard in shards])
+    lost_starts = np.concatenate([part.starts for part in diverged])
+    # As round as those of the shards: else the rounding would tell them apart.
+    starts = np.concatenate([sound_starts, lost_starts.astype(sound_starts.dtype)])
+    efforts = [shard.efforts for shard in shards]
+    efforts += [_efforts(system, part.controls) for part in diverged]
+    readings = state_readings(system, starts)
+    readings.append(Reading("controls, rms share of their range", "1", np.concatenate(efforts)))
+    order = np.arange(len(starts))
+    is_lost = order >= len(sound_starts)
+    conditions = []
+    # Dealt out in turn, so that each half of the runs has its share of those that diverged.
+    for spot, _ in find_spots(is_lost.astype(float), order, readings):
+        often = f"{spot.ratio:.2g} times as often" if np.isfinite(spot.ratio) else "only"
+        conditions.append(f"{often} where {spot.condition}")
+    return Divergence(len(lost_starts), len(lost_starts) / runs, tuple(conditions))
+
+
+def _efforts(system: System, controls: Float[np.ndarray, "B T C"]) -> Float[np.ndarray, " B"]:
+    """Return how strongly each run is driven: its controls' root mean square, as a share of half their range."""
+    half = np.where(system.bounds.half > 0, system.bounds.half, 1.0)
+    return np.sqrt(np.mean(((controls - system.bounds.middle) / half) ** 2, axis=(1, 2)))
+
+
+def as_plain(value: Any) -> Any:
+    """Return `value` with lists instead of arrays and tuples, and None for numbers that JSON cannot write."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {key: as_plain(inner) for key, inner in value.items()}
+    if isinstance(value, tuple | list):
+        return [as_plain(inner) for inner in value]
+    return value

@@ -1,0 +1,222 @@
+"""Error analysis of an emulator: number by number, condition by condition, by trust, and its worst cases."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from neuroanimator.data.config import RUN_STEPS
+from neuroanimator.data.store import Transitions
+from neuroanimator.data.stored import StoredTransitions
+from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.trust import EDGE
+from neuroanimator.evaluation.accuracy import bounded, step_errors
+from neuroanimator.evaluation.component_errors import (
+    ComponentError,
+    ErrorSpread,
+    change_names,
+    component_errors,
+    error_spread,
+)
+from neuroanimator.evaluation.held_out import (
+    HELD_OUT_RUNS,
+    HeldOut,
+    SuperSteps,
+    held_out_runs,
+    recorded_runs,
+    system_of,
+)
+from neuroanimator.evaluation.trust_bands import TrustBand, trust_bands
+from neuroanimator.evaluation.weakness.conditions import WeakSpot, find_spots
+from neuroanimator.evaluation.weakness.coverage import (
+    Coverage,
+    as_plain,
+    coverage,
+    coverage_of_states,
+)
+from neuroanimator.evaluation.weakness.readings import Reading, control_readings, state_readings
+from neuroanimator.evaluation.weakness.worst_segments import Segment, worst_segments
+from neuroanimator.terminal import phase
+from neuroanimator.text import short_number
+
+INSPECTED_RUNS = 4 * HELD_OUT_RUNS
+"""Number of unseen runs that are inspected: a condition that one super step in twenty fulfils then has 250 of them."""
+
+INSPECTED_SEED = 2**20
+"""Seed of the first runs to inspect: others than those that the figures of `evaluate` are measured on."""
+
+MAX_READINGS = 256
+"""Maximum number of readings that conditions are made of."""
+
+CONTACTS_CHANGE = "contacts made or lost"
+"""Name of the reading that counts how contacts at the end of a super step differ from those at its start."""
+
+
+@dataclass(frozen=True)
+class Extrapolation:
+    """The super steps that begin outside of what training showed: the emulator is kept within its range."""
+
+    samples: int
+    share: float
+    """Of all super steps."""
+    ratio: float
+    """The mean error there over the mean error inside; 0 where there are none."""
+
+    def __str__(self) -> str:
+        """Return it as a sentence."""
+        if not self.samples:
+            return "all unseen runs stay within what training showed"
+        return (
+            f"{self.samples:,} samples ({self.share:.2g} of all) lie outside of what training showed, and the error there is "
+            f"{short_number(self.ratio)} times that inside: generate more, so that the data reach as far as use does"
+        )
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """The errors of an emulator on unseen runs, and the conditions under which they are large."""
+
+    system: str
+    substeps: int
+    dt: float
+    runs: int
+    samples: int
+    """Super steps, at most `data.config.RUN_STEPS` of each run."""
+    errors: ErrorSpread
+    """How one-step errors are spread over the super steps."""
+    components: tuple[ComponentError, ...]
+    """The one-step error of every number of the state."""
+    weak_spots: tuple[WeakSpot, ...]
+    """Conditions under which it is weak within what training showed; empty if none was found that holds."""
+    outside: Extrapolation
+    """The super steps that begin where training showed nothing."""
+    trust: tuple[TrustBand, ...]
+    """How errors grow with the score of `Emulator.trust`; empty for files from before there was one."""
+    worst: tuple[Segment, ...]
+    """The segments on which it goes furthest astray, worst first."""
+    coverage: Coverage
+    """Coverage of the data; without data that of the inspected runs, which are drawn as data are."""
+    has_data: bool
+    """Whether `coverage` is of data that were given."""
+    is_recorded: bool = False
+    """Whether the reference are recordings, which hold noise, instead of the physics that teaches."""
+
+    @property
+    def truth_name(self) -> str:
+        """Name of the reference in legends."""
+        return "recorded" if self.is_recorded else "physics"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the figures as plain lists and numbers; of the worst segments all but their states."""
+        found = as_plain(asdict(self))
+        for segment in found["worst"]:
+            for name in ("physics", "emulated", "controls", "curves"):
+                del segment[name]
+        return found
+
+
+def inspect(
+    emulator: Emulator,
+    *,
+    data: Transitions | StoredTransitions | None = None,
+    runs: int = INSPECTED_RUNS,
+    seed: int = 0,
+) -> Inspection:
+    """Return the errors of `emulator` and where they are large, on `runs` unseen runs drawn from `seed`.
+
+    The reference is what teaches emulators, the system's `truth`. An emulator of recordings is inspected on what
+    `data` kept apart.
+
+    Raises ArgumentError where that is missing.
+    """
+    with phase("simulating"):
+        system = system_of(emulator)
+        if system.recordings is not None:
+            test = recorded_runs(emulator, data)
+        else:
+            seconds = RUN_STEPS * emulator.dt
+            seed = INSPECTED_SEED + seed
+            scheme = system.truth
+            test = held_out_runs(emulator, count=runs, seconds=seconds, seed=seed, scheme=scheme)
+    with phase("inspecting"):
+        every = test.states.shape[0] * test.states.shape[1]
+        return _inspected(emulator, replace(test, most_transitions=every), data)
+
+
+def _inspected(
+    emulator: Emulator, test: HeldOut, data: Transitions | StoredTransitions | None
+) -> Inspection:
+    steps = test.transitions
+    emulated = emulator.rollout(steps.states, steps.controls[:, None], may_diverge=True)[:, 1]
+    errors = test.frame.difference(steps.next_states, np.asarray(emulated, float))
+    relative = test.relative(errors)
+    sizes = step_errors(relative)
+    runs = np.arange(len(steps.states)) // (len(steps.states) // len(test.states))
+    scores = emulator.trust(steps.states, steps.controls)
+    is_covered = scores <= EDGE
+    known = SuperSteps(*(rows[is_covered] for rows in steps))
+    if data is None:
+        covered = coverage_of_states(test.system, steps.states, steps.controls, len(test.states))
+    else:
+        covered = coverage(data)
+    return Inspection(
+        system=emulator.system,
+        substeps=emulator.substeps,
+        dt=emulator.dt,
+        runs=len(test.states),
+        samples=len(steps.states),
+        errors=error_spread(sizes),
+        components=component_errors(test, errors),
+        weak_spots=find_weak_spots(test, known, relative[is_covered], runs[is_covered]),
+        outside=outside_of_training(is_covered, relative),
+        trust=trust_bands(scores, sizes) if emulator.meter is not None else (),
+        worst=worst_segments(emulator, test),
+        coverage=covered,
+        has_data=data is not None,
+        is_recorded=test.system.recordings is not None,
+    )
+
+
+def outside_of_training(
+    is_covered: Bool[np.ndarray, " N"], relative: Float[np.ndarray, "N M"]
+) -> Extrapolation:
+    """Return how many super steps begin where an emulator is not covered, and how much larger errors are there."""
+    errors = step_errors(relative)
+    outside = errors[~is_covered]
+    share = len(outside) / len(errors)
+    if not 0 < share < 1:
+        return Extrapolation(len(outside), share, share)
+    inside = errors[is_covered].mean()
+    ratio = outside.mean() / inside if inside > 0 else np.inf
+    return Extrapolation(len(outside), share, float(ratio))
+
+
+def find_weak_spots(
+    test: HeldOut,
+    steps: SuperSteps,
+    relative: Float[np.ndarray, "N M"],
+    runs: Int[np.ndarray, " N"],
+) -> tuple[WeakSpot, ...]:
+    """Return where the errors `relative` (N, M) of super `steps` are large, worst first; each step is of one of `runs`."""
+    names = np.array([name for name, _ in change_names(test.system)])[test.moves]
+    squares = bounded(relative) ** 2
+    found = []
+    for spot, holds in find_spots(step_errors(relative), runs, _readings(test, steps)):
+        worst = int(np.argmax(squares[holds].mean(axis=0)))
+        found.append(replace(spot, component=str(names[worst])))
+    return tuple(found)
+
+
+def _readings(test: HeldOut, steps: SuperSteps) -> list[Reading]:
+    """Return the readings that conditions may be made of."""
+    system = test.system
+    readings = state_readings(system, steps.states) + control_readings(system, steps.controls)
+    readings = [reading for reading in readings if reading.can_matter][:MAX_READINGS]
+    before = system.contact_counts(steps.states)
+    after = system.contact_counts(steps.next_states)
+    if before is not None and after is not None:
+        readings.append(Reading(CONTACTS_CHANGE, "1", np.abs(after - before).astype(float)))
+    return readings

@@ -1,0 +1,170 @@
+"""Readings of a state, for people: each number where that says something, else heights, speeds and angles.
+
+A quaternion's four numbers, or the coordinates of forty mass points, say nothing to anybody; how far the body is
+tilted, and how fast it turns, do.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from neuroanimator.state.layout import Layout
+from neuroanimator.state.pose import read_pose
+from neuroanimator.state.reference_shape import (
+    Cloud,
+    flat_of,
+    points_of,
+    to_body_axes,
+)
+from neuroanimator.state.rotation import rotate
+from neuroanimator.state.segments import (
+    Heading,
+    Lag,
+    PlacedSegment,
+    Plain,
+    PlanarPosition,
+    PlanarVelocity,
+    Position,
+    Quaternion,
+    Velocity,
+    place_segments,
+)
+from neuroanimator.systems.system import System
+
+
+class Reading(NamedTuple):
+    """One number of every sample."""
+
+    name: str
+    """Such as `leg_joint.velocity`, or `root.velocity[2]` of a part with several numbers."""
+    unit: str
+    values: Float[np.ndarray, " N"]
+    can_matter: bool = True
+    """Whether the dynamics may depend on it: not on a free body's position in the plane, nor on its heading."""
+
+
+def entry_names(layout: Layout) -> list[str]:
+    """Return a name per entry, without its unit; parts of one number without an index."""
+    names = []
+    for part in layout.slices:
+        indexed = [f"{part.name}[{number}]" for number in range(part.size)]
+        names += indexed if part.size > 1 else [part.name]
+    return names
+
+
+def entry_units(layout: Layout) -> list[str]:
+    """Return the unit of each entry."""
+    return [part.unit for part in layout.slices for _ in range(part.size)]
+
+
+def state_readings(system: System, states: Float[np.ndarray, "N S"]) -> list[Reading]:
+    """Return the readings of `states` (N, S) of `system`."""
+    structure = system.structure
+    states = np.asarray(states, float)
+    if structure.cloud is not None:
+        readings = _cloud_readings(system, structure.cloud, states)
+    elif structure.segments:
+        readings = []
+        for placed in place_segments(structure.segments):
+            readings += _segment_readings(system, states, placed)
+    else:
+        readings = _entries(system, states, range(states.shape[1]))
+    contacts = system.contact_counts(states)
+    if contacts is not None and contacts.any():
+        readings.append(Reading("contacts", "1", contacts.astype(float)))
+    return readings
+
+
+def control_readings(system: System, controls: Float[np.ndarray, "N C"]) -> list[Reading]:
+    """Return each number of `controls` (N, C)."""
+    names = entry_names(system.control)
+    columns = zip(names, entry_units(system.control), np.asarray(controls, float).T, strict=True)
+    return [Reading(*column) for column in columns]
+
+
+def _entries(
+    system: System, states: Float[np.ndarray, "N S"], entries: range, *, can_matter: bool = False
+) -> list[Reading]:
+    """Return state entries as they are; an angle of which only sine and cosine matter, within half a turn.
+
+    They may matter where a network is shown them, or where it is said.
+    """
+    structure = system.structure
+    names = entry_names(system.state)
+    units = entry_units(system.state)
+    readings = []
+    for entry in entries:
+        values = states[:, entry]
+        is_plain = entry in structure.plain
+        is_angle = any(row[entry] for row in structure.angles)
+        if is_angle and not is_plain:
+            values = (values + np.pi) % (2 * np.pi) - np.pi
+        may = can_matter or is_plain or is_angle
+        readings.append(Reading(names[entry], units[entry], values, may))
+    return readings
+
+
+def _segment_readings(
+    system: System, states: Float[np.ndarray, "N S"], placed: PlacedSegment
+) -> list[Reading]:
+    """Return the readings of one segment of a state with a root that moves freely, or with balls."""
+    segment = placed.segment
+    entries = range(placed.entries.start, placed.entries.stop)
+    values = states[:, placed.entries]
+    readings = _entries(system, states, entries, can_matter=isinstance(segment, Lag))
+    name = entry_names(system.state)[entries.start].rpartition("[")[0]
+    if isinstance(segment, Quaternion):
+        return [_rotation(system, name, values)]
+    if isinstance(segment, Velocity | PlanarVelocity):
+        speed = Reading(f"|{name}|", "m/s", np.linalg.norm(values, axis=1))
+        rising = readings[2:] if isinstance(segment, Velocity) else []
+        return [speed, *(reading._replace(can_matter=True) for reading in rising)]
+    if isinstance(segment, Position | PlanarPosition | Heading):
+        # Of a free body's position only its height can matter.
+        height = 2 if isinstance(segment, Position) else None
+        columns = zip(readings, values.T, strict=True)
+        return [
+            reading._replace(values=column, can_matter=number == height)
+            for number, (reading, column) in enumerate(columns)
+        ]
+    return readings if isinstance(segment, Plain | Lag) else []
+
+
+def _rotation(system: System, name: str, quaternions: Float[np.ndarray, "N 4"]) -> Reading:
+    """Return how far a body is tilted out of the upright, or turned where nothing pulls it down."""
+    moves = any(isinstance(segment, Position) for segment in system.structure.segments)
+    if moves and system.structure.has_gravity:
+        upward = rotate(quaternions, np.array([0.0, 0.0, 1.0]))
+        return Reading(f"tilt of {name}", "rad", np.arccos(np.clip(upward[:, 2], -1, 1)))
+    half = np.arccos(np.clip(np.abs(quaternions[:, 0]), 0, 1))
+    return Reading(f"turn of {name}", "rad", 2 * half, can_matter=not moves)
+
+
+def _cloud_readings(
+    system: System, cloud: Cloud, states: Float[np.ndarray, "N S"]
+) -> list[Reading]:
+    """Return the readings of a deformable body as a whole, and of whatever else is in its state."""
+    pose = read_pose(system.structure, states)
+    size = 3 * cloud.count
+    positions = points_of(states[:, :size])
+    velocities = points_of(states[:, size : 2 * size])
+    _, orientation, shape = cloud.own_frame(positions)
+    own_velocities = to_body_axes(orientation, velocities - pose.velocity[:, None])
+    turning = cloud.angular_velocity(shape, own_velocities)
+    strain = flat_of(shape - np.array(cloud.positions))
+    rows = [
+        ("height", "m", pose.position[:, 2]),
+        ("speed", "m/s", np.linalg.norm(pose.velocity, axis=1)),
+        ("rising", "m/s", pose.velocity[:, 2]),
+        ("tilt", "rad", np.arccos(np.clip(pose.upward[:, 2], -1, 1))),
+        ("turning", "rad/s", np.linalg.norm(turning, axis=1)),
+        ("deformation", "m", np.sqrt(np.mean(strain**2, axis=1))),
+    ]
+    if system.water_surface is not None:
+        is_out = positions[..., 2] > system.water_surface
+        rows.append(("share out of the water", "1", is_out.mean(axis=1)))
+    lags = _entries(system, states, range(2 * size, states.shape[1]), can_matter=True)
+    return [*(Reading(*row) for row in rows), *lags]
