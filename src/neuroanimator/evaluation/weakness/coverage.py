@@ -110,6 +110,8 @@ class Divergence:
     runs: int
     share: float
     """Of all runs that were simulated."""
+    starts: tuple[Spread, ...] = ()
+    """Where they began; empty where they are not kept."""
     conditions: tuple[str, ...] = ()
     """From which starts runs diverge more often than from others, in words; empty if no start tells."""
 
@@ -292,7 +294,12 @@ def _divergence(folder: Place, system: System, shards: Sequence[_Shard], runs: i
     for spot, _ in find_spots(is_lost.astype(float), order, readings):
         often = f"{spot.ratio:.2g} times as often" if np.isfinite(spot.ratio) else "only"
         conditions.append(f"{often} where {spot.condition}")
-    return Divergence(len(lost_starts), len(lost_starts) / runs, tuple(conditions))
+    return Divergence(
+        runs=len(lost_starts),
+        share=len(lost_starts) / runs,
+        starts=tuple(Spread.of(reading) for reading in state_readings(system, lost_starts)),
+        conditions=tuple(conditions),
+    )
 
 
 def _efforts(system: System, controls: Float[np.ndarray, "B T C"]) -> Float[np.ndarray, " B"]:
