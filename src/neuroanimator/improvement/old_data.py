@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 
 from neuroanimator.data.config import RUNS_PER_SHARD
-from neuroanimator.data.store import (
-    Transitions,
-    gather_transitions,
-    read_config,
-    read_shard,
-    read_transitions,
-)
+from neuroanimator.data.store import Transitions, join_transitions, read_config
+from neuroanimator.data.stored import open_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.improvement.config import ImprovementConfig
 from neuroanimator.storage.places import place_of
-from neuroanimator.systems import carried_system
 
 
 def read_old(folder: str | Path, emulator: Emulator, config: ImprovementConfig) -> Transitions:
@@ -31,11 +26,7 @@ def read_old(folder: str | Path, emulator: Emulator, config: ImprovementConfig) 
             f"data: {folder} is of {dataset.system}, {dataset.substeps} substeps; wanted {emulator.system}, "
             f"{emulator.substeps}. Give the emulator's own dataset, or none."
         )
-    system = carried_system(dataset.system, dataset.definition)
-    if system.recordings is not None:
-        return read_transitions(place)
+    data = open_transitions(place, memory=0)
     of_each = RUNS_PER_SHARD * dataset.samples_per_run
-    wanted = min(dataset.shards, -(-config.windows // of_each))
-    shards = (read_shard(place, dataset, system, shard) for shard in range(wanted))
-    counted = ((tensors, metadata["diverged"]) for tensors, metadata in shards)
-    return gather_transitions(dataset, system, counted)
+    wanted = -(-config.windows // of_each)
+    return join_transitions(list(islice(data.parts(), wanted)))
