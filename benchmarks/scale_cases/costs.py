@@ -9,7 +9,6 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from neuroanimator.data.shard import make_shard
 from neuroanimator.data.stored import StoredTransitions
 from neuroanimator.training.checkpoint import Progress
 from neuroanimator.training.config import UPDATES_PER_CHUNK
-from neuroanimator.training.feed import StreamFeed
 from neuroanimator.training.initialise import build_emulator
 from neuroanimator.training.lesson import lesson_of
 from neuroanimator.training.optimizer import make_optimizer
@@ -114,17 +112,12 @@ def _costs(name: str, folder: Path, is_quick: bool) -> dict[str, Any]:
     data = StoredTransitions(folder, config, system)
     lesson = lesson_of(data, training, None)
     feed = lesson.feed
-    assert isinstance(feed, StreamFeed)
+    pools = feed.pools
     windows = UPDATES_PER_CHUNK * training.batch
     chunks = QUICK_CHUNKS if is_quick else CHUNKS
-
-    def shuffle() -> None:
-        demands = feed.demands(0)
-        for _ in islice(feed.stream.blocks(demands, 0), len(list(feed.demands_of(0)))):
-            pass
-
-    shuffle()
-    mixing = _core_seconds(shuffle) / windows
+    next(pools.pools(0))  # compiles
+    # A pool serves as many draws as it has windows.
+    mixing = _core_seconds(lambda: next(pools.pools(0))) / pools.size
     network = lesson.problem.base.network
     state = Progress.fresh(network, make_optimizer(training)).optimizer_state
     spans = []

@@ -29,7 +29,7 @@ from neuroanimator.evaluation.report import write_report
 from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.systems.loading import resolve
 from neuroanimator.training.config import TrainingConfig
-from neuroanimator.training.lesson import base_windows
+from neuroanimator.training.survey import base_windows
 from neuroanimator.training.train import Report
 from neuroanimator.training.validation import validation_errors
 from neuroanimator.zoo import shipped_emulators

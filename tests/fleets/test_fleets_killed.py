@@ -23,7 +23,7 @@ from neuroanimator.storage.files import read_tensors
 from neuroanimator.storage.places import Place, UrlPath
 from neuroanimator.training.checkpoint import NAME
 from neuroanimator.training.config import UPDATES_PER_CHUNK
-from neuroanimator.training.feed import MemoryFeed
+from neuroanimator.training.feed import Feed
 from neuroanimator.training.train import run_folder
 
 ONE = """
@@ -75,16 +75,16 @@ def whole(task: MemberTask) -> TrainedMember:
 def counted_chunks(stop_after: int = sys.maxsize) -> Iterator[list[int]]:
     """Yield the numbers of the chunks that are trained while the block runs; stop as Ctrl-C does after so many."""
     chunks: list[int] = []
-    train_chunk = MemoryFeed.train
+    train_chunk = Feed.train
 
-    def train(feed: MemoryFeed, network: Any, optimizer_state: Any, chunk: int) -> Any:
+    def train(feed: Feed, network: Any, optimizer_state: Any, chunk: int) -> Any:
         if len(chunks) == stop_after:
             raise KeyboardInterrupt
         chunks.append(chunk)
         return train_chunk(feed, network, optimizer_state, chunk)
 
     with pytest.MonkeyPatch.context() as changed:
-        changed.setattr(MemoryFeed, "train", train)
+        changed.setattr(Feed, "train", train)
         yield chunks
 
 

@@ -15,7 +15,7 @@ from conftest import Cli
 
 from neuroanimator import NeuroAnimatorError, TrainingConfig
 from neuroanimator.data.store import Transitions
-from neuroanimator.training.lesson import validation_mask
+from neuroanimator.training.survey import validation_mask
 from neuroanimator.training.train import Report, read_metrics, run_folder, train
 
 SMALL = ["--widths", "8", "--updates", "3000", "--batch", "16"]

@@ -10,8 +10,7 @@ import typer
 from neuroanimator.cli.spread import Where, Workers, chosen_executor
 
 if TYPE_CHECKING:
-    from neuroanimator.data.store import Transitions
-    from neuroanimator.data.stored import StoredTransitions
+    from neuroanimator.data.store import Dataset
     from neuroanimator.emulator.emulator import Emulator
 
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
@@ -142,17 +141,15 @@ def run(
     print_rows(rows)
 
 
-def _bound_errors(emulator: Emulator, data: Transitions | StoredTransitions, out: Path) -> str:
+def _bound_errors(emulator: Emulator, data: Dataset, out: Path) -> str:
     """Measure how far rollouts go astray, put it into the file `out`, and return it in words."""
-    from neuroanimator.data.store import Transitions
     from neuroanimator.emulator.artifact import read_metadata, save
     from neuroanimator.emulator.error_bounds import bounds_in_words
     from neuroanimator.terminal import phase
     from neuroanimator.training.error_fitting import fit_error_bounds
 
     with phase("measuring how far rollouts go astray"):
-        in_memory = data if isinstance(data, Transitions) else None
-        bounded = fit_error_bounds(emulator, in_memory)
+        bounded = fit_error_bounds(emulator, data)
     save(bounded, out, read_metadata(out)["provenance"])
     assert bounded.calibration is not None
     return bounds_in_words(bounded.calibration, bounded.dt)

@@ -21,7 +21,8 @@ from neuroanimator.data.shard_task import (
 from neuroanimator.data.store import (
     Transitions,
     claim_folder,
-    gather_transitions,
+    join_transitions,
+    shard_transitions,
 )
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.executor.executor import Executor, LostTaskError, raise_first
@@ -89,9 +90,12 @@ def simulate_transitions(config: DatasetConfig, threads: int | None = None) -> T
     threads = _checked_threads(threads)
     config = limited_to_recordings(config)
     system = carried_system(config.system, config.definition)
-    shards = (make_shard(system, config, shard, threads) for shard in range(config.shards))
-    counted = ((shard.tensors, shard.diverged) for shard in shards)
-    return gather_transitions(config, system, counted)
+    parts = []
+    for shard in range(config.shards):
+        made = make_shard(system, config, shard, threads)
+        metadata = {"shard": shard, "diverged": made.diverged}
+        parts.append(shard_transitions(config, system, made.tensors, metadata))
+    return join_transitions(parts)
 
 
 def _checked_threads(threads: int | None) -> int:

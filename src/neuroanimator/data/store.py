@@ -6,10 +6,11 @@ apart (the seminar paper's eq. 8). Keeping the run lets training unroll from a s
 
 from __future__ import annotations
 
+import abc
 import json
-from collections.abc import Iterable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -33,6 +34,7 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.parsing.json_text import parse_json_object
 from neuroanimator.storage.files import (
     HEADER_LIMIT,
+    digest,
     one_line,
     read_bounded,
     read_tensors,
@@ -129,9 +131,43 @@ def _check_format(path: Place, format_number: object) -> None:
         )
 
 
+class Dataset(abc.ABC):
+    """Windows of consecutive super steps, in parts that are in memory one at a time."""
+
+    config: DatasetConfig
+    system: System
+    held_out: tuple[np.ndarray, np.ndarray] | None
+    """(states (B, T+1, S), controls (B, T, C)) kept for the test; of recordings only."""
+    noise: Float[np.ndarray, " S"] | None
+    """Standard deviation of the noise in each state entry; of recordings only."""
+
+    @property
+    @abc.abstractmethod
+    def part_count(self) -> int:
+        """Number of parts."""
+
+    @abc.abstractmethod
+    def read_part(self, number: int, unroll: int = MAX_UNROLL) -> Transitions:
+        """Return part `number`, the same at every call, in windows of `unroll` super steps.
+
+        Raises BadFileError if that is impossible.
+        """
+
+    @property
+    @abc.abstractmethod
+    def fingerprint(self) -> str:
+        """Hex digits that name the contents, once every part has been read."""
+
+    def parts(self, unroll: int = MAX_UNROLL) -> Iterator[Transitions]:
+        """Yield the parts in their order, in windows of `unroll` super steps."""
+        for number in range(self.part_count):
+            yield self.read_part(number, unroll)
+
+
+@final
 @dataclass(frozen=True)
-class Transitions:
-    """A dataset in memory: windows of consecutive super steps, one per example.
+class Transitions(Dataset):
+    """A dataset in memory, in one part: windows of consecutive super steps, one per example.
 
     A window spans H = `MAX_UNROLL` super steps, so it holds T = H + 1 states; its first step is the training example.
     """
@@ -144,18 +180,28 @@ class Transitions:
     """Which run each window comes from; of recordings, which segment."""
     diverged: int
     held_out: tuple[np.ndarray, np.ndarray] | None = None
-    """(states (B, T+1, S), controls (B, T, C)) kept for the test; of recordings only."""
     noise: Float[np.ndarray, " S"] | None = None
-    """Standard deviation of the noise in each state entry; of recordings only."""
 
     def __repr__(self) -> str:
         config = self.config
         return f'Transitions("{config.system}", {len(self.states):,} windows, {config.substeps} substeps)'
 
-    def where(self, mask: Bool[np.ndarray, " N"]) -> Transitions:
-        """Return the windows `mask` selects."""
+    @property
+    def part_count(self) -> int:
+        return 1
+
+    def read_part(self, number: int, unroll: int = MAX_UNROLL) -> Transitions:
+        states = self.states[:, : unroll + 1]
+        return replace(self, states=states, controls=self.controls[:, :unroll])
+
+    @property
+    def fingerprint(self) -> str:
+        return digest({"states": self.states, "controls": self.controls})
+
+    def where(self, rows: Bool[np.ndarray, " N"] | Int[np.ndarray, " M"] | slice) -> Transitions:
+        """Return the windows that `rows` selects."""
         return replace(
-            self, states=self.states[mask], controls=self.controls[mask], run=self.run[mask]
+            self, states=self.states[rows], controls=self.controls[rows], run=self.run[rows]
         )
 
 
@@ -180,8 +226,8 @@ def read_transitions(folder: str | Place, *, at_least: int | None = None) -> Tra
     if at_least is not None and system.recordings is None:
         count = min(count, -(-at_least // (RUNS_PER_SHARD * config.samples_per_run)))
     shards = (read_shard(folder, config, system, shard) for shard in range(count))
-    counted = ((tensors, metadata["diverged"]) for tensors, metadata in shards)
-    transitions = gather_transitions(config, system, counted)
+    parts = [shard_transitions(config, system, *shard) for shard in shards]
+    transitions = join_transitions(parts)
     if system.recordings is not None:
         states, controls, noise = read_held_out(folder, config, system)
         return replace(transitions, held_out=(states, controls), noise=noise)
@@ -216,22 +262,30 @@ def read_held_out(
     return tensors["states"], tensors["controls"], noise
 
 
-def gather_transitions(
-    config: DatasetConfig, system: System, shards: Iterable[tuple[dict[str, np.ndarray], int]]
+def shard_transitions(
+    config: DatasetConfig,
+    system: System,
+    tensors: dict[str, np.ndarray],
+    metadata: dict[str, Any],
+    unroll: int = MAX_UNROLL,
 ) -> Transitions:
-    """Return the transitions in `shards`: pairs of tensors and how many runs diverged, in order of their number."""
-    windows = []
-    diverged = 0
-    for shard, (tensors, dropped) in enumerate(shards):
-        windows.append(windows_of(tensors, shard))
-        diverged += dropped
+    """Return the transitions in a shard's (tensors, metadata), in windows of `unroll` super steps."""
+    windows = windows_of(tensors, metadata["shard"], unroll)
     return Transitions(
-        config,
-        system,
-        states=np.concatenate([part.states for part in windows]),
-        controls=np.concatenate([part.controls for part in windows]),
-        run=np.concatenate([part.run for part in windows]),
-        diverged=diverged,
+        config, system, windows.states, windows.controls, windows.run, metadata["diverged"]
+    )
+
+
+def join_transitions(parts: Sequence[Transitions]) -> Transitions:
+    """Return the transitions of one or more parts of a dataset, in their order."""
+    if len(parts) == 1:
+        return parts[0]
+    return replace(
+        parts[0],
+        states=np.concatenate([part.states for part in parts]),
+        controls=np.concatenate([part.controls for part in parts]),
+        run=np.concatenate([part.run for part in parts]),
+        diverged=sum(part.diverged for part in parts),
     )
 
 
@@ -278,20 +332,23 @@ def recorded_shard_specs(system: System) -> dict[str, TensorSpec]:
     }
 
 
-def windows_of(tensors: dict[str, np.ndarray], shard: int) -> Windows:
-    """Return the windows that begin at a shard's samples; simulated runs are numbered through all shards."""
+def windows_of(tensors: dict[str, np.ndarray], shard: int, unroll: int = MAX_UNROLL) -> Windows:
+    """Return the windows of `unroll` super steps that begin at a shard's samples.
+
+    Simulated runs are numbered through all shards.
+    """
     states = tensors["states"]
     controls = tensors["controls"]
     samples = tensors["samples"]
     rows = np.arange(len(states))[:, None, None]
-    steps = samples[:, :, None] + np.arange(MAX_UNROLL + 1)
+    steps = samples[:, :, None] + np.arange(unroll + 1)
     if "segments" in tensors:
         numbers = tensors["segments"]
     else:
         numbers = np.arange(len(states)) + shard * RUNS_PER_SHARD
     count = samples.size
     return Windows(
-        states=states[rows, steps].reshape(count, MAX_UNROLL + 1, states.shape[-1]),
-        controls=controls[rows, steps[..., :-1]].reshape(count, MAX_UNROLL, controls.shape[-1]),
+        states=states[rows, steps].reshape(count, unroll + 1, states.shape[-1]),
+        controls=controls[rows, steps[..., :-1]].reshape(count, unroll, controls.shape[-1]),
         run=np.repeat(numbers, samples.shape[1]),
     )

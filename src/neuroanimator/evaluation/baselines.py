@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.data.store import Transitions
-from neuroanimator.data.stored import StoredTransitions, super_steps
+from neuroanimator.data.store import Dataset
+from neuroanimator.data.stored import super_steps
 from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, NO_CHANGE
 from neuroanimator.evaluation.accuracy import root_mean_square
 from neuroanimator.evaluation.held_out import HeldOut
@@ -19,7 +19,7 @@ RIDGE_STRENGTH = 1e-6
 """Weight of the squared coefficients in the ridge regression, for each example."""
 
 
-def baselines(data: Transitions | StoredTransitions | None, test: HeldOut) -> dict[str, float]:
+def baselines(data: Dataset | None, test: HeldOut) -> dict[str, float]:
     """Return the one-step errors of cheap predictors: nothing changes, velocities stay, ridge regression on `data`."""
     guesses = {
         NO_CHANGE: test.transitions.states,
@@ -37,7 +37,7 @@ def _error(test: HeldOut, guess: Float[np.ndarray, "N S"]) -> float:
     return float(root_mean_square(test.relative(errors), axis=(0, 1)))
 
 
-def _regressed(data: Transitions | StoredTransitions, test: HeldOut) -> Float[np.ndarray, "N S"]:
+def _regressed(data: Dataset, test: HeldOut) -> Float[np.ndarray, "N S"]:
     """Return the states a super step later by ridge regression on the first steps of the windows of `data`."""
     states, controls, _ = test.transitions
     features = _linear_features(test, states, controls)
@@ -56,7 +56,7 @@ def _linear_features(
     return np.concatenate([np.sin(angles), np.cos(angles), plain, local, controls, ones], axis=1)
 
 
-def _ridge(data: Transitions | StoredTransitions, test: HeldOut) -> Float[np.ndarray, "F V"]:
+def _ridge(data: Dataset, test: HeldOut) -> Float[np.ndarray, "F V"]:
     """Return the coefficients that fit the changes of `data` best, with a small weight on their squares.
 
     Sums are all that is kept of the data: they may be larger than memory.

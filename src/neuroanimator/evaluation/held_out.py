@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float
 from neuroanimator.cores import core_count
 from neuroanimator.data.config import RUN_STEPS
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
-from neuroanimator.data.store import Transitions
-from neuroanimator.data.stored import StoredTransitions
+from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.errors import ArgumentError, BadFileError
@@ -174,7 +173,7 @@ def make_test(
     return test
 
 
-def recorded_runs(emulator: Emulator, data: Transitions | StoredTransitions | None) -> HeldOut:
+def recorded_runs(emulator: Emulator, data: Dataset | None) -> HeldOut:
     """Return the runs of `data` that were kept for the test; of an emulator of recordings."""
     spec = emulator.spec
     if data is None or data.held_out is None:

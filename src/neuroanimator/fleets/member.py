@@ -13,8 +13,8 @@ import numpy as np
 
 from neuroanimator.data.config import DatasetConfig
 from neuroanimator.data.generate import generate
-from neuroanimator.data.store import Transitions, read_config
-from neuroanimator.data.stored import StoredTransitions, open_transitions
+from neuroanimator.data.store import Dataset, read_config
+from neuroanimator.data.stored import open_transitions
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_tensors
 from neuroanimator.errors import BadFileError
@@ -113,11 +113,9 @@ def _shared_checkpoints(task: MemberTask) -> Place | None:
     return place
 
 
-def _errors(
-    emulator: Emulator, data: Transitions | StoredTransitions, seconds: float
-) -> tuple[float, float]:
+def _errors(emulator: Emulator, data: Dataset, seconds: float) -> tuple[float, float]:
     """Return (one-step error, error after `seconds`) on unseen runs."""
-    if isinstance(data, Transitions) and data.held_out is not None:
+    if data.held_out is not None:
         test = recorded_runs(emulator, data)
     else:
         test = held_out_runs(emulator, count=TEST_RUNS, seconds=max(seconds, emulator.dt))

@@ -20,22 +20,18 @@ RARE = 0.1
 
 
 def rare_rows(emulator: Emulator, data: Transitions) -> Int[np.ndarray, " M"]:
-    """Return the rows of `data` whose change is the most unusual in any of its numbers: a tenth of all."""
-    unusual = unusualness(emulator, data.states[:, 0], data.states[:, 1])
-    count = max(1, round(RARE * len(unusual)))
-    return np.sort(np.argpartition(unusual, -count)[-count:]).astype(np.int32)
+    """Return the rows of `data` whose change is the most unusual in any of its numbers: a tenth of all.
 
-
-def unusualness(
-    emulator: Emulator, before: Float[np.ndarray, "N I"], after: Float[np.ndarray, "N I"]
-) -> Float[np.ndarray, " N"]:
-    """Return how many standard deviations from the mean the change of latent states is, in its most unusual number."""
+    How unusual a number is follows from its distance to the mean, in standard deviations.
+    """
     normaliser = emulator.normaliser
-    change = emulator.frame.remainder(before, after)
+    change = emulator.frame.remainder(data.states[:, 0], data.states[:, 1])
     scale = np.asarray(normaliser.change_scale)
     moves = scale > 0
     deviation = (change - np.asarray(normaliser.change_mean))[:, moves]
-    return np.abs(deviation / scale[moves]).max(axis=1)
+    unusual = np.abs(deviation / scale[moves]).max(axis=1)
+    count = max(1, round(RARE * len(unusual)))
+    return np.sort(np.argpartition(unusual, -count)[-count:]).astype(np.int32)
 
 
 def draw_batches(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from jaxtyping import Float, Int, PRNGKeyArray
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
-from neuroanimator.jax_later import Array, eqx, filter_jit, jax, jnp
+from neuroanimator.jax_later import Array, eqx, filter_jit, jax
 from neuroanimator.pytrees import Module, static
 from neuroanimator.state.structure import Structure
 from neuroanimator.state.symmetry import Symmetry
@@ -37,7 +36,7 @@ class TrainingProblem(Module):
 
 
 class WindowsInMemory(Module):
-    """Every window there is to learn from."""
+    """The windows that batches are drawn from."""
 
     states: Float[Array, "N T I"]
     """Windows of T = H + 1 latent states."""
@@ -45,15 +44,6 @@ class WindowsInMemory(Module):
     """The latent controls between them."""
     rare: Int[Array, " M"]
     """Rows of the windows with the most unusual changes."""
-
-
-class Batches(Module):
-    """The batches of consecutive updates U of a chunk."""
-
-    windows: Float[Array, "U B F V"]
-    """Of F = unroll + 1 latent states, each followed by the latent control after it; the last control means nothing."""
-    weights: Float[Array, "U B"] | None
-    """How much each window counts; None for all alike."""
 
 
 def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> Emulator:
@@ -98,34 +88,19 @@ def train_chunk(
         fold_key = jax.random.fold_in(key, rows[0])
         return _batch_loss(problem, network, fold_key, states, controls, row_weights)
 
-    return _updated(problem, loss_of, network, optimizer_state, rows_of_updates)
+    optimizer = make_optimizer(config)
 
+    def update(
+        carry: tuple[Any, Any], rows: Int[Array, " B"]
+    ) -> tuple[tuple[Any, Any], Float[Array, ""]]:
+        network, optimizer_state = carry
+        loss, gradient = jax.value_and_grad(loss_of)(network, rows)
+        step, optimizer_state = optimizer.update(gradient, optimizer_state, network)
+        return (eqx.apply_updates(network, step), optimizer_state), loss
 
-@filter_jit
-def train_batches(
-    problem: TrainingProblem,
-    batches: Batches,
-    network: Network,
-    optimizer_state: Any,
-    chunk: Int[Array, ""],
-    first_update: Int[Array, ""],
-) -> tuple[Network, Any, Float[Array, ""]]:
-    """Return (network, optimiser state, mean loss) after one update with each of `batches`.
-
-    They are those of chunk number `chunk` from its `first_update` on.
-    """
-    key = jax.random.fold_in(jax.random.key(problem.config.seed), chunk)
-    numbers = first_update + jnp.arange(batches.windows.shape[0])
-    state_size = batches.windows.shape[-1] - problem.base.control.size
-
-    def loss_of(network: Network, batch: tuple[Int[Array, ""], Batches]) -> Float[Array, ""]:
-        number, own = batch
-        states = own.windows[..., :state_size]
-        controls = own.windows[:, :-1, state_size:]
-        fold_key = jax.random.fold_in(key, number)
-        return _batch_loss(problem, network, fold_key, states, controls, own.weights)
-
-    return _updated(problem, loss_of, network, optimizer_state, (numbers, batches))
+    start = (network, optimizer_state)
+    (network, optimizer_state), losses = jax.lax.scan(update, start, rows_of_updates)
+    return network, optimizer_state, losses.mean()
 
 
 def _batch_loss(
@@ -145,24 +120,3 @@ def _batch_loss(
     if structure.symmetry_order > 1:
         states, controls = folded(structure, problem.base.frame, fold_key, states, controls)
     return unrolled_loss(emulator, states, controls, weights)
-
-
-def _updated(
-    problem: TrainingProblem,
-    loss_of: Callable[[Network, Any], Float[Array, ""]],
-    network: Network,
-    optimizer_state: Any,
-    batches: Any,
-) -> tuple[Network, Any, Float[Array, ""]]:
-    """Return (network, optimiser state, mean loss) after one update with each of `batches`."""
-    optimizer = make_optimizer(problem.config)
-
-    def update(carry: tuple[Any, Any], batch: Any) -> tuple[tuple[Any, Any], Float[Array, ""]]:
-        network, optimizer_state = carry
-        loss, gradient = jax.value_and_grad(loss_of)(network, batch)
-        step, optimizer_state = optimizer.update(gradient, optimizer_state, network)
-        return (eqx.apply_updates(network, step), optimizer_state), loss
-
-    start = (network, optimizer_state)
-    (network, optimizer_state), losses = jax.lax.scan(update, start, batches)
-    return network, optimizer_state, losses.mean()

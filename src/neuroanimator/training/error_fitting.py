@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from neuroanimator.cores import core_count
 from neuroanimator.data.sampling import sample_control_runs, sample_starts
-from neuroanimator.data.store import Transitions
+from neuroanimator.data.store import Dataset
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import LEVELS, ErrorBounds, errors_in, log_scores
 from neuroanimator.emulator.normaliser import MIN_CHANGE
@@ -71,7 +71,7 @@ class UnseenRuns(NamedTuple):
 
 def fit_error_bounds(
     emulator: Emulator,
-    data: Transitions | None = None,
+    data: Dataset | None = None,
     *,
     random_runs: int = RANDOM_RUNS,
     optimised_runs: int = OPTIMISED_RUNS,

@@ -50,18 +50,14 @@ SMALL_CHANGE = 1e-5
 
 
 @dataclass(frozen=True)
-class _LatentData:
-    """A dataset in latent numbers, and how a network is shown them."""
+class _Latent:
+    """The latent numbers of a system, and how a network is shown them."""
 
     encoding: Encoding
     frame: Frame
     features: Features
     odd_changes: Bool[np.ndarray, " V"]
     """Whether the mirror reverses each number of a change."""
-    states: Float[np.ndarray, "N I"]
-    following: Float[np.ndarray, "N I"]
-    """The latent states a super step after `states`."""
-    controls: Float[np.ndarray, "N C"]
     grouped_modes: GroupedModes | None = None
     """Shape modes and the groups they belong to; None where states are not encoded."""
 
@@ -105,14 +101,15 @@ class _Statistics(NamedTuple):
     whole_change: _Moments
 
     @classmethod
-    def of(cls, latent: _LatentData) -> _Statistics:
+    def of(cls, latent: _Latent, data: Transitions) -> _Statistics:
         frame = latent.frame
-        local = frame.local(latent.states)
-        felt = frame.felt_control(latent.states, latent.controls)
+        states, following, controls = _latent_numbers(latent.encoding, data)
+        local = frame.local(states)
+        felt = frame.felt_control(states, controls)
         return cls(
-            raw=_Moments.of(latent.features.plain_of(latent.states, local, felt)),
-            change=_Moments.of(frame.remainder(latent.states, latent.following)),
-            whole_change=_Moments.of(frame.difference(latent.states, latent.following)),
+            raw=_Moments.of(latent.features.plain_of(states, local, felt)),
+            change=_Moments.of(frame.remainder(states, following)),
+            whole_change=_Moments.of(frame.difference(states, following)),
         )
 
     def joined(self, other: _Statistics) -> _Statistics:
@@ -121,12 +118,6 @@ class _Statistics(NamedTuple):
             self.change.joined(other.change),
             self.whole_change.joined(other.whole_change),
         )
-
-
-def _encoded(latent: _LatentData, data: Transitions) -> _LatentData:
-    """Return other `data` in the same latent numbers."""
-    states, following, controls = _latent_numbers(latent.encoding, data)
-    return replace(latent, states=states, following=following, controls=controls)
 
 
 def _latent_numbers(
@@ -151,15 +142,12 @@ def build_emulator(
     system = data.system
     dt = data.config.substeps * system.physics_dt
     if system.structure.cloud is None:
-        latent = _state_data(data, dt)
+        latent = _state_numbers(system, dt)
     else:
-        latent = _body_data(data, config, dt)
+        latent = _body_numbers(data, config, dt)
     features = latent.features
-    if parts is None:
-        statistics = _Statistics.of(latent)
-    else:
-        encoded = (_encoded(latent, part) for part in parts)
-        statistics = reduce(_Statistics.joined, map(_Statistics.of, encoded))
+    of_parts = (_Statistics.of(latent, part) for part in parts or [data])
+    statistics = reduce(_Statistics.joined, of_parts)
     size = len(statistics.raw.mean)
     is_odd = [features.is_odd and i not in features.even for i in range(size)]
     odd_raw = np.array(is_odd)
@@ -174,33 +162,27 @@ def build_emulator(
     )
 
 
-def _state_data(data: Transitions, dt: float) -> _LatentData:
-    """Return the data of a system whose super steps are made in the state itself."""
-    structure = data.system.structure
-    encoding = IdentityEncoding(data.system.state)
-    states, following, controls = _latent_numbers(encoding, data)
-    size = states.shape[-1]
+def _state_numbers(system: System, dt: float) -> _Latent:
+    """Return the numbers of a system whose super steps are made in the state itself."""
+    structure = system.structure
+    size = system.state.size
     frame = Frame.of(structure, dt)
     features = Features.of(structure, size, dt)
-    return _LatentData(
-        encoding=encoding,
+    return _Latent(
+        encoding=IdentityEncoding(system.state),
         frame=frame,
         features=features,
         odd_changes=np.full(frame.change_size(size), features.is_odd),
-        states=states,
-        following=following,
-        controls=controls,
     )
 
 
-def _body_data(data: Transitions, config: TrainingConfig, dt: float) -> _LatentData:
-    """Return the data of a deformable body, whose super steps are made in shape modes."""
+def _body_numbers(data: Transitions, config: TrainingConfig, dt: float) -> _Latent:
+    """Return the numbers of a deformable body, whose super steps are made in shape modes."""
     grouped = _fit_modes(data, config)
     modes = grouped.modes
     body = data.system.structure
     structure = modes.structure(body)
-    states, following, controls = _latent_numbers(modes, data)
-    size = states.shape[-1]
+    size = modes.encode(np.asarray(data.system.rest, float)).shape[-1]
     frame = Frame.of(structure, dt)
     features = Features.of(structure, size, dt)
     odd_changes = np.zeros(frame.change_size(size), bool)
@@ -208,14 +190,11 @@ def _body_data(data: Transitions, config: TrainingConfig, dt: float) -> _LatentD
         even = tuple(i for i, is_odd in enumerate(modes.odd_features(body)) if not is_odd)
         features = replace(features, is_odd=True, even=even)
         odd_changes = np.array(modes.odd_changes())
-    return _LatentData(
+    return _Latent(
         encoding=modes,
         frame=frame,
         features=features,
         odd_changes=odd_changes,
-        states=states,
-        following=following,
-        controls=controls,
         grouped_modes=grouped,
     )
 
@@ -233,7 +212,7 @@ def _fit_modes(data: Transitions, config: TrainingConfig) -> GroupedModes:
     return GroupedModes(modes, [], [])
 
 
-def _network(config: TrainingConfig, latent: _LatentData, system: System, count: int) -> Network:
+def _network(config: TrainingConfig, latent: _Latent, system: System, count: int) -> Network:
     """Return a fresh network for `count` raw features."""
     features = latent.features
     even_changes = ()
@@ -255,7 +234,7 @@ def _network(config: TrainingConfig, latent: _LatentData, system: System, count:
     )
 
 
-def _parts(latent: _LatentData, system: System, count: int) -> tuple[Part, ...]:
+def _parts(latent: _Latent, system: System, count: int) -> tuple[Part, ...]:
     """Return who sees and answers what in a hierarchy that is shown `count` raw features."""
     structure = system.structure
     if not structure.groups:
@@ -302,7 +281,7 @@ def _domain(raw: _Moments, odd: Bool[np.ndarray, " K"]) -> Domain:
 
 def _normaliser(
     data: Transitions,
-    latent: _LatentData,
+    latent: _Latent,
     statistics: _Statistics,
     odd_raw: Bool[np.ndarray, " K"],
 ) -> Normaliser:
@@ -332,7 +311,7 @@ def _normaliser(
     )
 
 
-def _body_units(data: Transitions, latent: _LatentData) -> Float[np.ndarray, " V"]:
+def _body_units(data: Transitions, latent: _Latent) -> Float[np.ndarray, " V"]:
     """Return the error of each number of a change that costs as much as any other in the body's whole state.
 
     Errors of modes are measured by what they do to all mass points, found by small changes of some states.
@@ -342,7 +321,8 @@ def _body_units(data: Transitions, latent: _LatentData) -> Float[np.ndarray, " V
     before = np.asarray(data.states[:MAX_SHAPES, 0], float)
     after = np.asarray(data.states[:MAX_SHAPES, 1], float)
     scale = np.maximum(body.difference(before, after).std(axis=0), MIN_SCALE)
-    tried = latent.states[:: max(1, len(latent.states) // SHAPES_TRIED)]
+    every = max(1, len(data.states) // SHAPES_TRIED)
+    tried = latent.encoding.encode(np.asarray(data.states[::every, 0], float))
     states = latent.encoding.decode(tried)
     units = []
     for change in np.eye(len(latent.odd_changes)) * SMALL_CHANGE:

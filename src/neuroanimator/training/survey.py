@@ -1,97 +1,96 @@
-"""What must be known of a dataset that stays on disk before training begins: each shard is read, and let go."""
+"""What must be known of a dataset before training begins, each of its parts read and let go."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Bool, Int
 
-from neuroanimator.data.config import MAX_UNROLL
-from neuroanimator.data.store import Transitions
-from neuroanimator.data.stored import NUMBER_SIZE, Runs, StoredTransitions, held_out_runs
+from neuroanimator.data.store import Dataset, Transitions, join_transitions
+from neuroanimator.data.stored import memory_taken
+from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.training.config import TrainingConfig
 
-SAMPLE = 300_000
-"""So many windows shape modes, symmetries and what is rare are found by, at most: as many as a usual dataset has."""
-
-SAMPLE_SHARDS = 64
-"""Shards they come from, spread over the whole dataset, at most."""
-
-SAMPLE_SHARE = 0.25
-"""Share of the memory that the sample, and what is computed of it, may take."""
-
-SAMPLE_COPIES = 6
-"""So many times itself a sample takes while it is encoded in double precision."""
+MAX_SAMPLED_PARTS = 64
+"""Maximum number of parts that shape modes are found by."""
 
 MAX_VALIDATION = 8192
-"""Windows used for validation, at most: more would slow training and change no digit that matters."""
+"""Maximum number of windows used for validation: more would slow training and change no digit that matters."""
 
 
-def training_runs(runs: Runs, config: TrainingConfig, shard: int) -> Runs:
-    """Return those of a shard's runs that are learnt from."""
-    return runs.where(~_held_out(runs, config, shard))
+def validation_mask(
+    run: Int[np.ndarray, " N"], config: TrainingConfig, part: int = 0
+) -> Bool[np.ndarray, " N"]:
+    """Return (N,) True for windows whose whole run is kept for validation, of part number `part` of a dataset."""
+    runs = np.unique(run)
+    count = max(1, round(len(runs) * config.validation_share))
+    chosen = np.random.default_rng([config.seed, 1, part]).permutation(runs)[:count]
+    return np.isin(run, chosen)
 
 
-def sample_of(data: StoredTransitions, config: TrainingConfig) -> Transitions:
-    """Return single super steps of training runs from all over the dataset, as many as there is memory for."""
-    numbers = 2 * data.system.state.size + data.system.control.size
-    room = SAMPLE_SHARE * config.memory / (SAMPLE_COPIES * NUMBER_SIZE * numbers)
-    count = min(SAMPLE, max(1, int(room)))
-    return _gathered(data, config, count, unroll=1, is_held_out=False)
+def training_windows(data: Dataset, number: int, config: TrainingConfig) -> Transitions:
+    """Return the windows of part `number` that are learnt from."""
+    part = data.read_part(number)
+    return part.where(~validation_mask(part.run, config, number))
 
 
-def validation_of(data: StoredTransitions, config: TrainingConfig) -> Transitions:
-    """Return windows of runs that are kept for validation, from all over the dataset."""
-    return _gathered(data, config, MAX_VALIDATION, unroll=MAX_UNROLL, is_held_out=True)
+def base_windows(base: Emulator, data: Transitions) -> Transitions:
+    """Return the windows in the latent numbers in which `base` makes its super steps."""
+    states = base.encoding.encode_recorded(data.states)
+    controls = base.encode_control(data.controls).astype(np.float32, copy=False)
+    return replace(data, states=states, controls=controls)
 
 
-def _gathered(
-    data: StoredTransitions, config: TrainingConfig, count: int, *, unroll: int, is_held_out: bool
-) -> Transitions:
-    """Return at most `count` windows of `unroll` super steps, of shards that lie evenly apart; ArgumentError for none."""
-    shards = np.unique(np.linspace(0, data.config.shards - 1, SAMPLE_SHARDS).astype(int))
-    of_each = -(-count // len(shards))
-    states = []
-    controls = []
-    for shard in shards:
-        runs = data.read(int(shard)).runs
-        runs = runs.where(_held_out(runs, config, int(shard)) == is_held_out)
-        every = max(1, runs.samples.size // of_each)
-        shard_states, shard_controls = runs.windows(unroll)
-        states.append(shard_states[::every][:of_each])
-        controls.append(shard_controls[::every][:of_each])
-    gathered = data.transitions(np.concatenate(states)[:count], np.concatenate(controls)[:count])
-    if not len(gathered.states):
+def sample_of(data: Dataset, config: TrainingConfig) -> Transitions:
+    """Return training windows from all over the dataset, as many as there is memory for; ArgumentError for none."""
+    share = config.memory / memory_taken(data.config, data.system)
+    count = min(data.part_count, max(1, int(share * data.part_count)), MAX_SAMPLED_PARTS)
+    numbers = np.unique(np.linspace(0, data.part_count - 1, count).astype(int))
+    came = 0
+    training = []
+    for number in numbers:
+        part = data.read_part(int(number))
+        came += len(part.states)
+        training.append(part.where(~validation_mask(part.run, config, int(number))))
+    sample = join_transitions(training)
+    if not len(sample.states):
+        lost = ""
+        if sample.diverged:
+            lost = f" {sample.diverged} runs diverged and were dropped: use a smaller step."
         raise ArgumentError(
-            f"{data.folder}: no runs to learn from or to validate by; too many diverged."
+            f"count: {came} transitions are too few to train on; wanted some hundred.{lost}"
         )
-    return gathered
+    return sample
 
 
 @dataclass
 class Survey:
-    """One reading of all training windows; how many there were is known when it is over."""
+    """One reading of all windows; what it found is known when it is over."""
 
-    data: StoredTransitions
+    data: Dataset
     config: TrainingConfig
-    sha256: list[str] = field(default_factory=list)
-    """Of the shards read so far."""
     counts: list[int] = field(default_factory=list)
-    """How many training windows each had."""
+    """Number of training windows in each part read so far."""
+    held_out: list[Transitions] = field(default_factory=list)
+    """Windows of each part that are kept for validation, at most its share of `MAX_VALIDATION`."""
 
     def parts(self) -> Iterator[Transitions]:
-        """Yield the single super steps of the training windows, a shard at a time."""
-        for shard in range(self.data.config.shards):
-            stored = self.data.read(shard)
-            runs = training_runs(stored.runs, self.config, shard)
-            self.sha256.append(stored.sha256)
-            self.counts.append(runs.samples.size)
-            if runs.samples.size:
-                yield self.data.transitions(*runs.windows(1))
+        """Yield the training windows of each part that has any."""
+        share = -(-MAX_VALIDATION // self.data.part_count)
+        for number, part in enumerate(self.data.parts()):
+            is_held_out = validation_mask(part.run, self.config, number)
+            self.held_out.append(part.where(np.flatnonzero(is_held_out)[:share]))
+            training = part.where(~is_held_out)
+            self.counts.append(len(training.states))
+            if len(training.states):
+                yield training
 
-
-def _held_out(runs: Runs, config: TrainingConfig, shard: int) -> np.ndarray:
-    """Return which of a shard's runs are kept for validation."""
-    return held_out_runs(config.seed, config.validation_share, shard, len(runs.states))
+    @property
+    def validation(self) -> Transitions:
+        """At most `MAX_VALIDATION` windows, evenly from the whole dataset."""
+        windows = join_transitions(self.held_out)
+        rows = np.linspace(0, len(windows.states) - 1, MAX_VALIDATION).astype(int)
+        return windows.where(np.unique(rows))

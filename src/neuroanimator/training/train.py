@@ -14,8 +14,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.data.store import Transitions
-from neuroanimator.data.stored import StoredTransitions
+from neuroanimator.data.store import Dataset, Transitions
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.artifact import check_readable, save
 from neuroanimator.emulator.emulator import Emulator
@@ -32,7 +31,6 @@ from neuroanimator.training.feed import Feed
 from neuroanimator.training.lesson import lesson_of
 from neuroanimator.training.loss import squared_error
 from neuroanimator.training.optimizer import make_optimizer
-from neuroanimator.training.survey import MAX_VALIDATION
 from neuroanimator.training.trust_fitting import with_meter
 from neuroanimator.training.validation import validation_errors
 
@@ -60,7 +58,7 @@ class Report(NamedTuple):
 
 
 def train(
-    data: Transitions | StoredTransitions,
+    data: Dataset,
     config: TrainingConfig,
     out: str | Path,
     *,
@@ -81,7 +79,7 @@ def train(
     with locked(folder):
         run = _Run.prepare(data, config, folder, checkpoints or folder, start_from)
         remove_stale(folder)
-        provenance = {"dataset": data.config.model_dump(), "training": _settings(data, config)}
+        provenance = {"dataset": data.config.model_dump(), "training": _settings(run.feed, config)}
         check_readable(run.problem.base, folder, provenance)
         with closing(run.feed):
             while not run.is_over:
@@ -91,11 +89,12 @@ def train(
     return emulator
 
 
-def _settings(data: Transitions | StoredTransitions, config: TrainingConfig) -> dict[str, Any]:
-    """Return the settings that the weights depend on: of a dataset in memory, the memory is none of them."""
-    if isinstance(data, Transitions):
-        return config.model_dump(mode="json", exclude={"memory"})
-    return config.model_dump(mode="json")
+def _settings(feed: Feed, config: TrainingConfig) -> dict[str, Any]:
+    """Return the settings that the weights depend on: where all windows fit into memory, its size is none of them."""
+    settings = config.model_dump(mode="json")
+    if feed.pools.is_one:
+        del settings["memory"]
+    return settings
 
 
 def run_folder(out: Path) -> Path:
@@ -126,7 +125,7 @@ class _Run:
     @classmethod
     def prepare(
         cls,
-        data: Transitions | StoredTransitions,
+        data: Dataset,
         config: TrainingConfig,
         folder: Path,
         checkpoints: Place,
@@ -140,8 +139,8 @@ class _Run:
         return cls(
             problem=lesson.problem,
             feed=lesson.feed,
-            validation_states=as_jax(lesson.validation.states[:MAX_VALIDATION]),
-            validation_controls=as_jax(lesson.validation.controls[:MAX_VALIDATION]),
+            validation_states=as_jax(lesson.validation.states),
+            validation_controls=as_jax(lesson.validation.controls),
             measured=lesson.measured,
             noise=data.noise,
             folder=folder,

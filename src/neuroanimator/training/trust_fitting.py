@@ -12,14 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.data.store import Transitions
-from neuroanimator.data.stored import StoredTransitions, first_windows
+from neuroanimator.data.store import Dataset, Transitions
+from neuroanimator.data.stored import first_windows
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE, TrustMeter
 from neuroanimator.jax_later import Array, filter_jit, jax, jnp
 from neuroanimator.state.arrays import as_rows
-from neuroanimator.training.lesson import base_windows
+from neuroanimator.training.survey import base_windows
 
 DIRECTIONS = 16
 """Directions that are measured: half as many tell a little less, all of them take as long as the network."""
@@ -43,7 +43,7 @@ SMALLEST = 1e-12
 """Variances and scores below this are nothing."""
 
 
-def fit_trust(emulator: Emulator, data: Transitions | StoredTransitions) -> Emulator:
+def fit_trust(emulator: Emulator, data: Dataset) -> Emulator:
     """Return the emulator with a meter fitted to `data`: for files from before there was one, or for other uses.
 
     Data it was not trained on tell more of what it knows than those it was.

@@ -1,4 +1,4 @@
-"""A dataset larger than memory: every window once an epoch, an order that follows from the seed, the same bytes after a kill."""
+"""A dataset larger than memory: pools of windows in an order that follows from the seed, the same bytes after a kill."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -23,23 +25,23 @@ from neuroanimator import (
     read_transitions,
     train,
 )
-from neuroanimator.data.store import Transitions
-from neuroanimator.data.stored import StoredTransitions
+from neuroanimator.data.store import Dataset, Transitions, join_transitions
+from neuroanimator.data.stored import StoredTransitions, recut
+from neuroanimator.storage.files import read_tensors, write_tensors
 from neuroanimator.training.config import UPDATES_PER_CHUNK
-from neuroanimator.training.feed import StreamFeed
 from neuroanimator.training.initialise import build_emulator
 from neuroanimator.training.lesson import lesson_of
+from neuroanimator.training.pools import Pools
 from neuroanimator.training.prefetch import Prefetched
-from neuroanimator.training.survey import Survey, sample_of, training_runs
+from neuroanimator.training.survey import Survey, sample_of, training_windows
 from neuroanimator.training.train import run_folder
-from neuroanimator.training.window_stream import WindowStream
 
-TWO_SHARDS = 4_000_000
+TWO_SHARDS = 16_000_000
 """Memory in which a pool has two shards of the pendulum [bytes]."""
 
 
 def small_config(**settings: object) -> TrainingConfig:
-    """Return short training whose memory is less than users may ask for: the data are small as well."""
+    """Return short training whose memory may be less than users may ask for: the data are small as well."""
     config = TrainingConfig(widths=(8, 8), updates=1500, batch=64)
     return config.model_copy(update={"memory": TWO_SHARDS, **settings})
 
@@ -53,10 +55,8 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> StoredTransitions:
     return StoredTransitions(folder, config, load_system("pendulum"))
 
 
-def stream_of(stored: StoredTransitions, config: TrainingConfig) -> WindowStream:
-    feed = lesson_of(stored, config, None).feed
-    assert isinstance(feed, StreamFeed)
-    return feed.stream
+def pools_of(data: Dataset, config: TrainingConfig) -> Pools:
+    return lesson_of(data, config, None).feed.pools
 
 
 def rows(windows: np.ndarray) -> list[bytes]:
@@ -64,72 +64,89 @@ def rows(windows: np.ndarray) -> list[bytes]:
     return [window.tobytes() for window in np.ascontiguousarray(windows)]
 
 
-def stream_rows(stream: WindowStream, position: int, count: int) -> list[bytes]:
-    """Return the states at which `count` windows begin, from number `position` of the stream on."""
-    found: list[bytes] = []
-    for pool in stream.pools(position):
-        found += rows(pool.numbers[pool.begins[pool.skipped :], :6])
-        if len(found) >= count:
-            return found[:count]
-    raise AssertionError("the stream has ended")
+def pool_rows(pools: Pools, first: int) -> Iterator[list[bytes]]:
+    """Yield the windows of each pool from number `first` on."""
+    for pool in pools.pools(first):
+        yield rows(np.asarray(pool.states))
 
 
 def training_rows(stored: StoredTransitions, config: TrainingConfig) -> list[bytes]:
-    found: list[bytes] = []
-    for shard in range(stored.config.shards):
-        runs = training_runs(stored.read(shard).runs, config, shard)
-        found += rows(runs.windows(1)[0][:, 0])
-    return found
+    parts = [training_windows(stored, shard, config) for shard in range(stored.part_count)]
+    return rows(join_transitions(parts).states)
 
 
-def test_every_window_is_seen_once_in_every_epoch(stored: StoredTransitions):
+def test_every_window_is_in_one_pool_of_every_epoch(stored: StoredTransitions):
     config = small_config()
-    stream = stream_of(stored, config)
-    assert stream.shards_per_pool == 2
-    wanted = Counter(training_rows(stored, config))
-    for epoch in range(2):
-        assert Counter(stream_rows(stream, epoch * stream.epoch, stream.epoch)) == wanted
+    pools = pools_of(stored, config)
+    assert 2 * pools.counts.max() <= pools.size < 3 * pools.counts.max()
+    wanted = training_rows(stored, config)
+    order: list[bytes] = []
+    for pool in pool_rows(pools, 0):
+        assert len(pool) == pools.size
+        order += pool
+        if len(order) >= 2 * pools.epoch:
+            break
+    first = order[: pools.epoch]
+    second = order[pools.epoch : 2 * pools.epoch]
+    assert Counter(first) == Counter(second) == Counter(wanted)
+    assert first != second
 
 
 def test_the_order_follows_from_the_seed_alone(stored: StoredTransitions):
-    count = 30_000
-    stream = stream_of(stored, small_config())
-    order = stream_rows(stream, 0, count)
-    assert stream_rows(stream_of(stored, small_config()), 0, count) == order
-    assert stream_rows(stream_of(stored, small_config(seed=1)), 0, count) != order
-    assert stream_rows(stream, stream.epoch, count) != order
+    first = next(pool_rows(pools_of(stored, small_config()), 0))
+    assert next(pool_rows(pools_of(stored, small_config()), 0)) == first
+    assert next(pool_rows(pools_of(stored, small_config(seed=1)), 0)) != first
 
 
-def test_taken_up_anywhere_a_stream_goes_on_as_if_it_had_never_stopped(stored: StoredTransitions):
-    stream = stream_of(stored, small_config())
-    whole = stream_rows(stream, 0, 2 * stream.epoch)
-    for position in (1, 9_000, stream.epoch - 1, stream.epoch, stream.epoch + 17_000):
-        assert stream_rows(stream, position, 500) == whole[position : position + 500]
+def test_taken_up_anywhere_the_pools_go_on_as_if_they_had_never_stopped(
+    stored: StoredTransitions,
+):
+    pools = pools_of(stored, small_config())
+    whole = list(islice(pool_rows(pools, 0), 7))
+    for number in (1, 2, 3, 6):
+        assert next(pool_rows(pools, number)) == whole[number]
 
 
-@pytest.mark.parametrize("rare_share", [0.0, 0.25])
-def test_blocks_are_the_stream_in_batches(stored: StoredTransitions, rare_share: float):
-    config = small_config(rare_share=rare_share)
-    feed = lesson_of(stored, config, None).feed
-    assert isinstance(feed, StreamFeed)
-    stream = feed.stream
-    demands = list(feed.demands_of(0))
-    assert sum(demand.updates for demand in demands) == UPDATES_PER_CHUNK
-    blocks = list(stream.blocks(iter(demands), 0))
-    new = stream.new_per_batch(config.batch)
-    states = np.concatenate([block.windows[:, :new, 0, :6].reshape(-1, 6) for block in blocks])
-    assert rows(states) == stream_rows(stream, 0, UPDATES_PER_CHUNK * new)
-    if rare_share:
-        # Importance sampling: windows drawn more often count less, and the mean weight stays one.
-        weights = np.concatenate([block.weights for block in blocks])
-        assert weights.mean() == pytest.approx(1, abs=0.02)
-        assert (weights[:, new:] < 1).all()
+def test_a_pool_is_left_after_as_many_draws_as_it_has_windows(stored: StoredTransitions):
+    config = small_config(updates=40_000)
+    pools = pools_of(stored, config)
+    draws = UPDATES_PER_CHUNK * config.batch
+    assert pools.size > draws
+    single = pools.of_chunks[: config.chunks // 2]
+    assert single.tolist() == [chunk * draws // pools.size for chunk in range(len(single))]
+    # Where a chunk draws more than a pool has, every chunk has a pool of its own and none is left out.
+    greedy = replace(pools, config=small_config(updates=2000, batch=4096, unroll=1))
+    assert greedy.of_chunks.tolist() == list(range(8))
+
+
+def test_data_in_memory_are_one_pool_whatever_the_memory(stored: StoredTransitions, tmp_path: Path):
+    whole = read_transitions(stored.folder)
+    config = small_config(updates=250)
+    pools = pools_of(whole, config)
+    assert pools.is_one
+    assert not pools.of_chunks.any()
+    (pool,) = pool_rows(pools, 0)
+    assert pool == rows(training_windows(whole, 0, config).states)
+    files = [tmp_path / "small.safetensors", tmp_path / "large.safetensors"]
+    for memory, file in zip((TWO_SHARDS, 10**9), files, strict=True):
+        train(whole, small_config(updates=250, memory=memory), file)
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_windows_are_cut_alike_wherever_parts_end(stored: StoredTransitions):
+    whole = read_transitions(stored.folder)
+    for size in (1000, 9216, 20_000, len(whole.states)):
+        pieces = list(recut(stored.parts(), size))
+        assert {len(piece.states) for piece in pieces[:-1]} <= {size}
+        again = join_transitions(pieces)
+        assert np.array_equal(again.states, whole.states)
+        assert np.array_equal(again.run, whole.run)
 
 
 def test_statistics_of_parts_are_those_of_the_whole(stored: StoredTransitions):
     config = small_config()
     whole = read_transitions(stored.folder)
-    kept = np.isin(rows(whole.states[:, 0]), training_rows(stored, config))
+    kept = np.isin(rows(whole.states), training_rows(stored, config))
     at_once = build_emulator(whole.where(kept), config)
     by_parts = build_emulator(sample_of(stored, config), config, Survey(stored, config).parts())
     for name in ("plain_mean", "plain_scale", "change_mean", "change_scale", "unit"):
@@ -183,8 +200,10 @@ one_shard = StoredTransitions(folder, read_config(folder), system)
 
 class Repeated(StoredTransitions):
     # A large dataset whose shards are all the same real one.
-    def read(self, shard):
-        return one_shard.read(0)
+    def read_part(self, number, unroll=4):
+        return one_shard.read_part(0, unroll)
+
+    fingerprint = "repeated"
 
 config = TrainingConfig(widths=(8, 8), updates=1000, batch=256, memory=32_000_000)
 count = int(sys.argv[3]) * one_shard.config.count
@@ -216,8 +235,8 @@ def test_data_that_fit_are_read_and_others_stay_on_disk(stored: StoredTransition
 
 
 def test_memory_for_less_than_a_shard_is_refused(stored: StoredTransitions):
-    with pytest.raises(NeuroAnimatorError, match=r"memory: 1MB holds no shard.*at least 2MB"):
-        stream_of(stored, small_config(memory=1_000_000)).shards_per_pool  # noqa: B018
+    with pytest.raises(NeuroAnimatorError, match=r"memory: 1MB holds no shard.*at least 8MB"):
+        _ = pools_of(stored, small_config(memory=1_000_000)).size
 
 
 def test_sizes_are_numbers_with_a_unit():
@@ -230,12 +249,17 @@ def test_sizes_are_numbers_with_a_unit():
 def test_a_shard_that_changes_while_it_is_learnt_from_is_named(
     stored: StoredTransitions, tmp_path: Path
 ):
-    stream = stream_of(stored, small_config())
-    changed = WindowStream(
-        stored, stream.base, stream.config, ("",) * 5, stream.counts, stream.rare_from
-    )
-    with pytest.raises(NeuroAnimatorError, match=r"shard-0000\d.safetensors has changed"):
-        next(changed.pools(0))
+    for path in stored.folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    data = StoredTransitions(tmp_path, stored.config, stored.system)
+    pools = pools_of(data, small_config())
+    path = tmp_path / "shard-00003.safetensors"
+    tensors, metadata = read_tensors(path, "shard")
+    tensors = {**tensors, "states": tensors["states"] + 1}
+    del metadata["sha256"]
+    write_tensors(path, tensors, metadata)
+    with pytest.raises(NeuroAnimatorError, match=r"shard-00003.safetensors has changed"):
+        list(islice(pools.pools(0), 3))
 
 
 def test_what_is_made_ahead_is_bounded_and_errors_arrive():
