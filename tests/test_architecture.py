@@ -51,6 +51,7 @@ BEYOND_PUBLIC_NAMES = {
     "emulator.c_emulator",
     "emulator.emulator",
     "emulator.spec",
+    "emulator.verdict",
     "errors",
     "evaluation.held_out",
     "executor.python_command",

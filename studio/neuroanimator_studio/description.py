@@ -16,6 +16,7 @@ from neuroanimator.control.objective.goals import goal_start, goal_state
 from neuroanimator.control.policies.policy import COMMAND
 from neuroanimator.emulator.emulator import latent_size
 from neuroanimator.emulator.spec import EmulatorSpec
+from neuroanimator.emulator.verdict import Verdict
 from neuroanimator.state.pose_entries import describe_root
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
 from neuroanimator.state.structure import Structure
@@ -51,7 +52,15 @@ def describe_emulator(emulator: Emulator, system: System) -> dict[str, Any]:
     facts["title"] = _title(emulator)
     facts["latent"] = latent_size(emulator)
     facts["goals"] = describe_goals(emulator, system)
+    facts["verdict"] = describe_verdict(emulator.verdict)
     return facts
+
+
+def describe_verdict(verdict: Verdict | None) -> dict[str, str] | None:
+    """Return how good an emulator is where it was trained; None where its file does not tell."""
+    if verdict is None:
+        return None
+    return {"word": verdict.word, "reasons": "; ".join(verdict.reasons)}
 
 
 def describe_physics(spec: EmulatorSpec, system: System) -> dict[str, Any]:

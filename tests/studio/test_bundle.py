@@ -27,7 +27,7 @@ from neuroanimator_studio.catalogue import (
     shipped_bundles,
     shipped_folder,
 )
-from neuroanimator_studio.description import unpacked
+from neuroanimator_studio.description import describe_verdict, unpacked
 
 MAX_FILE = 1 << 20
 """No file of a bundle that ships is larger [bytes]."""
@@ -70,6 +70,13 @@ def test_no_file_that_ships_is_large(name: str):
     files = list((shipped_folder() / name).iterdir())
     assert {"bundle.json", "emulator.wasm"} <= {path.name for path in files}
     assert max(path.stat().st_size for path in files) <= MAX_FILE
+
+
+@pytest.mark.parametrize("name", SHIPPED_BUNDLES)
+def test_a_bundle_says_how_good_its_emulator_is_where_it_was_trained(name: str):
+    verdict = load_emulator(name).verdict
+    assert verdict is not None
+    assert shipped(name)["verdict"] == describe_verdict(verdict)
 
 
 @pytest.mark.parametrize("name", SHIPPED_BUNDLES)

@@ -112,6 +112,8 @@ export interface Bundle {
   readonly id: string;
   readonly system: string;
   readonly about: string;
+  /** How good the emulator is where it was trained; null where its file does not tell, undefined of physics. */
+  readonly verdict?: { readonly word: string; readonly reasons: string } | null;
   /** What makes its super steps: an emulator, or the physics itself where that costs less. */
   readonly model?: "emulator" | "physics";
   readonly dt: number;

@@ -197,7 +197,7 @@ export class Showing {
     const { score } = this.#measure;
     world.doubt = Math.min(Math.max((score - EDGE) / (LOST - EDGE), 0), 1);
     this.hud.showMode(player);
-    this.hud.showTrust(player.motion.source === "physics" || isPhysics(facts) ? null : score);
+    this.hud.showTrust(player.motion.source === "physics" || isPhysics(facts) ? null : score, facts.verdict);
     // A recorded motion is looked at, not steered: there the glow and the lamp say enough.
     if (score > LOST && player.isLive && !isPhysics(facts)) {
       const line = "Training has not covered this: do not believe the emulator here. Press R to begin again, or Ctrl+Z to go back.";
