@@ -92,6 +92,16 @@ def test_every_window_is_in_one_pool_of_every_epoch(stored: StoredTransitions):
     assert first != second
 
 
+def test_a_pool_has_windows_of_many_runs_however_small_it_is(stored: StoredTransitions):
+    """Of few runs, windows are too much alike: errors of an emulator were a third larger."""
+    pools = pools_of(stored, small_config())
+    shards = [set(rows(training_windows(stored, shard, pools.config).states)) for shard in range(5)]
+    for pool in islice(pool_rows(pools, 0), 3):
+        of_shards = [len(shard.intersection(pool)) for shard in shards]
+        assert all(of_shards)
+        assert max(of_shards) < pools.size / 3
+
+
 def test_the_order_follows_from_the_seed_alone(stored: StoredTransitions):
     first = next(pool_rows(pools_of(stored, small_config()), 0))
     assert next(pool_rows(pools_of(stored, small_config()), 0)) == first

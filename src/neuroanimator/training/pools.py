@@ -1,8 +1,9 @@
 """The training windows of a dataset, in pools: as many windows as fit into memory, from shards in random order.
 
 A dataset that fits is one pool. Of a larger one every epoch orders the shards anew; pools are cut one after another from
-the windows in that order. Batches are drawn from the pool of their chunk, with replacement. The pools follow from the
-seed and their size alone, so a run that is taken up anywhere goes on as if it had never stopped.
+the windows in that order, all of a shard's or, where few shards would fill a pool, some of every run. Batches are drawn
+from the pool of their chunk, with replacement. The pools follow from the seed and their size alone, so a run that is taken
+up anywhere goes on as if it had never stopped.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ from neuroanimator.training.survey import base_windows, training_windows
 
 SHARD_ORDER = 11
 """Tells the random numbers that order shards from others of the same seed."""
+
+MIN_PARTS = 32
+"""Minimum number of parts that the windows of a pool come from: windows of few runs are too much alike."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,14 @@ class Pools:
         return self.size == self.epoch
 
     @cached_property
+    def passes(self) -> int:
+        """Number of times that all parts are read in an epoch, each time for other windows of every run."""
+        if self.is_one:
+            return 1
+        largest = int(self.counts.max())
+        return max(1, -(-min(MIN_PARTS, len(self.counts)) * largest // self.size))
+
+    @cached_property
     def of_chunks(self) -> Int[np.ndarray, " K"]:
         """Number of the pool that each chunk draws from: a new one after as many draws as a pool has windows."""
         config = self.config
@@ -88,13 +100,16 @@ class Pools:
         """Yield the latent windows of all epochs, one after another, from number `position` on, a part at a time."""
         epoch, skipped = divmod(position, self.epoch)
         while True:
-            rng = np.random.default_rng([self.config.seed, SHARD_ORDER, epoch])
-            for number in rng.permutation(len(self.counts)):
-                count = int(self.counts[number])
-                if skipped < count:
-                    windows = training_windows(self.data, int(number), self.config)
-                    yield base_windows(self.base, windows.where(slice(skipped, None)))
-                skipped = max(0, skipped - count)
+            for offset in range(self.passes):
+                rng = np.random.default_rng([self.config.seed, SHARD_ORDER, epoch, offset])
+                for number in rng.permutation(len(self.counts)):
+                    count = len(range(offset, int(self.counts[number]), self.passes))
+                    if skipped < count:
+                        windows = training_windows(self.data, int(number), self.config)
+                        first = offset + skipped * self.passes
+                        chosen = windows.where(slice(first, None, self.passes))
+                        yield base_windows(self.base, chosen)
+                    skipped = max(0, skipped - count)
             epoch += 1
 
     def _in_memory(self, windows: Transitions) -> WindowsInMemory:
