@@ -30,7 +30,7 @@ def ship(names: list[str]) -> None:
     for name in names:
         folder = shipped_folder() / name
         if name in PHYSICS_BUNDLES:
-            folder.mkdir(exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
             write_physics_module(name, folder)
             write_facts(physics_facts(name, folder), folder)
         else:
