@@ -40,7 +40,7 @@ STATES = ("cold", "warm")
 """The states of the cache a task is timed in: emptied, and left by the run before."""
 
 MAX_SHOWN = 300
-"""So many of the last characters of what a failed run said are shown."""
+"""Number of last characters shown of what a failed run said."""
 
 STEPS = """
 import sys, time
@@ -54,7 +54,7 @@ for call in range(int(sys.argv[1])):
     np.asarray(emulator.step(state, control))
 print(time.perf_counter() - began)
 """
-"""The program that prints how long the last of so many calls took [s]."""
+"""Program that prints how long the last of a number of calls took [s]."""
 
 RUN_VERB = "from neuroanimator.cli.main import main; main()"
 """The program that runs a verb of the command line."""

@@ -31,10 +31,10 @@ from neuroanimator.terminal import print_table
 
 Rows = list[dict[str, Any]]
 ITERATIONS = (20, 100)
-"""Descents are stopped after so many iterations."""
+"""Maximum numbers of iterations of a descent."""
 
 TRIALS = 12
-"""Medians are over so many trials."""
+"""Number of trials over which medians are taken."""
 
 
 def task_rows(tasks: list[Task], is_quick: bool, plot: Path | None) -> Rows:

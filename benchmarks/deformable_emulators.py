@@ -32,19 +32,19 @@ COUNTS = (25, 50, 100)
 """The n of the emulators."""
 
 SWIMS = 64
-"""So many random swims are compared with the physics."""
+"""Number of random swims compared with the physics."""
 
 SWIM_STEPS = 100
-"""A swim lasts so many super steps."""
+"""Length of a swim [super steps]."""
 
 LONG_STARTS = 100
-"""So many bodies swim for long."""
+"""Number of bodies that swim for long."""
 
 LONG_STEPS = 100_000
-"""They swim for so many super steps."""
+"""Number of super steps for which they swim."""
 
 DIGITS = 2
-"""Quartiles are told with so many digits."""
+"""Number of digits of quartiles."""
 
 KNOWN_RUNS = 36 * 1_000
 """Training states a long run is measured against."""

@@ -38,22 +38,22 @@ SYSTEMS = ("fish", "dolphin", "cube")
 """The shipped systems measured."""
 
 BATCHES = (1, 64, 1024)
-"""So many bodies are simulated at once."""
+"""Numbers of bodies simulated at once."""
 
 BODY_STEPS = 20_000
 """The physics steps of all bodies together in one timed run."""
 
 COMPARED_STEPS = 100
-"""JAX and C are compared after so many steps."""
+"""Number of steps after which JAX and C are compared."""
 
 COMPARED_BODIES = 16
-"""JAX and C are compared on so many random bodies."""
+"""Number of random bodies on which JAX and C are compared."""
 
 SUPER_STEP = 50
-"""A super step covers so many physics steps."""
+"""Number of physics steps in a super step."""
 
 DIVISIONS = (50, 25, 10, 5)
-"""One-step errors are measured with so many physics steps per super step."""
+"""Numbers of physics steps per super step with which one-step errors are measured."""
 
 REPEATS = 25
 """Every side is timed so often: enough to outlast a burst of other work on a shared machine, which nine are not."""
@@ -62,10 +62,10 @@ QUICK_REPEATS = 3
 """Every side is timed so often with --quick."""
 
 ERROR_RUNS = 32
-"""One-step errors are measured in so many runs."""
+"""Number of runs in which one-step errors are measured."""
 
 ERROR_STEPS = 20
-"""Each of these runs takes so many super steps."""
+"""Number of super steps in each of these runs."""
 
 Row = dict[str, Any]
 Rows = list[Row]

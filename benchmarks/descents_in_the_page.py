@@ -37,10 +37,10 @@ PLACES = 12
 """Places of each bundle; the first one is where the page begins."""
 
 REPEATS = 5
-"""The best of so many counts: the machine may have other things to do."""
+"""Number of repetitions of which the best counts: the machine may have other things to do."""
 
 ROUNDS = 3
-"""The page closes the gap in so many rounds, or not."""
+"""Maximum number of rounds in which the page may close the gap."""
 
 Row = dict[str, Any]
 

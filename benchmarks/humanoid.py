@@ -43,16 +43,16 @@ from neuroanimator.terminal import print_table
 from neuroanimator.training.train import train
 
 SUBSTEPS = 25
-"""A super step covers so many physics steps of 3 ms each, the model's own."""
+"""Number of physics steps in a super step, of 3 ms each, the model's own."""
 
 SAMPLES_PER_RUN = 36
-"""A run of the dataset holds so many transitions."""
+"""Number of transitions in a run of the dataset."""
 
 TEST_SECONDS = 3.0
 """A run the errors are measured on takes so long [s]."""
 
 ROOT_ENTRIES = 6
-"""The root takes so many of the positions' changes, and so many of the velocities'."""
+"""Numbers of the positions' changes, and of the velocities', that the root takes."""
 
 GROUPS = """
 [groups]

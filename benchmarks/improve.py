@@ -70,7 +70,7 @@ SEEDS = (11, 12, 13)
 TOLERANCES = (0.9, 0.8, 0.7)
 """Shares of the error on the shifted test, as it was."""
 KEPT = 1.05
-"""That on the usual one may be at most so many times what it was: quantiles of so few super steps are known no better."""
+"""Maximum ratio of the error on the usual one to what it was: quantiles of so few super steps are known no better."""
 
 
 class Task(NamedTuple):

@@ -34,16 +34,16 @@ QUICK_STEPS = 10_000
 """The super steps of a run with --quick."""
 
 STARTS = 8
-"""So many motions are driven by random controls, all from rest."""
+"""Number of motions driven by random controls, all from rest."""
 
 BLOCK = 1_000
-"""So many super steps are rolled out at once: a million would take gigabytes."""
+"""Number of super steps rolled out at once: a million would take gigabytes."""
 
 PHYSICS_SECONDS = 60.0
 """The physics is left at rest for so long [s]: after that nothing is new."""
 
 RANGE_SCALE = 1.1
-"""A feature is inside if it stays within so many times its range of training."""
+"""Maximum multiple of its range in training within which a feature is inside."""
 
 SEED = 7
 """The random controls are drawn from this seed."""

@@ -54,10 +54,10 @@ CASES = Path(__file__).parent / "own_models_cases"
 """The models that are nobody else's."""
 
 RECORDED_RUNS = 30
-"""The recording has so many runs."""
+"""Number of runs in the recording."""
 
 RECORDED_ROWS = 600
-"""Each of them has so many rows, a hundredth of a second apart."""
+"""Number of rows in each of them, a hundredth of a second apart."""
 
 NOISE = 0.01
 """Standard deviation of the recording's noise [rad]; that of its rate is five times as large."""

@@ -85,7 +85,7 @@ JUDGED_SEED = 5_000
 """Starts of judged episodes, which nobody learns from."""
 
 EPISODES = 10
-"""The last policy of each arm is judged in so many episodes of Gymnasium's environment."""
+"""Number of episodes of Gymnasium's environment in which the last policy of each arm is judged."""
 
 SHOWN = (
     "task",

@@ -40,7 +40,7 @@ WORKPLACE = Path("out/policies")
 """Training writes its files to this folder."""
 
 TRIALS = 100
-"""So many bodies are sent to random targets."""
+"""Number of bodies sent to random targets."""
 
 SECONDS = 6.0
 """Each of them swims so long [s]."""
@@ -61,13 +61,13 @@ STRAIGHT_SECONDS = 3.0
 """The heading of a body told to swim straight ahead is measured after this time, its speed after twice that [s]."""
 
 SCHOOL = 12
-"""A school has so many fish."""
+"""Number of fish in a school."""
 
 SCHOOL_SECONDS = 30.0
 """A school swims so long [s]."""
 
 SCHOOLS = 3
-"""So many schools are measured, each from a seed of its own."""
+"""Number of schools measured, each from a seed of its own."""
 
 SCHOOL_SPEED = 0.9
 """A school is told to swim at this share of the highest speed."""

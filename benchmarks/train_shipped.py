@@ -39,14 +39,14 @@ TRIALS = 48
 """Of each task of a system, besides; a quarter of them of other sizes and super steps."""
 
 MORE_RUNS = {"lander": 2}
-"""So many times as many of all where errors are spread most: touchdowns are rare and make the largest."""
+"""Factor by which there are more of all where errors are spread most: touchdowns are rare and make the largest."""
 
 ALWAYS_MANY = ("lander",)
 """Of these every size and super step is measured as the usual one is: with fewer, touchdowns were too few, and 83 to 86 % of new
 motions of controllers were below bounds of 90 %."""
 
 MORE_TRIALS = {"lander": 2, "fish": 4, "dolphin": 4}
-"""So many times as many trials: swimmers' take hundredths of a second."""
+"""Factor by which there are more trials: swimmers' take hundredths of a second."""
 
 
 def bound_shipped(system: str, substeps: int, size: str) -> None:

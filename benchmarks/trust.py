@@ -60,7 +60,7 @@ OTHERS = tuple(
 """The other emulators that ship."""
 
 RUNS = 400
-"""So many runs of each kind."""
+"""Number of runs of each kind."""
 
 STEPS = 8
 """Super steps of each."""
@@ -69,7 +69,7 @@ HELD = 20
 """Super steps for which a control at its bounds is held."""
 
 FASTER = (1.2, 2.0)
-"""Shifted starts move so many times as fast."""
+"""Factors by which shifted starts move faster."""
 
 HEADS = 8
 RIDGE = 1e-3

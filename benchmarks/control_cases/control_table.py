@@ -33,10 +33,10 @@ WARM_UP_TRIAL = 10_000
 """The number of the trial that compiles everything; it is not among those measured."""
 
 PLANNED_STEPS = 30
-"""A re-plan looks so many super steps ahead."""
+"""Horizon of a re-plan [super steps]."""
 
 DRIVEN_STEPS = 120
-"""So many super steps are planned and driven."""
+"""Number of super steps planned and driven."""
 
 EFFORT_WEIGHT = 0.1
 """Weight of the effort beside a goal to come to."""
@@ -48,7 +48,7 @@ MIN_SECONDS = 0.5
 """A baseline gets at least this time [s]."""
 
 DIGITS = 2
-"""Times are told with so many digits: they differ by more from run to run."""
+"""Number of digits of times: they differ by more from run to run."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class ControlBudget:
     runs: int
     """Trials in which baselines look for the J that was found."""
     patience: float
-    """A baseline gets so many times as long as the emulator took."""
+    """Ratio of the time a baseline gets to that which the emulator took."""
     cosines: int
     """Trials in which the emulator's gradient is held against the physics'."""
 

@@ -15,7 +15,7 @@ MEASURED_TRIAL = 0
 """The number of the trial that is solved."""
 
 TRIES = 3
-"""The quickest of so many processes counts: the machine has other things to do, too."""
+"""Number of processes of which the quickest counts: the machine has other things to do, too."""
 
 LIMIT = 300.0
 """[s] A process that takes longer is given up."""

@@ -20,10 +20,10 @@ from neuroanimator.systems.deformable.deformable_system import DeformableSystem
 from neuroanimator.systems.deformable.mass_spring import BodyState, internal_energy, strains
 
 BLOCK = 500
-"""So many super steps are rolled out at once."""
+"""Number of super steps rolled out at once."""
 
 MEASURED_EVERY = 25
-"""The body is measured every so many super steps."""
+"""Interval between measurements of the body [super steps]."""
 
 MEASURES = ("strain", "energy", "shape")
 """What is measured: the largest strain, the energy within the body, and how far its shape is from rest."""
@@ -32,7 +32,7 @@ LATE = 0.9
 """What comes after this share of the run counts as late."""
 
 TOLERANCE = 1.1
-"""A body stays within what training showed if no measure exceeds so many times the largest there."""
+"""Maximum ratio of a measure to the largest in training for a body to stay within what training showed."""
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,10 @@ Correction = Callable[[Float[Array, " L"]], Float[Array, " L"]]
 """latent state → the latent state of a body whose springs have relaxed."""
 
 SOFTER = 0.5
-"""While they relax, springs have so many times their true stiffness: explicit steps stay stable."""
+"""Ratio of springs' stiffness to the true one while they relax: explicit steps stay stable."""
 
 MORE_DAMPED = 4.0
-"""While they relax, springs have so many times their true damping: explicit steps stay stable."""
+"""Ratio of springs' damping to the true one while they relax: explicit steps stay stable."""
 
 STEP_SHARE = 0.5
 """A relaxing step is this share of the largest stable one."""

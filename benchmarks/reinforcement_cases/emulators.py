@@ -28,10 +28,10 @@ PLAYED = 16
 """Episodes on MuJoCo of each policy of a round that is looked at: half of them by its mean actions, half as it learns."""
 
 PLAYED_STEPS = 250
-"""The first so many steps of an episode, at most."""
+"""Maximum number of first steps taken of an episode."""
 
 PLAYED_POLICIES = 4
-"""So many policies of a round are looked at, from its beginning to its end."""
+"""Number of policies looked at of a round, from its beginning to its end."""
 
 
 class Made(NamedTuple):

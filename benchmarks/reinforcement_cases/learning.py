@@ -37,7 +37,7 @@ SPEED_SECONDS = 3.0
 """A world is stepped so long to see how fast it is."""
 
 SOONER = 4
-"""So many times as often at first: a fast learner is done before the first sixteenth."""
+"""Factor by which it is done more often at first: a fast learner is done before the first sixteenth."""
 
 
 class Point(NamedTuple):

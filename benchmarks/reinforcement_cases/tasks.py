@@ -69,7 +69,7 @@ class LearningTask:
     """None: the emulator ships."""
     emulator: str = ""
     mujoco_seeds: int = 3
-    """So many learners on MuJoCo by mujoco.rollout; of Gymnasium's own, which take longer, there is one."""
+    """Number of learners on MuJoCo by mujoco.rollout; of Gymnasium's own, which take longer, there is one."""
     zoo_seconds: float = 60.0
     zoo: Learning | None = None
     """The settings of rl-baselines3-zoo, hyperparams/ppo.yml, on Gymnasium's environment itself."""

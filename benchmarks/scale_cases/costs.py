@@ -36,7 +36,7 @@ CHUNKS = 4
 QUICK_CHUNKS = 1
 
 REPEATS = 4
-"""The statistics of all transitions are taken so many times more, to tell what grows with them from what does not."""
+"""Number of times the statistics of all transitions are taken again, to tell what grows with them from what does not."""
 
 TRANSITIONS = (1e6, 1e9, 1e12)
 

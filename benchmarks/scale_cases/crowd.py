@@ -25,7 +25,7 @@ STEPS = 20
 """Super steps in a turn."""
 
 ROUNDS = 7
-"""Each number of cores takes so many turns, one after the other."""
+"""Number of turns of each number of cores, one after the other."""
 
 QUICK_ROUNDS = 2
 

@@ -18,7 +18,7 @@ TRANSITIONS = 120_000
 QUICK_TRANSITIONS = 40_000
 
 KILLS = 3
-"""So many worker processes are killed."""
+"""Number of worker processes killed."""
 
 
 def measure(work: Path, is_quick: bool) -> list[dict[str, Any]]:

@@ -19,17 +19,17 @@ from neuroanimator.executor.ray_cluster import RayExecutor
 from scale_cases.nodes import busy
 
 COUNTS = {0.01: 1000, 0.1: 200, 1.0: 20, 10.0: 4}
-"""So many tasks of each length [s]."""
+"""Number of tasks of each length [s]."""
 
 QUICK_COUNTS = {0.01: 100, 0.1: 20}
 
 SHARDS = 16
-"""So many shards of the pendulum, 256 runs each as always."""
+"""Number of shards of the pendulum, 256 runs each as always."""
 
 QUICK_SHARDS = 2
 
 ROUNDS = 5
-"""Both sides take so many turns, one after the other; medians count."""
+"""Number of turns of both sides, one after the other; medians count."""
 
 LONGEST = 600.0
 """No task takes so long [s]."""

@@ -26,7 +26,7 @@ updates = 250
 """
 
 EVERY = 5
-"""One emulator in so many is made by one process, too."""
+"""Number of emulators of which one is made by one process, too."""
 
 QUICK_FLEET = FLEET.replace(', "truck"', "").replace("[25, 50]", "[50]")
 

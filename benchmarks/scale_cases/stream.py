@@ -39,7 +39,7 @@ SUBSTEPS = 5
 """Short super steps of the pendulum: made quickly, and to training all windows are alike."""
 
 ROUNDS = 5
-"""Each side takes so many turns."""
+"""Number of turns of each side."""
 
 CHUNKS_PER_TURN = 60
 """The stream begins anew in each of its turns, with nothing read ahead; a turn is long enough to pay for it."""

@@ -49,22 +49,22 @@ NOMINAL_1998 = {
 """Speed-ups in Table 1 of the seminar paper: times for 20,000 physics steps, divided."""
 
 BATCHES = (64, 1024)
-"""Batches are timed of so many trajectories."""
+"""Numbers of trajectories in the batches timed."""
 
 BATCH_SUPER_STEPS = 400
-"""A trajectory of a batch lasts so many super steps."""
+"""Length of a trajectory of a batch [super steps]."""
 
 BATCH_REPEATS = 5
 """A batch is timed so often; the least time counts."""
 
 CALLS = 2_000
-"""So many calls from Python are timed one by one."""
+"""Number of calls from Python timed one by one."""
 
 BASELINE_EXAMPLES = 7_200
-"""The ridge regression is fitted to so many transitions: far more than it has numbers."""
+"""Number of transitions the ridge regression is fitted to: far more than it has numbers."""
 
 BASELINE_SAMPLES = 36
-"""So many of them come from each simulated run."""
+"""Number of them from each simulated run."""
 
 
 @dataclass(frozen=True)

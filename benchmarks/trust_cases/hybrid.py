@@ -30,7 +30,7 @@ RUNS = 96
 """Of each mixture."""
 
 FASTER = (1.2, 2.0)
-"""Shifted starts move so many times as fast: see `trust.py`."""
+"""Factors by which shifted starts move faster: see `trust.py`."""
 
 BISECTIONS = 6
 """Thresholds tried until the physics has its share."""

@@ -15,7 +15,7 @@ from neuroanimator.tasks.task import Trial
 from neuroanimator.training.error_fitting import UnseenRuns, simulate_unseen, steps_of
 
 CANDIDATES = 6
-"""So many of the controls that the first guesses of a descent came to are played, the best first."""
+"""Number of controls played of those that the first guesses of a descent came to, the best first."""
 
 SEED = 7
 """Joins the number of a trial, which is drawn apart from those that `benchmarks/control.py` solves."""

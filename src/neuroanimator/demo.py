@@ -36,19 +36,19 @@ SYSTEM = "pendulum"
 """The system that is learnt: three links and three motors."""
 
 SUBSTEPS = 50
-"""The emulator leaps so many physics steps at a time."""
+"""Number of physics steps the emulator leaps at a time."""
 
 TRANSITIONS = 100_000
-"""The emulator learns from so many super steps."""
+"""Number of super steps the emulator learns from."""
 
 UPDATES = 100_000
 """The emulator's weights are updated so often."""
 
 SWEEPS = 16
-"""The first descent takes at most so many backward sweeps."""
+"""Maximum number of backward sweeps of the first descent."""
 
 CORRECTIONS = 2
-"""So many corrections follow, of two sweeps each: at most twenty iterations in all."""
+"""Maximum number of corrections that follow, of two sweeps each: at most twenty iterations in all."""
 
 HOLD_SECONDS = 0.5
 """The film stays so long on the last state, so that one sees it stand [s]."""

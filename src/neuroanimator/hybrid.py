@@ -22,7 +22,7 @@ PHYSICS_STEPS = 3
 """Super steps the physics stays for, at least."""
 
 LOOK_AHEAD = 32
-"""So many leaps are tried at a time at first, and twice as many each time that all of them are trusted."""
+"""Number of leaps tried at a time at first, doubled each time that all of them are trusted."""
 
 
 class HybridMotion(NamedTuple):

@@ -70,7 +70,7 @@ MOVED = (0.5, 1.0)
 """What may be moved is, for some comparisons, by so much of the way to its end."""
 
 COSTS = 7
-"""So many z are judged side by side: more than one after the other would be."""
+"""Number of z judged side by side: more than one after the other would be."""
 
 DEFECTIVE = 0.01
 """Defects are compared along motions that are off by so much in every number."""

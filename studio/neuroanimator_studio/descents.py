@@ -97,7 +97,7 @@ FIRST_STRENGTH = 0.7
 """First guesses are the gait at this strength: at full strength its muscles are at their bounds."""
 
 SIZEABLE = 0.1
-"""So far off, over the length of the body, is an error of one in the cost."""
+"""Distance, over the length of the body, that is an error of one in the cost."""
 
 
 def swim_to_a_place(system: System, emulator: Emulator) -> PageDescent:
@@ -305,7 +305,7 @@ def _place(
 
 
 WEIGHING = 10.0
-"""Weights may be so many times as large as they are at first, or nothing."""
+"""Maximum ratio of a weight to its first value; 0 is allowed too."""
 
 
 def _weight(objective: Objective, term: int, name: str, value: float) -> Movable:

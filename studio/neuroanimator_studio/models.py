@@ -43,7 +43,7 @@ FAULT = "neuroanimator: "
 """How its last line begins where something is wrong."""
 
 HEAD = 1 << 16
-"""So many bytes are searched for it."""
+"""Number of bytes searched for it."""
 
 
 @dataclass(frozen=True)

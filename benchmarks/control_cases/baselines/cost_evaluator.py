@@ -20,7 +20,7 @@ DIVERGED_COST = 1e9
 """J of a motion that makes the physics diverge, or has no finite J: finite, for baselines take differences of it."""
 
 MAX_PROGRAMS = 64
-"""So many compiled objectives are kept: many runs are for cost terms that differ in numbers alone."""
+"""Number of compiled objectives kept: many runs are for cost terms that differ in numbers alone."""
 
 
 class Linearisation(NamedTuple):

@@ -31,7 +31,7 @@ MANY_NUMBERS = 100
 population, the physics of 32 fish 4 ms."""
 
 DIAGONAL_POPULATIONS = "100*N/popsize**0.5"
-"""For so many populations CMA-ES learns variances only, if there are many numbers: what cma's author proposes."""
+"""Number of populations for which CMA-ES learns variances only, if there are many numbers: what cma's author proposes."""
 
 SILENT = -9
 """cma's verbosity at which it prints nothing."""

@@ -25,7 +25,7 @@ from neuroanimator.systems.rigid.warnings import warnings_counted
 from neuroanimator.systems.system import Scheme, System
 
 TRIED_STEPS = 10
-"""So many super steps tell which scheme is cheaper."""
+"""Number of super steps that tell which scheme is cheaper."""
 
 TRIES = 5
 """Each scheme is timed so often, in turn; the least time counts."""

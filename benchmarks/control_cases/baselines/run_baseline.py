@@ -62,7 +62,7 @@ class BaselineRun:
     physics_steps: int
     """Physics steps of the whole run."""
     evaluations: int
-    """So often J was evaluated."""
+    """Number of evaluations of J."""
 
     @property
     def spent_seconds(self) -> float:

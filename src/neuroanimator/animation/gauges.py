@@ -13,7 +13,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.links import Joint, Numbers
 
 MAX_GAUGES = 24
-"""So many numbers of a state are shown; more would be too small to read."""
+"""Maximum number of a state's numbers shown; more would be too small to read."""
 
 GAUGES_PER_ROW = 6
 """Gauges stand side by side, then above each other."""

@@ -65,7 +65,9 @@ def run(
     seed: Annotated[int | None, typer.Option(help="Seed of a random motion.")] = None,
     school: Annotated[
         int | None,
-        typer.Option(help="So many swim together, by the policy that ships of dolphin or fish."),
+        typer.Option(
+            help="Number of bodies that swim together, by the policy that ships of dolphin or fish."
+        ),
     ] = None,
     rate: Annotated[
         float | None,

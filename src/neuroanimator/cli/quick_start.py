@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from importlib.metadata import Distribution
 
 OBJECTS_BETWEEN_COLLECTIONS = 50_000
-"""Python looks for garbage after so many new objects; usually after 700, of which imports make half a million that stay."""
+"""Number of new objects after which Python looks for garbage; usually 700, and imports make half a million that stay."""
 
 AMD_PLUGINS = "jax_rocm"
 """The folders of JAX's plugins for the graphics processors of AMD begin so."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
 
 SHOWN_DIGITS = 12
-"""So many digits of a sha256 are printed; the table's file has all."""
+"""Number of digits of a sha256 printed; the table's file has all."""
 
 
 def run(

@@ -67,7 +67,7 @@ MIN_ROWS_PER_PART = 4
 """Rows of a matrix below which a product is not divided into parts that are summed side by side."""
 
 WORTH_A_LOOP = 3
-"""So many equal stretches, one behind the other, are written as a loop."""
+"""Minimum number of equal stretches, one behind the other, that are written as a loop."""
 
 DIGITS = 9
 """Digits that tell every float32 from the next; C++ before 2017 reads no hexadecimal ones."""
@@ -494,7 +494,7 @@ EACH_LANE = "NA_EACH_LANE "
 """How a statement begins that is carried out for every lane."""
 
 STATEMENTS_PER_LOOP = 24
-"""So many statements share a loop over the lanes: between them numbers stay in registers, and compilers see fewer loops."""
+"""Number of statements in a loop over the lanes: between them numbers stay in registers, and compilers see fewer loops."""
 
 LANE_TILES = (6, 5, 4)
 """Columns of weights whose products with all lanes are summed in one pass: the most that leave no column over."""

@@ -21,19 +21,19 @@ RUN_STEPS = 40
 """A simulated run lasts this many super steps."""
 
 SAMPLES_PER_RUN = 12
-"""So many super steps of a run become training examples if nothing else is said: on average every third."""
+"""Default number of super steps of a run that become training examples: on average every third."""
 
 USUAL_COUNT = 300_000
-"""So many transitions are made of a system if nothing else is said: as many runs as of 100,000 with `SAMPLES_PER_RUN`."""
+"""Default number of transitions made of a system: as many runs as of 100,000 with `SAMPLES_PER_RUN`."""
 
 USUAL_SAMPLES_PER_RUN = 36
-"""So many of each run: simulating costs more than storing, and robots with contacts learn from every example."""
+"""Number of transitions of each run: simulating costs more than storing, and robots with contacts learn from every example."""
 
 MAX_GAP = 5
-"""With `SAMPLES_PER_RUN` of them, neighbouring examples lie at most so many super steps apart (eq. 8); with more, less."""
+"""Maximum distance, in super steps, of neighbouring examples where there are `SAMPLES_PER_RUN` (eq. 8); with more, less."""
 
 MAX_UNROLL = 4
-"""So many super steps follow every example within its run, so that training can unroll over them."""
+"""Number of super steps that follow every example within its run, so that training can unroll over them."""
 
 RUNS_PER_SHARD = 256
 """A file of the dataset holds this many runs: large enough to be few, small enough to be made again quickly."""

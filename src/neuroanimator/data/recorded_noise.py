@@ -24,10 +24,10 @@ SETTLED = 0.97
 """An estimate has settled if that of the next order is no smaller than this share of it."""
 
 MIN_DIFFERENCES = 50
-"""So many differences make an estimate: it is then right to about 15 %."""
+"""Number of differences that make an estimate: it is then right to about 15 %."""
 
 MIN_ROWS_PER_COLUMN = 10
-"""A regression needs so many differences for each of its coefficients."""
+"""Minimum number of differences a regression needs for each of its coefficients."""
 
 MEDIAN_OF_NORMAL = 0.6745
 """Median of the magnitude of a normally distributed number of standard deviation 1."""

@@ -20,7 +20,7 @@ HELD_SHARE = 0.25
 """Share of runs with held (piecewise constant) controls; those of the rest jump at every super step."""
 
 WAVES = 3
-"""So many sinusoids are summed in a smooth control."""
+"""Number of sinusoids summed in a smooth control."""
 
 MAX_FREQUENCY = 1.5
 """Smooth controls vary no faster [Hz]: motors of arms and muscles of animals seldom reverse faster."""
@@ -44,7 +44,7 @@ GAIT_SHARE = 0.4
 """Share of runs that move along by the system's gait, if it has one: faster, slower, weaker, steered."""
 
 FASTER_THAN_GAIT = 1.25
-"""Smooth controls of a system with a gait vary up to so many times the gait's frequency."""
+"""Maximum ratio of the frequency of smooth controls to the gait's."""
 
 GAIT_TEMPO = (0.6, 1.4)
 """Random runs go by the gait at a tempo between these, as multiples of its own."""
@@ -59,7 +59,7 @@ STATE_SPREAD = 0.15
 """Standard deviation of states scattered around a motion, as a share of each entry's spread along it."""
 
 WARM_UP_SUBSTEPS = 50
-"""A control is held for so many physics steps while a system warms up."""
+"""Number of physics steps for which a control is held while a system warms up."""
 
 
 @runtime_checkable

@@ -15,7 +15,7 @@ MAX_SHOWN = 40
 """Longer values are cut off in an error [characters]."""
 
 MAX_LISTED = 8
-"""So many names of tensors are listed in an error."""
+"""Maximum number of names of tensors listed in an error."""
 
 MAX_NAME = 20
 """Longer names of tensors are cut off in an error [characters]."""

@@ -102,7 +102,7 @@ class Emulator(Module):
 
     @property
     def strides(self) -> int:
-        """So many times the network is asked in a super step: see `in_strides`."""
+        """Number of times the network is asked in a super step: see `in_strides`."""
         return self.spec.strides
 
     @property

@@ -54,7 +54,7 @@ class ErrorBounds(Module):
 
     @property
     def steps(self) -> int:
-        """So many super steps after the start there are bounds."""
+        """Number of super steps after the start for which there are bounds."""
         return self.weights.shape[2]
 
     @property

@@ -38,7 +38,7 @@ ROUNDING = 2.0**-22
 """Share of its size by which an input is changed, at most, to see what rounding does in JAX alone."""
 
 DOUBTS = 10
-"""So many times what rounding does in JAX alone is no error: where a state hangs by a hair, it does much."""
+"""Multiple of what rounding does in JAX alone that is no error: where a state hangs by a hair, it does much."""
 
 BORDERLINE = 0.01
 """Share of answers yes or no that may differ: a number at its border is rounded to either side."""

@@ -34,4 +34,4 @@ class EmulatorSpec(Module):
     gait: Gait | None = static(default=None)
     """How the system moves along if nothing else is said."""
     strides: int = static(default=1)
-    """So many equal strides of the network make a super step: see `Emulator.in_strides`."""
+    """Number of equal strides of the network in a super step: see `Emulator.in_strides`."""

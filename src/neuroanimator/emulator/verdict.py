@@ -46,7 +46,7 @@ SOME_DIVERGED = 0.001
 """Where a larger share of long rollouts leaves physics, an emulator is not good."""
 
 AT_THE_NOISE = 1.1
-"""An error of at most so many times what noise alone makes is as small as it can be seen to be."""
+"""Multiple of what noise alone makes below which an error is as small as it can be seen to be."""
 
 NOISE_TOLD = 0.1
 """Noise that makes less than this share of an error is not worth a word."""

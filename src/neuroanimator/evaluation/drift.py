@@ -20,25 +20,25 @@ from neuroanimator.state.rotation import rotation_rows
 from neuroanimator.systems.system import System
 
 RUNS = 32
-"""So many runs of each."""
+"""Number of runs of each."""
 
 STEPS = 10_000
 """Super steps of a run."""
 
 BLOCK = 500
-"""So many super steps are rolled out at once."""
+"""Number of super steps rolled out at once."""
 
 EVERY = 5
-"""Every so many super steps are looked at: neighbours are alike."""
+"""Interval, in super steps, between those looked at: neighbours are alike."""
 
 BINS = 32
 """Bins of a histogram: of an angle equally wide, of all else equally often visited by the physics."""
 
 DRAWS = 200
-"""So many ways to halve the physics' runs."""
+"""Number of ways to halve the physics' runs."""
 
 Z = 1.645
-"""Bounds lie so many standard errors to either side: 90 % confidence."""
+"""Number of standard errors from an estimate to its bounds: 90 % confidence."""
 
 SEED = 11
 

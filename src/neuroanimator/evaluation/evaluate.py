@@ -39,10 +39,10 @@ from neuroanimator.terminal import phase
 from neuroanimator.text import listed
 
 MAX_NAMED = 6
-"""So many state entries are named in a note; of the others only the number is told."""
+"""Maximum number of state entries named in a note; the others are counted."""
 
 INSPECTED_PER_RUN = INSPECTED_RUNS // HELD_OUT_RUNS
-"""So many runs are inspected for each that is simulated finely."""
+"""Number of runs inspected for each that is simulated finely."""
 
 NO_OPPONENT = (
     "learnt from recordings, so there is no physics to compare its speed with: no speed-ups."
@@ -115,7 +115,7 @@ class Evaluation:
     diverged: int
     """Random starts whose long rollouts diverged."""
     diverged_starts: int
-    """So many random starts were tried."""
+    """Number of random starts tried."""
     still: list[str] = field(default_factory=list)
     """State entries that never move and are left out of all errors."""
     noise: Float[np.ndarray, " S"] | None = None

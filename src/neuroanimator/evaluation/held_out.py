@@ -28,10 +28,10 @@ HELD_OUT_SECONDS = 5.0
 """Length of a test run [s], the longest horizon reported."""
 
 HELD_OUT_RUNS = 32
-"""So many runs make a test if nothing else is said."""
+"""Default number of runs in a test."""
 
 MAX_TRANSITIONS = 1_600
-"""One-step errors are measured on so many super steps; the physics must take each by every scheme."""
+"""Number of super steps on which one-step errors are measured; the physics takes each by every scheme."""
 
 SAME_TIME = 1e-9
 """Super steps that differ by less are the same [s]."""

@@ -21,7 +21,7 @@ from neuroanimator.text import printable, short_number
 from neuroanimator.zoo import licence_of
 
 MAX_PARTS = 40
-"""So many parts of a state or control are named in a table; of others their number is told."""
+"""Maximum number of parts of a state or control named in a table; the others are counted."""
 
 RECORDED = ("seed", "optimizer", "updates", "batch", "learning_rate")
 """What is told of a training, if the file says it."""

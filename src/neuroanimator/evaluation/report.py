@@ -20,7 +20,7 @@ from neuroanimator.evaluation.work_precision import draw_work
 from neuroanimator.text import printable
 
 MAX_SHOWN = 3
-"""So many state entries of a motion are drawn at most."""
+"""Maximum number of state entries drawn of a motion."""
 
 COLUMNS = {
     "system": "What is emulated.",

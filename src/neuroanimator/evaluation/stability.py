@@ -14,10 +14,10 @@ from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.evaluation.held_out import system_of
 
 BLOCK = 500
-"""So many super steps are rolled out at once."""
+"""Number of super steps rolled out at once."""
 
 PHYSICS_STARTS = 16
-"""So many runs of the physics show how far it gets in the same time: a lander may fly off at any speed."""
+"""Number of runs of the physics that show how far it gets in the same time: a lander may fly off at any speed."""
 
 PHYSICS_SEED = 2
 """The runs of the physics are drawn from this seed."""
@@ -26,7 +26,7 @@ STILL_REACH = 0.1
 """What never moved counts as reaching so far [of its unit], so that it has diverged where it is off by one whole unit."""
 
 TOO_FAR = 10.0
-"""A rollout has diverged at so many times the reach of training and physics."""
+"""Multiple of the reach of training and physics at which a rollout has diverged."""
 
 
 def count_diverged(

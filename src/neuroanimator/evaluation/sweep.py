@@ -28,7 +28,7 @@ from neuroanimator.training.config import TrainingConfig
 from neuroanimator.training.train import train
 
 TEST_RUNS = 24
-"""Each n is tested on so many unseen runs."""
+"""Number of unseen runs on which each n is tested."""
 
 
 @dataclass(frozen=True)

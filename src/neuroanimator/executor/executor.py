@@ -14,7 +14,7 @@ TRAINING_SECONDS = 24 * 3600.0
 """A worker that takes longer for a training counts as hung [s]."""
 
 MAX_RETRIES = 3
-"""A task whose worker died or hung is computed again so many times."""
+"""Number of times a task is computed again whose worker died or hung."""
 
 Result = TypeVar("Result")
 
@@ -48,9 +48,9 @@ class Executor(ABC):
     """
 
     workers: int
-    """So many tasks are computed at a time."""
+    """Number of tasks computed at a time."""
     threads: int
-    """Each of them may use so many threads."""
+    """Number of threads each of them may use."""
     shares_disk: bool
     """Whether every worker sees the files of this process."""
 

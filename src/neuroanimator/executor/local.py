@@ -39,14 +39,14 @@ MAX_WORKERS = 1024
 """More processes on one machine are a mistake."""
 
 PATIENCE = 5.0
-"""An idle worker gets so long to end by itself [s]."""
+"""Time an idle worker gets to end by itself [s]."""
 
 LOOK_PERIOD = 1.0
-"""So often running tasks are held against the longest time they may take [s]."""
+"""Interval between checks of running tasks against the longest time they may take [s]."""
 
 
 class LocalExecutor(Executor):
-    """So many processes of this machine. One worker is this process itself: nothing is started.
+    """Executor of processes on this machine. One worker is this process itself: nothing is started.
 
     The processes are new ones, not forked: JAX and MuJoCo have threads, which a fork would lose. They are started when
     there is work, and end with this process however it ends.

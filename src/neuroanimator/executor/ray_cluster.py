@@ -51,13 +51,13 @@ PROBE_SECONDS = 60.0
 """A node starts a worker and imports this package within this time [s]."""
 
 LOOK_PERIOD = 1.0
-"""So often it is looked whether the head is there and whether nodes have joined [s]."""
+"""Interval between looks at whether the head is there and whether nodes have joined [s]."""
 
 LOST_AFTER = 5
-"""The head is lost if it does not answer so many times in a row."""
+"""Number of times in a row without an answer after which the head is lost."""
 
 AHEAD = 2
-"""So many tasks for each place to compute are under way: one is computed while the next is sent."""
+"""Number of tasks under way for each place to compute: one is computed while the next is sent."""
 
 MAX_SAID = 160
 """Characters of what Ray says that are quoted."""

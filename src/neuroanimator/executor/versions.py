@@ -15,7 +15,7 @@ OWN = "neuroanimator"
 """What this package is called among them: told by its version and the sha256 of its code."""
 
 CODE_DIGITS = 8
-"""So many digits of that sha256 are compared and shown."""
+"""Number of digits of that sha256 compared and shown."""
 
 
 def installed_versions() -> dict[str, str]:

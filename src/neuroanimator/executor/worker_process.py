@@ -21,7 +21,7 @@ READY = b"ready"
 """The first thing a worker says."""
 
 WATCH_PERIOD = 0.5
-"""So often a worker looks whether the process that started it is still there [s]."""
+"""Interval between a worker's looks at whether the process that started it is still there [s]."""
 
 
 def main() -> None:

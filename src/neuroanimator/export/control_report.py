@@ -31,7 +31,7 @@ from neuroanimator.systems.system import System
 from neuroanimator.text import printable, short_number
 
 MAX_CURVES = 6
-"""So many controls of a unit are drawn, those that change most, and so much is told of what the emulator strayed in."""
+"""Maximum number of controls of a unit drawn, those that change most, and of entries told in which the emulator strayed."""
 
 COURSE_CAPTION = (
     "J on the emulator after every iteration: one sweep forward and one back through all super steps. Where a new descent "

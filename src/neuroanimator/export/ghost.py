@@ -12,4 +12,4 @@ GHOST_RGBA = (*GHOST_COLOUR, GHOST_OPACITY)
 """Both, as MuJoCo takes them."""
 
 GHOST_GROWTH = 1.006
-"""A ghost is drawn so many times larger in films: where it is as the body is, neither shows through the other in spots."""
+"""Factor by which a ghost is drawn larger in films: where it is as the body is, neither shows through the other in spots."""

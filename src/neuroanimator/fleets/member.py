@@ -27,7 +27,7 @@ from neuroanimator.systems.trusted_files import trust_as_told
 from neuroanimator.training.train import train
 
 TEST_RUNS = 24
-"""Each emulator is tested on so many unseen runs."""
+"""Number of unseen runs on which each emulator is tested."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class TrainedMember(NamedTuple):
     content: bytes
     """The emulator's file."""
     numbers: int
-    """So many weights and other numbers are in it."""
+    """Number of weights and other numbers in it."""
     one_step_error: float
     """On unseen runs, over the standard deviation of the change."""
     error: float

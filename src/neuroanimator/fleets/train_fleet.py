@@ -45,7 +45,7 @@ class FleetRow:
     size: str
     seed: int
     numbers: int
-    """So many weights and other numbers are in it."""
+    """Number of weights and other numbers in it."""
     one_step_error: float
     error: float
     """After the fleet's time, on unseen runs; infinite if a run diverged."""

@@ -68,10 +68,10 @@ MAX_TRIAL_SECONDS = 1.0
 """Trial runs of a slow function are shorter, so that they take about this long [s]."""
 
 MAX_SLOW_STATES = 30
-"""Of a slow function's trial runs so many states are looked at."""
+"""Number of states looked at of a slow function's trial runs."""
 
 MIN_TRIAL_STEPS = 3
-"""But no shorter than so many super steps."""
+"""Minimum length, in super steps."""
 
 MAX_SHOWN = 60
 """An error shows at most this many characters of a wrong declaration."""

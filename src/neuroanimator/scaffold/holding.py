@@ -23,7 +23,7 @@ NEGLIGIBLE = 0.01
 """Less than this share of a control's range is taken for no control at all."""
 
 DIGITS = 5
-"""Controls that hold a model are written with so many digits."""
+"""Number of digits of the controls that hold a model."""
 
 PROBE = 1e-3
 """Accelerations are differentiated with controls this far apart, as a share of their range."""

@@ -51,14 +51,14 @@ SUPER_STEPS = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)
 
 
 HOPEFUL = 2.5
-"""A shorter super step is tried if things would turn at most so many times too far at the last speeds: these fall with it."""
+"""Maximum factor by which things may turn too far, at the last speeds, for a shorter super step to be tried."""
 
 
 ENOUGH = 0.04
 """Controls of a model that only they hold are narrowed until the super step may be so long [s]."""
 
 BEARABLE = 1.5
-"""Controls of others are narrowed only if even in the shortest super step things would turn so many times too far."""
+"""Minimum factor by which things would turn too far, even in the shortest super step, for others' controls to be narrowed."""
 
 SHARES = (1.0, 0.5, 0.25, 0.125)
 """Controls are tried over these shares of their room, the largest first."""
@@ -104,7 +104,7 @@ SMALLER_STEPS = (2, 5, 10)
 
 
 EXPLOSION_STEPS = 2000
-"""A model that explodes is watched for so many steps, to see which of its joints does so first."""
+"""Number of steps for which a model that explodes is watched, to see which of its joints does so first."""
 
 
 class Motion(NamedTuple):

@@ -36,7 +36,7 @@ RATE_ERROR = 0.15
 """A column is taken for another's rate if what it adds up to is off by less than this share of that one's change."""
 
 SPANS = (1, 2, 5, 10, 20, 50)
-"""Changes over so many samples are compared: noise stays as it is, and the change grows."""
+"""Numbers of samples over which changes are compared: noise stays as it is, and the change grows."""
 
 MAX_TURN_THROUGH_NOISE = 2 * MAX_TURN
 """Angles may turn so far in a super step [rad] where noise hides what happens in a shorter one."""
@@ -51,10 +51,10 @@ USUAL_SHARE = 99
 """Samples within this percentile of all distances from the middle are what usually occurs."""
 
 FAR_OUT = 10
-"""A sample that lies so many times as far out is worth a word."""
+"""Multiple of the usual distance at which a sample is worth a word."""
 
 MIN_CHANGES = 8
-"""A span counts if the recordings have so many changes over it."""
+"""Minimum number of changes in the recordings for a span to count."""
 
 
 def propose_recording(

@@ -19,10 +19,10 @@ TOLERANCE_ABSOLUTE = 1e-12
 """Amount by which an answer may differ, where the number itself is about zero."""
 
 REPEATED = 20
-"""So many states are asked about twice."""
+"""Number of states asked about twice."""
 
 TIMED = 5
-"""So many calls are timed; the quickest counts."""
+"""Number of calls timed; the quickest counts."""
 
 MAX_PLAIN = 1e6
 """From states of no larger numbers a step does not overflow: NaN then comes of the function itself."""

@@ -16,7 +16,7 @@ TURN = 2 * np.pi
 """A whole turn [rad]."""
 
 SHIFTS = (0.31, -4.7, 53.0)
-"""What may stand anywhere is shifted by so many times the spread of the trial states."""
+"""Multiples of the trial states' spread by which what may stand anywhere is shifted."""
 
 TOLERANCE = 1e-6
 """Answers are the same to within this share of what the entry does in trial runs: sines of large angles round."""

@@ -23,7 +23,7 @@ MAX_DATA_SECONDS = 240.0
 """A teacher by which the usual data, warm-up apart, would take one core longer than this is passed over for a cheaper one."""
 
 MAX_TRIAL_SECONDS = 2.0
-"""Errors are measured on so many transitions that the fine reference takes about this long by `step_cost` [s]."""
+"""Time [s], by `step_cost`, that the fine reference may take: it sets on how many transitions errors are measured."""
 
 MIN_TRANSITIONS = 32
 """But on no fewer than this."""
@@ -32,7 +32,7 @@ MAX_TRANSITIONS = 320
 """Errors are measured on at most this many transitions."""
 
 USUAL_RUNS = USUAL_COUNT / USUAL_SAMPLES_PER_RUN
-"""So many runs are simulated if nothing else is said."""
+"""Default number of runs simulated."""
 
 MINUTES_FROM = 90.0
 """Times from this on are told in minutes [s]."""

@@ -19,7 +19,7 @@ MAX_NOISE = 0.2
 """Noise should make no more than this share of the changes in a super step."""
 
 MAX_SUBSTEPS = 1000
-"""So many steps are in a super step at most."""
+"""Maximum number of steps in a super step."""
 
 MAX_STATE = 64
 """The rates of larger systems are not looked for: that takes two calls for each number of the state."""

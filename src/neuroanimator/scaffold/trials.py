@@ -25,13 +25,13 @@ MIN_RUNS = 6
 """But never fewer than this, however dear the model is."""
 
 TRIAL_SECONDS = 1.5
-"""Trial runs are so many that they take one core about this long [s]."""
+"""Time [s] that trial runs take on one core, about: it sets their number."""
 
 USUAL_CONTACTS = 4.0
 """A model with contacts has about this many at a time."""
 
 EVALUATIONS = {"rk4": 4}
-"""So often a step of an integrator asks for the forces; of any other integrator once."""
+"""Number of force evaluations in a step of an integrator; of any other, one."""
 
 TRIAL_SEED = 0
 """Trial runs are drawn with this seed, so that a proposal is the same every time."""

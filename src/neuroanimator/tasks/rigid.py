@@ -58,10 +58,10 @@ CLEAR_START = 0.5
 """[m] The truck starts at least this far from every obstacle."""
 
 BAYS = 6
-"""The lot has so many parking bays."""
+"""Number of parking bays in the lot."""
 
 OUTLINE_POINTS = (13, 7)
-"""The truck's outline is looked at in so many points along it and across it: every 35 cm and less."""
+"""Number of points of the truck's outline looked at, along it and across it: every 35 cm or less."""
 
 POST = 5
 """MuJoCo's number for cylinders (`mjGEOM_CYLINDER`), as the lot's posts are."""

@@ -22,7 +22,7 @@ CORRECTIONS = 16
 """Replays whose defects may be added to the emulator, at most."""
 
 RESTARTS = 2
-"""Where the physics has not done it, all may begin again from random controls so many times."""
+"""Maximum number of new beginnings from random controls where the physics has not done it."""
 
 TRIALS = 5
 """Joins the number of a trial as the seed it is drawn from."""

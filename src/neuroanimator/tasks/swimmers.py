@@ -24,10 +24,10 @@ from neuroanimator.systems.system import System
 from neuroanimator.tasks.task import FREE, Aim, Task, Trial
 
 FASTER_THAN_GAIT = 1.2
-"""A motion succeeds that comes so many times as far as the gait does from the same start."""
+"""Multiple of the gait's distance, from the same start, at which a motion succeeds."""
 
 MIN_LENGTHS = 0.1
-"""A gait that comes less far than so many body lengths counts as coming so far."""
+"""Minimum distance a gait is taken to come, in body lengths."""
 
 HEADING_WITHIN = math.radians(10.0)
 """[rad] So far off still counts as the wanted heading."""
@@ -51,7 +51,7 @@ LEAP_HEIGHT = 0.15
 """Body lengths the dolphin's centroid must rise over the surface."""
 
 LEAP_MARGIN = 1.5
-"""A leap aims so many times as high as it must rise."""
+"""Ratio of the height a leap aims at to the height it must reach."""
 
 LEAP_TIME = 0.8
 """A leap is highest after this share of the motion."""

@@ -34,10 +34,10 @@ SECONDS = 2.0
 """Errors are bounded up to so long after the start [s]; of a slow system longer."""
 
 RANDOM_RUNS = 2048
-"""So many runs are simulated as in training: shares of 90 % are then right to 1 %."""
+"""Number of runs simulated as in training: shares of 90 % are then right to 1 %."""
 
 OPTIMISED_RUNS = 1024
-"""So many controls are sought by descents."""
+"""Number of controls sought by descents."""
 
 MIN_RUNS = 100
 """With fewer runs of a kind there are too few to measure by how many stay below."""

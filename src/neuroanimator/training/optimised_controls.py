@@ -13,7 +13,7 @@ from neuroanimator.emulator.emulator import Emulator, rollout_latent
 from neuroanimator.jax_later import Array, filter_jit, jax, jnp
 
 SIDE_BY_SIDE = 256
-"""So many descents at a time."""
+"""Number of descents at a time."""
 
 ITERATIONS = 20
 """Backward sweeps of each: as many as a controller takes (1998, and `control.descent`)."""

@@ -36,7 +36,7 @@ class Recipe:
     modes: tuple[int, int] = (1, 1)
     """How many shape modes describe positions and velocities; of deformable bodies."""
     longest_stride: int = 1000
-    """So many physics steps the network leaps at most: a longer super step is made in strides, see `Emulator.in_strides`."""
+    """Maximum number of physics steps the network leaps: a longer super step is made in strides, see `Emulator.in_strides`."""
 
     def strides(self, substeps: int) -> int:
         """Return how many strides make a super step of `substeps` physics steps."""

@@ -15,7 +15,7 @@ FLATTENED = 0.9
 """The slope must flatten to this share of the first one: Nocedal and Wright's c2 for quasi-Newton directions."""
 
 WIDENING = 2.0
-"""A step after which J still falls steeply is followed by one so many times as long."""
+"""Factor by which a step grows after which J still falls steeply."""
 
 MARGIN = 0.1
 """The next step keeps this share of the bracket from either end."""

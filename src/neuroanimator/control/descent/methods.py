@@ -37,10 +37,10 @@ TINY_SLOPE = 1e-8
 """Slopes far below it make no step: it keeps from dividing by zero."""
 
 MEMORY = 10
-"""L-BFGS remembers so many gradients."""
+"""Number of gradients L-BFGS remembers."""
 
 LINE_SEARCH = 8
-"""An iteration of L-BFGS may take so many gradients to find its step."""
+"""Maximum number of gradients an iteration of L-BFGS takes to find its step."""
 
 FIRST_DAMPING = 1e-2
 """Gauss-Newton begins with this damping, a share of the mean curvature."""

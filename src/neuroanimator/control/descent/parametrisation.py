@@ -19,10 +19,10 @@ NEARLY_ALL = 0.999
 """A first guess is brought within this share of the bounds: z is infinite at the bounds."""
 
 FASTEST = 2.0
-"""A pattern may come to at most so many times its first frequency."""
+"""Maximum ratio of a pattern's frequency to its first."""
 
 SLOWEST = 0.5
-"""A pattern may come to no less than so many times its first frequency."""
+"""Minimum ratio of a pattern's frequency to its first."""
 
 CUBIC = 3
 """Degree of the splines."""

@@ -18,7 +18,7 @@ from neuroanimator.pytrees import Module
 from neuroanimator.state.arrays import AnyArray
 
 BACKWARD_COST = 3
-"""One backward sweep costs as much as so many forward ones."""
+"""Number of forward sweeps that cost as much as one backward sweep."""
 
 
 class Linearised(NamedTuple):

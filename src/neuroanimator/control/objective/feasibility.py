@@ -18,7 +18,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.state.pose import read_pose
 
 MARGIN = 1.2
-"""A goal may ask for so many times the fastest speed in training: starts may be faster, and domains have soft ends."""
+"""Maximum ratio of the speed a goal asks for to the fastest in training: starts may be faster, and domains have soft ends."""
 
 MIN_TIME = 1e-9
 """[s] Stands for a time of zero, by which nothing can be divided."""

@@ -37,7 +37,7 @@ CORRECTING_ITERATIONS = 2
 """Backward sweeps after a correction: the emulator is then exact along one motion, so few steps away, and replay again."""
 
 MAX_REPLAYED = 4
-"""So many descents from different first guesses are replayed: the emulator's best need not be the physics' best."""
+"""Maximum number of replays of descents from different first guesses: the emulator's best need not be the physics' best."""
 
 LINE_SHARES = (1.0, 0.5, 0.2, 0.05)
 """Shares of the way to corrected controls, all tried on the physics: where it bends away, a shorter way is better."""

@@ -53,16 +53,16 @@ from neuroanimator.systems.system import System
 from neuroanimator.tables import Finite, Positive, Table, first_fault, read_toml
 
 DEFAULT_KNOTS = 12
-"""A spline has so many if nothing else is said: enough for a few swings to and fro."""
+"""Default number of a spline's knots: enough for a few swings to and fro."""
 
 MIN_KNOTS = 4
-"""A cubic spline has at least so many."""
+"""Minimum number of a cubic spline's knots."""
 
 MAX_STARTS = 64
 """First guesses descended from side by side, at most; memory grows with them."""
 
 MANY_SUBSTEPS = 50
-"""A file is for emulators of super steps up to so many physics steps; how long a motion may be depends on that, if it is slow."""
+"""Maximum number of physics steps in a super step of a file's emulators; it limits how long a slow motion may be."""
 
 MAX_KIND_SHOWN = 40
 """Characters of a kind or of a key that nothing is called, shown in an error."""

@@ -9,7 +9,7 @@ from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.emulator.trust_summary import TrustSummary, summary_of
 
 MINUTES_SPARE = 2.0
-"""So many times the time that was estimated is enough: updates that look further ahead take longer than those timed."""
+"""Multiple of the estimated time that is enough: updates that look further ahead take longer than those timed."""
 
 SMALL_GAP = 0.05
 """Share of J by which two values of it may differ and still be called the same."""

@@ -36,7 +36,7 @@ MAX_SECONDS = 20.0
 """[s] Longest motion searched for; of a slow system longer."""
 
 TRUST_DIRECTIONS = 64
-"""The gradient is compared with the physics' in so many: a lander's 240 would take longer than all else together."""
+"""Number of directions in which the gradient is compared with the physics': a lander's 240 would take far longer."""
 
 REFINING_MINUTES = 0.5
 """Longest time that refinements may take in all, if nothing else is said [min]."""

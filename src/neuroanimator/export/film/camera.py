@@ -55,7 +55,7 @@ LEAPING = 0.1
 """A body leaps if its middle comes so high over the water, over its size."""
 
 MAX_GHOST_ROOM = 2.2
-"""The camera goes at most so many times further away to have a ghost that goes astray in the picture."""
+"""Maximum factor by which the camera moves away to keep a ghost that goes astray in the picture."""
 
 MAX_HIDDEN = 0.01
 """Share of what is filmed that fixed things may hide before the camera tries another side."""

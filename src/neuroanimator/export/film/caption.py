@@ -22,7 +22,7 @@ POINTS = 72.0
 """Points in an inch, in which letters are measured."""
 
 SMALLER = 0.93
-"""Letters are made so many times smaller until they fit."""
+"""Factor by which letters are made smaller until they fit."""
 
 MAX_LETTERS = 160
 """Letters of a caption that are shown: nobody reads more in a second or two."""

@@ -30,7 +30,7 @@ class Quality(NamedTuple):
     shadow_map: int
     """A side of the shadow map [texels]."""
     scale: int
-    """Images are drawn so many times larger, and made smaller by averaging."""
+    """Factor by which images are drawn larger, to be made smaller by averaging."""
     loss: int
     """ffmpeg's constant rate factor: 20 shows no loss, 6 more halve the file."""
 
@@ -42,13 +42,13 @@ QUICK = Quality(shadow_map=1024, scale=2, loss=25)
 """Small pictures have edges smoothed by averaging."""
 
 MAX_SLICES = 32
-"""A round shape has at most so many sides: more take longer, and are not seen."""
+"""Maximum number of sides of a round shape: more take longer, and are not seen."""
 
 ENCODER = ["-preset", "superfast", "-movflags", "+faststart"]
 """What ffmpeg is told: the next slower preset makes files a third smaller, in twice the time, which drawing needs."""
 
 BLOCK = 2
-"""H.264 wants sides that are multiples of so many pixels."""
+"""Number of pixels of which H.264 wants every side to be a multiple."""
 
 
 def draw_video(out: str, content: bytes) -> None:

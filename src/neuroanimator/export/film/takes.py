@@ -16,7 +16,7 @@ class Take(NamedTuple):
     caption: str = ""
     """A line below the picture; empty for none."""
     held: int = 0
-    """So many times its last image is shown again."""
+    """Number of times its last image is shown again."""
 
     @property
     def frames(self) -> int:

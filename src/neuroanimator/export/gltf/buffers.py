@@ -36,7 +36,7 @@ CHUNK_HEADER_SIZE = 8
 """Bytes before each chunk: its length and its kind."""
 
 ALIGNMENT = 4
-"""Chunks and arrays begin at multiples of so many bytes."""
+"""Alignment of chunks and arrays [bytes]."""
 
 
 class Buffer:

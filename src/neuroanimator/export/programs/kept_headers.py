@@ -39,7 +39,7 @@ class CheckedHeader:
     vectors: str
     """The test vectors that ship beside it, as JSON."""
     count: int
-    """It was checked on so many inputs."""
+    """Number of inputs it was checked on."""
     difference: float
     """The largest one, in units of the output."""
 

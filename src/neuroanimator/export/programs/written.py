@@ -22,7 +22,7 @@ class Written:
     runtime: str
     """What ran the program beside JAX."""
     checked: int
-    """On so many inputs."""
+    """Number of inputs it was checked on."""
     difference: float
     """The largest one, in units of the outputs."""
     left_out: str = ""

@@ -38,16 +38,16 @@ StepFunction = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 """The user's function: (state, control, dt [s]) to the next state."""
 
 DIGEST_SHOWN = 16
-"""So many digits of a file's sha256 tell its module from others in a process."""
+"""Number of digits of a file's sha256 that tell its module from others in a process."""
 
 NO_REAL_NUMBERS = "cOSUVmM"
 """NumPy's letters for complex numbers, objects, texts, records and times."""
 
 MAX_PARTS = 5
-"""Of what a function returned so many parts are named in an error."""
+"""Maximum number of parts named in an error, of what a function returned."""
 
 MAX_SHOWN = 200
-"""An error shows so many characters of what the user's function raised."""
+"""Maximum number of characters shown in an error, of what the user's function raised."""
 
 
 @lru_cache(maxsize=16)

@@ -21,7 +21,7 @@ MAX_MAGNITUDE = 1e30
 """Every number in a recording is smaller than this: beyond it, sums and differences in single precision overflow."""
 
 MAX_SHOWN = 40
-"""An error shows so many characters of a wrong cell."""
+"""Maximum number of characters of a wrong cell shown in an error."""
 
 
 @dataclass(frozen=True)

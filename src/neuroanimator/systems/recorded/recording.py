@@ -41,10 +41,10 @@ FEW_GAPS = 3
 """As few as this are gaps, whatever share of a short recording they are."""
 
 INTERVAL_DIGITS = 6
-"""The sampling interval is rounded to so many significant digits: times in a file are rounded too."""
+"""Number of significant digits to which the sampling interval is rounded: times in a file are rounded too."""
 
 MAX_SHOWN = 60
-"""An error shows so many characters of a file's name."""
+"""Maximum number of characters of a file's name shown in an error."""
 
 
 @dataclass(frozen=True)

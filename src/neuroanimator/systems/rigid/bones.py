@@ -22,7 +22,7 @@ GROUND_THICKNESS = 0.01
 """A plane is drawn as a slab of half this thickness [m] (sizes of boxes are halves), its top where the plane is."""
 
 DECIMALS = 9
-"""Numbers of a skeleton are rounded to so many decimals, well below what is visible: files stay small."""
+"""Number of decimals of a skeleton's numbers, well below what is visible: files stay small."""
 
 SizedShape = tuple[str, tuple[float, ...]]
 """What a shape is, and its half sizes [m]."""

@@ -18,7 +18,7 @@ from neuroanimator.systems.rigid.joints import JointView
 from neuroanimator.systems.rigid.touching import is_limited, touching_geoms
 
 MOST_POINTS = 24
-"""So many points are shown at most: more cost more than they tell."""
+"""Maximum number of points shown: more cost more than they tell."""
 
 POSES = 16
 """Poses in which points are looked at, drawn from `SEED`."""
@@ -35,7 +35,7 @@ LEAST_RADIUS = 1e-3
 """Points nearer to each other than this, or than their radius, in all poses are one [m]."""
 
 RIM = 4
-"""A cylinder's rim is so many points."""
+"""Number of points of a cylinder's rim."""
 
 PLACELESS = ("cyclic", "planar")
 """Joints represented so may stand anywhere."""

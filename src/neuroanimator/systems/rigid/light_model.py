@@ -28,7 +28,7 @@ Compile = Callable[[Element, Assets, int], mujoco.MjModel]
 """Returns the model of (its XML, its files, the most corners of a hull; 0 for any number)."""
 
 HULL_CORNERS = (256, 128, 64, 32)
-"""If the model is still too large, hulls are cut down to so many corners, the most that fit."""
+"""Numbers of corners to which hulls are cut down if the model is still too large, the most that fit."""
 
 FLAT = 1e-3
 """A box around a flat mesh is at least this share of its length thick: MuJoCo wants a volume."""

@@ -62,13 +62,13 @@ DEFINITION_ROOM = 64 * 1024
 """Of the text that travels with an emulator so much is left to the definition [bytes]."""
 
 MAX_NAME = 255
-"""A file's name may have so many characters, as on most file systems."""
+"""Maximum number of characters of a file's name, as on most file systems."""
 
 MAX_SHOWN = 40
-"""An error shows so many characters of a wrong file name."""
+"""Maximum number of characters of a wrong file name shown in an error."""
 
 MAX_MESSAGE = 300
-"""An error shows so many characters of what MuJoCo says."""
+"""Maximum number of characters of what MuJoCo says shown in an error."""
 
 
 COMPILING = ProcessLimits(memory=2 * 2**30, seconds=60)

@@ -19,22 +19,22 @@ from neuroanimator.systems.rigid.model_xml import (
 from neuroanimator.tables import MIN_STEP
 
 BODY_LIMIT = 500
-"""A model may have so many bodies."""
+"""Maximum number of a model's bodies."""
 
 FREEDOM_LIMIT = 200
-"""A model may have so many degrees of freedom."""
+"""Maximum number of a model's degrees of freedom."""
 
 STEP_LIMIT = 0.1
 """A model's time step may be this long [s]."""
 
 COPY_LIMIT = 10_000
-"""Copies times elements may be so many: every element may refer to the ones <replicate> copies."""
+"""Maximum product of copies and elements: every element may refer to the ones <replicate> copies."""
 
 ACTUATOR_LIMIT = 500
-"""A model may have so many actuators: MuJoCo simulates each muscle for seconds while it compiles."""
+"""Maximum number of a model's actuators: MuJoCo simulates each muscle for seconds while it compiles."""
 
 CELL_LIMIT = 2**26
-"""Images, height fields and files may have so many cells together (see `_cells` and `_file_cells`)."""
+"""Maximum number of cells of images, height fields and files together (see `_cells` and `_file_cells`)."""
 
 SIZE_LIMIT = 1000
 """An attribute that `SIZES` matches may have this value."""
@@ -43,7 +43,7 @@ MEMORY_LIMIT = 256 * 2**20
 """Maximum size of a compiled model, and size of MuJoCo's working memory for it [bytes]."""
 
 CUBE_SIDES = 6
-"""A cubic texture has so many square images."""
+"""Number of square images of a cubic texture."""
 
 PNG_SIGNATURE = b"\x89PNG"
 """How a PNG begins."""

@@ -24,22 +24,22 @@ DEPTH_LIMIT = 100
 """An element may lie so deep in other elements."""
 
 ELEMENT_LIMIT = 10_000
-"""A model's files may have so many elements, counted while they are read: each takes far more memory than its text."""
+"""Maximum number of elements in a model's files, counted while they are read: each takes far more memory than its text."""
 
 ATTRIBUTE_LIMIT = 100
-"""An element may have so many attributes: MuJoCo compares each with all the others, 49 s for 150,000."""
+"""Maximum number of an element's attributes: MuJoCo compares each with all the others, 49 s for 150,000."""
 
 MAX_UP = 4
-"""A file that is not there is looked for less than so many folders higher up, to tell where it is."""
+"""Number of folders upwards, itself among them, in which a missing file is looked for, to tell where it is."""
 
 PATH_PARTS = 12
-"""So many last parts of the path of a URDF's mesh are tried."""
+"""Maximum number of last parts tried of the path of a URDF's mesh."""
 
 MAX_TAG = 40
-"""An error shows so many characters of an element's tag."""
+"""Maximum number of characters of an element's tag shown in an error."""
 
 MAX_SHOWN = 80
-"""An error shows so many characters of an attribute."""
+"""Maximum number of characters of an attribute shown in an error."""
 
 
 class Element(ET.Element):

@@ -25,20 +25,20 @@ MAX_BODIES = 100
 """Models of more bodies are not looked at: they are ropes and heaps."""
 
 MAX_TRIED = 64
-"""So many ways of pairing a model's bodies are looked at, at most: a heap of equal boxes has very many."""
+"""Maximum number of ways of pairing a model's bodies looked at: a heap of equal boxes has very many."""
 
 MAX_COMPARED = 5000
-"""So many pairs of bodies are compared in a mirror, at most: where many are alike but for something deep below, ways without end
+"""Maximum number of pairs of bodies compared in a mirror: where many are alike but for something deep below, ways without end
 come to nothing."""
 
 TRIED = 64
-"""On about so many motions each symmetry is tried."""
+"""Approximate number of motions on which each symmetry is tried."""
 
 MAX_KEPT = 8
-"""So many symmetries are kept, at most."""
+"""Maximum number of symmetries kept."""
 
 STEPS = 10
-"""Motions are compared after so many physics steps."""
+"""Number of physics steps after which motions are compared."""
 
 MAX_DISCREPANCY = 0.03
 """Two motions that should be the same may differ by this share of how much states usually change, rms: far less than emulators
@@ -137,7 +137,7 @@ class _Likeness:
         self.turn = mirror * mirror.prod()
         """The same of angular velocities and of the vector part of quaternions."""
         self.compared = 0
-        """So many pairs of bodies were compared."""
+        """Number of pairs of bodies compared."""
         self.children: list[list[int]] = [[] for _ in range(model.nbody)]
         for body in range(1, model.nbody):
             self.children[model.body_parentid[body]].append(body)

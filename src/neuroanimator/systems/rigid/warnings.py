@@ -12,10 +12,10 @@ import mujoco
 from neuroanimator.errors import BadFileError
 
 MAX_WARNING = 160
-"""So many characters of a warning are kept: some repeat a model's names, which may be long."""
+"""Maximum number of characters kept of a warning: some repeat a model's names, which may be long."""
 
 MAX_KINDS = 100
-"""So many different warnings are counted apart, and all others as one: names in them could make any number."""
+"""Maximum number of different warnings counted apart, all others as one: names in them could make any number."""
 
 OTHERS = "other warnings"
 """What warnings beyond the first `MAX_KINDS` are counted as."""
