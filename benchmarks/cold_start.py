@@ -31,10 +31,10 @@ RESULTS = Path(__file__).parent / "results" / "cold_start.csv"
 """The table is written to this file unless --out says otherwise."""
 
 ROUNDS = 3
-"""Every task is timed so often, and the least time counts."""
+"""Number of timings of every task; the least counts."""
 
 PATIENCE = 600
-"""A run may take so long [s]."""
+"""Maximum time of a run [s]."""
 
 STATES = ("cold", "warm")
 """The states of the cache a task is timed in: emptied, and left by the run before."""

@@ -56,10 +56,10 @@ DIVISIONS = (50, 25, 10, 5)
 """Numbers of physics steps per super step with which one-step errors are measured."""
 
 REPEATS = 25
-"""Every side is timed so often: enough to outlast a burst of other work on a shared machine, which nine are not."""
+"""Number of timings of every side: enough to outlast a burst of other work on a shared machine, which nine are not."""
 
 QUICK_REPEATS = 3
-"""Every side is timed so often with --quick."""
+"""Number of timings of every side with --quick."""
 
 ERROR_RUNS = 32
 """Number of runs in which one-step errors are measured."""

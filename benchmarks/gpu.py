@@ -57,7 +57,7 @@ EVALUATIONS = {"euler": 1, "implicitfast": 1, "rk4": 4}
 """How often an integrator computes accelerations in a step: what is cheapest is told by it."""
 
 ROUNDING = 1e-5
-"""By so much of the largest number a super step in JAX may differ from one in C."""
+"""Maximum difference of a super step in JAX from one in C, over the largest number."""
 
 PEAK_SIZE = 4096
 """Rows and columns of the product by which the rate of arithmetic is measured."""

@@ -49,7 +49,7 @@ SAMPLES_PER_RUN = 36
 """Number of transitions in a run of the dataset."""
 
 TEST_SECONDS = 3.0
-"""A run the errors are measured on takes so long [s]."""
+"""Length of a run the errors are measured on [s]."""
 
 ROOT_ENTRIES = 6
 """Numbers of the positions' changes, and of the velocities', that the root takes."""

@@ -40,7 +40,7 @@ BLOCK = 1_000
 """Number of super steps rolled out at once: a million would take gigabytes."""
 
 PHYSICS_SECONDS = 60.0
-"""The physics is left at rest for so long [s]: after that nothing is new."""
+"""Time for which the physics is left at rest [s]: after that nothing is new."""
 
 RANGE_SCALE = 1.1
 """Maximum multiple of its range in training within which a feature is inside."""

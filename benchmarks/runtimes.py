@@ -44,7 +44,7 @@ SUBSTEPS = 50
 RESULTS = Path(__file__).parent / "results"
 
 ROUNDS = 200
-"""Every case is timed so often."""
+"""Number of timings of every case."""
 
 WRITERS = {"h": write_c_header, "wasm": write_wasm, "onnx": write_onnx}
 """What is exported, by the end of the file's name."""

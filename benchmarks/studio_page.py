@@ -39,7 +39,7 @@ WINDOW = {"width": 1280, "height": 720}
 PATIENCE_MS = 120_000
 
 WATCHED_SECONDS = 8.0
-"""Work an image is the mean over so long [s], a second at a time."""
+"""Time over which the mean work an image is taken [s], a second at a time."""
 
 
 def page_size() -> int:

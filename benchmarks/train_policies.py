@@ -43,7 +43,7 @@ TRIALS = 100
 """Number of bodies sent to random targets."""
 
 SECONDS = 6.0
-"""Each of them swims so long [s]."""
+"""Time each of them swims [s]."""
 
 MAX_YAW = 2.1
 """Random targets lie at most this far to the left or right [rad]."""
@@ -64,7 +64,7 @@ SCHOOL = 12
 """Number of fish in a school."""
 
 SCHOOL_SECONDS = 30.0
-"""A school swims so long [s]."""
+"""Time a school swims [s]."""
 
 SCHOOLS = 3
 """Number of schools measured, each from a seed of its own."""

@@ -34,7 +34,7 @@ JUDGEMENTS = 16
 """How often a policy is judged in the time it has, at most."""
 
 SPEED_SECONDS = 3.0
-"""A world is stepped so long to see how fast it is."""
+"""Time for which a world is stepped to see how fast it is [s]."""
 
 SOONER = 4
 """Factor by which it is done more often at first: a fast learner is done before the first sixteenth."""

@@ -90,7 +90,7 @@ LANE_START = (-12.8, 0.0)
 """[m] In the lane, the bay half a turn of the wheels away."""
 
 LANE_NOISE = (1.5, 0.7, 0.3)
-"""[m], [m] and [rad]: episodes begin so far from there, along the lane, across it and in heading."""
+"""Spread of where episodes begin, along the lane [m], across it [m] and in heading [rad]."""
 
 FAR_FROM_BAY = 14.0
 """[m] Beyond it a truck has missed the bay."""

@@ -17,11 +17,11 @@ from neuroanimator.executor.local import LocalExecutor
 from neuroanimator.executor.ray_cluster import RayExecutor
 
 KILL_AFTER = 3.0
-"""A kill comes so long after the work has begun [s], and the next ones after as long again."""
+"""Time from the work's beginning to a kill, and from each to the next [s]."""
 
 
 SLOWED_PERIOD = 0.5
-"""A slow node is stopped and goes on again once in so long [s]."""
+"""Period in which a slow node is stopped and goes on again [s]."""
 
 
 @contextmanager
@@ -155,7 +155,7 @@ def _tree(process: int) -> list[int]:
 
 
 def busy(seconds: float) -> None:
-    """Use so much time of a processor [s]."""
+    """Use this much time of a processor [s]."""
     began = time.thread_time()
     while time.thread_time() - began < seconds:
         sum(range(1000))

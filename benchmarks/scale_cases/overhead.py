@@ -32,7 +32,7 @@ ROUNDS = 5
 """Number of turns of both sides, one after the other; medians count."""
 
 LONGEST = 600.0
-"""No task takes so long [s]."""
+"""Time longer than any task takes [s]."""
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ BATCH_SUPER_STEPS = 400
 """Length of a trajectory of a batch [super steps]."""
 
 BATCH_REPEATS = 5
-"""A batch is timed so often; the least time counts."""
+"""Number of timings of a batch; the least counts."""
 
 CALLS = 2_000
 """Number of calls from Python timed one by one."""

@@ -42,7 +42,7 @@ TRANSITIONS = 100_000
 """Number of super steps the emulator learns from."""
 
 UPDATES = 100_000
-"""The emulator's weights are updated so often."""
+"""Number of updates of the emulator's weights."""
 
 SWEEPS = 16
 """Maximum number of backward sweeps of the first descent."""
@@ -51,7 +51,7 @@ CORRECTIONS = 2
 """Maximum number of corrections that follow, of two sweeps each: at most twenty iterations in all."""
 
 HOLD_SECONDS = 0.5
-"""The film stays so long on the last state, so that one sees it stand [s]."""
+"""Time the film stays on the last state, so that one sees it stand [s]."""
 
 
 def run_demo(out: Path) -> dict[str, Any]:

@@ -60,20 +60,20 @@ USED = ("forward", "backward", "push", "lanes")
 """What a module calls of its maps: a quadratic model needs no single slope, and what is not called is not in it."""
 
 TOLERANCE = 2e-3
-"""J and its derivatives may be off by so much of their largest: both sum float32 in orders of their own."""
+"""Tolerance of J and its derivatives, over their largest: both sum float32 in orders of their own."""
 
 NEARBY = 0.3
-"""Modules are held against Python about each first guess, at z that are off by so much."""
+"""Distance from each first guess of the z at which modules are held against Python."""
 
 
 MOVED = (0.5, 1.0)
-"""What may be moved is, for some comparisons, by so much of the way to its end."""
+"""Share of the way to its end by which what may be moved is, for some comparisons."""
 
 COSTS = 7
 """Number of z judged side by side: more than one after the other would be."""
 
 DEFECTIVE = 0.01
-"""Defects are compared along motions that are off by so much in every number."""
+"""Distance, in every number, of the motions along which defects are compared."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ TRIED_STEPS = 10
 """Number of super steps that tell which scheme is cheaper."""
 
 TRIES = 5
-"""Each scheme is timed so often, in turn; the least time counts."""
+"""Number of timings of each scheme, in turn; the least time counts."""
 
 
 class FastPhysics(abc.ABC):

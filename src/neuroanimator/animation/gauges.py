@@ -31,7 +31,7 @@ THICKNESS = 0.02
 """Half the thickness of what does not move [m]."""
 
 BEFORE = 0.05
-"""What moves is so far before what does not [m], to the side of whoever looks along y."""
+"""Distance of what moves before what does not [m], towards a viewer who looks along y."""
 
 TICKS = 12
 """Marks around a dial; that of the angle 0 is longer."""

@@ -27,7 +27,7 @@ MOST_SCRATCH = 2**22
 """Bytes a function may need on the stack: half of what threads have."""
 
 TOLERANCE = 1e-3
-"""Numbers may be off by so much of the largest of their array: both sum float32 in orders of their own."""
+"""Tolerance of numbers, over the largest of their array: both sum float32 in orders of their own."""
 
 Lanes = Float[np.ndarray, "_ 16"]
 

@@ -18,7 +18,7 @@ THRESHOLDS = (2.0, 1.0, 0.5, 0.25)
 """Scores from which on the physics takes over, in reports: from well beyond the edge of training to the midst of it."""
 
 RUN_SECONDS = 2.0
-"""Runs are so long [s], if they are so long at all."""
+"""Length of runs [s], where they are as long as that."""
 
 
 @dataclass(frozen=True)

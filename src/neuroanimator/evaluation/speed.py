@@ -60,10 +60,10 @@ IN_C = "emulator in C"
 """The name of the emulator timed in generated C."""
 
 REPEATS = 9
-"""Each side is timed so often; the median is reported."""
+"""Number of timings of each side; the median is reported."""
 
 PIECES = 40
-"""A timed run of the physics begins so often from a fresh state: few enough that Python between them does not count."""
+"""Number of fresh states a timed run of the physics begins from: few enough that Python between them does not count."""
 
 OPPONENT_INTEGRATORS = ("euler", "implicitfast", "implicit", "rk4")
 """MuJoCo's integrators, each of which is timed."""

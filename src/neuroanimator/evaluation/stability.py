@@ -23,7 +23,7 @@ PHYSICS_SEED = 2
 """The runs of the physics are drawn from this seed."""
 
 STILL_REACH = 0.1
-"""What never moved counts as reaching so far [of its unit], so that it has diverged where it is off by one whole unit."""
+"""Reach that what never moved is taken to have [of its unit], so that it has diverged where it is off by one whole unit."""
 
 TOO_FAR = 10.0
 """Multiple of the reach of training and physics at which a rollout has diverged."""

@@ -38,7 +38,7 @@ class SweepTask:
     data: DatasetConfig
     training: TrainingConfig
     seconds: float
-    """The error is measured after so long [s]."""
+    """Time after which the error is measured [s]."""
     dataset: str
     """Folder of its dataset, if the worker sees this disk; empty if it makes its own."""
     path: str

@@ -93,7 +93,7 @@ def _call_here(call: _Call) -> Any:
 
 
 def _limit(what: int, most: int) -> None:
-    """Let this process have at most so much of a resource, and no more than it may have already."""
+    """Limit a resource of this process, to no more than it may have already."""
     _, hard = resource.getrlimit(what)
     if hard != resource.RLIM_INFINITY:
         most = min(most, hard)

@@ -52,7 +52,7 @@ class FleetTable(Table):
     count: int = Field(default=USUAL_COUNT, ge=1, le=100_000_000)
     samples_per_run: Literal[12, 18, 24, 36] = USUAL_SAMPLES_PER_RUN
     seconds: float = Field(default=1.0, gt=0, le=3600)
-    """Emulators are compared by their error after so long [s]."""
+    """Time after which emulators are compared by their error [s]."""
     data: str = Field(default="", max_length=1000)
     """Where the datasets lie: a folder, or a URL; beside the emulators if it is empty."""
 
@@ -66,7 +66,7 @@ class Member:
     data: DatasetConfig
     training: TrainingConfig
     seconds: float
-    """Its error is measured after so long [s]."""
+    """Time after which its error is measured [s]."""
 
     @property
     def dataset(self) -> str:

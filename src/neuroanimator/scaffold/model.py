@@ -55,7 +55,7 @@ FINE_PARTS = 10
 """The fine step, which every error is measured against, is the model's step cut into this many."""
 
 WARM_UP = 1.0
-"""Models with contacts are driven for so long before a run is recorded [s]: random starts float in the air or overlap."""
+"""Time for which models with contacts are driven before a run is recorded [s]: random starts float in the air or overlap."""
 
 RESET_SHARE = 0.2
 """Share of runs that begin at rest or at a keyframe: there motions are begun, and random starts may never be there."""

@@ -55,7 +55,7 @@ HOPEFUL = 2.5
 
 
 ENOUGH = 0.04
-"""Controls of a model that only they hold are narrowed until the super step may be so long [s]."""
+"""Length of the super step [s] for which controls of a model that only they hold are narrowed."""
 
 BEARABLE = 1.5
 """Minimum factor by which things would turn too far, even in the shortest super step, for others' controls to be narrowed."""
@@ -90,7 +90,7 @@ TILTS = (0.1, 0.5)
 
 
 REACHES = (0.05, 2.0)
-"""A free body whose place matters starts at least and at most so far from rest along x and y [m]."""
+"""Minimum and maximum distance from rest along x and y [m] at which a free body starts whose place matters."""
 
 UNDRIVEN_REACH = 1.0
 """A slide with a range in a part that nothing drives, such as a thing to be pushed, starts within this of rest [m]."""

@@ -39,10 +39,10 @@ SPANS = (1, 2, 5, 10, 20, 50)
 """Numbers of samples over which changes are compared: noise stays as it is, and the change grows."""
 
 MAX_TURN_THROUGH_NOISE = 2 * MAX_TURN
-"""Angles may turn so far in a super step [rad] where noise hides what happens in a shorter one."""
+"""Maximum turn of angles in a super step [rad] where noise hides what happens in a shorter one."""
 
 MAX_TURN_BETWEEN_SAMPLES = 0.7 * np.pi
-"""An angle that turns so far [rad] from one sample to the next is near half a turn."""
+"""Turn of an angle from one sample to the next that is near half a turn [rad]."""
 
 TOLD_NOISE = 0.05
 """Noise that makes more than this share of the changes in a super step is worth a word."""

@@ -25,7 +25,7 @@ from neuroanimator.systems.system import System
 from neuroanimator.tasks.task import FREE, Aim, Task, Trial
 
 HOLD_SECONDS = 0.5
-"""[s] The pendulum must be upright throughout the end of its motion, for so long."""
+"""Time at the end of its motion throughout which the pendulum must be upright [s]."""
 
 HOLD_STRIDE = 2
 """The cost looks at every second super step of that end: enough to hold still, and half the work."""
@@ -85,13 +85,13 @@ CONE_SLOPE = 0.35
 """The lander starts at most this far aside, as a share of its height over the pad."""
 
 LANDER_START_HEADING = 0.5
-"""[rad] The lander starts turned about the vertical by at most so much."""
+"""Maximum turn of the lander's starts about the vertical [rad]."""
 
 LANDER_START_VELOCITIES = (0.4, 0.4, 0.4, 0.05, 0.05, 0.05)
 """[m/s] and [rad/s] Standard deviations of the lander's velocities at the start."""
 
 FINAL_DESCENT_SECONDS = 1.5
-"""[s] The lander shall be over its pad so long before the end, and sink slowly from there."""
+"""Time before the end at which the lander shall be over its pad, to sink slowly from there [s]."""
 
 FINAL_DESCENT_HEIGHT = 0.7
 """[m] It shall then be this high over where it stands at rest."""

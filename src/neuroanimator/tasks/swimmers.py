@@ -30,7 +30,7 @@ MIN_LENGTHS = 0.1
 """Minimum distance a gait is taken to come, in body lengths."""
 
 HEADING_WITHIN = math.radians(10.0)
-"""[rad] So far off still counts as the wanted heading."""
+"""Maximum deviation from the wanted heading [rad]."""
 
 TURNS = (30.0, 90.0)
 """[degrees] Least and greatest turn that is wanted, to the left or right."""
@@ -39,10 +39,10 @@ TARGET_WITHIN = 0.5
 """Body lengths off that still count as at the target."""
 
 TARGET_SHARES = (0.7, 1.0)
-"""A target is so far away as a share of what the gait comes in the time."""
+"""Distance of a target, as a share of what the gait comes in the time."""
 
 TARGET_ASIDE = 60.0
-"""[degrees] A target lies at most so far to the left or right."""
+"""Maximum angle of a target to the left or right [degrees]."""
 
 ERRORS_PER_TOLERANCE = 3
 """A third of a tolerance counts as an error of one in a cost."""
@@ -69,10 +69,10 @@ SWIMMING_UPRIGHT = 0.3
 """Weight of staying upright where one pattern must do all the way: with 1, few fish come farther than by their gait."""
 
 LEVEL_WITHIN = 0.3
-"""Starts may point up or down by so much: the height of a unit vector."""
+"""Maximum slope of starts up or down: the height of a unit vector."""
 
 UPRIGHT_WITHIN = 0.9
-"""The backs of starts must point up by so much: the height of a unit vector."""
+"""Minimum height of the backs of starts, as unit vectors."""
 
 
 def swim(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:

@@ -31,7 +31,7 @@ from neuroanimator.systems.system import System
 from neuroanimator.training.optimised_controls import optimised_controls
 
 SECONDS = 2.0
-"""Errors are bounded up to so long after the start [s]; of a slow system longer."""
+"""Time after the start up to which errors are bounded [s]; of a slow system longer."""
 
 RANDOM_RUNS = 2048
 """Number of runs simulated as in training: shares of 90 % are then right to 1 %."""

@@ -43,7 +43,7 @@ CALLER = ("neuroanimator.control.objective", "objective.c")
 """The C that calls the maps of an objective."""
 
 NOISE = 0.1
-"""Maps are compared with JAX at states that are off rest by so much in every number."""
+"""Distance from rest, in every number, of the states at which maps are compared with JAX."""
 
 START = 0
 """The row of a motion that is its start."""

@@ -21,7 +21,7 @@ from neuroanimator.training.config import UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.training.train import train
 
 CONTROL_SPREAD = 0.15
-"""Controls are sampled so far around the motion, as a share of their bounds."""
+"""Spread of controls sampled around the motion, as a share of their bounds."""
 
 NEARBY_WINDOWS = 4_000
 """Physics windows added per refinement: 0.8 s of data in about two seconds."""

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from neuroanimator.export.film.camera import Shots
 
 DEPTH = 0.08
-"""The floor lies so far under the lowest point of the motion, over the body's size."""
+"""Depth of the floor under the lowest point of the motion, over the body's size."""
 
 HALF_WIDTH = 60.0
 """Half the width of the floor, over the body's size."""

@@ -25,7 +25,7 @@ EMISSION = 0.2
 """Light of its own that a body in doubt has at most."""
 
 SMOOTHED = 0.3
-"""Scores are averaged over so long before they colour a body [s]: one that flickers is looked away from."""
+"""Time over which scores are averaged before they colour a body [s]: one that flickers is looked away from."""
 
 STRIP_SHARE = 0.09
 """Height of the curve, over the picture's."""

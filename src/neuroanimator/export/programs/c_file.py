@@ -37,7 +37,7 @@ SCORES = ("trust", "step_trusted")
 """Functions that return a number; others return nothing or a count."""
 
 SCORE_TOLERANCE = 1e-3
-"""Scores may differ by so much, and by this share: they are sums of squares of differences."""
+"""Tolerance of scores, absolute and relative: they are sums of squares of differences."""
 
 Call = Callable[..., int | float | None]
 """A function of C that takes arrays and whole numbers, called by its name without the header's own."""

@@ -12,7 +12,7 @@ VERTICAL = 1 - 1e-6
 """A slide is vertical if its axis and the vertical have at least this product."""
 
 LIFTS = 3
-"""A start is lifted at most so often: what is out of one obstacle may be in another."""
+"""Maximum number of times a start is lifted: what is out of one obstacle may be in another."""
 
 
 def height_entry(model: mujoco.MjModel) -> int | None:

@@ -17,7 +17,7 @@ POSE_SEED = 0
 """The pose in which muscles are examined is drawn from this seed."""
 
 POSE_SPREAD = 0.1
-"""Muscles are examined so far away from the reference pose [rad or m], where none pulls through a joint's axis."""
+"""Distance from the reference pose at which muscles are examined [rad or m], where none pulls through a joint's axis."""
 
 ENTRIES = {"free": (7, 6), "ball": (4, 3), "slide": (1, 1), "hinge": (1, 1)}
 """How many state entries the position of a joint takes, and how many its velocity."""

@@ -59,7 +59,7 @@ PACKAGE_DEPTH = 4
 """A model may lie so deep in its package, the package's own folder counted."""
 
 DEFINITION_ROOM = 64 * 1024
-"""Of the text that travels with an emulator so much is left to the definition [bytes]."""
+"""Part of the text that travels with an emulator left to the definition [bytes]."""
 
 MAX_NAME = 255
 """Maximum number of characters of a file's name, as on most file systems."""

@@ -15,7 +15,7 @@ FLOOR = "floor"
 """What the ground under a free base is called."""
 
 FLOOR_SIZE = (5.0, 5.0, 0.1)
-"""The ground is drawn so far to either side, and in squares so large [m]; it has no end."""
+"""How far the ground is drawn to either side, and the size of its squares [m]; it has no end."""
 
 ROOT = "root"
 """What the free joint of a base is called."""
