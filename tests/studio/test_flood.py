@@ -97,7 +97,8 @@ def test_s06_a_piece_of_a_body_ends_where_it_says(studio: Serving):
     """What a proxy takes for one request must not be two (CVE-2025-43859)."""
     with studio.raw(head_of_upload(studio, "Transfer-Encoding: chunked")) as connection:
         connection.sendall(b"3\r\nabcXX0\r\n\r\n")
-        assert b"Invalid HTTP request" in connection.recv(1000)
+        with connection.makefile("rb") as answer:  # head and body may come apart
+            assert b"Invalid HTTP request" in answer.read()
 
 
 def test_s06_a_dripping_head_is_not_waited_for(hurried: Serving):
