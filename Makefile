@@ -7,6 +7,9 @@
 # All set up .venv by themselves. PYTHON chooses the interpreter (3.11 or newer).
 PYTHON ?= python3
 BIN := .venv/bin
+# uv where it is installed, otherwise pip, which takes longer.
+INSTALL := $(if $(shell command -v uv 2>/dev/null),uv pip install --quiet --python $(BIN)/python,$(BIN)/python -m pip install --quiet)
+CORE_STAMP := .venv/.ready-core
 STAMP := .venv/.ready
 DOCS_STAMP := .venv/.ready-docs
 PAGE := studio/neuroanimator_studio/page/index.html
@@ -15,7 +18,7 @@ BUNDLES := $(foreach name,dolphin-50 fish-50 truck-50 lander-50 pendulum-50 pend
 
 .PHONY: setup studio demo test page docs wheel wheels blender endurance fuzz lint check bench lock clean
 
-demo: setup
+demo: $(CORE_STAMP)
 	$(BIN)/neuroanimator demo --out out
 
 test: setup studio
@@ -28,7 +31,7 @@ docs: $(DOCS_STAMP)
 	@echo "The documentation is in site/index.html."
 
 # Built anew each time, from the package alone; tests/test_wheel.py installs it outside the checkout.
-wheel: setup
+wheel: $(CORE_STAMP)
 	rm -rf dist
 	$(BIN)/python -m hatchling build -t wheel -d dist
 
@@ -76,35 +79,38 @@ studio/neuroanimator_studio/bundles/cube/bundle.json: src/neuroanimator/systems/
 $(PAGE): $(PAGE_SOURCES) | $(STAMP)
 	@$(BIN)/python studio/build.py
 
-$(STAMP): pyproject.toml studio/pyproject.toml constraints.txt
+# What the program needs itself: `make demo` and `make wheel` do not wait for what the tests need besides.
+$(CORE_STAMP): pyproject.toml constraints-core.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "NeuroAnimator needs Python 3.11 or newer; $(PYTHON) is older. Try: make PYTHON=python3.12 demo"; exit 1; }
 	@if command -v uv >/dev/null; then \
-	  uv venv --quiet --allow-existing --python $(PYTHON) .venv \
-	  && uv pip install --quiet --python $(BIN)/python --require-hashes -r constraints.txt \
-	  && uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e . -e studio; \
+	  uv venv --quiet --allow-existing --python $(PYTHON) .venv; \
 	else \
-	  { $(PYTHON) -m venv .venv || { echo "No venv module. On Debian: apt-get install python3-venv"; exit 1; }; } \
-	  && $(BIN)/python -m pip install --quiet --require-hashes -r constraints.txt \
-	  && $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e . -e studio; \
+	  $(PYTHON) -m venv .venv || { echo "No venv module. On Debian: apt-get install python3-venv"; exit 1; }; \
 	fi
+	@$(INSTALL) --require-hashes -r constraints-core.txt
+	@$(INSTALL) --no-deps --no-build-isolation -e .
 	@# Where Python may not keep what it compiles, every process would compile the package anew.
-	@test -z "$$PYTHONDONTWRITEBYTECODE" || $(BIN)/python -m compileall -q src studio/neuroanimator_studio
+	@test -z "$$PYTHONDONTWRITEBYTECODE" || $(BIN)/python -m compileall -q src
+	@touch $@
+
+$(STAMP): $(CORE_STAMP) studio/pyproject.toml constraints.txt
+	@$(INSTALL) --require-hashes -r constraints.txt
+	@$(INSTALL) --no-deps --no-build-isolation -e studio
+	@test -z "$$PYTHONDONTWRITEBYTECODE" || $(BIN)/python -m compileall -q studio/neuroanimator_studio
 	@touch $@
 
 # What only the documentation needs: `make demo` and `make test` do not wait for it.
 $(DOCS_STAMP): $(STAMP) constraints-docs.txt
-	@if command -v uv >/dev/null; then \
-	  uv pip install --quiet --python $(BIN)/python --require-hashes -r constraints-docs.txt; \
-	else \
-	  $(BIN)/python -m pip install --quiet --require-hashes -r constraints-docs.txt; \
-	fi
+	@$(INSTALL) --require-hashes -r constraints-docs.txt
 	@touch $@
 
 # Pins every package with its hashes; run after changing dependencies. Needs uv.
 lock:
 	uv pip compile pyproject.toml --group dev --group build --universal --python-version 3.11 --generate-hashes \
 	  --no-emit-index-url --no-annotate --quiet --output-file constraints.txt
+	uv pip compile pyproject.toml --group build --constraints constraints.txt --universal --python-version 3.11 \
+	  --generate-hashes --no-emit-index-url --no-annotate --quiet --output-file constraints-core.txt
 	uv pip compile --group docs --constraints constraints.txt --universal --python-version 3.11 --generate-hashes \
 	  --no-emit-index-url --no-annotate --quiet --output-file constraints-docs.txt
 

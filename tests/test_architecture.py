@@ -165,8 +165,17 @@ def test_the_architecture_names_what_exists_and_leaves_out_no_room():
 
 
 def test_constraints_name_no_registry():
-    for name in ("constraints.txt", "constraints-docs.txt"):
+    for name in ("constraints.txt", "constraints-core.txt", "constraints-docs.txt"):
         text = (ROOT / name).read_text()
         assert "--hash=sha256:" in text
         assert "://" not in text
         assert "--index" not in text
+
+
+def test_the_demo_runs_with_the_versions_that_are_tested():
+    core, tested = (
+        set(re.findall(r"^\S+==\S+", (ROOT / name).read_text(), re.MULTILINE))
+        for name in ("constraints-core.txt", "constraints.txt")
+    )
+    assert core
+    assert core < tested
