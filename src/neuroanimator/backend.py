@@ -1,4 +1,4 @@
-"""What runs an emulator where NumPy arrays go in and come out: generated C, or JAX.
+"""The backend of emulators called with NumPy arrays: generated C, or JAX.
 
 Both do the same to the rounding of float32. JAX is the definition; inside `jax.jit`, `grad` and `vmap` it is always used.
 """
@@ -18,11 +18,11 @@ SWITCH = "NEUROANIMATOR_BACKEND"
 """The environment variable that says which."""
 
 _chosen: list[str] = []
-"""What `set_backend` was last told."""
+"""Name last given to `set_backend`."""
 
 
 def set_backend(name: str) -> None:
-    """Use the backend `name`, one of `BACKENDS`, from now on, whatever the environment says."""
+    """Use the backend `name`, one of `BACKENDS`, from now on; it takes precedence over the environment."""
     _check(name, "backend")
     _chosen[:] = [name]
 

@@ -1,4 +1,4 @@
-"""How many processor cores this process may use, and work on many rows spread over them."""
+"""Number of processor cores this process may use, and work on many rows spread over them."""
 
 from __future__ import annotations
 

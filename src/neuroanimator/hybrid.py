@@ -26,12 +26,12 @@ LOOK_AHEAD = 32
 
 
 class HybridMotion(NamedTuple):
-    """What emulator and physics made of controls in turns."""
+    """A rollout in which emulator and physics take turns."""
 
     states: Float[np.ndarray, "F S"]
     """(T+1, S), the start included."""
     scores: Float[np.ndarray, " T"]
-    """How far each super step's input lies from what training showed, whoever made it: what the threshold was compared with.
+    """Trust score of each super step's input, which the threshold was compared with.
 
     Of leaps, and of the one that the physics made instead, it is the score of the rollout they belong to
     (`Emulator.rollout_trusted`); of the physics' own states it is that of `Emulator.trust`, which encodes them.
@@ -98,7 +98,7 @@ def check_hybrid(
 
 @dataclass
 class _Relay:
-    """Who takes turns, under which controls and on which terms."""
+    """An emulator and a system in turns, their controls and the threshold."""
 
     emulator: Emulator
     system: System

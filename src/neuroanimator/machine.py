@@ -1,4 +1,4 @@
-"""What a figure was measured on: processor, cores and versions."""
+"""The machine a figure was measured on: processor, cores and versions."""
 
 from __future__ import annotations
 

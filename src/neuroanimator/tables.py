@@ -1,4 +1,4 @@
-"""What every file in TOML is checked with: tables of known keys, numbers with limits, and errors that name the key."""
+"""Checks of TOML files: tables of known keys, numbers with limits, and errors that name the key."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What people see: progress on stderr, as bars on a terminal and as a line now and then elsewhere; plain tables on stdout."""
+"""Output for people: progress on stderr, as bars on a terminal and as a line now and then elsewhere; plain tables on stdout."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def watched_progress(watcher: Watcher) -> Iterator[None]:
 
 
 class Bar:
-    """One bar; does nothing where nobody looks."""
+    """A bar; does nothing where progress is not shown."""
 
     def __init__(self, progress: Display | None, title: str, total: int):
         self._progress = progress
@@ -107,7 +107,7 @@ def show_phases() -> None:
 
 
 def hide_progress() -> None:
-    """Show neither phases nor bars from now on: what a server does, whose work nobody watches in the terminal."""
+    """Show neither phases nor bars from now on, as a server does."""
     _screen.is_hidden = True
 
 
@@ -140,7 +140,7 @@ class _Clock:
     def __init__(self):
         self.seconds: dict[str, float] = {}
         self._within: list[float] = []
-        """What the inner phases of every open phase took [s]."""
+        """Time that the inner phases of every open phase took [s]."""
 
     @contextmanager
     def running(self, name: str) -> Iterator[None]:
@@ -213,7 +213,7 @@ class _PlainTask:
 
     description: str
     total: float | None
-    """None for a phase, whose length nobody knows."""
+    """None for a phase, whose length is not known."""
     note: str
     is_visible: bool
     completed: float = 0.0
@@ -233,7 +233,7 @@ class _PlainTask:
 
 
 Display = Progress | _PlainDisplay
-"""Where bars and phases are shown."""
+"""Display of bars and phases."""
 
 
 class _Screen:
@@ -247,7 +247,7 @@ class _Screen:
 
     @contextmanager
     def shown(self) -> Iterator[Display | None]:
-        """Yield the display, which is there as long as somebody uses it; None where nobody looks."""
+        """Yield the display, which lasts as long as it is used; None where progress is not shown."""
         is_terminal = sys.stderr.isatty()
         if self.is_hidden or not (is_terminal or self.shows_phases):
             yield None
@@ -266,7 +266,7 @@ class _Screen:
 
 
 class _Count(MofNCompleteColumn):
-    """How many of how many; nothing for what has no number."""
+    """Progress as a count of the total; nothing where there is no number."""
 
     def render(self, task: Task) -> Text:
         if task.total is None:
@@ -275,7 +275,7 @@ class _Count(MofNCompleteColumn):
 
 
 class _Remaining(TimeRemainingColumn):
-    """Time left; nothing where nobody knows."""
+    """Time left; nothing where it is not known."""
 
     def render(self, task: Task) -> Text:
         if task.total is None:

@@ -24,11 +24,11 @@ LARGE_NUMBER = 1e6
 """Numbers from there on are written with a power of ten."""
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
-"""What makes a spreadsheet run a cell (OWASP, CSV injection)."""
+"""Characters at the start of a cell that make a spreadsheet run it (OWASP, CSV injection)."""
 
 
 def printable(text: str) -> str:
-    """Return `text` with whatever does not print written out, such as `\\x1b`.
+    """Return `text` with characters that do not print written out, such as `\\x1b`.
 
     That is every control character (C0, C1, line breaks), marks that reverse the direction of writing, and bytes
     that are no text.
@@ -79,7 +79,7 @@ def table_cell(text: str) -> str:
 
 
 def print_line(line: str, *, to_stderr: bool = False) -> None:
-    """Print one line, whatever is in it: a result on stdout, or a remark on stderr."""
+    """Print one line, made printable: a result on stdout, or a remark on stderr."""
     print(printable(line), file=sys.stderr if to_stderr else sys.stdout)
 
 

@@ -18,7 +18,7 @@ EMULATORS = Path(str(resources.files("neuroanimator"))) / "emulators"
 
 @dataclass(frozen=True)
 class ShippedSystem:
-    """What comes with the package of one system: its table in `emulators/shipped.toml`."""
+    """The emulators and the look of one system that ships: its table in `emulators/shipped.toml`."""
 
     about: str
     """The system in one line."""
@@ -27,12 +27,12 @@ class ShippedSystem:
     goals: tuple[str, ...] = ()
     """Goals that are made in code."""
     scenery: str = "plain"
-    """What the studio shows around it, where that is no water."""
+    """Surroundings in the studio, where they are no water."""
     has_policy: bool = False
     recipe: Mapping[str, Any] = field(default_factory=dict)
-    """How its emulators are trained: see `training.recipes`."""
+    """Recipe of its emulators: see `training.recipes`."""
     large: Mapping[str, Any] = field(default_factory=dict)
-    """What the large size changes of that."""
+    """Changes to the recipe for the large size."""
 
 
 def _read_shipped() -> dict[str, ShippedSystem]:
@@ -41,7 +41,7 @@ def _read_shipped() -> dict[str, ShippedSystem]:
 
 
 def _with_tuples(table: dict[str, Any]) -> dict[str, Any]:
-    """Return a TOML table, its arrays as tuples, so that nobody changes them."""
+    """Return a TOML table, its arrays as tuples, so that they cannot be changed."""
     plain = {}
     for key, value in table.items():
         if isinstance(value, dict):

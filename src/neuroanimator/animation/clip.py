@@ -49,7 +49,7 @@ class Clip:
     definition: str = ""
     """The definition of a user's own system; see `System.definition_text`."""
     source: str = ""
-    """What made the motion, as exports say it: 'emulator', 'physics' or 'hybrid'; empty if not known."""
+    """Origin of the motion, as exports state it: 'emulator', 'physics' or 'hybrid'; empty if not known."""
     trust: Float[np.ndarray, " F"] | None = None
     """In each frame, the score of the super step it lies in (`Emulator.trust`), where films shall show it; else None."""
     verdict: str = ""

@@ -34,7 +34,7 @@ STEP_ROUNDING = 1e-9
 
 
 class Drive(NamedTuple):
-    """What a motion follows from: where it begins, and what drives it."""
+    """The start of a motion and what drives it."""
 
     start: Float[np.ndarray, " S"]
     controls: Float[np.ndarray, "T C"]

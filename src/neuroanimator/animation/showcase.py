@@ -1,4 +1,4 @@
-"""What a body does to be looked at when nobody says anything: a swimmer dives and keeps its depth, a soft body is thrown."""
+"""Motions shown by default: a swimmer dives and keeps its depth, a soft body is thrown."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ SAME_RISE = 1e-6
 """Difference between two tries' rises below which there is no slope to go by [m]."""
 
 DIVE = 0.6
-"""How deep under the water's surface a swimmer begins, over its length: there its tail stays wet."""
+"""Depth under the water's surface at which a swimmer begins, over its length: there its tail stays wet."""
 
 TOSS = 2.0
-"""How high a soft body is thrown, over its size: high enough to bounce, and low enough to be seen whole."""
+"""Height a soft body is thrown to, over its size: high enough to bounce, and low enough to be seen whole."""
 
 TOSS_ORIENTATION = (0.1, 0.6)
-"""How it is held when thrown, about its X and Y [rad]: it lands on a corner."""
+"""Rotation at the throw, about its X and Y axes [rad]: it lands on a corner."""
 
 TOSS_VELOCITY = np.array([0.6, 0.15, 1.0])
 """Its velocity when thrown, over its velocity upward."""
 
 TOSS_ANGULAR_VELOCITY = np.array([0.3, 6.0, 0.2])
-"""How it turns in flight [rad/s]: it rolls on."""
+"""Angular velocity in flight [rad/s]: it rolls on."""
 
 WELL_WITHIN = 0.8
 """Share of the speed and angular speed seen in training that a throw has at most."""
@@ -43,7 +43,7 @@ GRAVITY = 9.81
 """The acceleration of a fall [m/s²]."""
 
 UNDER_GROUND = 0.05
-"""How far a body that stands on the ground may reach below it, over its height."""
+"""Maximum depth below the ground of a body that stands on it, over its height."""
 
 
 def swims_under_a_surface(emulator: Emulator) -> bool:

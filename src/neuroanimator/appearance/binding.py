@@ -14,7 +14,7 @@ MAX_POINTS = 300
 """Mass points a bone may go with: a skeleton may come from a stranger."""
 
 SUM_TOLERANCE = 1e-6
-"""How far sums of weights read from a file may be off: they were rounded when they were written."""
+"""Tolerance of sums of weights read from a file: they were rounded when they were written."""
 
 MIN_LENGTH = 1e-12
 """Directions are never divided by less [m], so that none is 0/0."""
@@ -29,7 +29,7 @@ Weights = tuple[tuple[Entry, Weight], ...]
 
 
 class Binding(BaseModel):
-    """How a bone goes with mass points.
+    """A bone's attachment to mass points.
 
     It lies at the weighted mean `position`. Its X axis points along the weighted difference `forward`, its Z axis
     along `up` as far as that is across (Gram and Schmidt); without them it keeps the world's axes. Moving

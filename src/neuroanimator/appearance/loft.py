@@ -19,10 +19,10 @@ RINGS_PER_SECTION = 3
 """Rings from one section of a body or fin to the next."""
 
 CHORD = np.array([0.0, 0.12, 0.4, 0.75, 1.0])
-"""Where a fin's section has points, from its leading edge, 0, to its trailing edge, 1."""
+"""Positions of points along a fin's section, from its leading edge, 0, to its trailing edge, 1."""
 
 CHORD_THICKNESS = np.array([0.0, 0.75, 1.0, 0.55, 0.1])
-"""How thick it is there: round in front; blunt behind, so that each side has normals of its own."""
+"""Thickness at those points: round in front; blunt behind, so that each side has normals of its own."""
 
 BALL_RINGS = 8
 """Rings of a ball from pole to pole, the poles included."""
@@ -31,10 +31,10 @@ BALL_POINTS_AROUND = 12
 """Points in each ring of a ball."""
 
 BOX_ARC = np.tan(np.radians([15.0, 30.0, 45.0]))
-"""Where a box's rounded edge has points, from the flat side to the middle of the edge, over its radius."""
+"""Positions of points along a box's rounded edge, from the flat side to the middle of the edge, over its radius."""
 
 BOX_FLAT = np.linspace(-1, 1, 5)
-"""Where the flat side between two edges has points, -1 to 1."""
+"""Positions of points along the flat side between two edges, -1 to 1."""
 
 TIP_SIZE = 1e-9
 """A ring smaller than this is a tip, and no length is divided by less [m]."""

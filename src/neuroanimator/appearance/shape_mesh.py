@@ -133,4 +133,4 @@ MAKERS = {
     "cylinder": _cylinder,
     "box": _box,
 }
-"""What makes the triangles of each kind of shape, from its sizes."""
+"""Function of each kind of shape that makes its triangles from its sizes."""

@@ -27,7 +27,7 @@ Pose = tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]
 """Positions [m] and orientations wxyz of one bone in T states."""
 
 SHAPE_SIZES = {"capsule": 2, "box": 3, "sphere": 1, "ellipsoid": 3, "cylinder": 2}
-"""How many sizes each kind of shape needs."""
+"""Number of sizes of each kind of shape."""
 
 SHAPE_KINDS = tuple(SHAPE_SIZES)
 """Kinds of shapes, as MuJoCo calls them."""
@@ -51,7 +51,7 @@ MAX_VALUE = 1e9
 """Largest value of a joint at its reference [rad or m]."""
 
 UNIT_TOLERANCE = 1e-3
-"""How far a quaternion or an axis read from a file may be off the length of 1."""
+"""Tolerance of the length of a quaternion or an axis read from a file, which should be 1."""
 
 MAX_COMPONENT = 2.0
 """Largest component an axis or a quaternion may have before its length is looked at."""
@@ -97,7 +97,7 @@ class Bone:
 
     @property
     def link(self) -> Link:
-        """How it hangs and what moves it, without what is drawn of it."""
+        """The link of this bone: its parent and joint, without its shapes."""
         return Link(self.offset, self.orientation, self.joints)
 
     @property

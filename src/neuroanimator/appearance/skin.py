@@ -1,4 +1,4 @@
-"""What a deformable body looks like, as its definition says it: the `[skin]` table.
+"""The look of a deformable body: the `[skin]` table of its definition.
 
     [skin]
     kind = "swimmer"
@@ -45,7 +45,7 @@ class Fin(Table):
     )
     """From one end of the blade to the other: x, y, z of its leading edge, and how far it reaches behind it."""
     thickness: Annotated[float, Field(gt=0, le=1)] = 0.12
-    """How thick it is, over how far it reaches behind its edge."""
+    """Thickness, over its reach behind its edge."""
     both: bool = False
     """Whether there is another one, mirrored, on the right."""
 
@@ -80,7 +80,7 @@ class Box(Table):
     rim: Colour | None = None
     """Colour of the edges; the faces' if not given."""
     margin: Size = 0.0
-    """How far the skin lies outside the corners' mass points."""
+    """Distance of the skin outside the corners' mass points."""
     rounding: Annotated[float, Field(gt=0, le=1)] = 0.25
     """Radius of the edges, over half the shortest side."""
 
@@ -92,7 +92,7 @@ class Box(Table):
 
 
 Skin = Swimmer | Box
-"""What a skin may be."""
+"""Kinds of skins."""
 
 SkinTable = Annotated[Skin, Field(discriminator="kind")]
 """A skin as a field of a table: its `kind` says which."""

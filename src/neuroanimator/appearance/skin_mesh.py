@@ -77,9 +77,9 @@ class SkinMesh(NamedTuple):
     bones: Int[np.ndarray, "V 4"]
     """Bones each point follows."""
     weights: Float[np.ndarray, "V 4"]
-    """How much it follows each; they add up to 1."""
+    """Weight of each; they add up to 1."""
     shades: Float[np.ndarray, " V"]
-    """Where each point's colour lies in the palette, 0 to 1: see `colours_of`."""
+    """Position of each point's colour in the palette, 0 to 1: see `colours_of`."""
 
 
 class _Influences(NamedTuple):

@@ -26,7 +26,7 @@ class CompilerError(Exception):
 
 
 class NoCompilerError(CompilerError):
-    """What is called a compiler is no program, or does not end: not to be tried again."""
+    """The compiler is no program, or does not end: not to be tried again."""
 
 
 def build_library(

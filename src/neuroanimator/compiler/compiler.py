@@ -31,7 +31,7 @@ COMPILERS = ("cc", "gcc", "clang")
 """Commands that are looked for, in this order."""
 
 HOW_TO_GET_ONE = "install gcc or clang, or: pip install 'neuroanimator[compiler]'"
-"""What helps where there is no C compiler."""
+"""Advice for machines without a C compiler."""
 
 FLAGS = (
     ("-O3", "-march=native", "-ffast-math", "-mprefer-vector-width=512"),

@@ -33,7 +33,7 @@ INSTRUCTIONS = {
     ),
     "string.h": ("memcpy", "memmove", "memset"),
 }  # fmt: skip
-"""What programs may call of C's headers that WebAssembly has instructions for."""
+"""Functions of C's headers that programs may call because WebAssembly has instructions for them."""
 
 
 def wasm_module(text: str, exports: list[str]) -> bytes:

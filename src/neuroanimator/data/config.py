@@ -1,4 +1,4 @@
-"""What a dataset is made of: the system, the super step, how many transitions, the seed."""
+"""Configuration of a dataset: the system, the super step, the number of transitions, the seed."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class DatasetTable(Table):
     """Share of runs whose controls cease somewhere: bodies come to rest, and emulators should know how."""
     seed: int = Field(default=0, ge=0, lt=2**31)
     definition: str = Field(default="", max_length=MAX_TEXT)
-    """What a user's own system can be made from again; empty for one that comes with the package."""
+    """Source a user's own system is made from again; empty for one that comes with the package."""
     mujoco: str = Field(default=version("mujoco"), pattern=r"^[0-9A-Za-z.+-]{1,40}$")
 
 

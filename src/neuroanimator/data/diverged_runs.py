@@ -21,7 +21,7 @@ from neuroanimator.storage.places import Place, place_of
 from neuroanimator.systems import load_system
 
 KIND = "diverged"
-"""What the metadata of these files says they are."""
+"""Kind of these files, as their metadata states it."""
 
 PATTERN = "diverged-*.safetensors"
 """Names of these files in a dataset's folder; one for each shard that had such runs."""

@@ -1,4 +1,4 @@
-"""How much of a recording is noise: what differs from sample to sample without belonging to any smooth motion.
+"""The noise of a recording: differences from sample to sample that belong to no smooth motion.
 
 The p-th difference of samples x is d_k = Σ_i (-1)^i C(p, i) x_{k+i}. Noise that is independent from sample to sample, of
 standard deviation σ, is in it with the variance C(2p, p) σ²; a motion that is smooth at the sampling interval is in it

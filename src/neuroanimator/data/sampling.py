@@ -64,7 +64,7 @@ WARM_UP_SUBSTEPS = 50
 
 @runtime_checkable
 class Driven(Protocol):
-    """What controls are drawn for: a system, or what an emulator stands for."""
+    """A body that controls are drawn for: a system, or an emulator in its place."""
 
     @property
     def bounds(self) -> Bounds:
@@ -73,7 +73,7 @@ class Driven(Protocol):
 
     @property
     def gait(self) -> Gait | None:
-        """How it moves along if nothing else is said; None if it has no such way."""
+        """Its default gait; None if it has none."""
         ...
 
 

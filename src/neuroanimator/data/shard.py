@@ -25,13 +25,13 @@ class Shard(NamedTuple):
 
     tensors: dict[str, np.ndarray]
     starts: Float[np.ndarray, "B S"]
-    """Where the runs began that diverged."""
+    """Starts of the runs that diverged."""
     controls: Float[np.ndarray, "B T C"]
-    """What the runs were driven by that diverged."""
+    """Controls of the runs that diverged."""
 
     @property
     def diverged(self) -> int:
-        """How many runs diverged."""
+        """Number of runs that diverged."""
         return len(self.starts)
 
 

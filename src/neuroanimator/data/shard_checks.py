@@ -1,4 +1,4 @@
-"""What the files of a dataset must hold: a dataset may be a stranger's, and its hashes then prove nothing."""
+"""Checks of a dataset's files: a dataset may be a stranger's, and its hashes then prove nothing."""
 
 from __future__ import annotations
 

@@ -35,11 +35,11 @@ class ShardTask:
     trusted: tuple[tuple[str, str], ...] = ()
     """The files that the process which gives the task may use, see `trusted_files.trusted_so_far`."""
     store: UrlPath | None = None
-    """Where the worker puts the shard, unless it is there; none if it is sent back."""
+    """Place the worker writes the shard to, unless it is there; none if it is sent back."""
 
     @property
     def label(self) -> str:
-        """What errors call it."""
+        """Its name in error messages."""
         return f"shard {self.shard}"
 
 
@@ -49,10 +49,10 @@ class MadeShard(NamedTuple):
     shard: Shard | None
     """None if the worker has put it into the store."""
     diverged: int
-    """How many of its runs diverged."""
+    """Number of its runs that diverged."""
     warnings: Counter[str]
     process: str
-    """Who made it: the `THIS_PROCESS` of the worker."""
+    """Process that made it: the `THIS_PROCESS` of the worker."""
 
 
 def run_shard_task(task: ShardTask) -> MadeShard:

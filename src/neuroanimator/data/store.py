@@ -177,7 +177,7 @@ class Transitions(Dataset):
     states: Float[np.ndarray, "N T S"]
     controls: Float[np.ndarray, "N H C"]
     run: Int[np.ndarray, " N"]
-    """Which run each window comes from; of recordings, which segment."""
+    """Run each window comes from; of recordings, the segment."""
     diverged: int
     held_out: tuple[np.ndarray, np.ndarray] | None = None
     noise: Float[np.ndarray, " S"] | None = None
@@ -211,7 +211,7 @@ class Windows(NamedTuple):
     states: Float[np.ndarray, "N T S"]
     controls: Float[np.ndarray, "N H C"]
     run: Int[np.ndarray, " N"]
-    """Which run of the whole dataset each window comes from."""
+    """Run, counted over the whole dataset, that each window comes from."""
 
 
 def read_transitions(folder: str | Place, *, at_least: int | None = None) -> Transitions:

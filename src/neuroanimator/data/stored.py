@@ -41,8 +41,7 @@ NUMBER_SIZE = 4
 """Size of a number in a shard, and in a network [bytes]."""
 
 STEPS_AT_ONCE = 4096
-"""Number of super steps that are summed at a time, wherever shards end: then sums are the same bits, whatever lies in
-memory."""
+"""Number of super steps summed at a time, across the ends of shards: so sums are the same bits however much lies in memory."""
 
 
 @final

@@ -48,7 +48,7 @@ class SweepTask:
 
     @property
     def label(self) -> str:
-        """What errors call it."""
+        """Its name in error messages."""
         return f"n = {self.data.substeps}"
 
 

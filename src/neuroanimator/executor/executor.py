@@ -1,4 +1,4 @@
-"""What an executor is: tasks in, outcomes out, as each is ready or in the order of the tasks."""
+"""The interface of executors: tasks in, outcomes out, as each is ready or in the order of the tasks."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class LostTaskError(NeuroAnimatorError):
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """How one task ended."""
+    """The outcome of one task."""
 
     index: int
-    """Which task, by its place among all."""
+    """Index of the task among all."""
     result: Result | None = None
     error: NeuroAnimatorError | None = None
     """Why there is no result: its message names the task."""
@@ -58,7 +58,7 @@ class Executor(ABC):
     def outcomes(
         self, function: Callable[[Any], Result], tasks: Sequence[Any], *, longest: float
     ) -> Iterator[Outcome[Result]]:
-        """Yield how each task ended, as soon as it has; whoever stops asking ends the tasks that are on their way.
+        """Yield the outcome of each task as soon as it has ended; closing the iterator ends the tasks in flight.
 
         A worker that takes more than `longest` [s] for a task counts as hung.
         """

@@ -22,7 +22,7 @@ WALL_SECONDS = 3
 
 
 class ProcessLimits(NamedTuple):
-    """How much a call may take."""
+    """Limits of a call's memory and time."""
 
     memory: int
     """Maximum of what its process allocates [bytes]."""
@@ -36,7 +36,7 @@ class LimitError(NeuroAnimatorError):
 
 @dataclass(frozen=True)
 class _Call:
-    """What the process is to do."""
+    """The call the process makes."""
 
     function: Callable[[Any], Any]
     argument: Any

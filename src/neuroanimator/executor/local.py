@@ -64,7 +64,7 @@ class LocalExecutor(Executor):
     def outcomes(
         self, function: Callable[[Any], Result], tasks: Sequence[Any], *, longest: float
     ) -> Iterator[Outcome[Result]]:
-        """Yield how each task ended, as soon as it has. With one worker nobody watches how long a task takes."""
+        """Yield the outcome of each task as soon as it has ended. With one worker tasks have no time limit."""
         check_function(function)
         if self.workers == 1:
             return _one_after_another(function, tasks)
@@ -159,7 +159,7 @@ class WorkerProcess:
     index: int | None = None
     answer: Answer | None = None
     fate: str = ""
-    """What became of it."""
+    """The outcome of the task."""
     is_ready: bool = False
     began: float = field(default_factory=time.monotonic)
     """When it got its task [s]."""
@@ -189,7 +189,7 @@ class WorkerProcess:
 
     @property
     def seconds(self) -> float:
-        """How long it has had its task [s]."""
+        """Time since it got its task [s]."""
         return time.monotonic() - self.began
 
     def give(self, index: int, call: bytes) -> None:

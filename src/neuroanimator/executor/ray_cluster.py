@@ -33,7 +33,7 @@ from neuroanimator.executor.worker import Answer, pack, perform_within, worker_e
 from neuroanimator.text import printable, quoted
 
 CLIENT = "ray://"
-"""How the address of a Ray client's server begins, as Ray writes it."""
+"""Prefix of the address of a Ray client's server, as Ray writes it."""
 
 HOW_TO_GET_RAY = "--executor ray: Ray is not installed. pip install 'neuroanimator[ray]'"
 
@@ -310,7 +310,7 @@ def _answers(host: str, port: int, seconds: float) -> bool:
 
 @contextlib.contextmanager
 def _one_line(what: str) -> Iterator[None]:
-    """Make a ResourceError of whatever Ray raises: `what` failed, and what Ray says of it."""
+    """Make a ResourceError of any error Ray raises: `what` failed, and what Ray says of it."""
     try:
         yield
     except Exception as error:

@@ -1,4 +1,4 @@
-"""What the bytes of a result depend on, besides the task: the versions of this package and of those that compute."""
+"""Versions of this package and of those that compute: the bytes of a result depend on them besides the task."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PACKAGES = ("jax", "jaxlib", "mujoco", "numpy", "equinox", "optax")
 """The packages whose versions must agree between all workers."""
 
 OWN = "neuroanimator"
-"""What this package is called among them: told by its version and the sha256 of its code."""
+"""Key of this package among them: its value is its version and the sha256 of its code."""
 
 CODE_DIGITS = 8
 """Number of digits of that sha256 compared and shown."""

@@ -1,4 +1,4 @@
-"""What a worker does, in a process of this machine or in one of a cluster."""
+"""The work of a worker, in a process of this machine or in one of a cluster."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ THREAD_VARIABLES = (
 
 
 class Answer(NamedTuple):
-    """What came of a task."""
+    """The result of a task, or its error."""
 
     result: Any
     error: NeuroAnimatorError | None
     trace: str
-    """Where an error came from that nobody foresaw; empty otherwise."""
+    """Traceback of an unforeseen error; empty otherwise."""
 
 
 def worker_environment(threads: int) -> dict[str, str]:
@@ -42,7 +42,7 @@ def pack(function: Callable[[Any], Any], task: Any) -> bytes:
 
 
 def perform(call: bytes) -> Answer:
-    """Compute a packed call; whatever it raises comes back as an error."""
+    """Compute a packed call; anything it raises comes back as an error."""
     try:
         function, task = pickle.loads(call)
         return Answer(function(task), None, "")
@@ -56,7 +56,7 @@ def perform(call: bytes) -> Answer:
 
 
 def perform_within(call: bytes, longest: float) -> Answer:
-    """Compute a packed call as `perform` does; after `longest` [s] the whole process ends, whatever it is in."""
+    """Compute a packed call as `perform` does; after `longest` [s] the whole process ends."""
     # A thread of C: it ends calls into compiled code that never come back, too.
     with open(os.devnull, "w") as nowhere:
         faulthandler.dump_traceback_later(longest, exit=True, file=nowhere)

@@ -49,7 +49,7 @@ def packed(answer: Answer) -> bytes:
 
 
 def _end_with(parent: int) -> None:
-    """End this process, in the middle of whatever it does, once the process that started it is gone."""
+    """End this process at once when the process that started it is gone."""
     while os.getppid() == parent:
         time.sleep(WATCH_PERIOD)
     os._exit(1)

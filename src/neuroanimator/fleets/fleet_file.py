@@ -54,7 +54,7 @@ class FleetTable(Table):
     seconds: float = Field(default=1.0, gt=0, le=3600)
     """Time after which emulators are compared by their error [s]."""
     data: str = Field(default="", max_length=1000)
-    """Where the datasets lie: a folder, or a URL; beside the emulators if it is empty."""
+    """Place of the datasets: a folder, or a URL; beside the emulators if it is empty."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Member:
 
     @property
     def identity(self) -> str:
-        """What tells it from another that is called the same: everything its bytes depend on."""
+        """Key that tells it from another of the same name: everything its bytes depend on."""
         return f"{self.data.hash}-{self.training.hash}-{self.seconds:g}"
 
 

@@ -41,19 +41,19 @@ class MemberTask:
     """Folder for what is unfinished, so that a training that is killed goes on where it was; empty where the worker may not see
     this disk."""
     checkpoints: str = ""
-    """Folder or URL of its checkpoints beside the dataset, where there is no `workplace`: whoever sees the dataset goes on from
-    them, and whoever does not begins anew."""
+    """Folder or URL of its checkpoints beside the dataset, where there is no `workplace`: a worker that sees the
+    dataset goes on from them, one that does not begins anew."""
     trusted: tuple[tuple[str, str], ...] = ()
     """The files that the process which gives the task may use."""
 
     @property
     def label(self) -> str:
-        """What errors call it."""
+        """Its name in error messages."""
         return self.member.name
 
 
 class TrainedMember(NamedTuple):
-    """What came of a training."""
+    """The outcome of a training."""
 
     content: bytes
     """The emulator's file."""
@@ -104,7 +104,7 @@ def _holds(place: Place, config: DatasetConfig) -> bool:
 
 
 def _shared_checkpoints(task: MemberTask) -> Place | None:
-    """Return where the next worker, on whatever machine, will look for checkpoints; None where there is no such place."""
+    """Return where the next worker, on any machine, will look for checkpoints; None where there is no such place."""
     if not task.checkpoints:
         return None
     place = place_of(task.checkpoints)

@@ -22,10 +22,10 @@ STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
 """A text in quotes, or what begins as one. Nothing is tried twice (`*+`), so that the time is proportional to the text."""
 
 OPENING = np.frombuffer(b"[{", np.uint8)
-"""What begins a list or an object."""
+"""Opening brackets of lists and objects."""
 
 CLOSING = np.frombuffer(b"]}", np.uint8)
-"""What ends one."""
+"""Closing brackets."""
 
 HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 """An escape that is half of a character beyond 16 bits: alone it is none, and cannot be written out again."""

@@ -1,4 +1,4 @@
-"""What names may be: of systems, parts of a state or control, bones. One set of rules, whatever file they come from.
+"""Rules for names: of systems, parts of a state or control, bones. The same rules hold for every kind of file.
 
 A name goes into tables, reports, film files and terminals. So none holds a control character, a line break, a quote,
 a comma or a bracket, and none begins like a formula.
@@ -15,16 +15,16 @@ from pydantic import AfterValidator, Field
 from neuroanimator.text import quoted
 
 SYSTEM_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$"
-"""What the name of a system or goal may be: no dot and no slash, so that none can be a path."""
+"""Pattern of the name of a system or goal: no dot and no slash, so that none can be a path."""
 
 PART_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.-]{0,39}$"
-"""What a user may call things in a definition: parts, nodes, muscles, groups."""
+"""Pattern of names in a definition: parts, nodes, muscles, groups."""
 
 MAX_LABEL = 80
 """Characters a label may have."""
 
 LABEL_PATTERN = rf"^\w(?:[\w.:/ -]{{0,{MAX_LABEL - 2}}}[\w.:/-])?$"
-"""What an emulator may call its parts: those names, with endings such as `.velocity`, and what models call theirs."""
+"""Pattern of the names of an emulator's parts: those names, with endings such as `.velocity`, and what models call theirs."""
 
 MAX_MODEL_NAME = 60
 """Characters kept of a model's own name: they leave room for an ending within `MAX_LABEL`."""

@@ -20,7 +20,7 @@ MIN_UNPACKED = 8 * 2**20
 """Bytes the arrays may always take when they are unpacked."""
 
 MAX_GROWTH = 20
-"""How many times what the archive takes they may take beyond that.
+"""Maximum ratio of their size to the archive's, beyond that.
 
 Packed recordings grow two to ten times, a bomb a thousand times.
 """

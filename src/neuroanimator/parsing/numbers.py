@@ -11,7 +11,7 @@ MAX_MAGNITUDE = 1e30
 """Emulators and datasets hold float32, whose squares must be finite too in some places."""
 
 T = TypeVar("T")
-"""What a list's entries are read as."""
+"""Type of a list's entries."""
 
 
 def whole(value: Any, what: str, least: int, most: int) -> int:

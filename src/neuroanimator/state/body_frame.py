@@ -40,7 +40,7 @@ PROBE_FEATURES = 4
 
 
 class Frame(Module):
-    """How a state is seen without position and heading, and how it changes."""
+    """The body frame: a state, and its change, without position and heading."""
 
     segments: tuple[Segment, ...] = static()
     """Empty: the state is plain numbers and the frame does nothing."""
@@ -57,7 +57,7 @@ class Frame(Module):
     external_forces: tuple[tuple[float, ...], ...] = static(default=())
     """(3, C) force [N] in the world per control; empty where controls are no such forces."""
     contacts: Contacts | None = static(default=None)
-    """What of the body may touch the ground or reach a stop; None where nothing is to be shown of it."""
+    """Points that may touch the ground and joints that may reach a stop; None where networks are shown nothing of them."""
 
     @classmethod
     def of(cls, structure: Structure, dt: float) -> Frame:
@@ -91,7 +91,7 @@ class Frame(Module):
 
     @property
     def velocity_entries(self) -> tuple[int, ...]:
-        """Where the root's velocity along its own axes lies in what `local` returns; empty without a free root."""
+        """Entries of `local`'s result that are the root's velocity along its own axes; empty without a free root."""
         if not self._has_root:
             return ()
         start = 0

@@ -1,7 +1,6 @@
-"""What a body may run into: points of it that may touch the ground, and joints that may reach their stops.
-
-A contact is a kink in the motion, and when in a super step it begins decides what comes of it. Shown heights and
-approaches, now and where the body would coast to, a network need not find the kinematics by itself.
+"""Contacts of a body: points of it that may touch the ground, and joints that may reach their stops. A contact is a
+kink in the motion, and its time within the super step decides the outcome. Shown heights and approaches, now and
+where the body would coast to, a network need not find the kinematics by itself.
 """
 
 from __future__ import annotations
@@ -38,14 +37,14 @@ MAX_STOPS = 500
 """Most joints with stops."""
 
 UNIT_TOLERANCE = 1e-3
-"""How far the normal of a plane read from a file may be off the length of 1."""
+"""Tolerance of the length of a plane's normal read from a file, which should be 1."""
 
 MAX_DISTANCE = 1e6
 """Largest coordinate of a point or a plane [m], and largest end of a joint's range [rad or m]."""
 
 
 T = TypeVar("T")
-"""What a list's entries are read as."""
+"""Type of a list's entries."""
 
 
 class ContactPoint(NamedTuple):
@@ -78,7 +77,7 @@ class Stop(NamedTuple):
 
 @dataclass(frozen=True)
 class Contacts:
-    """What a network is shown of contacts that may come, by the kinematics of the body."""
+    """Features of contacts that may come, by the kinematics of the body."""
 
     kinematics: Kinematics
     points: tuple[ContactPoint, ...]
@@ -96,7 +95,7 @@ class Contacts:
 
     @property
     def size(self) -> int:
-        """How many numbers `shown` returns."""
+        """Length of what `shown` returns."""
         heights = 4 * len(self.points) * len(self.planes)
         return heights + len(self.points) * len(self.axes) + 2 * len(self.stops)
 

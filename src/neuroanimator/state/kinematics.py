@@ -1,4 +1,4 @@
-"""Where the links of a tree are, as homogeneous matrices: few operations on many numbers, which compile quickly.
+"""Forward kinematics of a tree of links, as homogeneous matrices: few operations on many numbers, which compile quickly.
 
 `Link.local_pose` says the same of one link in quaternions.
 """
@@ -23,7 +23,7 @@ Matrix = Float[np.ndarray, "4 4"]
 
 
 class MovedFrame(NamedTuple):
-    """What a joint moves: its matrix in the frame it hangs on is a sum of constant ones.
+    """The motion of a joint: its matrix in its parent's frame is a sum of constant ones.
 
     Of a hinge `still` + sin · `first` + cos · `second`, of a slide `still` + distance · `first`; of a ball
     `still` times its rotation; of a free joint its rotation and its position alone.
@@ -62,12 +62,12 @@ class Kinematics:
 
     @cached_property
     def frames(self) -> list[MovedFrame]:
-        """What every joint moves, each after what it hangs on."""
+        """Motions of the joints, parents first."""
         return self._frames_and_links[0]
 
     @cached_property
     def carried(self) -> list[CarriedLink]:
-        """Which frame carries each link."""
+        """Frame that carries each link."""
         return self._frames_and_links[1]
 
     @cached_property

@@ -119,7 +119,7 @@ def _slice_from_json(row: Any, what: str) -> Slice:
 
 
 def as_numbers(values: ArrayLike, label: str) -> np.ndarray:
-    """Return `values` as float64, whatever their shape; ArgumentError if they are no real numbers."""
+    """Return `values` as float64, in their own shape; ArgumentError if they are no real numbers."""
     try:
         array = np.asarray(values)
     except (ValueError, OverflowError) as error:

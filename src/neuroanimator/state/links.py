@@ -25,7 +25,7 @@ JOINT_SIZES = {"ball": 4, "free": 7}
 
 @dataclass(frozen=True)
 class Joint:
-    """What lets a bone move against its parent."""
+    """A joint between a bone and its parent."""
 
     kind: str
     """One of `JOINT_KINDS`."""
@@ -41,7 +41,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Link:
-    """Where a bone hangs, and what moves it."""
+    """A link of the kinematic tree: its place in its parent, and its joint."""
 
     offset: Numbers
     """Its origin in the parent's frame [m], joints at their references."""

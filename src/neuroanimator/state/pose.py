@@ -1,4 +1,4 @@
-"""Where a body is and where it points, whatever its state is made of."""
+"""Position and heading of a body, for every kind of state."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class Pose(NamedTuple):
 
     @property
     def heading(self) -> Float[AnyArray, " ..."]:
-        """Where (...) [rad] the body points, seen from above, from the world's X axis."""
+        """Heading (...) [rad]: the angle of the body's forward axis from the world's X axis, seen from above."""
         xp = self.forward.__array_namespace__()
         return xp.atan2(self.forward[..., 1], self.forward[..., 0])
 
     @property
     def roll(self) -> Float[AnyArray, " ..."]:
-        """How far (...) [rad] the body is rolled over to its right about its own axis: 0 upright, ±π belly up.
+        """Roll (...) [rad] to its right about its own axis: 0 upright, ±π belly up.
 
         Pitch and heading do not count. A body that points straight up or down has none to speak of.
         """
@@ -58,11 +58,11 @@ def has_pose(structure: Structure) -> bool:
 
 @runtime_checkable
 class HasStructure(Protocol):
-    """What has states of a structure, such as a system."""
+    """An object whose states have a structure, such as a system."""
 
     @property
     def structure(self) -> Structure:
-        """How its states may be looked at."""
+        """The structure of its states."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Which entries of a state say where the body is and where it points, for programs that have nothing else to read poses by."""
+"""Entries of a state that hold position and heading, for programs that have nothing else to read poses by."""
 
 from __future__ import annotations
 

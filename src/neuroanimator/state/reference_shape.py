@@ -1,4 +1,4 @@
-"""Where a cloud of mass points is and how it is turned: the frame in which a deformable body's shape is seen.
+"""Position and rotation of a cloud of mass points: the frame in which a deformable body's shape is seen.
 
 Written for NumPy and JAX alike; mass points are (..., N, 3).
 """
@@ -21,7 +21,7 @@ MAX_DISTANCE = 1e6
 """Largest coordinate of a mass point in a file [m]."""
 
 SHARES_OFF = 1e-6
-"""How far the sum of the shares of the mass in a file may be off 1: they are rounded."""
+"""Tolerance of the sum of the shares of the mass in a file, which should be 1: they are rounded."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Cloud:
 
     @property
     def count(self) -> int:
-        """How many mass points there are."""
+        """Number of mass points."""
         return len(self.masses)
 
     def centroid(self, points: Float[AnyArray, "... N 3"]) -> Float[AnyArray, "... 3"]:

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from neuroanimator.state.arrays import AnyArray
 
 MIN_COSINE = 1e-3
-"""Least cosine of half a rotation that is divided by: nobody turns so far in one super step, and the
-division stays finite."""
+"""Least cosine of half a rotation that is divided by: no body turns that far in one super step, and the division stays finite."""
 
 Rows = tuple[tuple[AnyArray, AnyArray, AnyArray], ...]
 """The nine entries (...) of rotation matrices, row by row."""
@@ -70,7 +69,7 @@ def rotate_back(
 
 
 def upward(quaternion: Float[AnyArray, "... 4"]) -> Float[AnyArray, "... 3"]:
-    """Return the world's Z axis seen from the body (..., 3): where 'up' is, whatever the heading."""
+    """Return the world's Z axis seen from the body (..., 3): where 'up' is, at any heading."""
     return quaternion.__array_namespace__().stack(rotation_rows(quaternion)[2], axis=-1)
 
 

@@ -38,14 +38,14 @@ MAX_RESPONSE = 10.0
 """Largest time constant of a lag that a definition allows [s]."""
 
 Coasting = Any
-"""What a segment's own rate adds in a super step: an array (..., V), or 0.0 where there is none."""
+"""Change by a segment's own rate in a super step: an array (..., V), or 0.0 where there is none."""
 
 
 class Surroundings(NamedTuple):
-    """What a segment's change depends on besides itself."""
+    """Inputs of a segment's change besides the segment itself."""
 
     root: Float[AnyArray, "... R"]
-    """What turns with the root: its quaternion (R = 4), its heading (R = 1), or nothing (R = 0)."""
+    """Rotation of the root: its quaternion (R = 4), its heading (R = 1), or nothing (R = 0)."""
     control: Float[AnyArray, "... C"] | None
     """The controls that lags follow; None leaves lags where they are."""
     dt: float
@@ -61,7 +61,7 @@ class Segment(abc.ABC):
     """
 
     kind: ClassVar[str]
-    """What files call it."""
+    """Its name in files."""
     size: int
     """State entries."""
     rate: int = -1
@@ -80,7 +80,7 @@ class Segment(abc.ABC):
     def local(
         self, entries: Float[AnyArray, "... S"], root: Float[AnyArray, "... R"], cloud: Cloud | None
     ) -> Float[AnyArray, "... L"]:
-        """Return what the body's own frame shows of the entries, whatever the position and the heading."""
+        """Return the entries as seen in the body's own frame, which does not depend on position and heading."""
         return entries[..., :0]
 
     def axes(
@@ -165,7 +165,7 @@ class _AlongRoot(Segment):
 
 @dataclass(frozen=True, kw_only=True)
 class Position(_AlongRoot):
-    """Where a root that moves freely is; it never matters to what happens next."""
+    """Position of a free root; the dynamics do not depend on it."""
 
     kind: ClassVar[str] = "position"
 
@@ -249,7 +249,7 @@ class _AlongHeading(Segment):
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarPosition(_AlongHeading):
-    """Where a root is that moves in a plane."""
+    """Position of a root that moves in a plane."""
 
     kind: ClassVar[str] = "planar position"
 

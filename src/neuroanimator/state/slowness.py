@@ -1,4 +1,4 @@
-"""How slow a system is: times that suit robots and animals suit rooms and ponds only if they are stretched."""
+"""The time scale of a system: times that suit robots and animals suit rooms and ponds only if they are stretched."""
 
 from __future__ import annotations
 

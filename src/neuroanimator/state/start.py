@@ -1,4 +1,4 @@
-"""Where a motion starts: a state of rest, with named parts of it changed.
+"""The start of a motion: a state of rest, with named parts of it changed.
 
 The same in TOML, `start = { "root.position" = [3, -2, 8] }`, and on the command line, `--start root.position=3,-2,8`.
 """

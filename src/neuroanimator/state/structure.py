@@ -1,4 +1,4 @@
-"""What an emulator may exploit of a system, because it holds exactly."""
+"""Exact properties of a system that an emulator may exploit."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Structure:
-    """How a state may be looked at and changed.
+    """The exact structure of a state.
 
     `angles`: integer combinations of the state whose sine and cosine are all that matters of them.
     `rates`: (i, j) where state entry j is the time derivative of entry i.

@@ -1,4 +1,4 @@
-"""What makes of every motion another one that is as true: a mirror, or like limbs that change places."""
+"""Symmetries, which make of every motion another true one: a mirror, or like limbs that change places."""
 
 from __future__ import annotations
 

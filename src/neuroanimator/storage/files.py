@@ -53,7 +53,7 @@ DTYPES = {"F32": np.dtype("<f4"), "F64": np.dtype("<f8"), "I32": np.dtype("<i4")
 """The number types a tensor may have, as safetensors calls them and as NumPy does."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT)
-"""What the system says where the disk, or the user's share of it, is full."""
+"""Error codes of a full disk or quota."""
 
 
 def canonical_json(value: Any) -> str:
@@ -62,7 +62,7 @@ def canonical_json(value: Any) -> str:
 
 
 def digest(tensors: dict[str, np.ndarray]) -> str:
-    """Return the sha256 over names, types, shapes and bytes of `tensors`, whatever their order."""
+    """Return the sha256 over names, types, shapes and bytes of `tensors`, in any order."""
     total = hashlib.sha256()
     for name in sorted(tensors):
         array = np.asarray(tensors[name], order="C")
@@ -89,7 +89,7 @@ def write_whole(path: Place, content: bytes) -> None:
 
 
 def write_first(path: Place, content: bytes) -> bool:
-    """Write a file as `write_whole` does, unless somebody came before; return whether nobody did.
+    """Write a file as `write_whole` does unless it is there already; return whether it was written.
 
     On a disk the folder's lock keeps others away; in an object store there is none, and the store decides.
     """
@@ -113,7 +113,7 @@ def append_line(path: Path, line: str) -> None:
 def locked(folder: Place) -> Iterator[None]:
     """Hold `folder` for this process alone; refuse with the other's process id if it is taken.
 
-    An object store knows no locks: there nothing is held, and whoever writes there too must write the same bytes.
+    An object store knows no locks: there nothing is held, and other processes that write there must write the same bytes.
     """
     if isinstance(folder, UrlPath):
         yield
@@ -168,8 +168,8 @@ def read_tensors(
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return (tensors, metadata) of a file written by `write_tensors` whose metadata says it is a `kind`.
 
-    The tensors cannot be written to. Raises BadFileError naming the file and the fault, whatever the bytes are, and
-    if there are more than `largest` [bytes].
+    The tensors cannot be written to. Raises BadFileError naming the file and the fault for any bytes that are no such
+    file, and if there are more than `largest` [bytes].
     """
     raw = read_bounded(path, largest)
     try:

@@ -1,4 +1,4 @@
-"""Where datasets lie: a folder, or a URL of an object store, read and written through fsspec.
+"""Storage of datasets: a folder, or a URL of an object store, read and written through fsspec.
 
 An object is whole or absent, as such stores promise of every write. There are no locks: two processes that write the
 same shard write the same bytes, and a folder is claimed by an object that only the first can make. Credentials come
@@ -18,7 +18,7 @@ from neuroanimator.errors import ArgumentError, BadFileError, NeuroAnimatorError
 from neuroanimator.text import printable, quoted
 
 SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/")
-"""How a URL begins; a drive of one letter is none."""
+"""Pattern of a URL's scheme; a drive of one letter is none."""
 
 FOLDER_SCHEME = "file"
 """A URL of this scheme is a folder of this machine, and is used as one: with locks, and flushed to the disk."""
@@ -30,10 +30,10 @@ FLEETING_SCHEME = "memory"
 """Objects of this scheme lie in the process that wrote them, and are lost with it."""
 
 EXTRAS = {"s3": "'neuroanimator[s3]'", "s3a": "'neuroanimator[s3]'"}
-"""What pip installs for a scheme, where an extra of ours has it."""
+"""Extra of this package that a scheme needs."""
 
 DRIVERS = {"gs": "gcsfs", "gcs": "gcsfs", "abfs": "adlfs", "abfss": "adlfs", "az": "adlfs"}
-"""What pip installs for other schemes."""
+"""Packages that pip installs for other schemes."""
 
 HOW_TO_LOG_IN = (
     "Put credentials into the environment, such as AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY."
@@ -67,12 +67,12 @@ class UrlPath:
 
     @property
     def name(self) -> str:
-        """What comes behind the last slash."""
+        """Name behind the last slash."""
         return self.url.rpartition("/")[2]
 
     @property
     def scheme(self) -> str:
-        """What comes before the colon: the kind of store."""
+        """Scheme before the colon: the kind of store."""
         return self.url.partition("://")[0]
 
     def exists(self) -> bool:
@@ -162,7 +162,7 @@ class UrlPath:
 
 
 Place = Path | UrlPath
-"""Where a dataset lies, or a file of it."""
+"""The place of a dataset, or of a file of it."""
 
 
 def is_url(reference: str) -> bool:

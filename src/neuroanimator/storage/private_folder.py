@@ -14,14 +14,14 @@ NAME = "neuroanimator"
 """Name of our folder in the user's cache."""
 
 WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
-"""What a folder's mode must not say: that its group, or anybody, may write to it."""
+"""Bits a folder's mode must not have: writing by its group, or by others."""
 
 ROOT = 0
 """The user id of the system's own user, who may do everything anyway."""
 
 
 def private_folders(purpose: str) -> Iterator[Path]:
-    """Yield folders for `purpose` that nobody else can write to, the best first.
+    """Yield folders for `purpose` that only this user can write to, the best first.
 
     The first lies in the user's cache (`$XDG_CACHE_HOME`, or `.cache` in the home folder) and is found again by the
     next process. The second is temporary and goes with this process. Either may be missing: a home that cannot be
@@ -38,7 +38,7 @@ def private_folders(purpose: str) -> Iterator[Path]:
 def kept_folder(*purpose: str) -> Path | None:
     """Return the folder for `purpose`, outermost name first, in the user's cache, made if need be.
 
-    None where nobody else could be kept out of it, or it cannot be written to.
+    None where others cannot be kept out of it, or it cannot be written to.
     """
     try:
         cache_home = _cache_home()
@@ -69,14 +69,14 @@ def _cache_home() -> Path:
 
 
 def is_private(folder: Path) -> bool:
-    """Return whether `folder` is a real folder of this user's, no link, that nobody else can write to."""
+    """Return whether `folder` is a real folder of this user's, no link, that others cannot write to."""
     status = folder.lstat()
     is_own_folder = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid()
     return is_own_folder and not status.st_mode & WRITABLE_BY_OTHERS
 
 
 def _is_safe_above(folder: Path) -> bool:
-    """Return whether nobody but root and this user could put another folder in the place of one in `folder`."""
+    """Return whether only root and this user could put another folder in the place of one in `folder`."""
     status = folder.lstat()
     if status.st_uid not in (ROOT, os.getuid()):
         return False

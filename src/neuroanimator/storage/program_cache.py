@@ -21,13 +21,13 @@ SWITCH = "NEUROANIMATOR_CACHE"
 """The environment variable that switches it off."""
 
 OFF = ("off", "0", "no", "false")
-"""What that variable may say to do so."""
+"""Values of that variable that do so."""
 
 MAX_PROGRAMS = 12_000
 """Programs kept on disk: about 200 MB, and four times what all the tests have. Beyond that half of them is removed."""
 
 COMPLAINTS = "Error (reading|writing) persistent compilation cache entry"
-"""How JAX's warnings begin where a kept program is damaged or the disk is full: it compiles instead."""
+"""Pattern of JAX's warnings where a kept program is damaged or the disk is full: it compiles instead."""
 
 
 @cache

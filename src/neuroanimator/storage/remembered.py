@@ -1,4 +1,4 @@
-"""What was made of objects, remembered as long as these live.
+"""A weak cache: values made from objects, kept as long as these live.
 
 By their address: modules of equinox are equal only after long comparison, and cannot be hashed.
 """

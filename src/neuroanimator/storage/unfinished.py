@@ -1,4 +1,4 @@
-"""What a process began and has not finished: known by name, and removed by this process or the next one."""
+"""Temporary files, removed by this process or, if it was killed, by the next."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 
 UNFINISHED = ".neuroanimator-tmp-"
-"""How the name of a file begins while it is written, and that of a temporary folder: hidden, and nobody else's."""
+"""Prefix of the name of a file while it is written, and of a temporary folder: hidden, and unique."""
 
 UNFINISHED_NAME = re.compile(
     re.escape(UNFINISHED) + r"([0-9a-f]{8})-([0-9]{1,10})-[0-9a-f]{8}(?:\.[a-z0-9]{1,5})?"
@@ -31,9 +31,9 @@ MAX_WRITE = 24 * 3600
 
 @contextmanager
 def unfinished(path: Path, suffix: str = "") -> Iterator[Path]:
-    """Yield a name beside `path` to write to; whatever still has it afterwards is removed.
+    """Yield a name beside `path` to write to; a file that still has it afterwards is removed.
 
-    OSError if `path` cannot become a file: another kind of thing is there, or its folder cannot be made.
+    OSError if `path` cannot become a file: a folder, a pipe or a device is there, or its folder cannot be made.
     """
     folder = path.parent
     folder.mkdir(parents=True, exist_ok=True)
@@ -69,7 +69,7 @@ def folder_until_exit(parent: Path | None = None) -> Path:
 
 
 def refuse_other_than_file(path: Path) -> None:
-    """Raise OSError if `path` is there and cannot be written to as a file: a folder, a pipe that nobody reads."""
+    """Raise OSError if `path` is there and cannot be written to as a file: a folder, a pipe without a reader."""
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "it is there, and is no file")
 
@@ -103,7 +103,7 @@ def sync_folder(folder: Path) -> None:
 
 
 _leftovers: dict[Path, int] = {}
-"""What must not be left behind, and the process that began it: a forked one inherits this table, not the duty."""
+"""Files to be removed, and the process that began each: a forked one inherits this table, not the duty."""
 
 
 def _new_name(folder: Path, suffix: str = "") -> Path:

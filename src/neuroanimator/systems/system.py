@@ -99,7 +99,7 @@ class System(abc.ABC):
     """Share of the runs of a dataset that begin at one of the states `sample_resets` returns, without warm-up."""
     goals: Mapping[str, Goal] = {}
     gait: Gait | None = None
-    """How it moves along if nothing else is said; None if it has no such way."""
+    """Its default gait; None if it has none."""
     body_length: float | None = None
     """Length at rest of the body that distances are counted by [m]; None where there is none."""
     has_ground: bool = False

@@ -23,7 +23,7 @@ FREE = math.nan
 
 @dataclass(frozen=True)
 class Aim:
-    """Where a trial's goal is, for what must see it: an objective can be asked for its cost only."""
+    """Position of a trial's goal, for learners that must see it: an objective gives its cost only."""
 
     position: tuple[float, float, float] = (FREE, FREE, FREE)
     """[m] In the world."""

@@ -1,4 +1,4 @@
-"""Which windows an update learns from."""
+"""Batches of windows for the updates."""
 
 from __future__ import annotations
 

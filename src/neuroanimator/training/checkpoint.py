@@ -1,4 +1,4 @@
-"""Where a training run stands, on disk or in an object store."""
+"""Checkpoints of a training run, on disk or in an object store."""
 
 from __future__ import annotations
 

@@ -18,11 +18,11 @@ from neuroanimator.training.loss import unrolled_loss
 from neuroanimator.training.optimizer import make_optimizer
 
 RestStreams = tuple[Float[Array, " O"], Float[Array, " E"]]
-"""What a network sees at rest: see `Emulator.rest_streams`."""
+"""Network inputs at rest: see `Emulator.rest_streams`."""
 
 
 class TrainingProblem(Module):
-    """What every update of a run learns from."""
+    """The data of every update of a run."""
 
     config: TrainingConfig = static()
     structure: Structure = static()
@@ -32,7 +32,7 @@ class TrainingProblem(Module):
     base: Emulator
     """The emulator whose network is trained."""
     rest: RestStreams | None
-    """What the network sees at rest; None where the system does not keep still there."""
+    """Network inputs at rest; None where the system does not keep still there."""
 
 
 class WindowsInMemory(Module):

@@ -1,4 +1,4 @@
-"""How to train: every choice the resulting weights depend on, besides the data."""
+"""Configuration of a training: every choice the resulting weights depend on, besides the data."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ LARGE_BATCHES: dict[str, Any] = {
     "learning_rate": 1e-2,
     "orthogonalisation_steps": 3,
 }
-"""What suits bodies with contacts, together or not at all. In the time of as many updates of a quarter of the batch, errors of a
-walking robot are a tenth smaller."""
+"""Settings that suit bodies with contacts, together or not at all. In the time of as many updates of a quarter of the
+batch, errors of a walking robot are a tenth smaller."""
 
 ON_GROUND = LARGE_BATCHES | {"widths": (256, 192), "updates": 16_000}
 """Bodies that may touch the ground: with half as many units errors of a walking robot are a fifth larger."""
@@ -62,7 +62,8 @@ class TrainingConfig(Settings):
     )
     """The highest; the optimiser's usual one if 0."""
     orthogonalisation_steps: int = Field(default=5, ge=1, le=10)
-    """How often Muon makes an update's matrix more orthogonal: it takes most of the time that wide layers take."""
+    """Number of Newton-Schulz iterations by which Muon orthogonalises an update's matrix: it takes most of the time
+    that wide layers take."""
     updates: int = Field(default=40_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
     batch: int = Field(default=512, ge=4, le=65_536)
     rare_share: float = Field(default=0.0, ge=0, lt=1)
@@ -78,7 +79,7 @@ class TrainingConfig(Settings):
     patience: int = Field(default=80, ge=1)
     seed: int = Field(default=0, ge=0, lt=2**31)
     memory: int = Field(default=DEFAULT_MEMORY, ge=MIN_MEMORY, le=MAX_MEMORY)
-    """What windows may take besides the program itself [bytes], or text such as `1GB`. A dataset that takes more stays on
+    """Maximum memory of windows, besides the program itself [bytes], or text such as `1GB`. A dataset that takes more stays on
     disk, and its windows come in another order; of one that fits nothing depends on this."""
 
     @field_validator("memory", mode="before")

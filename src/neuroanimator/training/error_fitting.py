@@ -1,4 +1,4 @@
-"""How far an emulator's rollouts go astray: `emulator.error_bounds`, measured on runs that training never saw.
+"""Error bounds of an emulator's rollouts: `emulator.error_bounds`, measured on runs that training never saw.
 
 runs as in training, runs under controls that descents found → errors after each super step, scores on the way
   → half of the runs: the power of the scores with which an error's logarithm grows (quantile regression)
@@ -173,7 +173,7 @@ def _usual_change(
 
 
 class _Measured(NamedTuple):
-    """What rollouts along some runs came to."""
+    """Errors and trust scores of rollouts along some runs."""
 
     error: Float[np.ndarray, "B T"]
     """Logarithm of the error after each super step."""

@@ -92,7 +92,7 @@ class _Moments:
 
 
 class _Statistics(NamedTuple):
-    """What normalisers and domains are made of."""
+    """Statistics for normalisers and domains."""
 
     raw: _Moments
     """Of the raw features."""

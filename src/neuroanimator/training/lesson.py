@@ -1,4 +1,4 @@
-"""What a training run learns, and by what it is judged."""
+"""Data, network and validation set of a training run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STILL = 0.01
 
 
 class Lesson(NamedTuple):
-    """What a run needs besides a network."""
+    """The data and validation set of a run."""
 
     problem: TrainingProblem
     feed: Feed
@@ -76,8 +76,7 @@ def _problem(
 def keeps_still(system: System, emulator: Emulator) -> bool:
     """Return whether the physics stays where it is at rest without control, measured over one super step.
 
-    Of recordings and functions of a user's nobody asks: they may be there, or be allowed to run, or not, and what is
-    trained must not depend on that.
+    Recordings and users' functions are not asked: what is trained must not depend on whether they are there or allowed to run.
     """
     if not system.is_self_contained:
         return False

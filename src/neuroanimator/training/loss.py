@@ -1,4 +1,4 @@
-"""What training minimises and what it reports."""
+"""The training loss and its reported errors."""
 
 from __future__ import annotations
 

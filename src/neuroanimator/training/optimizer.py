@@ -14,7 +14,7 @@ MOMENTUM = 0.9
 """Share of the last step that gradient descent with momentum takes again, as in 1998."""
 
 ADAM_DECAY = 0.99
-"""How much of its mean square gradient Adam keeps at every update."""
+"""Decay rate of Adam's mean square gradient (β₂)."""
 
 MAX_WARMUP = 500
 """Most updates in which the learning rate rises; a tenth of short runs."""

@@ -1,4 +1,4 @@
-"""What comes next, made in a thread while this process learns from what came before."""
+"""Prefetch: the next item is made in a thread while this process uses the last one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Item = TypeVar("Item")
 
 
 class _Failure(NamedTuple):
-    """What the iterator raised instead of an item, its end among it."""
+    """Error the iterator raised instead of an item, or its end."""
 
     error: BaseException
 

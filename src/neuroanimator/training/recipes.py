@@ -20,7 +20,7 @@ from neuroanimator.zoo import SHIPPED_SYSTEMS, emulator_name, shipped_path
 
 @dataclass(frozen=True)
 class Recipe:
-    """What one system's emulators are trained on, and for how long."""
+    """The data and the length of training of one system's emulators."""
 
     widths: tuple[int, ...]
     transitions: int
@@ -34,7 +34,7 @@ class Recipe:
     idle_share: float = 0.0
     """Share of runs whose controls cease; nothing to learn where the mirror keeps rest at rest."""
     modes: tuple[int, int] = (1, 1)
-    """How many shape modes describe positions and velocities; of deformable bodies."""
+    """Numbers of shape modes for positions and for velocities; of deformable bodies."""
     longest_stride: int = 1000
     """Maximum number of physics steps the network leaps: a longer super step is made in strides, see `Emulator.in_strides`."""
 

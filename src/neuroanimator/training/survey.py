@@ -1,4 +1,4 @@
-"""What must be known of a dataset before training begins, each of its parts read and let go."""
+"""One streaming pass over a dataset before training: statistics and validation samples."""
 
 from __future__ import annotations
 

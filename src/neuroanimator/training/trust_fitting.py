@@ -1,4 +1,4 @@
-"""What a trained emulator knows: the meter of `emulator.trust`, from what its last layer makes of unseen runs.
+"""Fit of `emulator.trust` to the last layer's activations on unseen runs.
 
 Units of the last layer are whitened, so that distance in them is what an ensemble of last layers would disagree by. Of
 the whitened directions those are kept in which errors are largest, and 99 of a hundred inputs score at most 1.
@@ -94,7 +94,7 @@ class _Directions(NamedTuple):
 
     vectors: Float[np.ndarray, "H D"]
     telling: Float[np.ndarray, " D"]
-    """How large errors are along each, over their mean."""
+    """Size of errors along each, over their mean."""
 
 
 def fit_meter(

@@ -1,4 +1,4 @@
-"""How far one super step of a trained emulator goes astray on runs that training left out, and cheap predictors' do."""
+"""One-step errors of a trained emulator on held-out runs, beside those of cheap predictors."""
 
 from __future__ import annotations
 

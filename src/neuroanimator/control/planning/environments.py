@@ -1,4 +1,4 @@
-"""Planning in somebody else's environment: whatever resets, steps and lets its state be read.
+"""Planning in a Gymnasium environment, or in any object that resets, steps and lets its state be read.
 
     episode = control_environment(planner, environment, 500, state_of=read_state)
 
@@ -26,12 +26,12 @@ SAME_RANGE = 1e-3
 """Share of a control's range by which it may go beyond an action's: single precision rounds."""
 
 RESULTS = 5
-"""What a step returns, by Gymnasium: observation, reward, whether it terminated, whether it was truncated, and infos."""
+"""Result of a step, by Gymnasium: observation, reward, whether it terminated, whether it was truncated, and infos."""
 
 
 @runtime_checkable
 class Environment(Protocol):
-    """What is controlled, with Gymnasium's signatures."""
+    """The controlled environment, with Gymnasium's signatures."""
 
     def reset(self, *, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode; return an observation and infos."""
@@ -84,7 +84,7 @@ def mujoco_state(environment: Any, observation: Any) -> Float[np.ndarray, " S"]:
 
 @dataclass(frozen=True)
 class Episode:
-    """What a planner did in an environment, super step by super step."""
+    """An episode of a planner in an environment, super step by super step."""
 
     controls: Float[np.ndarray, "N C"]
     states: Float[np.ndarray, "N+1 S"]
@@ -192,7 +192,7 @@ def _steps_in(dt: float, environment: Environment) -> int:
 
 
 class _Moment(NamedTuple):
-    """What an environment says after a step, or several."""
+    """The outcome of one step of an environment, or of several."""
 
     observation: Any
     reward: float

@@ -67,7 +67,7 @@ class Planner:
     iterations: int
     """Backward sweeps of a plan, at most."""
     starts: int
-    """How many of the guesses are descended from, beside the last plan."""
+    """Number of guesses that are descended from, beside the last plan."""
     guesses: Float[np.ndarray, "K Z"] = field(repr=False)
     """Controls tried at every plan, as numbers of the parametrisation."""
     _evaluator: Evaluator = field(repr=False)

@@ -13,7 +13,7 @@ from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.systems.system import System
 
 Plant = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""What is controlled: (state (S,), control (C,)) → the state one super step later."""
+"""A plant: (state (S,), control (C,)) → the state one super step later."""
 Disturbance = Callable[[int, np.ndarray], np.ndarray]
 """(super step, state (S,)) → the state after a push; the controller learns of it by measuring."""
 
@@ -49,7 +49,7 @@ class PhysicsPlant:
 
 @dataclass(frozen=True)
 class ControlledMotion:
-    """What a planner and a plant did together."""
+    """A closed-loop motion of a planner and a plant."""
 
     states: np.ndarray
     """(N+1, S) as measured, pushes included, and the last."""
@@ -60,7 +60,7 @@ class ControlledMotion:
 
     @property
     def p99_ms(self) -> float:
-        """How long all but one plan in a hundred took at most [ms]."""
+        """99th percentile of the time of a plan [ms]."""
         return float(np.percentile(self.plan_seconds, 99) * 1e3)
 
 

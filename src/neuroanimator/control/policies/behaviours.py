@@ -22,19 +22,19 @@ class Wave(NamedTuple):
     """One of the slow waves that add up to a stroll."""
 
     rate: float
-    """How fast its phase goes on [rad/s]."""
+    """Angular rate of its phase [rad/s]."""
     height: float
     """Its amplitude, as a share of the stroll's width."""
 
 
 WANDER_WAVES = (Wave(rate=0.37, height=1.0), Wave(rate=0.83, height=0.5))
-"""What a stroll is made of: rates of no simple ratio, so that it does not repeat itself soon."""
+"""Rates of a stroll's waves: of no simple ratio, so that it does not repeat itself soon."""
 
 SCHOOL_SEPARATION = 2.0
-"""How much more keeping apart matters in a school than swimming along and together."""
+"""Weight of keeping apart in a school, over that of swimming along and together."""
 
 PASSING_SIDE = 0.1
-"""How far to the side two bodies that would meet exactly are taken to pass, as a share of their spacing."""
+"""Sideways distance at which two bodies that would meet exactly are taken to pass, as a share of their spacing."""
 
 GIVEN_UP_SPEED = 0.7
 """Share of its speed that a body gives up for one it is about to touch."""
@@ -133,7 +133,7 @@ def school(pose: Pose, *, spacing: float, reach: float) -> Float[Array, "B 3"]:
 
 
 def keep_apart(pose: Pose, spacing: float, *, ahead: float = 3.0) -> Float[Array, "B 3"]:
-    """Return the force away from others: none while nobody comes nearer than `spacing` [m] in `ahead` [s], one at touch.
+    """Return the force away from others: none while no other comes nearer than `spacing` [m] in `ahead` [s], one at touch.
 
     What counts is how near two bodies come if both go on as they do: a body that cannot turn at once must begin early.
     Two that would meet exactly give way to the same side, each to its left.
@@ -183,7 +183,7 @@ def limit_angles(
 def shoal(tank: Tank, *, length: float, speed: float, seed: int = 0) -> Behaviour:
     """Return the behaviour of bodies `length` [m] long that stroll together through `tank` at `speed` [m/s].
 
-    Running into nobody, and into no glass, comes before company; nobody dives steeply.
+    Avoiding others and the glass comes before company; none dives steeply.
     """
 
     def behave(pose: Pose, time: Array) -> SteeringTarget:

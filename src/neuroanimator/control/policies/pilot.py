@@ -22,7 +22,7 @@ from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import Pose, read_pose
 
 MAX_LEAD = 1.2
-"""How far the asked heading may lead the body's [rad]: what it cannot follow is not saved up for later."""
+"""Maximum lead of the asked heading over the body's [rad]: what it cannot follow is not saved up for later."""
 
 MAX_CLIMB = 1.2
 """The steepest climb or dive [rad]: straight up there is no heading left to hold."""
@@ -38,7 +38,7 @@ UNEVEN = 1e-3
 
 
 class PilotFrame(NamedTuple):
-    """Where the body is at one moment."""
+    """The pose of the body at one moment."""
 
     time: float
     """The time since `Pilot.reset` [s]."""

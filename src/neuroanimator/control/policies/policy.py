@@ -31,7 +31,7 @@ COMMAND = Layout(
         Slice("roll", 1, "rad"),
     )
 )
-"""What a command says: the forward speed, and how far still to turn left, to pitch up and to roll over to the right,
+"""Entries of a command: the forward speed, and the angles still to turn left, to pitch up and to roll to the right,
 as seen from the body."""
 
 EVEN_COMMANDS = slice(0, None, 2)
@@ -55,7 +55,7 @@ class Rhythm(NamedTuple):
     amplitudes: tuple[float, ...]
     """The (C,) amplitudes, each in its control's unit."""
     lags: tuple[float, ...]
-    """How far (C,) each control lags behind the clock [rad]."""
+    """Phase lag (C,) of each control behind the clock [rad]."""
     is_odd: bool
     """Whether left and right take turns, so that half a period later is the mirror's image."""
 
@@ -95,7 +95,7 @@ class Policy(Module):
 
     @property
     def tick(self) -> float:
-        """What the clock's phase gains in one super step [rad]."""
+        """Gain of the clock's phase in one super step [rad]."""
         return 2 * math.pi * self.dt / self.rhythm.period
 
     def control(

@@ -31,7 +31,7 @@ FORMAT = 2
 """The version of the file format, raised whenever an older reader would misunderstand a file."""
 
 MAKER = "train_policy"
-"""What makes policies again that are too old to be read."""
+"""Command that trains policies anew that are too old to be read."""
 
 
 def save_policy(policy: Policy, path: Path, provenance: dict[str, Any] | None = None) -> None:

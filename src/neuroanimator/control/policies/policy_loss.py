@@ -1,4 +1,4 @@
-"""What a policy is trained for: random targets, rollouts of many bodies at once on the emulator, and their loss."""
+"""The loss of a policy in training: random targets, rollouts of many bodies at once on the emulator, and their loss."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ NEARLY_AHEAD = 0.2
 """Share of all angles within which half of the random targets lie: most of a life is small corrections."""
 
 MAX_CLIMB = 1.05
-"""How far random targets lie above or below the body at most [rad]."""
+"""Maximum elevation of random targets above or below the body [rad]."""
 
 
 @dataclass(frozen=True)
 class LossWeights:
-    """What being amiss costs."""
+    """Weights of the loss."""
 
     speed: float = 1.5
     """Weight of the squared error in speed, as a share of the highest speed."""
@@ -61,7 +61,7 @@ class Swimmers(NamedTuple):
     phase: Float[Array, " B"]
     """The phases of their clocks [rad]."""
     target: SteeringTarget
-    """Where each shall go."""
+    """Target of each."""
 
 
 @filter_jit

@@ -34,12 +34,12 @@ class PolicyTask:
 
     @property
     def label(self) -> str:
-        """What errors call it."""
+        """Its name in error messages."""
         return f"policy, seed {self.training.seed}"
 
 
 class TrainedPolicy(NamedTuple):
-    """What came of a training."""
+    """The outcome of a training."""
 
     content: bytes
     """The policy's file."""

@@ -54,7 +54,7 @@ VALIDATION_SHARE = 0.25
 """Share of the starts that are set aside for validation."""
 
 VALIDATION_SECONDS = 6.0
-"""How long bodies swim for validation [s]."""
+"""Length of validation swims [s]."""
 
 GAIT_SECONDS = 6.0
 """Time after which a gait is under way [s]."""
@@ -156,7 +156,7 @@ class _Run:
     validation: Swimmers
     """Bodies whose swims are the validation."""
     identity: str
-    """What tells this run's checkpoints from those of other settings or starts."""
+    """Key that tells this run's checkpoints from those of other settings or starts."""
     began: float = field(default_factory=time.monotonic)
 
     @classmethod

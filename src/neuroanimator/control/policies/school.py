@@ -26,10 +26,10 @@ SPACING = (1.7, 1.1, 0.8)
 """Body lengths between neighbours ahead, beside and above: bodies are long, not high."""
 
 ELONGATION = np.array([0.5, 1.3, 1.6])
-"""How far away a place along each axis counts when the school is filled: it becomes longer than it is wide."""
+"""Weight of distance along each axis when the school is filled: it becomes longer than it is wide."""
 
 JITTER = 0.22
-"""How far each is from its place in the grid, over the grid's spacing."""
+"""Random offset of each from its place in the grid, over the grid's spacing."""
 
 PACE = 0.85
 """Speed of a school, over the highest speed its policy learnt: those that fall behind must be able to catch up."""

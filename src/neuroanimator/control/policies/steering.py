@@ -16,12 +16,12 @@ EPSILON = 1e-6
 
 
 class SteeringTarget(NamedTuple):
-    """Where bodies shall go, all in the world."""
+    """Targets of bodies, in world coordinates."""
 
     direction: Float[AnyArray, "*B 3"]
     """The unit vector along which each shall point and go."""
     speed: Float[AnyArray, "*B"]
-    """How fast each shall go along its own X axis [m/s]."""
+    """Target speed of each along its own X axis [m/s]."""
 
 
 def steer_forward(pose: Pose, speed: ArrayLike) -> SteeringTarget:

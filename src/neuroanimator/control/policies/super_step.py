@@ -22,7 +22,7 @@ EXCESS = 0.2
 
 
 class SuperStep(NamedTuple):
-    """What bodies do in a super step."""
+    """Motion of bodies in a super step."""
 
     latent: Float[np.ndarray, "B I"]
     """The latent states it ends in."""
